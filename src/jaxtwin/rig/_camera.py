@@ -1,0 +1,45 @@
+"""The infrared camera and the channels read from it."""
+
+from dataclasses import dataclass
+from typing import final
+
+from ._value import Value
+
+
+@final
+@dataclass(frozen=True)
+class Camera:
+    """An infrared camera over the plate.
+
+    **Arguments:**
+
+    - `width`, `height`: of a frame, pixels.
+    - `noise`: standard deviation of a reading, K.
+    - `view_x`, `view_y`: first and last edge of the plate's outline in a frame, pixels.
+    """
+
+    width: int
+    height: int
+    noise: float
+    view_x: tuple[float, float]
+    view_y: tuple[float, float]
+
+
+@final
+@dataclass(frozen=True)
+class Channel:
+    """One recorded temperature: reading = ambient + gain * (T - ambient).
+
+    **Arguments:**
+
+    - `name`: unique in the rig, as recordings name it.
+    - `nodes`: T is the plain mean of these plate elements, or, where there are none,
+    - `x`, `y`: T is the mean over this rectangle of the plate, by area, m.
+    - `gain`: dimensionless. Below 1 where the surface reflects part of the room (bare metal).
+    """
+
+    name: str
+    nodes: tuple[str, ...]
+    x: tuple[float, float] | None
+    y: tuple[float, float] | None
+    gain: Value

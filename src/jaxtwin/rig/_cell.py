@@ -1,0 +1,37 @@
+"""A thermoelectric cell on the plate and what stands behind it."""
+
+from dataclasses import dataclass
+from typing import final
+
+from ._value import Value
+
+
+@final
+@dataclass(frozen=True)
+class Cell:
+    """A thermoelectric cell between the plate and a sink, Fig. 9b of the paper.
+
+    **Arguments:**
+
+    - `name`: unique in the rig.
+    - `seebeck_coefficient`: of the whole module, V/K.
+    - `electrical_resistance`: ohm.
+    - `thermal_resistance`: between the two sides, K/W.
+    - `side_capacitance`: of each side, J/K.
+    - `contacts`: pairs (plate element, contact resistance to the plate side in K/W).
+    - `sink_resistance`: far side to the surroundings, or to the sink's mass where it has one, K/W.
+    - `sink_capacitance`, `sink_air_resistance`: the sink's mass (J/K) and its resistance to the
+      surroundings (K/W); both or neither.
+    - `initial_temperature`: of both sides, K; None means that of the plate.
+    """
+
+    name: str
+    seebeck_coefficient: Value
+    electrical_resistance: Value
+    thermal_resistance: Value
+    side_capacitance: Value
+    contacts: tuple[tuple[str, Value], ...]
+    sink_resistance: Value
+    sink_capacitance: Value | None = None
+    sink_air_resistance: Value | None = None
+    initial_temperature: Value | None = None

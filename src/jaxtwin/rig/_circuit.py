@@ -1,0 +1,39 @@
+"""A plate circuit given link by link."""
+
+from dataclasses import dataclass
+from typing import final
+
+from ._value import Value
+
+
+@final
+@dataclass(frozen=True)
+class CircuitLink:
+    """One named resistance and everything that it connects.
+
+    **Arguments:**
+
+    - `resistance`: K/W.
+    - `factor`: each link has factor times the resistance.
+    - `between`: pairs of node names (plate elements or "ambient"). A pair may stand more than
+      once: an edge element can lose heat to the surroundings in several ways.
+    """
+
+    resistance: Value
+    factor: float
+    between: tuple[tuple[str, str], ...]
+
+
+@final
+@dataclass(frozen=True)
+class Circuit:
+    """The plate as an explicit network of equal capacitances and named resistances.
+
+    **Arguments:**
+
+    - `capacitance`: of every plate element, J/K.
+    - `links`: groups of links that share a resistance.
+    """
+
+    capacitance: Value
+    links: tuple[CircuitLink, ...]

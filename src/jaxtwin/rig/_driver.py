@@ -1,0 +1,33 @@
+"""The power driver: one pulse-width modulated H-bridge for each cell."""
+
+from dataclasses import dataclass
+from typing import Literal, final
+
+from ._value import Value
+
+
+@final
+@dataclass(frozen=True)
+class Driver:
+    """Supply and H-bridge.
+
+    **Arguments:**
+
+    - `supply_voltage`: V.
+    - `supply_resistance`: in series with each cell while it is connected, ohm.
+    - `on_resistance`: of the bridge, ohm.
+    - `counts`: the PWM command that means full duty.
+    - `polarity`: +1 where positive commands heat the plate, -1 where they cool it.
+    - `averaging`: `"voltage"` puts the mean voltage on the cell, `"on-off"` averages the heat flows
+      of the connected and the disconnected part of a PWM period.
+    - `off_phase`: what the bridge does with the cell in the rest of a period: `"brake"` shorts it,
+      `"open"` leaves it open.
+    """
+
+    supply_voltage: Value
+    supply_resistance: Value
+    on_resistance: Value
+    counts: int
+    polarity: Literal[1, -1]
+    averaging: Literal["voltage", "on-off"]
+    off_phase: Literal["brake", "open"] = "brake"

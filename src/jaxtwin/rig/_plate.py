@@ -1,0 +1,85 @@
+"""The plate: a grid of rectangular elements."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from ._value import Value
+
+AMBIENT = "ambient"
+"""The reserved name of the surroundings in links."""
+
+
+@final
+@dataclass(frozen=True)
+class Plate:
+    """A thin rectangular plate cut into a grid of elements, Fig. 7a and 12a of the paper.
+
+    Elements are named V<row><column>, counted from 1 at the top left (V11, V12, ...); with ten or
+    more rows or columns V<row>_<column>.
+    x runs from left to right, y from top to bottom, both from 0 at the top left corner.
+
+    **Arguments:**
+
+    - `columns`, `rows`: element widths (x) and heights (y), m.
+    - `thickness`: m.
+    - `density` (kg/m^3), `specific_heat` (J/(kg K)), `conductivity` (W/(m K)): of the material.
+    - `film_coefficient`: heat transfer to air, W/(m^2 K), one for each column.
+    - `film_row_factor`: factor on the film coefficient, one for each row.
+
+    Density, specific heat, conductivity and film coefficient are None where the rig gives its
+    circuit link by link; the sizes then only serve maps and pictures.
+    """
+
+    columns: tuple[float, ...]
+    rows: tuple[float, ...]
+    thickness: Value
+    density: Value | None = None
+    specific_heat: Value | None = None
+    conductivity: Value | None = None
+    film_coefficient: tuple[Value, ...] | None = None
+    film_row_factor: tuple[Value, ...] = ()
+
+    def __post_init__(self):
+        if not self.film_row_factor:
+            object.__setattr__(self, "film_row_factor", (Value(1.0),) * len(self.rows))
+
+    @cached_property
+    def element_names(self) -> tuple[str, ...]:
+        """All element names, row by row from the top left."""
+        joint = "_" if max(len(self.rows), len(self.columns)) > 9 else ""
+        return tuple(
+            f"V{row}{joint}{column}"
+            for row in range(1, len(self.rows) + 1)
+            for column in range(1, len(self.columns) + 1)
+        )
+
+    @property
+    def width(self) -> float:
+        """Size in x, m."""
+        return float(sum(self.columns))
+
+    @property
+    def height(self) -> float:
+        """Size in y, m."""
+        return float(sum(self.rows))
+
+    def extent(self, element: str) -> tuple[float, float, float, float]:
+        """Left, right, top and bottom of an element, m.
+
+        **Raises:** `KeyError` where the plate has no such element.
+        """
+        return self._extents[element]
+
+    @cached_property
+    def _extents(self) -> dict[str, tuple[float, float, float, float]]:
+        x = np.concatenate([[0.0], np.cumsum(self.columns)]).tolist()
+        y = np.concatenate([[0.0], np.cumsum(self.rows)]).tolist()
+        corners = [
+            (x[column], x[column + 1], y[row], y[row + 1])
+            for row in range(len(self.rows))
+            for column in range(len(self.columns))
+        ]
+        return dict(zip(self.element_names, corners, strict=True))

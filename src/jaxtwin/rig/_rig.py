@@ -1,0 +1,51 @@
+"""The rig: everything that a rig file documents, checked and in SI units."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+from ._camera import Camera, Channel
+from ._cell import Cell
+from ._circuit import Circuit
+from ._driver import Driver
+from ._parameter import Parameter
+from ._plate import Plate
+from ._value import Value
+
+
+@final
+@dataclass(frozen=True)
+class Rig:
+    """A documented physical asset, made by `load_rig`.
+
+    **Arguments:**
+
+    - `name`, `title`, `description`, `references`: what it is and where it is described.
+    - `plate`: sizes, and materials where the circuit follows from them.
+    - `circuit`: the plate's circuit where it is given link by link, else None.
+    - `cells`, `driver`, `camera`, `channels`: the other parts.
+    - `ambient_temperature`, `initial_temperature`: of the surroundings and of the plate, K.
+    - `parameters`: the parameter table, name -> `Parameter`, in the order of the file.
+    - `parameter_sets`: named sets of values, set -> name -> value in the parameter's unit.
+    - `source`: the file that it was read from.
+    """
+
+    name: str
+    title: str
+    description: str
+    references: tuple[str, ...]
+    plate: Plate
+    circuit: Circuit | None
+    cells: tuple[Cell, ...]
+    driver: Driver
+    camera: Camera
+    channels: tuple[Channel, ...]
+    ambient_temperature: Value
+    initial_temperature: Value
+    parameters: Mapping[str, Parameter]
+    parameter_sets: Mapping[str, Mapping[str, float]]
+    source: str
+
+    def __hash__(self) -> int:
+        # Dictionaries have no hash; the parts that can differ between rigs of one name have.
+        return hash((self.name, self.source, self.plate, self.circuit, self.cells))
