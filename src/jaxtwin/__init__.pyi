@@ -1,0 +1,12 @@
+# The public names of jaxtwin, one line each. `__init__.py` reads this file at run time and imports
+# a name when it is first used; type checkers and editors read it as it stands.
+
+from ._errors import JaxtwinError as JaxtwinError  # what all the following are
+from ._errors import MatchError as MatchError
+from ._errors import ParameterError as ParameterError
+from ._errors import RecordingError as RecordingError
+from ._errors import RigError as RigError
+from ._errors import SimulationError as SimulationError
+
+__all__: list[str]
+__version__: str

@@ -1,0 +1,29 @@
+"""The exceptions of jaxtwin.
+
+Each message names the file (where there is one), the field or line, what was found there and what
+is allowed. Catch `JaxtwinError` to catch them all.
+"""
+
+
+class JaxtwinError(Exception):
+    """What every error that jaxtwin raises on bad input is."""
+
+
+class RigError(JaxtwinError):
+    """A rig file or a rig that cannot be built: unknown keys, wrong units, impossible geometry."""
+
+
+class RecordingError(JaxtwinError):
+    """A recording that cannot be read, or whose samples break the rules of an experiment."""
+
+
+class ParameterError(JaxtwinError):
+    """A parameter that is unknown, outside its bounds, or no finite number."""
+
+
+class SimulationError(JaxtwinError):
+    """A simulation that was set up wrongly or did not reach its end."""
+
+
+class MatchError(JaxtwinError):
+    """A match that cannot be started, such as one without a free parameter."""

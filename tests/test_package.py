@@ -1,0 +1,58 @@
+"""The package's face: what `import jaxtwin` offers and what it leaves alone."""
+
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+import jaxtwin
+
+
+def run_fresh(code: str) -> str:
+    """Runs code in a Python that has imported nothing yet and returns what it prints."""
+    command = [sys.executable, "-W", "error", "-c", code]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+def test_every_public_name_resolves_to_something_of_its_own():
+    names = sorted(jaxtwin.__all__)
+    assert "JaxtwinError" in names
+    assert set(names) <= set(dir(jaxtwin))
+    assert not [name for name in names if isinstance(getattr(jaxtwin, name), ModuleType)]
+
+
+def test_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no_such_name"):
+        getattr(jaxtwin, "no_such_name")  # noqa: B009
+
+
+def test_import_loads_no_heavy_library():
+    """Fast start: everything that costs time is imported when it is first needed."""
+    heavy = "{'jax', 'matplotlib', 'numpy', 'pint', 'pydantic', 'scipy', 'xarray'}"
+    assert run_fresh(f"import sys, jaxtwin; print({heavy} & set(sys.modules))") == "set()\n"
+
+
+def test_import_leaves_the_settings_of_jax_alone():
+    """The README promises it: no setting changes, whatever public names are used."""
+    code = (
+        "import jax; before = dict(jax.config.values)\n"
+        "from jaxtwin import *\n"
+        "print({k for k, v in jax.config.values.items() if before.get(k) != v})"
+    )
+    assert run_fresh(code) == "set()\n"
+
+
+def test_a_public_name_is_not_hidden_by_the_subpackage_of_the_same_name():
+    """Importing a submodule sets it as an attribute of the package, which must not win."""
+    name = "JaxtwinError"
+    expected = getattr(jaxtwin, name)
+    setattr(jaxtwin, name, ModuleType(f"jaxtwin.{name}"))
+    assert getattr(jaxtwin, name) is expected
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in jaxtwin.__all__ if name.endswith("Error") and name != "JaxtwinError"]
+)
+def test_every_error_is_caught_as_a_jaxtwin_error(name):
+    assert issubclass(getattr(jaxtwin, name), jaxtwin.JaxtwinError)
