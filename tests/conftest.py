@@ -1,5 +1,6 @@
 """What all tests share: shape checks, reproducible examples, float64 on request."""
 
+import os
 import shutil
 from collections.abc import Iterator
 
@@ -10,6 +11,9 @@ from jaxtyping import install_import_hook
 
 # Before the first import of jaxtwin: every annotated shape and type in the package is checked.
 install_import_hook("jaxtwin", "beartype.beartype")
+
+# Figures are drawn in memory, whatever the machine has for a screen.
+os.environ["MPLBACKEND"] = "Agg"
 
 hypothesis.settings.register_profile("jaxtwin", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("jaxtwin")

@@ -1,0 +1,66 @@
+# Every target sets itself up: nothing but Python >= 3.11 and make is needed. The virtual environment
+# .venv is made on first use and again when pyproject.toml changes.
+
+PYTHON ?= python3
+BIN := .venv/bin
+INSTALLED := .venv/installed
+INSTALLED_DEV := .venv/installed-dev
+
+.PHONY: help demo test lint types notebook wheel-check test-lowest clean
+
+help:
+	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
+	@echo "make test         the tests; ARGS='-k rig' picks some"
+	@echo "make lint         ruff: rules and layout"
+	@echo "make types        pyright"
+	@echo "make notebook     run the notebooks again, in place"
+	@echo "make wheel-check  build the wheel and use it from a fresh environment"
+	@echo "make test-lowest  the tests on the oldest libraries that pyproject.toml allows"
+	@echo "make clean        remove what the other targets made"
+
+demo: $(INSTALLED)
+	$(BIN)/jaxtwin demo --out report
+
+test: $(INSTALLED_DEV)
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: $(INSTALLED_DEV)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(INSTALLED_DEV)
+	$(BIN)/pyright
+
+notebook: $(INSTALLED_DEV)
+	$(BIN)/jupyter nbconvert --to notebook --execute --inplace notebooks/*.ipynb
+
+# The wheel must carry its data files: it is used from outside the checkout.
+wheel-check: $(INSTALLED)
+	rm -rf dist
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
+	$(PYTHON) -m venv "$$fresh/venv"; \
+	"$$fresh/venv/bin/python" -m pip install --quiet dist/*.whl; \
+	cd "$$fresh"; \
+	venv/bin/jaxtwin rigs; \
+	venv/bin/python -c 'import jaxtwin.data; print(jaxtwin.data.table(4).title)'
+
+test-lowest:
+	$(PYTHON) -m venv .venv-lowest
+	.venv-lowest/bin/python -m pip install --quiet uv
+	.venv-lowest/bin/uv pip install --python .venv-lowest/bin/python \
+	    --resolution lowest-direct --editable '.[dev]'
+	.venv-lowest/bin/python -m pytest $(ARGS)
+
+clean:
+	rm -rf .venv .venv-lowest dist report .pytest_cache .ruff_cache .hypothesis
+
+$(INSTALLED): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "jaxtwin needs Python 3.11 or newer; name one: make PYTHON=python3.12")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(INSTALLED_DEV): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@
