@@ -1,9 +1,12 @@
 """Rigs: plate, cells, driver, camera and parameters, read from rig files and checked."""
 
+from ._bundled import bundled_modules, bundled_rigs
 from ._camera import Camera, Channel
 from ._cell import Cell
 from ._circuit import Circuit, CircuitLink
+from ._datasheet import Datasheet, load_module
 from ._driver import Driver
+from ._load import load_rig
 from ._parameter import Parameter
 from ._plate import AMBIENT, Plate
 from ._rig import Rig
@@ -16,9 +19,14 @@ __all__ = [
     "Channel",
     "Circuit",
     "CircuitLink",
+    "Datasheet",
     "Driver",
     "Parameter",
     "Plate",
     "Rig",
     "Value",
+    "bundled_modules",
+    "bundled_rigs",
+    "load_module",
+    "load_rig",
 ]

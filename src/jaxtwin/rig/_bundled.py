@@ -1,0 +1,69 @@
+"""Files that come with the package, and reading TOML."""
+
+import os
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from ._problems import refuse, unknown
+
+
+def bundled_rigs() -> tuple[str, ...]:
+    """The names of the rigs that come with the package."""
+    return _names("rigs")
+
+
+def bundled_modules() -> tuple[str, ...]:
+    """The names of the thermoelectric modules whose datasheets come with the package."""
+    return _names("modules")
+
+
+def read_bundled(folder: str, name: str) -> tuple[dict[str, Any], str]:
+    """A bundled file and what it is called in messages.
+
+    **Raises:** `RigError` where there is none of that name.
+    """
+    if name not in _names(folder):
+        refuse(name, "", unknown(f"name in the bundled {folder}", name, _names(folder)))
+    source = f"{name}.toml (bundled)"
+    return parse_toml((_folder(folder) / f"{name}.toml").read_bytes(), source), source
+
+
+def read_toml(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str]:
+    """A TOML file and what it is called in messages.
+
+    **Raises:** `RigError` where it cannot be read or is no TOML.
+    """
+    source = os.fspath(path)
+    try:
+        content = Path(path).read_bytes()
+    except (OSError, ValueError) as problem:
+        reason = getattr(problem, "strerror", None) or problem
+        refuse(source, "", f"cannot be read ({reason}), allowed is a TOML file")
+    return parse_toml(content, source), source
+
+
+def parse_toml(content: bytes, source: str) -> dict[str, Any]:
+    """The tables of a TOML document.
+
+    **Raises:** `RigError` that names line and column where it is no TOML.
+    """
+    try:
+        return tomllib.loads(content.decode("utf-8"))
+    except UnicodeDecodeError as problem:
+        line = content[: problem.start].count(b"\n") + 1
+        refuse(source, f"line {line}", "the text is not UTF-8, allowed is TOML in UTF-8")
+    except tomllib.TOMLDecodeError as problem:
+        refuse(source, "", f"no valid TOML: {problem}")
+    except RecursionError:
+        refuse(source, "", "no valid TOML: nested too deeply")
+
+
+def _folder(name: str) -> Any:
+    return files("jaxtwin") / "data" / name
+
+
+def _names(folder: str) -> tuple[str, ...]:
+    entries = (entry.name for entry in _folder(folder).iterdir())
+    return tuple(sorted(name.removesuffix(".toml") for name in entries if name.endswith(".toml")))

@@ -1,0 +1,34 @@
+"""Reading rig files."""
+
+import os
+from pathlib import Path
+
+from ._bundled import bundled_rigs, read_bundled, read_toml
+from ._problems import refuse
+from ._rig import Rig
+
+
+def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
+    """Reads a rig file and checks it.
+
+    **Arguments:**
+
+    - `name_or_path`: the name of a bundled rig (`bundled_rigs()`), or the path of a rig file.
+
+    **Returns:** the rig, everything in SI units but the parameter table, which keeps its own.
+
+    **Raises:** `RigError` for the first mistake, naming file, field, what was found and what is
+    allowed.
+    """
+    from ._build import build_rig  # with pydantic, which only readers of a rig should pay for
+
+    name = os.fspath(name_or_path)
+    if name in bundled_rigs():
+        return build_rig(*read_bundled("rigs", name))
+    if not Path(name).exists():
+        refuse(
+            name,
+            "",
+            f"no such file and no bundled rig, which are {', '.join(bundled_rigs())}",
+        )
+    return build_rig(*read_toml(name))

@@ -1,0 +1,75 @@
+"""The parameter table of a rig file and its named sets of values."""
+
+import math
+from collections.abc import Mapping
+
+from ._parameter import Parameter
+from ._problems import refuse, unknown
+from ._schema import ParameterTable, RigTable
+from ._units import unit_scale
+
+
+def build_parameters(table: RigTable, source: str) -> dict[str, Parameter]:
+    """The parameters of a rig file, in its order.
+
+    **Raises:** `RigError` where a name is no identifier, a unit is unknown or the bounds exclude
+    the value.
+    """
+    return {name: _parameter(name, row, source) for name, row in table.parameters.items()}
+
+
+def build_parameter_sets(
+    table: RigTable, parameters: Mapping[str, Parameter], source: str
+) -> dict[str, dict[str, float]]:
+    """The named sets of values of a rig file.
+
+    **Raises:** `RigError` where a name is unknown or a value is out of its parameter's bounds.
+    """
+    for set_name, values in table.parameter_sets.items():
+        for name, value in values.items():
+            field = f"parameter_sets.{set_name}.{name}"
+            if name not in parameters:
+                refuse(source, field, unknown("parameter", name, parameters))
+            lower, upper = parameters[name].lower, parameters[name].upper
+            if not lower <= value <= upper:
+                refuse(
+                    source,
+                    field,
+                    f"found {value:g}, allowed by its bounds is {lower:g} to {upper:g}",
+                )
+    return {name: dict(values) for name, values in table.parameter_sets.items()}
+
+
+def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
+    field = f"parameters.{name}"
+    if not (name.isidentifier() and name.isascii()):
+        refuse(source, field, "allowed are names of letters, digits and _ that start with no digit")
+    try:
+        scale, offset = unit_scale(row.unit)
+    except ValueError as problem:
+        refuse(source, f"{field}.unit", f'{problem}, allowed is for example "K/W"')
+    lower, upper = row.bounds or (-math.inf, math.inf)
+    if not lower < upper:
+        refuse(
+            source,
+            f"{field}.bounds",
+            f"found [{lower:g}, {upper:g}], allowed is lower before upper",
+        )
+    if not lower <= row.value <= upper:
+        refuse(
+            source,
+            f"{field}.value",
+            f"found {row.value:g}, allowed by its bounds is {lower:g} to {upper:g}",
+        )
+    return Parameter(
+        name=name,
+        value=row.value,
+        lower=lower,
+        upper=upper,
+        unit=row.unit,
+        free=row.free,
+        scope=row.scope,
+        description=row.description,
+        scale=scale,
+        offset=offset,
+    )

@@ -1,0 +1,30 @@
+"""How a mistake in a rig file is told: file, field, what was found and what is allowed."""
+
+import difflib
+from collections.abc import Iterable
+from typing import Any, NoReturn
+
+from .._errors import RigError
+
+
+def refuse(source: str, field: str, message: str) -> NoReturn:
+    """Raises `RigError` for a field of a file."""
+    where = f"{source}: {field}" if field else source
+    raise RigError(f"{where}: {message}") from None
+
+
+def unknown(what: str, name: str, known: Iterable[str]) -> str:
+    """A message about an unknown name that suggests the nearest known one."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f", did you mean {near[0]!r}?" if near else "."
+    return f"unknown {what} {name!r}{hint} Known: {', '.join(names) or 'none'}"
+
+
+def label(item: Any, index: int) -> str:
+    """What a table in a list is called in messages: its name, or its place counted from 1."""
+    if isinstance(item, dict):
+        for key in ("name", "resistance"):
+            if isinstance(item.get(key), str):
+                return item[key]
+    return str(index + 1)

@@ -1,0 +1,167 @@
+"""The form of a rig file: which keys stand where and what type they have.
+
+Everything that needs more than one field (units, names, geometry) is checked where the parts are
+built.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from ._problems import unknown
+
+
+def _text(value: Any) -> Any:
+    if not isinstance(value, str) or not value.strip():
+        raise ValueError(f"found {value!r}, allowed is text")
+    return value
+
+
+def _quantity(value: Any) -> Any:
+    if not isinstance(value, str):
+        raise ValueError(
+            f"found {value!r}, allowed is text: a number with its unit, or the name of a parameter"
+        )
+    return value.strip()
+
+
+def _quantity_or_list(value: Any) -> Any:
+    return [_quantity(item) for item in value] if isinstance(value, list) else _quantity(value)
+
+
+Text = Annotated[str, BeforeValidator(_text)]
+Quantity = Annotated[str, BeforeValidator(_quantity)]
+QuantityOrList = Annotated[Any, BeforeValidator(_quantity_or_list)]
+Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
+Bound = Annotated[float, Field(allow_inf_nan=True)]
+PixelRange = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class Table(BaseModel):
+    """A table of a rig file; unknown keys are errors that suggest the nearest known one."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            raise ValueError(f"found {data!r}, allowed is a table")
+        for key in data:
+            if key not in cls.model_fields:
+                raise ValueError(unknown("key", key, cls.model_fields))
+        return data
+
+
+class PlateTable(Table):
+    columns: Annotated[list[Quantity], Field(min_length=1)]
+    rows: Annotated[list[Quantity], Field(min_length=1)]
+    thickness: Quantity
+    density: Quantity | None = None
+    specific_heat: Quantity | None = None
+    conductivity: Quantity | None = None
+    film_coefficient: QuantityOrList = None
+    film_row_factor: list[Quantity] | None = None
+
+
+class LinkTable(Table):
+    resistance: Quantity
+    factor: Annotated[float, Field(gt=0)] = 1.0
+    between: Annotated[list[Text], Field(min_length=1)]
+
+
+class CircuitTable(Table):
+    capacitance: Quantity
+    links: Annotated[list[LinkTable], Field(min_length=1)]
+
+
+class CellTable(Table):
+    name: Text
+    module: Text | None = None
+    seebeck_coefficient: Quantity | None = None
+    electrical_resistance: Quantity | None = None
+    thermal_resistance: Quantity | None = None
+    side_mass: Quantity | None = None
+    side_specific_heat: Quantity | None = None
+    side_capacitance: Quantity | None = None
+    contacts: Annotated[dict[str, Quantity], Field(min_length=1)]
+    sink_resistance: Quantity
+    sink_capacitance: Quantity | None = None
+    sink_air_resistance: Quantity | None = None
+    initial_temperature: Quantity | None = None
+
+
+class DriverTable(Table):
+    supply_voltage: Quantity
+    supply_resistance: Quantity = "0 ohm"
+    on_resistance: Quantity
+    counts: Annotated[int, Field(ge=1, le=2**31)]
+    polarity: Literal[1, -1]
+    averaging: Literal["voltage", "on-off"]
+    off_phase: Literal["brake", "open"] = "brake"
+
+
+class ViewTable(Table):
+    x: PixelRange
+    y: PixelRange
+
+
+class CameraTable(Table):
+    resolution: Annotated[
+        list[Annotated[int, Field(ge=1, le=2**15)]], Field(min_length=2, max_length=2)
+    ]
+    noise: Quantity
+    view: ViewTable
+
+
+class ChannelTable(Table):
+    name: Text
+    nodes: Annotated[list[Text], Field(min_length=1)] | None = None
+    x: Pair | None = None
+    y: Pair | None = None
+    gain: Quantity = "1"
+
+
+class TemperatureTable(Table):
+    temperature: Quantity
+
+
+class ParameterTable(Table):
+    value: float
+    unit: str
+    bounds: Annotated[list[Bound], Field(min_length=2, max_length=2)] | None = None
+    free: bool = False
+    scope: Literal["shared", "recording"] = "shared"
+    description: str = ""
+
+
+class RigTable(Table):
+    format: Literal[1]
+    name: Text
+    title: str = ""
+    description: str = ""
+    references: list[str] = []
+    plate: PlateTable
+    circuit: CircuitTable | None = None
+    cells: Annotated[list[CellTable], Field(min_length=1)]
+    driver: DriverTable
+    camera: CameraTable
+    channels: Annotated[list[ChannelTable], Field(min_length=1)]
+    ambient: TemperatureTable
+    initial: TemperatureTable
+    parameters: dict[str, ParameterTable] = {}
+    parameter_sets: dict[str, dict[str, float]] = {}
+
+
+class ModuleTable(Table):
+    format: Literal[1]
+    name: Text
+    title: str = ""
+    references: list[str] = []
+    notes: str = ""
+    hot_side_temperature: Quantity
+    maximum_voltage: Quantity
+    maximum_current: Quantity
+    maximum_temperature_difference: Quantity
+    maximum_heat_flow: Quantity | None = None
+    mass: Quantity | None = None

@@ -1,0 +1,129 @@
+"""Text with a unit -> number in SI units, through pint."""
+
+import functools
+import math
+import re
+from dataclasses import dataclass
+from typing import Any, Literal, final
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
+_EXPONENT = re.compile(r"(\^|\*\*)\s*(-?\d|\(\s*-?\d\s*\))(?!\d)")
+_UNIT_TEXT = re.compile(r"(1|[^\W\d])\D*|")
+
+
+@final
+@dataclass(frozen=True)
+class Kind:
+    """A kind of physical value: what a field of a rig file may hold.
+
+    **Arguments:**
+
+    - `name`: with its article, for messages.
+    - `unit`: the SI unit.
+    - `example`: how a value may be written.
+    - `least`: `"positive"`, or `"zero"` where 0 is allowed too.
+    - `absolute`: whether it is a point on the temperature scale, which alone may be in degC.
+    """
+
+    name: str
+    unit: str
+    example: str
+    least: Literal["positive", "zero"] = "positive"
+    absolute: bool = False
+
+    def __str__(self) -> str:
+        more = "" if self.least == "positive" else " or 0"
+        return f'{self.name} greater than 0{more} such as "{self.example}"'
+
+
+LENGTH = Kind("a length", "m", "4 cm")
+COORDINATE = Kind("a length", "m", "4 cm", least="zero")
+DENSITY = Kind("a density", "kg/m^3", "8960 kg/m^3")
+SPECIFIC_HEAT = Kind("a specific heat", "J/(kg K)", "390 J/(kg K)")
+CONDUCTIVITY = Kind("a conductivity", "W/(m K)", "401 W/(m K)")
+FILM_COEFFICIENT = Kind("a film coefficient", "W/(m^2 K)", "15 W/(m^2 K)")
+FACTOR = Kind("a number", "", "0.9")
+MASS = Kind("a mass", "kg", "13.5 g")
+HEAT_CAPACITY = Kind("a heat capacity", "J/K", "17 J/K")
+THERMAL_RESISTANCE = Kind("a thermal resistance", "K/W", "0.6 K/W")
+SEEBECK_COEFFICIENT = Kind("a Seebeck coefficient", "V/K", "0.05 V/K")
+ELECTRICAL_RESISTANCE = Kind("an electrical resistance", "ohm", "2 ohm")
+SERIES_RESISTANCE = Kind("an electrical resistance", "ohm", "0.1 ohm", least="zero")
+VOLTAGE = Kind("a voltage", "V", "12 V")
+CURRENT = Kind("a current", "A", "6.4 A")
+POWER = Kind("a heat flow", "W", "33 W")
+TEMPERATURE = Kind("a temperature", "K", "15 degC", absolute=True)
+TEMPERATURE_DIFFERENCE = Kind("a temperature difference", "K", "75 K")
+NOISE = Kind("a temperature difference", "K", "0.1 K", least="zero")
+
+
+def is_quantity(text: str) -> bool:
+    """Whether a text starts with a number, so that it is no name."""
+    return _NUMBER.fullmatch(text) is not None
+
+
+def parse_quantity(text: str, kind: Kind) -> float:
+    """A number with a unit, in SI units.
+
+    **Raises:** `ValueError`, saying what is wrong, where the text is no number with a unit of that
+    kind. Whether the number is in the range of its kind is left to the caller.
+    """
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} does not start with a number")
+    scale, offset = unit_scale(match[2], kind)
+    value = scale * float(match[1]) + offset
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not a finite number")
+    return value
+
+
+def unit_scale(unit: str, kind: Kind | None = None) -> tuple[float, float]:
+    """Scale and offset with which a number in a unit becomes one in SI units.
+
+    **Arguments:**
+
+    - `unit`: for example `"cm"`, `"W/(m^2 K)"`, `"degC"`; empty for a plain number.
+    - `kind`: what the unit must measure; None for anything.
+
+    **Raises:** `ValueError`, saying what is wrong.
+    """
+    scale, offset, dimension = _unit(unit)
+    if kind is not None:
+        if dimension != _unit(kind.unit)[2]:
+            raise ValueError(f"the unit {unit!r} does not measure {kind.name}")
+        if offset and not kind.absolute:
+            raise ValueError(f"the unit {unit!r} is a point on a scale, a difference is in K")
+    return scale, offset
+
+
+@functools.cache
+def _unit(unit: str) -> tuple[float, float, Any]:
+    # Unit texts come from outside and pint evaluates them: anything but names with one small power
+    # each, such as "m**9**9**9", would cost time and memory without bound.
+    unknown = ValueError(f"{unit!r} is not a unit that is known")
+    plain = _EXPONENT.sub("~", unit)
+    if len(unit) > 60 or not _UNIT_TEXT.fullmatch(plain) or re.search(r"~\s*~", plain):
+        raise unknown
+    registry = _registry()
+    try:
+        parsed = registry.parse_units(unit)
+        one = registry.Quantity(1.0, parsed).to_base_units()
+        zero = registry.Quantity(0.0, parsed).to_base_units()
+    except Exception:  # whatever pint's parser meets in a text from outside
+        raise unknown from None
+    scale, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
+    if offset:
+        if parsed != registry.Unit("degC"):
+            raise ValueError(f"temperatures are in degC or K, not in {unit!r}")
+        scale = 1.0  # not 274.15 - 273.15 in floating point
+    if not (math.isfinite(scale) and scale > 0):
+        raise unknown
+    return scale, offset, parsed.dimensionality
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint  # takes a while, and only rig files need it
+
+    return pint.UnitRegistry()

@@ -1,0 +1,52 @@
+"""Tables of a file -> pydantic model, with the first mistake told in one line."""
+
+import reprlib
+from typing import Any, TypeVar
+
+import pydantic
+
+from ._problems import label, refuse
+
+Model = TypeVar("Model", bound=pydantic.BaseModel)
+
+
+def validate(model: type[Model], data: dict[str, Any], source: str) -> Model:
+    """Checks keys and types of a whole file.
+
+    **Arguments:**
+
+    - `model`: what the file must look like.
+    - `data`: the file's tables, as `tomllib` reads them.
+    - `source`: the file, for messages.
+
+    **Raises:** `RigError` for the first mistake.
+    """
+    try:
+        return model.model_validate(data)
+    except pydantic.ValidationError as problem:
+        first = problem.errors(include_url=False)[0]
+        refuse(source, _path(data, first["loc"]), _message(first))
+
+
+def _path(data: Any, location: tuple[int | str, ...]) -> str:
+    path = ""
+    for key in location:
+        item = data[key] if isinstance(data, dict | list) and _holds(data, key) else None
+        path += f"[{label(item, key)}]" if isinstance(key, int) else f".{key}"
+        data = item
+    return path.removeprefix(".")
+
+
+def _holds(data: dict[str, Any] | list[Any], key: int | str) -> bool:
+    if isinstance(data, dict):
+        return key in data
+    return isinstance(key, int) and key < len(data)
+
+
+def _message(error: Any) -> str:
+    if error["type"] == "missing":
+        return "missing"
+    if error["type"] == "value_error":
+        return str(error["ctx"]["error"])
+    allowed = error["msg"].removeprefix("Input should be ")
+    return f"found {reprlib.repr(error['input'])}, allowed is {allowed}"
