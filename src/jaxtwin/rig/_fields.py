@@ -1,12 +1,12 @@
 """Fields of one rig file: text -> `Value`, with the checks that need the parameter table."""
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import final
 
 from ._parameter import Parameter
 from ._problems import refuse, unknown
-from ._units import Kind, is_quantity, parse_quantity, unit_scale
+from ._units import Kind, is_quantity, parse_quantity, range_problem, unit_scale
 from ._value import Value
 
 
@@ -27,34 +27,33 @@ class Fields:
         parameters: Mapping[str, Parameter],
         parameter_sets: Mapping[str, Mapping[str, float]],
     ):
-        self.source = source
-        self.parameters = parameters
-        self.parameter_sets = parameter_sets
-        self.used: set[str] = set()
         self.refuse = functools.partial(refuse, source)
+        self._parameters = parameters
+        self._parameter_sets = parameter_sets
+        self._used: set[str] = set()
 
     def value(self, field: str, text: str, kind: Kind) -> Value:
         """A quantity or the name of a parameter, as a value of a kind.
 
-        **Raises:** `RigError` where it is neither, has a wrong unit or is out of range.
+        **Raises:** `RigError` where it is neither, has a wrong unit or is out of range. A parameter
+        must be in range with its value, with its finite bounds and with its value in every set.
         """
         if is_quantity(text):
             return Value(self.constant(field, text, kind))
         if not text.isidentifier():
             self.refuse(field, f"found {text!r}, allowed is {kind} or the name of a parameter")
-        if text not in self.parameters:
-            self.refuse(field, unknown("parameter", text, self.parameters))
-        self.used.add(text)
-        parameter = self.parameters[text]
+        self.check_known(field, "parameter", text, self._parameters)
+        parameter = self._parameters[text]
         try:
             unit_scale(parameter.unit, kind)
         except ValueError as problem:
             self.refuse(field, f"parameter {text!r}: {problem}, allowed is {kind}")
-        for which, number in self._candidates(parameter):
-            if not _in_range(parameter.to_si(number), kind):
-                self.refuse(
-                    field, f"{which} of {text!r} is {number:g} {parameter.unit}, allowed is {kind}"
-                )
+        for which, number in self._numbers(parameter):
+            problem = range_problem(parameter.to_si(number), kind)
+            if problem:
+                found = f"{number:g} {parameter.unit}".strip()
+                self.refuse(field, f"the {which} of {text!r} is {found}, allowed is {problem}")
+        self._used.add(text)
         return Value(1.0, ((text, 1.0),))
 
     def constant(self, field: str, text: str, kind: Kind) -> float:
@@ -66,27 +65,36 @@ class Fields:
             number = parse_quantity(text, kind)
         except ValueError as problem:
             self.refuse(field, f"{problem}, allowed is {kind}")
-        if not _in_range(number, kind):
-            self.refuse(field, f"found {text!r}, allowed is {kind}")
+        problem = range_problem(number, kind)
+        if problem:
+            self.refuse(field, f"found {text!r}, allowed is {problem}")
         return number
 
+    def check_known(self, field: str, what: str, name: str, known: Iterable[str]) -> None:
+        """Refuses a name that is not among the known ones, and suggests the nearest."""
+        if name not in known:
+            self.refuse(field, unknown(what, name, known))
+
+    def check_unique(self, field: str, names: list[str]) -> None:
+        """Refuses a name that stands twice."""
+        for name in names:
+            if names.count(name) > 1:
+                self.refuse(field, f"found {name!r} twice, allowed is each name once")
+
     def check_all_used(self) -> None:
-        """Refuses a parameter that nothing uses: it could be matched without any effect."""
-        for name in self.parameters:
-            if name not in self.used:
+        """Refuses a parameter that nothing uses: it would be matched without any effect."""
+        for name in self._parameters:
+            if name not in self._used:
                 self.refuse(
                     f"parameters.{name}",
                     "nothing uses it, allowed are parameters that a field of the rig names",
                 )
 
-    def _candidates(self, parameter: Parameter) -> Iterator[tuple[str, float]]:
-        yield "the value", parameter.value
-        if abs(parameter.lower) != float("inf"):
-            yield "the lower bound", parameter.lower
-        for name, values in self.parameter_sets.items():
+    def _numbers(self, parameter: Parameter) -> Iterator[tuple[str, float]]:
+        yield "value", parameter.value
+        for which, bound in (("lower bound", parameter.lower), ("upper bound", parameter.upper)):
+            if abs(bound) != float("inf"):
+                yield which, bound
+        for name, values in self._parameter_sets.items():
             if parameter.name in values:
-                yield f"the value in the parameter set {name!r}", values[parameter.name]
-
-
-def _in_range(number: float, kind: Kind) -> bool:
-    return number > 0 or (number == 0 and kind.least == "zero")
+                yield f"value in the parameter set {name!r}", values[parameter.name]

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from typing import final
-
-import numpy as np
 
 from ._value import Value
 
@@ -59,12 +58,12 @@ class Plate:
     @property
     def width(self) -> float:
         """Size in x, m."""
-        return float(sum(self.columns))
+        return sum(self.columns)
 
     @property
     def height(self) -> float:
         """Size in y, m."""
-        return float(sum(self.rows))
+        return sum(self.rows)
 
     def extent(self, element: str) -> tuple[float, float, float, float]:
         """Left, right, top and bottom of an element, m.
@@ -75,8 +74,8 @@ class Plate:
 
     @cached_property
     def _extents(self) -> dict[str, tuple[float, float, float, float]]:
-        x = np.concatenate([[0.0], np.cumsum(self.columns)]).tolist()
-        y = np.concatenate([[0.0], np.cumsum(self.rows)]).tolist()
+        x = list(accumulate(self.columns, initial=0.0))
+        y = list(accumulate(self.rows, initial=0.0))
         corners = [
             (x[column], x[column + 1], y[row], y[row + 1])
             for row in range(len(self.rows))

@@ -14,7 +14,7 @@ from ._problems import unknown
 def _text(value: Any) -> Any:
     if not isinstance(value, str) or not value.strip():
         raise ValueError(f"found {value!r}, allowed is text")
-    return value
+    return value.strip()
 
 
 def _quantity(value: Any) -> Any:

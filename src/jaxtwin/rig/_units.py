@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, final
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
+_SMALLEST, _LARGEST = 1e-30, 1e30
 _EXPONENT = re.compile(r"(\^|\*\*)\s*(-?\d|\(\s*-?\d\s*\))(?!\d)")
 _UNIT_TEXT = re.compile(r"(1|[^\W\d])\D*|")
 
@@ -76,6 +77,18 @@ def parse_quantity(text: str, kind: Kind) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not a finite number")
     return value
+
+
+def range_problem(number: float, kind: Kind) -> str | None:
+    """What is allowed instead, where a number in SI units is out of the range of its kind."""
+    if kind.least == "zero" and number == 0:
+        return None
+    if number <= 0:
+        return str(kind)
+    # Beyond these, products of two values leave the range of floating point.
+    if not _SMALLEST <= number <= _LARGEST:
+        return f"{_SMALLEST:g} to {_LARGEST:g} in SI units"
+    return None
 
 
 def unit_scale(unit: str, kind: Kind | None = None) -> tuple[float, float]:

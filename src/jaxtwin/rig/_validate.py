@@ -31,16 +31,12 @@ def validate(model: type[Model], data: dict[str, Any], source: str) -> Model:
 def _path(data: Any, location: tuple[int | str, ...]) -> str:
     path = ""
     for key in location:
-        item = data[key] if isinstance(data, dict | list) and _holds(data, key) else None
-        path += f"[{label(item, key)}]" if isinstance(key, int) else f".{key}"
-        data = item
+        try:
+            data = data[key]
+        except (KeyError, TypeError):  # a missing key, or a table where something else stands
+            data = None
+        path += f"[{label(data, key)}]" if isinstance(key, int) else f".{key}"
     return path.removeprefix(".")
-
-
-def _holds(data: dict[str, Any] | list[Any], key: int | str) -> bool:
-    if isinstance(data, dict):
-        return key in data
-    return isinstance(key, int) and key < len(data)
 
 
 def _message(error: Any) -> str:

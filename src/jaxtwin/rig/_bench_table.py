@@ -1,0 +1,84 @@
+"""`[driver]`, `[camera]` and `[[channels]]` of a rig file -> what stands around the plate."""
+
+from ._camera import Camera, Channel
+from ._driver import Driver
+from ._fields import Fields
+from ._plate import Plate
+from ._schema import CameraTable, ChannelTable, DriverTable
+from ._units import COORDINATE, FACTOR, NOISE, SERIES_RESISTANCE, VOLTAGE
+
+_ROUNDING = 1e-9  # of the plate's size: sums of element sizes need not meet its edge exactly
+
+
+def build_driver(table: DriverTable, fields: Fields) -> Driver:
+    """The driver.
+
+    **Raises:** `RigError` where a value is wrong.
+    """
+    if table.averaging == "voltage" and table.off_phase != "brake":
+        fields.refuse(
+            "driver.off_phase",
+            f'found {table.off_phase!r}, allowed with averaging = "voltage" is "brake"',
+        )
+    supply_resistance, on_resistance = (
+        fields.value(f"driver.{name}", getattr(table, name), SERIES_RESISTANCE)
+        for name in ("supply_resistance", "on_resistance")
+    )
+    return Driver(
+        supply_voltage=fields.value("driver.supply_voltage", table.supply_voltage, VOLTAGE),
+        supply_resistance=supply_resistance,
+        on_resistance=on_resistance,
+        counts=table.counts,
+        polarity=table.polarity,
+        averaging=table.averaging,
+        off_phase=table.off_phase,
+    )
+
+
+def build_camera(table: CameraTable, fields: Fields) -> Camera:
+    """The camera.
+
+    **Raises:** `RigError` where the view is not inside a frame.
+    """
+    width, height = table.resolution
+    for axis, view, size in (("x", table.view.x, width), ("y", table.view.y, height)):
+        if not 0 <= view[0] < view[1] <= size:
+            fields.refuse(
+                f"camera.view.{axis}",
+                f"found {view}, allowed is a range of pixels inside the frame, 0 to {size}",
+            )
+    return Camera(
+        width=width,
+        height=height,
+        noise=fields.constant("camera.noise", table.noise, NOISE),
+        view_x=(table.view.x[0], table.view.x[1]),
+        view_y=(table.view.y[0], table.view.y[1]),
+    )
+
+
+def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
+    """A channel, over named elements or over a rectangle of the plate.
+
+    **Raises:** `RigError` where it has both or neither, or is not on the plate.
+    """
+    at = f"channels[{table.name}]"
+    gain = fields.value(f"{at}.gain", table.gain, FACTOR)
+    if table.nodes is not None and table.x is None and table.y is None:
+        for node in table.nodes:
+            fields.check_known(f"{at}.nodes", "plate element", node, plate.element_names)
+        fields.check_unique(f"{at}.nodes", table.nodes)
+        return Channel(table.name, tuple(table.nodes), None, None, gain)
+    if table.nodes is not None or table.x is None or table.y is None:
+        fields.refuse(at, "allowed is either nodes or x with y")
+    x = _range(f"{at}.x", table.x, plate.width, fields)
+    y = _range(f"{at}.y", table.y, plate.height, fields)
+    return Channel(table.name, (), x, y, gain)
+
+
+def _range(field: str, texts: list[str], size: float, fields: Fields) -> tuple[float, float]:
+    first, last = (fields.constant(field, text, COORDINATE) for text in texts)
+    if not first < last <= size * (1 + _ROUNDING):
+        fields.refuse(
+            field, f"found {texts}, allowed is a range inside the plate, 0 to {100 * size:g} cm"
+        )
+    return first, min(last, size)

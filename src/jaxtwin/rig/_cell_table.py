@@ -1,0 +1,75 @@
+"""`[[cells]]` of a rig file -> `Cell`."""
+
+from ._bundled import bundled_modules
+from ._cell import Cell
+from ._datasheet import load_module
+from ._fields import Fields
+from ._plate import Plate
+from ._schema import CellTable
+from ._units import (
+    ELECTRICAL_RESISTANCE,
+    HEAT_CAPACITY,
+    MASS,
+    SEEBECK_COEFFICIENT,
+    SPECIFIC_HEAT,
+    TEMPERATURE,
+    THERMAL_RESISTANCE,
+    Kind,
+)
+from ._value import Value
+
+
+def build_cell(table: CellTable, plate: Plate, fields: Fields) -> Cell:
+    """A cell; constants that the file does not give come from the datasheet of its module.
+
+    **Raises:** `RigError` where a value is wrong or missing, or a contact is on no element.
+    """
+    at = f"cells[{table.name}]"
+    if table.module is not None:
+        fields.check_known(f"{at}.module", "module", table.module, bundled_modules())
+    for element in table.contacts:
+        fields.check_known(f"{at}.contacts", "plate element", element, plate.element_names)
+    if (table.sink_capacitance is None) != (table.sink_air_resistance is None):
+        fields.refuse(at, "allowed is both or neither of sink_capacitance and sink_air_resistance")
+
+    def optional(name: str, kind: Kind) -> Value | None:
+        text = getattr(table, name)
+        return None if text is None else fields.value(f"{at}.{name}", text, kind)
+
+    def constant(name: str, kind: Kind) -> Value:
+        given = optional(name, kind)
+        if given is not None:
+            return given
+        if table.module is None:
+            fields.refuse(f"{at}.{name}", "missing, allowed is a value or the name of a module")
+        return Value(getattr(load_module(table.module), name))
+
+    return Cell(
+        name=table.name,
+        seebeck_coefficient=constant("seebeck_coefficient", SEEBECK_COEFFICIENT),
+        electrical_resistance=constant("electrical_resistance", ELECTRICAL_RESISTANCE),
+        thermal_resistance=constant("thermal_resistance", THERMAL_RESISTANCE),
+        side_capacitance=_side_capacitance(table, fields),
+        contacts=tuple(
+            (element, fields.value(f"{at}.contacts.{element}", text, THERMAL_RESISTANCE))
+            for element, text in table.contacts.items()
+        ),
+        sink_resistance=fields.value(
+            f"{at}.sink_resistance", table.sink_resistance, THERMAL_RESISTANCE
+        ),
+        sink_capacitance=optional("sink_capacitance", HEAT_CAPACITY),
+        sink_air_resistance=optional("sink_air_resistance", THERMAL_RESISTANCE),
+        initial_temperature=optional("initial_temperature", TEMPERATURE),
+    )
+
+
+def _side_capacitance(table: CellTable, fields: Fields) -> Value:
+    at = f"cells[{table.name}]"
+    whole, mass, specific_heat = table.side_capacitance, table.side_mass, table.side_specific_heat
+    if whole is not None and mass is None and specific_heat is None:
+        return fields.value(f"{at}.side_capacitance", whole, HEAT_CAPACITY)
+    if whole is not None or mass is None or specific_heat is None:
+        fields.refuse(at, "allowed is either side_capacitance or side_mass with side_specific_heat")
+    return fields.value(f"{at}.side_mass", mass, MASS) * fields.value(
+        f"{at}.side_specific_heat", specific_heat, SPECIFIC_HEAT
+    )

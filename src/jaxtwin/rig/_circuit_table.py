@@ -1,0 +1,59 @@
+"""`[circuit]` of a rig file -> `Circuit`."""
+
+from ._circuit import Circuit, CircuitLink
+from ._fields import Fields
+from ._plate import AMBIENT, Plate
+from ._schema import CellTable, CircuitTable
+from ._units import HEAT_CAPACITY, THERMAL_RESISTANCE
+
+
+def build_circuit(
+    table: CircuitTable, plate: Plate, cells: list[CellTable], fields: Fields
+) -> Circuit:
+    """The circuit that a file gives link by link.
+
+    **Raises:** `RigError` where a link has an unknown end or the same end twice, or where an
+    element of the plate has no path to the surroundings.
+    """
+    nodes = (*plate.element_names, AMBIENT)
+    links = []
+    for link in table.links:
+        field = f"circuit.links[{link.resistance}]"
+        resistance = fields.value(f"{field}.resistance", link.resistance, THERMAL_RESISTANCE)
+        pairs = tuple(_ends(f"{field}.between", text, nodes, fields) for text in link.between)
+        links.append(CircuitLink(resistance, link.factor, pairs))
+    capacitance = fields.value("circuit.capacitance", table.capacitance, HEAT_CAPACITY)
+    # A cell is a path to the surroundings, through its sink.
+    paths = [(element, AMBIENT) for cell in cells for element in cell.contacts if element in nodes]
+    _check_grounded(paths + [pair for link in links for pair in link.between], nodes, fields)
+    return Circuit(capacitance, tuple(links))
+
+
+def _ends(field: str, text: str, nodes: tuple[str, ...], fields: Fields) -> tuple[str, str]:
+    ends = text.split("-")
+    if len(ends) != 2:
+        fields.refuse(field, f'found {text!r}, allowed is two nodes such as "V11-V12"')
+    first, second = (end.strip() for end in ends)
+    fields.check_known(field, "node", first, nodes)
+    fields.check_known(field, "node", second, nodes)
+    if first == second:
+        fields.refuse(field, f"found {text!r}, allowed are links between two different nodes")
+    return first, second
+
+
+def _check_grounded(pairs: list[tuple[str, str]], nodes: tuple[str, ...], fields: Fields) -> None:
+    # A part of the plate without a way to the surroundings has no steady state.
+    neighbours: dict[str, set[str]] = {node: set() for node in nodes}
+    for first, second in pairs:
+        neighbours[first].add(second)
+        neighbours[second].add(first)
+    reached, waiting = {AMBIENT}, [AMBIENT]
+    while waiting:
+        new = neighbours[waiting.pop()] - reached
+        reached |= new
+        waiting += new
+    for node in nodes:
+        if node not in reached:
+            fields.refuse(
+                "circuit.links", f'{node} has no path to "{AMBIENT}", allowed are nodes with one'
+            )

@@ -1,0 +1,71 @@
+"""`[plate]` of a rig file -> `Plate`."""
+
+from typing import Any
+
+from ._fields import Fields
+from ._plate import Plate
+from ._schema import PlateTable
+from ._units import (
+    CONDUCTIVITY,
+    DENSITY,
+    FACTOR,
+    FILM_COEFFICIENT,
+    LENGTH,
+    SPECIFIC_HEAT,
+    Kind,
+)
+from ._value import Value
+
+_MATERIAL = {
+    "density": DENSITY,
+    "specific_heat": SPECIFIC_HEAT,
+    "conductivity": CONDUCTIVITY,
+    "film_coefficient": FILM_COEFFICIENT,
+}
+
+
+def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
+    """The plate; with its material where the file gives no circuit.
+
+    **Raises:** `RigError` where a value is wrong, or both or neither of them are given.
+    """
+    columns = _sizes("plate.columns", table.columns, fields)
+    rows = _sizes("plate.rows", table.rows, fields)
+    given = [name for name in (*_MATERIAL, "film_row_factor") if getattr(table, name) is not None]
+    if has_circuit:
+        if given:
+            fields.refuse(
+                f"plate.{given[0]}", "found beside [circuit], allowed is only one of the two"
+            )
+        # The circuit does not follow from the thickness, so a parameter would have no effect.
+        return Plate(
+            columns, rows, Value(fields.constant("plate.thickness", table.thickness, LENGTH))
+        )
+    missing = [name for name in _MATERIAL if name not in given]
+    if missing:
+        fields.refuse(
+            f"plate.{missing[0]}", f"missing, allowed is [circuit] or all of {', '.join(_MATERIAL)}"
+        )
+    density, specific_heat, conductivity = (
+        fields.value(f"plate.{name}", getattr(table, name), _MATERIAL[name])
+        for name in ("density", "specific_heat", "conductivity")
+    )
+    film = _each("film_coefficient", table.film_coefficient, columns, FILM_COEFFICIENT, fields)
+    factor = _each("film_row_factor", table.film_row_factor or "1", rows, FACTOR, fields)
+    thickness = fields.value("plate.thickness", table.thickness, LENGTH)
+    return Plate(columns, rows, thickness, density, specific_heat, conductivity, film, factor)
+
+
+def _sizes(field: str, texts: list[str], fields: Fields) -> tuple[float, ...]:
+    return tuple(fields.constant(f"{field}[{i}]", text, LENGTH) for i, text in enumerate(texts, 1))
+
+
+def _each(
+    name: str, given: Any, sizes: tuple[float, ...], kind: Kind, fields: Fields
+) -> tuple[Value, ...]:
+    field = f"plate.{name}"
+    if isinstance(given, str):
+        return (fields.value(field, given, kind),) * len(sizes)
+    if len(given) != len(sizes):
+        fields.refuse(field, f"found {len(given)} values, the plate needs {len(sizes)}")
+    return tuple(fields.value(f"{field}[{i}]", text, kind) for i, text in enumerate(given, 1))
