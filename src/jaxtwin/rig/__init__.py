@@ -8,6 +8,7 @@ from ._datasheet import Datasheet, load_module
 from ._driver import Driver
 from ._load import load_rig
 from ._parameter import Parameter
+from ._parameter_file import parameters_toml, read_parameters, write_parameters
 from ._plate import AMBIENT, Plate
 from ._rig import Rig
 from ._value import Value
@@ -29,4 +30,7 @@ __all__ = [
     "bundled_rigs",
     "load_module",
     "load_rig",
+    "parameters_toml",
+    "read_parameters",
+    "write_parameters",
 ]

@@ -6,6 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from .._errors import JaxtwinError, RigError
 from ._problems import refuse, unknown
 
 
@@ -25,39 +26,41 @@ def read_bundled(folder: str, name: str) -> tuple[dict[str, Any], str]:
     **Raises:** `RigError` where there is none of that name.
     """
     if name not in _names(folder):
-        refuse(name, "", unknown(f"name in the bundled {folder}", name, _names(folder)))
+        refuse(name, "", unknown(f"name of the bundled {folder}", name, _names(folder)))
     source = f"{name}.toml (bundled)"
     return parse_toml((_folder(folder) / f"{name}.toml").read_bytes(), source), source
 
 
-def read_toml(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str]:
+def read_toml(
+    path: str | os.PathLike[str], error: type[JaxtwinError] = RigError
+) -> tuple[dict[str, Any], str]:
     """A TOML file and what it is called in messages.
 
-    **Raises:** `RigError` where it cannot be read or is no TOML.
+    **Raises:** the error where it cannot be read or is no TOML.
     """
     source = os.fspath(path)
     try:
         content = Path(path).read_bytes()
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or problem
-        refuse(source, "", f"cannot be read ({reason}), allowed is a TOML file")
-    return parse_toml(content, source), source
+        refuse(source, "", f"cannot be read ({reason}), allowed is a TOML file", error)
+    return parse_toml(content, source, error), source
 
 
-def parse_toml(content: bytes, source: str) -> dict[str, Any]:
+def parse_toml(content: bytes, source: str, error: type[JaxtwinError] = RigError) -> dict[str, Any]:
     """The tables of a TOML document.
 
-    **Raises:** `RigError` that names line and column where it is no TOML.
+    **Raises:** the error, naming line and column, where it is no TOML.
     """
     try:
         return tomllib.loads(content.decode("utf-8"))
     except UnicodeDecodeError as problem:
         line = content[: problem.start].count(b"\n") + 1
-        refuse(source, f"line {line}", "the text is not UTF-8, allowed is TOML in UTF-8")
+        refuse(source, f"line {line}", "the text is not UTF-8, allowed is TOML in UTF-8", error)
     except tomllib.TOMLDecodeError as problem:
-        refuse(source, "", f"no valid TOML: {problem}")
+        refuse(source, "", f"no valid TOML: {problem}", error)
     except RecursionError:
-        refuse(source, "", "no valid TOML: nested too deeply")
+        refuse(source, "", "no valid TOML: nested too deeply", error)
 
 
 def _folder(name: str) -> Any:

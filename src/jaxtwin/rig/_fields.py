@@ -47,7 +47,7 @@ class Fields:
         try:
             unit_scale(parameter.unit, kind)
         except ValueError as problem:
-            self.refuse(field, f"parameter {text!r}: {problem}, allowed is {kind}")
+            self.refuse(field, f"found parameter {text!r}, {problem}, allowed is {kind}")
         for which, number in self._numbers(parameter):
             problem = range_problem(parameter.to_si(number), kind)
             if problem:
@@ -64,7 +64,7 @@ class Fields:
         try:
             number = parse_quantity(text, kind)
         except ValueError as problem:
-            self.refuse(field, f"{problem}, allowed is {kind}")
+            self.refuse(field, f"found {text!r}, {problem}, allowed is {kind}")
         problem = range_problem(number, kind)
         if problem:
             self.refuse(field, f"found {text!r}, allowed is {problem}")

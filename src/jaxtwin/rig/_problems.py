@@ -4,13 +4,13 @@ import difflib
 from collections.abc import Iterable
 from typing import Any, NoReturn
 
-from .._errors import RigError
+from .._errors import JaxtwinError, RigError
 
 
-def refuse(source: str, field: str, message: str) -> NoReturn:
-    """Raises `RigError` for a field of a file."""
+def refuse(source: str, field: str, message: str, error: type[JaxtwinError] = RigError) -> NoReturn:
+    """Raises the error for a field of a file."""
     where = f"{source}: {field}" if field else source
-    raise RigError(f"{where}: {message}") from None
+    raise error(f"{where}: {message}") from None
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> str:

@@ -7,6 +7,7 @@ from typing import final
 from ._camera import Camera, Channel
 from ._cell import Cell
 from ._circuit import Circuit
+from ._describe import rig_html, rig_parts
 from ._driver import Driver
 from ._parameter import Parameter
 from ._plate import Plate
@@ -14,7 +15,7 @@ from ._value import Value
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Rig:
     """A documented physical asset, made by `load_rig`.
 
@@ -49,3 +50,13 @@ class Rig:
     def __hash__(self) -> int:
         # Dictionaries have no hash; the parts that can differ between rigs of one name have.
         return hash((self.name, self.source, self.plate, self.circuit, self.cells))
+
+    def __repr__(self) -> str:
+        return f"<Rig {self.name!r}: {rig_parts(self)['plate']}>"
+
+    def __str__(self) -> str:
+        lines = [f"{self.name}: {self.title}"]
+        return "\n".join(lines + [f"  {part}: {text}" for part, text in rig_parts(self).items()])
+
+    def _repr_html_(self) -> str:
+        return rig_html(self)

@@ -33,8 +33,8 @@ class Kind:
     absolute: bool = False
 
     def __str__(self) -> str:
-        more = "" if self.least == "positive" else " or 0"
-        return f'{self.name} greater than 0{more} such as "{self.example}"'
+        above = {"positive": "above 0", "zero": "of at least 0"}[self.least]
+        return f'{self.name} {above}{" K" if self.absolute else ""} such as "{self.example}"'
 
 
 LENGTH = Kind("a length", "m", "4 cm")
@@ -71,11 +71,11 @@ def parse_quantity(text: str, kind: Kind) -> float:
     """
     match = _NUMBER.fullmatch(text)
     if match is None:
-        raise ValueError(f"{text!r} does not start with a number")
+        raise ValueError("which does not start with a number")
     scale, offset = unit_scale(match[2], kind)
     value = scale * float(match[1]) + offset
     if not math.isfinite(value):
-        raise ValueError(f"{text!r} is not a finite number")
+        raise ValueError("which is not a finite number")
     return value
 
 
@@ -91,22 +91,25 @@ def range_problem(number: float, kind: Kind) -> str | None:
     return None
 
 
-def unit_scale(unit: str, kind: Kind | None = None) -> tuple[float, float]:
+def unit_scale(unit: str, like: Kind | str | None = None) -> tuple[float, float]:
     """Scale and offset with which a number in a unit becomes one in SI units.
 
     **Arguments:**
 
     - `unit`: for example `"cm"`, `"W/(m^2 K)"`, `"degC"`; empty for a plain number.
-    - `kind`: what the unit must measure; None for anything.
+    - `like`: what it must measure, or a unit of the same kind; None for anything.
 
     **Raises:** `ValueError`, saying what is wrong.
     """
     scale, offset, dimension = _unit(unit)
-    if kind is not None:
-        if dimension != _unit(kind.unit)[2]:
-            raise ValueError(f"the unit {unit!r} does not measure {kind.name}")
-        if offset and not kind.absolute:
-            raise ValueError(f"the unit {unit!r} is a point on a scale, a difference is in K")
+    if like is None:
+        return scale, offset
+    what = f"the unit {unit!r}" if unit else "a number without a unit"
+    if dimension != _unit(like.unit if isinstance(like, Kind) else like)[2]:
+        name = like.name if isinstance(like, Kind) else f"the same as {like!r}"
+        raise ValueError(f"{what} does not measure {name}")
+    if offset and isinstance(like, Kind) and not like.absolute:
+        raise ValueError(f"{what} is a point on a scale, a difference is in K")
     return scale, offset
 
 

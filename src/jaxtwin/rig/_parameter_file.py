@@ -1,0 +1,185 @@
+"""Parameter files: values in the form of a rig file's parameter table, as matching saves them.
+
+```toml
+[parameters]
+R_E = { value = 2.2, unit = "ohm", bounds = [1.0, 4.0], free = true }
+T_amb = { value = 16.0, unit = "degC", scope = "recording" }
+
+[recordings.zone-A]         # what differs between recordings, in the units above
+T_amb = 16.4
+```
+"""
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+from .._errors import ParameterError
+from ._bundled import read_toml
+from ._parameter import Parameter
+from ._problems import refuse, unknown
+from ._rig import Rig
+from ._units import unit_scale
+
+
+def write_parameters(
+    path: str | os.PathLike[str],
+    parameters: Iterable[Parameter],
+    recordings: Mapping[str, Mapping[str, float]] | None = None,
+    comment: str = "",
+) -> None:
+    """Writes a parameter file: as a whole or not at all.
+
+    **Arguments:**
+
+    - `path`: of the file; one that is there is replaced.
+    - `parameters`: with the values to write; `dataclasses.replace(parameter, value=...)` makes one
+      with another value.
+    - `recordings`: recording -> parameter -> value in the parameter's unit, for those that have a
+      value for each recording.
+    - `comment`: stands at the top of the file.
+
+    **Raises:** `ParameterError` where a value is no finite number or outside its bounds, a
+    recording has an unknown parameter, or the file cannot be written.
+    """
+    table = {parameter.name: parameter for parameter in parameters}
+    source = os.fspath(path)
+    for name, parameter in table.items():
+        _bounded(source, f"parameters.{name}", parameter.value, parameter)
+    for recording, values in (recordings or {}).items():
+        for name, value in values.items():
+            field = f"recordings.{recording}.{name}"
+            if name not in table:
+                _refuse(source, field, unknown("parameter", name, table))
+            _bounded(source, field, value, table[name])
+    text = "".join(f"# {line}\n" for line in comment.splitlines() if line.isprintable())
+    text += parameters_toml(table.values())
+    for recording, values in (recordings or {}).items():
+        text += f"\n[recordings.{_quoted(recording)}]\n"
+        text += "".join(f"{name} = {float(value)!r}\n" for name, value in values.items())
+    _replace(source, text)
+
+
+def parameters_toml(parameters: Iterable[Parameter]) -> str:
+    """The `[parameters]` table of a rig file or a parameter file."""
+    lines = ["[parameters]"]
+    for p in parameters:
+        entries = [f"value = {float(p.value)!r}", f"unit = {_quoted(p.unit)}"]
+        if math.isfinite(p.lower) or math.isfinite(p.upper):
+            entries.append(f"bounds = [{float(p.lower)!r}, {float(p.upper)!r}]")
+        entries += ["free = true"] * p.free
+        entries += [f"scope = {_quoted(p.scope)}"] * (p.scope != "shared")
+        entries += [f"description = {_quoted(p.description)}"] * bool(p.description)
+        lines.append(f"{p.name} = {{ {', '.join(entries)} }}")
+    return "\n".join(lines) + "\n"
+
+
+def read_parameters(
+    path: str | os.PathLike[str], rig: Rig, recording: str | None = None
+) -> dict[str, float]:
+    """Reads the values of a parameter file for a rig.
+
+    **Arguments:**
+
+    - `path`: of the file; a rig file will do as well.
+    - `rig`: whose parameters they are.
+    - `recording`: take the values of this recording where the file has some.
+
+    **Returns:** name -> value in the unit of the rig's parameter table, for the parameters that
+    stand in the file.
+
+    **Raises:** `ParameterError` where the file cannot be read, a parameter is not the rig's, its
+    unit measures something else, or its value is no finite number or outside its bounds: those in
+    the file where it has some (matching may have widened them), else those of the rig.
+    """
+    data, source = read_toml(path, ParameterError)
+    table = data.get("parameters")
+    if not isinstance(table, dict):
+        _refuse(source, "parameters", "missing, allowed is a table [parameters]")
+    recordings = data.get("recordings", {})
+    own = recordings.get(recording, {}) if isinstance(recordings, dict) else None
+    if not isinstance(own, dict):
+        _refuse(source, "recordings", "allowed are tables [recordings.NAME]")
+    values = {}
+    for name, row in table.items():
+        values[name] = _value(source, f"parameters.{name}", name, row, rig)
+    for name, value in own.items():
+        field = f"recordings.{recording}.{name}"
+        if name not in table:
+            _refuse(source, field, unknown("parameter", name, table))
+        values[name] = _value(source, field, name, {**table[name], "value": value}, rig)
+    return values
+
+
+def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
+    if name not in rig.parameters:
+        _refuse(source, field, unknown(f"parameter of {rig.name}", name, rig.parameters))
+    parameter = rig.parameters[name]
+    if not isinstance(row, dict) or not isinstance(row.get("unit"), str):
+        _refuse(source, field, f'found {row!r}, allowed is {{ value = 1.0, unit = "..." }}')
+    try:
+        scale, offset = unit_scale(row["unit"], parameter.unit)
+    except ValueError as problem:
+        _refuse(source, field, f"{problem}, allowed is {parameter.unit!r} or the like")
+
+    def number(value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            _refuse(source, field, f"found {value!r}, allowed is a number")
+        with suppress(OverflowError):
+            value = float(value)
+        return parameter.from_si(scale * value + offset)
+
+    bounds = row.get("bounds", [])
+    if not isinstance(bounds, list) or len(bounds) not in (0, 2):
+        _refuse(source, field, f"found bounds {bounds!r}, allowed is [lower, upper]")
+    if bounds:
+        lower, upper = (number(bound) for bound in bounds)
+        if parameter.lower > 0 >= lower:
+            _refuse(source, field, f"found the lower bound {lower:g}, allowed is above 0")
+        parameter = replace(parameter, lower=lower, upper=upper)
+    return _bounded(source, field, number(row.get("value")), parameter)
+
+
+def _bounded(source: str, field: str, value: float, parameter: Parameter) -> float:
+    lower, upper = parameter.lower, parameter.upper
+    # A value at a bound may have been through a logarithm or another unit.
+    for bound in (lower, upper):
+        if math.isclose(value, bound, rel_tol=1e-12):
+            return bound
+    if not (lower <= value <= upper and math.isfinite(value)):
+        _refuse(source, field, f"found {value:g}, allowed is {lower:g} to {upper:g}")
+    return value
+
+
+def _replace(source: str, text: str) -> None:
+    # Written beside its place and then moved there: a reader never sees half a file, and a full
+    # disk leaves the old one as it was.
+    path = Path(source)
+    try:
+        with tempfile.NamedTemporaryFile(
+            "wb", dir=path.parent, prefix=f".{path.name}.", delete=False
+        ) as file:
+            try:
+                file.write(text.encode("utf-8", "replace"))
+                file.flush()
+                os.fsync(file.fileno())
+                Path(file.name).replace(path)
+            except BaseException:
+                Path(file.name).unlink(missing_ok=True)
+                raise
+    except OSError as problem:
+        _refuse(source, "", f"cannot be written ({problem.strerror or problem})")
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _refuse(source: str, field: str, message: str) -> NoReturn:
+    refuse(source, field, message, ParameterError)
