@@ -1,0 +1,27 @@
+"""The physics: netlist, plate, thermoelectric module, driver, camera, and the twin of them all."""
+
+from ._assembly import build_netlist
+from ._camera import channel_weights, frame_to_channels, pixel_weights
+from ._dc_sweep import DCSweep
+from ._driver import Bridge, CellHeat
+from ._netlist import Link, Netlist, Node, ThermoelectricElement
+from ._system import System
+from ._thermoelectric import ThermoelectricModule
+from ._twin import Twin
+
+__all__ = [
+    "Bridge",
+    "CellHeat",
+    "DCSweep",
+    "Link",
+    "Netlist",
+    "Node",
+    "System",
+    "ThermoelectricElement",
+    "ThermoelectricModule",
+    "Twin",
+    "build_netlist",
+    "channel_weights",
+    "frame_to_channels",
+    "pixel_weights",
+]

@@ -1,0 +1,62 @@
+"""Rig -> netlist."""
+
+from ..rig import AMBIENT, Rig
+from ._netlist import Link, Netlist, Node, ThermoelectricElement
+from ._plate import circuit_links, element_capacitance, finite_volume_links
+
+
+def build_netlist(rig: Rig) -> Netlist:
+    """The network of a whole rig: plate elements first, then the nodes of each cell.
+
+    A cell adds a plate side `<cell>.TC`, a far side `<cell>.TH` and, where the rig gives one, a
+    sink `<cell>.SINK`, with the links plate - TC - TH - (SINK -) ambient of Fig. 9b and 13a.
+    """
+    plate = rig.plate
+    if rig.circuit is not None:
+        capacitances = {name: rig.circuit.capacitance for name in plate.element_names}
+        links = circuit_links(rig.circuit)
+    else:
+        capacitances = {name: element_capacitance(plate, name) for name in plate.element_names}
+        links = finite_volume_links(plate, _covered_faces(rig))
+    start = rig.initial_temperature
+    nodes = [Node(name, "plate", capacitance, start) for name, capacitance in capacitances.items()]
+    cells = []
+    for cell in rig.cells:
+        cold, hot = f"{cell.name}.TC", f"{cell.name}.TH"
+        initial = start if cell.initial_temperature is None else cell.initial_temperature
+        nodes += [Node(side, "cell", cell.side_capacitance, initial) for side in (cold, hot)]
+        links += [Link(element, cold, (value,), "contact") for element, value in cell.contacts]
+        links.append(Link(cold, hot, (cell.thermal_resistance,), "module"))
+        if cell.sink_capacitance is None or cell.sink_air_resistance is None:
+            links.append(Link(hot, AMBIENT, (cell.sink_resistance,), "sink"))
+        else:
+            sink = f"{cell.name}.SINK"
+            nodes.append(Node(sink, "sink", cell.sink_capacitance, start))
+            links.append(Link(hot, sink, (cell.sink_resistance,), "sink"))
+            links.append(Link(sink, AMBIENT, (cell.sink_air_resistance,), "sink"))
+        cells.append(
+            ThermoelectricElement(
+                name=cell.name,
+                cold=cold,
+                hot=hot,
+                seebeck_coefficient=cell.seebeck_coefficient,
+                electrical_resistance=cell.electrical_resistance,
+                thermal_resistance=cell.thermal_resistance,
+            )
+        )
+    return Netlist(tuple(nodes), tuple(links), tuple(cells))
+
+
+def _covered_faces(rig: Rig) -> dict[str, float]:
+    """Element -> the part of its two faces that cells cover.
+
+    A cell is taken to be as large as one element ("the area of these elements is selected to be
+    equal or proportional to the Peltier device area", section 3.2.1 of the paper), spread evenly
+    over the elements that it touches.
+    """
+    covered: dict[str, float] = {}
+    for cell in rig.cells:
+        for element, _ in cell.contacts:
+            share = 1 / len(cell.contacts)
+            covered[element] = min(1.0, covered.get(element, 0.0) + share / 2)
+    return covered

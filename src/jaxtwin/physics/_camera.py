@@ -1,0 +1,85 @@
+"""The infrared camera: frames -> zone means; node temperatures -> channels."""
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from .._errors import RigError
+from ..rig import Channel, Plate, Rig
+
+
+def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
+    """How much each plate element counts in each channel; every row sums to 1.
+
+    A channel given by named nodes takes their plain mean, one given by a rectangle the mean by
+    overlapping area.
+    """
+    weights = np.zeros((len(rig.channels), len(rig.plate.element_names)))
+    for row, channel in enumerate(rig.channels):
+        for column, element in enumerate(rig.plate.element_names):
+            weights[row, column] = _overlap(channel, rig.plate, element)
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def frame_to_channels(
+    rig: Rig, frames: Shaped[np.ndarray, "*frames height width"]
+) -> Float[np.ndarray, "*frames channels"]:
+    """Channel readings of camera frames: zone means and taps, Fig. 5d of the paper.
+
+    A channel is the mean of the pixels under its rectangle of the plate, by overlapping area, so
+    that a zone's edge may run through a pixel.
+    A channel given by nodes covers their elements.
+
+    **Arguments:**
+
+    - `rig`: its camera says which pixels show the plate.
+    - `frames`: one frame `(height, width)` or many, in any temperature unit; row 0 is the top.
+
+    **Returns:** `(..., channels)` in the order of the rig, in the unit of the frames.
+
+    **Raises:** `RigError` where the frames do not have the camera's resolution.
+    """
+    camera = rig.camera
+    if frames.shape[-2:] != (camera.height, camera.width):
+        raise RigError(
+            f"{rig.source}: camera.resolution: found frames of {frames.shape[-1]} x "
+            f"{frames.shape[-2]} pixels, allowed is {camera.width} x {camera.height}"
+        )
+    return np.einsum("...hw,chw->...c", np.asarray(frames, float), pixel_weights(rig))
+
+
+def pixel_weights(rig: Rig) -> Float[np.ndarray, "channels height width"]:
+    """How much each pixel counts in each channel; every channel sums to 1."""
+    camera, plate = rig.camera, rig.plate
+    x = _pixel_edges(camera.width, camera.view_x, plate.width)
+    y = _pixel_edges(camera.height, camera.view_y, plate.height)
+    weights = np.zeros((len(rig.channels), camera.height, camera.width))
+    for number, channel in enumerate(rig.channels):
+        for x0, x1, y0, y1 in _rectangles(channel, plate):
+            in_x, in_y = _covered(x, x0, x1), _covered(y, y0, y1)
+            weights[number] += in_y[:, None] * in_x[None, :]
+    return weights / weights.sum(axis=(1, 2), keepdims=True)
+
+
+def _pixel_edges(pixels: int, view: tuple[float, float], size: float) -> np.ndarray:
+    """Edges of the pixels of one axis in plate coordinates, m."""
+    first, last = view
+    return (np.arange(pixels + 1) - first) / (last - first) * size
+
+
+def _rectangles(channel: Channel, plate: Plate) -> list[tuple[float, float, float, float]]:
+    if channel.x is not None and channel.y is not None:
+        return [(*channel.x, *channel.y)]
+    return [plate.extent(element) for element in channel.nodes]
+
+
+def _overlap(channel: Channel, plate: Plate, element: str) -> float:
+    if channel.x is None or channel.y is None:
+        return float(element in channel.nodes)
+    left, right, top, bottom = plate.extent(element)
+    (x0, x1), (y0, y1) = channel.x, channel.y
+    return max(0.0, min(right, x1) - max(left, x0)) * max(0.0, min(bottom, y1) - max(top, y0))
+
+
+def _covered(edges: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Length of each interval between neighbouring edges that lies between low and high."""
+    return np.clip(np.minimum(edges[1:], high) - np.maximum(edges[:-1], low), 0, None)

@@ -1,0 +1,56 @@
+"""What a DC sweep of a thermoelectric module gives."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from jaxtyping import Float
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@final
+@dataclass(frozen=True)
+class DCSweep:
+    """Curves over the current, one for each temperature difference, Fig. 11 of the paper.
+
+    **Arguments:**
+
+    - `current`: `(currents,)`, A.
+    - `delta_T`: hot - cold, `(differences,)`, K.
+    - `T_hot`: K.
+    - `heat_flow`: Q_c absorbed at the cold side, less what is conducted back,
+      `(differences, currents)`, W.
+    - `power`: electrical, `(differences, currents)`, W.
+    """
+
+    current: Float[np.ndarray, " currents"]
+    delta_T: Float[np.ndarray, " differences"]
+    T_hot: float
+    heat_flow: Float[np.ndarray, "differences currents"]
+    power: Float[np.ndarray, "differences currents"]
+
+    @property
+    def cop(self) -> Float[np.ndarray, "differences currents"]:
+        """Coefficient of performance Q_c / P; NaN where no power flows."""
+        power = np.where(self.power > 0, self.power, np.nan)
+        return self.heat_flow / power
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The curves with dims (delta_T, current) and units in attrs."""
+        import xarray
+
+        dims = ("delta_T", "current")
+        return xarray.Dataset(
+            {
+                "heat_flow": (dims, self.heat_flow, {"units": "W"}),
+                "power": (dims, self.power, {"units": "W"}),
+                "cop": (dims, self.cop, {"units": "1"}),
+            },
+            coords={
+                "delta_T": ("delta_T", self.delta_T, {"units": "K"}),
+                "current": ("current", self.current, {"units": "A"}),
+            },
+            attrs={"T_hot_K": self.T_hot},
+        )

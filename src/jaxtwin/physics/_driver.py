@@ -1,0 +1,101 @@
+"""PWM and H-bridge: what a cell sees of the supply at a given duty cycle."""
+
+from typing import Literal, NamedTuple, final
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from ._thermoelectric import ThermoelectricModule
+
+
+class CellHeat(NamedTuple):
+    """Mean heat flows and power of the cells over a PWM period, each `(cells,)`.
+
+    - `cold`: $q_c$ out of the cold (plate) side, W.
+    - `hot`: $q_h$ into the hot (far) side, W.
+    - `current`: mean current, A.
+    - `power`: mean electrical power taken up between the terminals, $q_h - q_c$, W.
+    """
+
+    cold: Float[Array, " cells"]
+    hot: Float[Array, " cells"]
+    current: Float[Array, " cells"]
+    power: Float[Array, " cells"]
+
+
+@final
+class Bridge(eqx.Module):
+    r"""An H-bridge between a supply and each cell.
+
+    Positive duty $d$ heats the plate, so the terminal voltage is $-d V_s$ (the plate is at the
+    cold port and is heated by a reversed current).
+
+    `averaging = "voltage"` puts the mean voltage on the cell:
+    $I (R_E + R_{on} + |d| R_s) = -d V_s - \alpha (T_h - T_c)$.
+
+    `averaging = "on-off"` follows the two parts of a PWM period, during which temperatures stand
+    still, and averages their heat flows: for the fraction $|d|$ the cell is connected,
+    $I (R_E + R_{on} + R_s) = \mp V_s - \alpha (T_h - T_c)$; for the rest it is shorted by the
+    bridge, $I (R_E + R_{on}) = - \alpha (T_h - T_c)$, or open, $I = 0$.
+    The two differ: at half duty the mean voltage makes a quarter of the full Joule heat, on/off
+    switching half of it.
+
+    **Arguments:**
+
+    - `supply_voltage`: $V_s$, V.
+    - `supply_resistance`: $R_s$, of supply and leads, in series while connected, ohm.
+    - `on_resistance`: $R_{on}$, ohm.
+    """
+
+    supply_voltage: Float[ArrayLike, ""]
+    supply_resistance: Float[ArrayLike, ""]
+    on_resistance: Float[ArrayLike, ""]
+    averaging: Literal["voltage", "on-off"] = eqx.field(static=True)
+    off_phase: Literal["brake", "open"] = eqx.field(static=True)
+
+    def heat(
+        self,
+        module: ThermoelectricModule,
+        duty: Float[Array, " cells"],
+        cold_temperature: Float[Array, " cells"],
+        hot_temperature: Float[Array, " cells"],
+    ) -> CellHeat:
+        """Heat flows of all cells.
+
+        **Arguments:**
+
+        - `module`: constants of the cells, each `(cells,)`.
+        - `duty`: -1 to 1.
+        - `cold_temperature`, `hot_temperature`: absolute, K.
+        """
+        loop = module.electrical_resistance + self.on_resistance
+        emf = module.emf(hot_temperature - cold_temperature)
+        share = jnp.abs(duty)
+        if self.averaging == "voltage":
+            drive = -duty * self.supply_voltage
+            current = (drive - emf) / (loop + share * self.supply_resistance)
+            cold, hot = module.heat_flows(current, cold_temperature, hot_temperature)
+        else:
+            drive = -jnp.sign(duty) * self.supply_voltage
+            on = (drive - emf) / (loop + self.supply_resistance)
+            off = -emf / loop if self.off_phase == "brake" else jnp.zeros_like(emf)
+            cold_on, hot_on = module.heat_flows(on, cold_temperature, hot_temperature)
+            cold_off, hot_off = module.heat_flows(off, cold_temperature, hot_temperature)
+            current = share * on + (1 - share) * off
+            cold = share * cold_on + (1 - share) * cold_off
+            hot = share * hot_on + (1 - share) * hot_off
+        return CellHeat(cold, hot, current, hot - cold)
+
+    def back_emf_conductance(
+        self, module: ThermoelectricModule, temperature: float
+    ) -> Float[Array, " cells"]:
+        r"""The thermal conductance that the Seebeck voltage adds to a shorted module, W/K.
+
+        A difference drives the current $\alpha \Delta T / R$, which carries the Peltier heat
+        $\alpha T$ times itself: $\alpha^2 T / R$ at the absolute `temperature` $T$. Solvers take
+        it out of the nonlinear part, where it would be stiff.
+        """
+        loop = module.electrical_resistance + self.on_resistance
+        conductance = jnp.asarray(module.seebeck_coefficient) ** 2 * temperature / loop
+        return conductance if self.off_phase == "brake" else conductance / 2

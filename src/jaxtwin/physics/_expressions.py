@@ -1,0 +1,41 @@
+"""Many physical values as one matrix product, so that a rig of any size compiles quickly."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, final
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..rig import Value
+
+
+@final
+class Expressions:
+    """Sums of values (products of parameters), all evaluated at once.
+
+    A network has hundreds of values but few distinct products of parameters: these are computed
+    one by one, and a constant matrix does the rest.
+
+    **Arguments:**
+
+    - `sums`: each entry of the result is the sum of these values.
+    """
+
+    def __init__(self, sums: Sequence[Sequence[Value]]):
+        distinct = dict.fromkeys(value.powers for terms in sums for value in terms)
+        column = {powers: number for number, powers in enumerate(distinct)}
+        self.products = tuple(Value(1.0, powers) for powers in distinct)
+        factors = np.zeros((len(sums), len(distinct)))
+        for row, terms in enumerate(sums):
+            for value in terms:
+                factors[row, column[value.powers]] += value.factor
+        self.factors = factors
+
+    def __call__(self, parameters_si: Mapping[str, Any]) -> Float[Array, " sums"]:
+        """The sums for given parameters in SI units."""
+        products = [jnp.asarray(value.evaluate(parameters_si)) for value in self.products]
+        if not products:
+            return jnp.zeros(len(self.factors))
+        stacked = jnp.stack(jnp.broadcast_arrays(*products))
+        return jnp.asarray(self.factors, stacked.dtype) @ stacked

@@ -1,0 +1,134 @@
+"""The common form that every rig is turned into: nodes, links and thermoelectric cells."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, final
+
+from ..rig import AMBIENT, Value
+
+NodeKind = Literal["plate", "cell", "sink"]
+
+
+@final
+@dataclass(frozen=True)
+class Node:
+    """A lumped heat capacity at one temperature.
+
+    **Arguments:**
+
+    - `name`: unique in the netlist.
+    - `kind`: where it belongs: the plate, a side of a cell, or a sink.
+    - `capacitance`: J/K.
+    - `initial_temperature`: at the start of a run, K.
+    """
+
+    name: str
+    kind: NodeKind
+    capacitance: Value
+    initial_temperature: Value
+
+
+@final
+@dataclass(frozen=True)
+class Link:
+    """A thermal resistance between two nodes, or between a node and the surroundings.
+
+    **Arguments:**
+
+    - `a`, `b`: names of nodes; `b` may be `"ambient"`.
+    - `resistances`: in series, K/W; conduction and convection of eq. (6), for example.
+    - `role`: what it stands for: `"conduction"`, `"film"`, `"contact"`, `"module"` or `"sink"`.
+    """
+
+    a: str
+    b: str
+    resistances: tuple[Value, ...]
+    role: Literal["conduction", "film", "contact", "module", "sink"]
+
+    def resistance(self, parameters_si: Mapping[str, float]) -> float:
+        """The whole resistance for given parameters in SI units, K/W."""
+        return sum(value.evaluate(parameters_si) for value in self.resistances)
+
+
+@final
+@dataclass(frozen=True)
+class ThermoelectricElement:
+    """The heat that the current of one cell moves between its two sides.
+
+    **Arguments:**
+
+    - `name`: of the cell.
+    - `cold`, `hot`: nodes of the cold and the hot side, named as in eqs. (7)-(9). The cold side is
+      the one at the plate; a drive that heats the plate reverses the current.
+    - `seebeck_coefficient`: V/K.
+    - `electrical_resistance`: ohm.
+    - `thermal_resistance`: K/W; it also stands among the links.
+    """
+
+    name: str
+    cold: str
+    hot: str
+    seebeck_coefficient: Value
+    electrical_resistance: Value
+    thermal_resistance: Value
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Netlist:
+    """A thermal network with thermoelectric cells.
+
+    Netlists are equal, and have the same hash, when their contents are: compiled code is shared.
+
+    **Arguments:**
+
+    - `nodes`, `links`, `cells`: in the order in which all arrays hold them.
+    """
+
+    nodes: tuple[Node, ...]
+    links: tuple[Link, ...]
+    cells: tuple[ThermoelectricElement, ...]
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """Position of each node."""
+        return {node.name: position for position, node in enumerate(self.nodes)}
+
+    def capacitance(
+        self, parameters_si: Mapping[str, float], kind: NodeKind | None = None
+    ) -> float:
+        """Sum over all nodes, or those of a kind, J/K."""
+        return sum(
+            node.capacitance.evaluate(parameters_si)
+            for node in self.nodes
+            if kind in (None, node.kind)
+        )
+
+    def ambient_conductance(
+        self, parameters_si: Mapping[str, float], kind: NodeKind | None = None
+    ) -> float:
+        """Sum over all links to the surroundings, or those of nodes of a kind, W/K."""
+        return sum(
+            1 / link.resistance(parameters_si)
+            for link in self.links
+            if link.b == AMBIENT and kind in (None, self.nodes[self.index[link.a]].kind)
+        )
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Changes with the contents."""
+        contents = repr((self.nodes, self.links, self.cells))
+        return hashlib.sha256(contents.encode()).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Netlist) and self.fingerprint == other.fingerprint
+
+    def __hash__(self) -> int:
+        return hash(self.fingerprint)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Netlist: {len(self.nodes)} nodes, {len(self.links)} links, {len(self.cells)} cells>"
+        )

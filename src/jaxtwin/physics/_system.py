@@ -1,0 +1,126 @@
+r"""A rig's equations with numbers in them: the thermal network coupled to its cells.
+
+For every node, with $x$ the deviation of temperatures from a constant reference $T_{ref}$ (the
+ambient temperature at the start), $u$ the duty cycles and $a$ the ambient's own deviation:
+
+$$C \dot x = -G x + g_{amb} a + q(x, u)$$
+
+$G$ is the conductance matrix of the network, $q$ the heat that the cells move (eq. 9 of the
+paper), which acts on the two sides of each cell alone.
+Deviations instead of temperatures near 300 K keep float32 usable.
+"""
+
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ._driver import Bridge, CellHeat
+from ._thermoelectric import ThermoelectricModule
+from ._wiring import Wiring
+
+
+@final
+class System(eqx.Module):
+    """The network of a twin for one set of parameter values, all in SI units.
+
+    **Arguments:**
+
+    - `capacitance`: of the nodes, J/K.
+    - `conductance`: $G$, symmetric, with the links to the surroundings on its diagonal, W/K.
+    - `ambient_conductance`: of each node to the surroundings, W/K.
+    - `module`: constants of the cells.
+    - `bridge`: supply and switches.
+    - `ambient_temperature`, `initial_temperature` of the nodes: absolute, K.
+    - `gain`: of the channels.
+    """
+
+    capacitance: Float[Array, " nodes"]
+    conductance: Float[Array, "nodes nodes"]
+    ambient_conductance: Float[Array, " nodes"]
+    module: ThermoelectricModule
+    bridge: Bridge
+    ambient_temperature: Float[Array, ""]
+    initial_temperature: Float[Array, " nodes"]
+    gain: Float[Array, " channels"]
+    wiring: Wiring = eqx.field(static=True)
+
+    @classmethod
+    def assemble(cls, wiring: Wiring, parameters_si: dict[str, Float[Array, ""]]) -> "System":
+        """Puts numbers into a wiring."""
+        conductances = 1 / wiring.resistances(parameters_si)
+        dtype = conductances.dtype
+        pairs = jnp.asarray(wiring.pair_links, dtype) @ conductances
+        between = jnp.append(pairs, jnp.zeros((), dtype))[wiring.pair_of]
+        ambient = jnp.asarray(wiring.ambient_links, dtype) @ conductances
+        seebeck, electrical, thermal = wiring.module_constants(parameters_si).reshape(3, -1)
+        voltage, supply, on = wiring.bridge_constants(parameters_si)
+        return cls(
+            capacitance=wiring.capacitances(parameters_si),
+            conductance=jnp.diag(between.sum(axis=1) + ambient) - between,
+            ambient_conductance=ambient,
+            module=ThermoelectricModule(seebeck, electrical, thermal),
+            bridge=Bridge(voltage, supply, on, wiring.averaging, wiring.off_phase),
+            ambient_temperature=wiring.ambient(parameters_si)[0],
+            initial_temperature=wiring.initial(parameters_si),
+            gain=wiring.gains(parameters_si),
+            wiring=wiring,
+        )
+
+    def cell_heat(
+        self, side_temperatures: Float[Array, " sides"], duty: Float[Array, " cells"]
+    ) -> CellHeat:
+        """Heat flows of the cells.
+
+        **Arguments:**
+
+        - `side_temperatures`: all cold sides, then all hot sides; absolute, K.
+        - `duty`: -1 to 1.
+        """
+        cold, hot = jnp.split(side_temperatures, 2)
+        return self.bridge.heat(self.module, duty, cold, hot)
+
+    def heat_into_nodes(
+        self,
+        deviation: Float[Array, " nodes"],
+        duty: Float[Array, " cells"],
+        reference: Float[Array, ""],
+        ambient_deviation: Float[Array, ""] | float = 0.0,
+    ) -> Float[Array, " nodes"]:
+        """The right-hand side $-G x + g_{amb} a + q(x, u)$, W."""
+        wiring = self.wiring
+        sides = np.concatenate([wiring.cold, wiring.hot])
+        heat = self.cell_heat(deviation[sides] + reference, duty)
+        linear = -self.conductance @ deviation + self.ambient_conductance * ambient_deviation
+        return linear.at[wiring.cold].add(-heat.cold).at[wiring.hot].add(heat.hot)
+
+    def steady_state(
+        self, duty: Float[Array, " cells"], reference: Float[Array, ""]
+    ) -> Float[Array, " nodes"]:
+        """The deviation at which nothing changes any more under a constant duty.
+
+        Newton's method from the linear network's state; with one or two cells a handful of
+        iterations reach rounding.
+        """
+
+        def residual(deviation: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
+            return self.heat_into_nodes(deviation, duty, reference)
+
+        def newton(_: int, deviation: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
+            slope = jax.jacfwd(residual)(deviation)
+            return deviation - jnp.linalg.solve(slope, residual(deviation))
+
+        return jax.lax.fori_loop(0, 12, newton, jnp.zeros_like(self.capacitance))
+
+    def channel_temperatures(
+        self,
+        deviation: Float[Array, "*times nodes"],
+        ambient_deviation: Float[Array, "*times 1"] | float = 0.0,
+    ) -> Float[Array, "*times channels"]:
+        """What the camera reads, as deviation from the reference: ambient + gain (T - ambient)."""
+        weights = jnp.asarray(self.wiring.channel_weights, deviation.dtype)
+        rise = deviation @ weights.T - ambient_deviation
+        return self.gain * rise + ambient_deviation

@@ -1,0 +1,159 @@
+r"""The thermoelectric module, eqs. (7)-(10) of the paper.
+
+Signs as in the authors' circuit: the current $I$ is positive when it pumps heat out of the cold
+side.
+
+$$EMF = \alpha (T_h - T_c), \quad
+q_c = \alpha I T_c - \tfrac12 R_E I^2, \quad
+q_h = \alpha I T_h + \tfrac12 R_E I^2$$
+
+$q_c$ leaves the cold side, $q_h$ enters the hot side, and $q_h - q_c = I V$ with
+$V = EMF + R_E I$.
+Heat also flows back through the module's thermal resistance $R_{Th}$; in a twin that is a link of
+the network, and only the DC sweep adds it here.
+"""
+
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..rig import load_module
+from ._dc_sweep import DCSweep
+
+
+@final
+class ThermoelectricModule(eqx.Module):
+    """A thermoelectric (Peltier) module.
+
+    **Arguments:**
+
+    - `seebeck_coefficient`: of the whole module, V/K.
+    - `electrical_resistance`: ohm.
+    - `thermal_resistance`: between the two sides, K/W.
+    """
+
+    seebeck_coefficient: Float[ArrayLike, "*cells"]
+    electrical_resistance: Float[ArrayLike, "*cells"]
+    thermal_resistance: Float[ArrayLike, "*cells"]
+
+    @classmethod
+    def from_datasheet(
+        cls,
+        name: str | None = None,
+        *,
+        maximum_voltage: float | None = None,
+        maximum_current: float | None = None,
+        maximum_temperature_difference: float | None = None,
+        hot_side_temperature: float | None = None,
+    ) -> "ThermoelectricModule":
+        r"""A module from its datasheet, eq. (10) of the paper:
+
+        $$\alpha = \frac{V_{max}}{T_h}, \quad
+        R_E = \frac{V_{max}}{I_{max}} \frac{T_h - \Delta T_{max}}{T_h}, \quad
+        R_{Th} = \frac{\Delta T_{max}}{I_{max} V_{max}} \frac{2 T_h}{T_h - \Delta T_{max}}$$
+
+        **Arguments:**
+
+        - `name`: a bundled datasheet such as `"TEC1-12706"`, or None where the following give one.
+        - `maximum_voltage` (V), `maximum_current` (A), `maximum_temperature_difference` (K) at
+          `hot_side_temperature` (K): $V_{max}$, $I_{max}$, $\Delta T_{max}$, $T_h$. Beside a name
+          they replace what the datasheet says.
+
+        **Raises:** `RigError` where no datasheet has this name; `ValueError` where a number is
+        missing, not above 0, or the difference is not below the hot side temperature.
+        """
+        given = {
+            "maximum_voltage": maximum_voltage,
+            "maximum_current": maximum_current,
+            "maximum_temperature_difference": maximum_temperature_difference,
+            "hot_side_temperature": hot_side_temperature,
+        }
+        sheet = load_module(name) if name is not None else None
+        numbers = {
+            field: getattr(sheet, field) if value is None and sheet is not None else value
+            for field, value in given.items()
+        }
+        for field, value in numbers.items():
+            if value is None or not 0 < value < np.inf:
+                raise ValueError(f"{field}: found {value}, allowed is a number above 0")
+        V_max, I_max, dT_max, T_h = (float(value) for value in numbers.values())
+        if dT_max >= T_h:
+            raise ValueError(
+                f"maximum_temperature_difference: found {dT_max} K, allowed is below the "
+                f"hot_side_temperature of {T_h} K"
+            )
+        return cls(
+            seebeck_coefficient=V_max / T_h,
+            electrical_resistance=V_max / I_max * (T_h - dT_max) / T_h,
+            thermal_resistance=dT_max / (I_max * V_max) * 2 * T_h / (T_h - dT_max),
+        )
+
+    def heat_flows(
+        self,
+        current: Float[ArrayLike, "*shape"],
+        cold_temperature: Float[ArrayLike, "*shape"],
+        hot_temperature: Float[ArrayLike, "*shape"],
+    ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
+        """Peltier and Joule heat, eqs. (8) and (9).
+
+        **Arguments:**
+
+        - `current`: A.
+        - `cold_temperature`, `hot_temperature`: absolute, K.
+
+        **Returns:** $q_c$ out of the cold side and $q_h$ into the hot side, W.
+        """
+        peltier = self.seebeck_coefficient * current
+        half_joule = 0.5 * self.electrical_resistance * current**2
+        return peltier * cold_temperature - half_joule, peltier * hot_temperature + half_joule
+
+    def emf(self, temperature_difference: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
+        """Electromotive force for a difference hot - cold, eq. (7), V."""
+        return self.seebeck_coefficient * temperature_difference
+
+    def optimum_current(self, cold_temperature: float) -> float:
+        r"""The current of the largest heat flow at a given difference, $\alpha T_c / R_E$, A."""
+        return float(self.seebeck_coefficient * cold_temperature / self.electrical_resistance)
+
+    def maximum_temperature_difference(self, cold_temperature: float) -> float:
+        r"""The difference at which no heat can be pumped any more, K.
+
+        $\tfrac12 Z T_c^2$ with the figure of merit $Z = \alpha^2 R_{Th} / R_E$.
+        """
+        merit = self.seebeck_coefficient**2 * self.thermal_resistance / self.electrical_resistance
+        return float(0.5 * merit * cold_temperature**2)
+
+    def dc_sweep(
+        self,
+        currents: Float[ArrayLike, " currents"] | list[float],
+        delta_T: Float[ArrayLike, " differences"] | list[float],
+        T_hot: float,
+    ) -> DCSweep:
+        """Heat flow and coefficient of performance over the current, Fig. 11 of the paper.
+
+        **Arguments:**
+
+        - `currents`: A.
+        - `delta_T`: differences hot - cold, one curve each, K.
+        - `T_hot`: hot side temperature, K; the cold side is at `T_hot - delta_T`.
+
+        **Returns:** a `DCSweep`.
+
+        **Raises:** `ValueError` where a difference is not below `T_hot` or a number is not finite.
+        """
+        I = np.atleast_1d(np.asarray(currents, float))  # noqa: E741
+        dT = np.atleast_1d(np.asarray(delta_T, float))
+        if not (np.isfinite(I).all() and np.isfinite(dT).all() and (dT < T_hot).all()):
+            raise ValueError(
+                f"dc_sweep: allowed are finite currents and differences below T_hot = {T_hot} K"
+            )
+        with jax.enable_x64(True):
+            cold = jnp.broadcast_to(T_hot - dT[:, None], (dT.size, I.size))
+            q_c, q_h = self.heat_flows(I[None, :] + 0 * cold, cold, jnp.full_like(cold, T_hot))
+            pumped = np.asarray(q_c - dT[:, None] / self.thermal_resistance)
+            power = np.asarray(q_h - q_c)
+        return DCSweep(current=I, delta_T=dT, T_hot=float(T_hot), heat_flow=pumped, power=power)

@@ -1,0 +1,130 @@
+"""The twin: a rig with values for its parameters."""
+
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._errors import ParameterError
+from ..rig import Rig, load_rig
+from ._netlist import Netlist
+from ._system import System
+from ._thermoelectric import ThermoelectricModule
+from ._wiring import Wiring, wiring_of
+
+if TYPE_CHECKING:
+    from ..io import Experiment
+    from ..simulation import Run
+
+
+@final
+class Twin(eqx.Module):
+    """A rig that can be run, differentiable in every parameter.
+
+    A twin is a PyTree whose leaves are its parameter values: it can be passed through `jax.jit`,
+    `jax.vmap` and `jax.grad`. New values never compile anything anew.
+
+    **Arguments:**
+
+    - `rig`: a `Rig`, or what `load_rig` takes.
+    - `parameters`: values that replace those of the rig's table, name -> value in the table's unit;
+      one of `rig.parameter_sets`, for example.
+
+    **Raises:** `ParameterError` for a name that the rig does not have or a value that is no number.
+    """
+
+    parameters: dict[str, Float[Array | np.ndarray, "*draws"]]
+    rig: Rig = eqx.field(static=True)
+
+    def __init__(
+        self, rig: Rig | str | os.PathLike[str], parameters: Mapping[str, Any] | None = None
+    ):
+        self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        values = {name: np.float64(row.value) for name, row in self.rig.parameters.items()}
+        self.parameters = _replaced(self.rig, {k: np.asarray(v) for k, v in values.items()}, parameters)
+
+    def with_parameters(self, parameters: Mapping[str, Any]) -> "Twin":
+        """The same rig with other values, name -> value in the unit of the rig's table.
+
+        **Raises:** `ParameterError` as above.
+        """
+        values = _replaced(self.rig, self.parameters, parameters)
+        return eqx.tree_at(lambda twin: twin.parameters, self, values)
+
+    @property
+    def wiring(self) -> Wiring:
+        """The constant structure of the rig's equations."""
+        return wiring_of(self.rig)
+
+    @property
+    def netlist(self) -> Netlist:
+        """Nodes, links and cells."""
+        return self.wiring.netlist
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the camera channels."""
+        return self.wiring.channels
+
+    @property
+    def parameters_si(self) -> dict[str, Float[Array, "*draws"]]:
+        """All values in SI units."""
+        table = self.rig.parameters
+        return {name: table[name].to_si(jnp.asarray(v)) for name, v in self.parameters.items()}
+
+    def system(self) -> System:
+        """The equations with these values in them; a pure function of the parameters."""
+        return System.assemble(self.wiring, self.parameters_si)
+
+    def module(self, cell: str) -> ThermoelectricModule:
+        """The thermoelectric module of a cell, for a DC sweep, say.
+
+        **Raises:** `ParameterError` where the rig has no such cell.
+        """
+        for element in self.netlist.cells:
+            if element.name == cell:
+                values = {
+                    name: np.float64(self.rig.parameters[name].to_si(value))
+                    for name, value in self.parameters.items()
+                }
+                return ThermoelectricModule(
+                    np.float64(element.seebeck_coefficient.evaluate(values)),
+                    np.float64(element.electrical_resistance.evaluate(values)),
+                    np.float64(element.thermal_resistance.evaluate(values)),
+                )
+        names = ", ".join(element.name for element in self.netlist.cells)
+        raise ParameterError(f"{self.rig.name}: found cell {cell!r}, allowed are {names}")
+
+    def simulate(self, experiment: "Experiment", **options: Any) -> "Run":
+        """Runs the twin through an experiment: `jaxtwin.simulate(self, experiment, ...)`."""
+        # The twin knows nothing of solvers; this is a convenience for people at a prompt.
+        from ..simulation import simulate
+
+        return simulate(self, experiment, **options)
+
+    def __repr__(self) -> str:
+        return f"<Twin of {self.rig.name}: {len(self.parameters)} parameters>"
+
+
+def _replaced(
+    rig: Rig, values: dict[str, Any], changes: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    replaced = dict(values)
+    for name, value in (changes or {}).items():
+        if name not in rig.parameters:
+            raise ParameterError(
+                f"{rig.name}: unknown parameter {name!r}, allowed are {', '.join(rig.parameters)}"
+            )
+        # Tracers have no number to look at yet.
+        if isinstance(value, int | float | np.ndarray | np.generic):
+            value = np.asarray(value, dtype=float)
+            if not np.isfinite(value).all():
+                raise ParameterError(
+                    f"{rig.name}: parameter {name}: found {value}, allowed are finite numbers"
+                )
+        replaced[name] = value
+    return replaced

@@ -1,0 +1,94 @@
+"""How a rig's nodes, links, cells and channels hang together, as constant arrays.
+
+Everything in here is known before any parameter has a value. It is made once for a rig and takes
+part in compiled code as a constant.
+"""
+
+from functools import lru_cache
+from typing import final
+
+import numpy as np
+
+from ..rig import AMBIENT, Rig
+from ._assembly import build_netlist
+from ._camera import channel_weights
+from ._expressions import Expressions
+from ._netlist import Netlist
+
+
+@final
+class Wiring:
+    """Index arrays and expression tables of a rig, equal for rigs of equal content.
+
+    - `netlist`, and `capacitances` of its nodes, `resistances` of its links, `initial` node
+      temperatures, `ambient` temperature, `gains` of the channels, as `Expressions`;
+      `module_constants` and `bridge_constants` likewise, one row a constant.
+    - `pair_links` (pairs, links): which links connect each pair of neighbouring nodes;
+      `pair_of` (nodes, nodes): the pair of two nodes, or the number of pairs where they are none.
+    - `ambient_links` (nodes, links): which links lead from a node to the surroundings.
+    - `cold`, `hot` (cells,): the nodes of the cells' two sides.
+    - `channel_weights` (channels, nodes).
+    """
+
+    def __init__(self, rig: Rig, netlist: Netlist):
+        self.netlist = netlist
+        self.averaging = rig.driver.averaging
+        self.off_phase = rig.driver.off_phase
+        self.channels = tuple(channel.name for channel in rig.channels)
+        nodes, links, cells = netlist.nodes, netlist.links, netlist.cells
+
+        self.capacitances = Expressions([[node.capacitance] for node in nodes])
+        self.resistances = Expressions([link.resistances for link in links])
+        self.initial = Expressions([[node.initial_temperature] for node in nodes])
+        self.ambient = Expressions([[rig.ambient_temperature]])
+        self.gains = Expressions([[channel.gain] for channel in rig.channels])
+        self.module_constants = Expressions(
+            [[cell.seebeck_coefficient] for cell in cells]
+            + [[cell.electrical_resistance] for cell in cells]
+            + [[cell.thermal_resistance] for cell in cells]
+        )
+        driver = rig.driver
+        self.bridge_constants = Expressions(
+            [[driver.supply_voltage], [driver.supply_resistance], [driver.on_resistance]]
+        )
+
+        index = netlist.index
+        self.cold = np.array([index[cell.cold] for cell in cells], dtype=np.int32)
+        self.hot = np.array([index[cell.hot] for cell in cells], dtype=np.int32)
+        inner = [
+            (number, *sorted((index[link.a], index[link.b])))
+            for number, link in enumerate(links)
+            if link.b != AMBIENT
+        ]
+        pairs = {pair: number for number, pair in enumerate(dict.fromkeys(p[1:] for p in inner))}
+        self.pair_links = np.zeros((len(pairs), len(links)))
+        self.pair_of = np.full((len(nodes), len(nodes)), len(pairs), dtype=np.int32)
+        for number, a, b in inner:
+            pair = pairs[a, b]
+            self.pair_links[pair, number] = 1.0
+            self.pair_of[a, b] = self.pair_of[b, a] = pair
+        self.ambient_links = np.zeros((len(nodes), len(links)))
+        for number, link in enumerate(links):
+            if link.b == AMBIENT:
+                self.ambient_links[index[link.a], number] = 1.0
+
+        elements = channel_weights(rig)
+        self.channel_weights = np.zeros((len(rig.channels), len(nodes)))
+        self.channel_weights[:, : elements.shape[1]] = elements
+
+        parts = (rig.driver, rig.channels, rig.ambient_temperature, rig.plate.columns)
+        self._key = netlist.fingerprint + repr(parts)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Wiring) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+@lru_cache(maxsize=32)
+def wiring_of(rig: Rig) -> Wiring:
+    """The wiring of a rig, made once."""
+    return Wiring(rig, build_netlist(rig))
+
+
