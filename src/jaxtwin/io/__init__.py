@@ -1,0 +1,19 @@
+"""Recordings: found or fetched, read, checked and written."""
+
+from ._experiment import Experiment
+from ._fetch import fetch_recordings
+from ._locate import find_recordings
+from ._published import SINGLE_CELL, TWO_CELL, PublishedRecording
+from ._read import read_recording
+from ._write import write_recording
+
+__all__ = [
+    "SINGLE_CELL",
+    "TWO_CELL",
+    "Experiment",
+    "PublishedRecording",
+    "fetch_recordings",
+    "find_recordings",
+    "read_recording",
+    "write_recording",
+]

@@ -1,0 +1,152 @@
+"""What the fields of an `Experiment` must be; each check returns the field as it is held."""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from .._errors import RecordingError
+
+ABSOLUTE_ZERO = -273.15  # degC
+ROUNDING = 1e-9  # counts / 255 and unit conversions may leave this much above full duty
+
+
+def checked_time(time: ArrayLike) -> Float[np.ndarray, "times"]:
+    """Time `(times,)`, s: finite and strictly increasing, at least two samples."""
+    times = _numbers(time, "time")
+    if times.ndim != 1:
+        raise RecordingError(f"time has shape {times.shape}; allowed is (times,)")
+    if times.size < 2:
+        raise RecordingError(f"the recording is empty: {times.size} samples; at least 2 are needed")
+    _check_finite(times, "time", times)
+    (late,) = np.nonzero(np.diff(times) <= 0)
+    if late.size:
+        k = late[0]
+        raise RecordingError(
+            f"time does not increase at sample {k + 1}: {times[k + 1]:g} s after {times[k]:g} s; "
+            "each time must be later than the one before"
+        )
+    return times
+
+
+def checked_duty(
+    duty: ArrayLike, time: Float[np.ndarray, "times"]
+) -> Float[np.ndarray, "times cells"]:
+    """Duty cycles `(times, cells)`: finite, -1 to 1, at least one cell."""
+    values = _numbers(duty, "duty")
+    if values.ndim == 1:
+        values = values[:, None]
+    if values.ndim != 2 or values.shape[0] != time.size or values.shape[1] == 0:
+        raise RecordingError(
+            f"duty has shape {np.shape(values)}; allowed is (times, cells) with {time.size} times "
+            "and at least one cell"
+        )
+    for cell, column in enumerate(values.T):
+        _check_finite(column, f"duty of cell {cell + 1}", time)
+    outside = np.argwhere(np.abs(values) > 1 + ROUNDING)
+    if outside.size:
+        k, cell = outside[0]
+        raise RecordingError(
+            f"duty of cell {cell + 1} is {values[k, cell]:g} at {_sample(k, time)}; "
+            "allowed is -1 to 1"
+        )
+    return _held(np.clip(values, -1, 1))
+
+
+def checked_channels(channels: Sequence[str]) -> tuple[str, ...]:
+    """Channel names, each once. A single string is one name."""
+    names = (channels,) if isinstance(channels, str) else tuple(channels)
+    for name in names:
+        if not isinstance(name, str) or not re.fullmatch(r"\w([\w .-]*\w)?", name):
+            raise RecordingError(
+                f"channel name {name!r}: allowed are letters, digits and, between them, '_-.' "
+                "and blanks"
+            )
+        if name == "ambient":
+            raise RecordingError("channel name 'ambient' is taken: give it as the argument ambient")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise RecordingError(f"channel {', '.join(twice)} occurs more than once; allowed is once")
+    return names
+
+
+def checked_temperatures(
+    temperatures: ArrayLike | None, time: Float[np.ndarray, "times"], channels: tuple[str, ...]
+) -> Float[np.ndarray, "times channels"] | None:
+    """Temperatures `(times, channels)`, degC: finite and above absolute zero, or `None`."""
+    if temperatures is None:
+        return None
+    values = _numbers(temperatures, "temperatures")
+    if values.ndim == 1:
+        values = values[:, None]
+    if values.shape != (time.size, len(channels)) or not channels:
+        raise RecordingError(
+            f"temperatures have shape {values.shape}; allowed is (times, channels) with "
+            f"{time.size} times and one column for each channel name, of which there are "
+            f"{len(channels)}"
+        )
+    for name, column in zip(channels, values.T, strict=True):
+        _check_temperature(column, f"temperature {name}", time)
+    return values
+
+
+def checked_ambient(
+    ambient: ArrayLike | None, time: Float[np.ndarray, "times"]
+) -> float | Float[np.ndarray, "times"] | None:
+    """Ambient temperature, degC: a number, a series `(times,)`, or `None`."""
+    if ambient is None:
+        return None
+    values = _numbers(ambient, "ambient")
+    if values.shape not in ((), time.shape):
+        raise RecordingError(
+            f"ambient has shape {values.shape}; allowed is one number or ({time.size},)"
+        )
+    _check_temperature(np.broadcast_to(values, time.shape), "ambient", time)
+    if np.all(values == values.flat[0]):
+        return float(values.flat[0])
+    return values
+
+
+def _numbers(values: ArrayLike, field: str) -> np.ndarray:
+    if np.ma.is_masked(values):  # the mask would be lost and what it hides come to light
+        raise RecordingError(f"{field} has masked values; allowed are finite numbers")
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        raise RecordingError(f"{field} is no array of numbers: its rows differ in length") from None
+    if array.size and array.dtype.kind not in "iuf":
+        raise RecordingError(f"{field} holds {array.dtype.name} values; allowed are real numbers")
+    return _held(array)
+
+
+def _held(array: np.ndarray) -> np.ndarray:
+    """A copy that nobody else can change, so that an experiment and its fingerprint stay true."""
+    copy = np.array(array, np.float64, order="C")
+    copy.setflags(write=False)
+    return copy
+
+
+def _check_finite(values: np.ndarray, field: str, time: np.ndarray) -> None:
+    (wrong,) = np.nonzero(~np.isfinite(values))
+    if wrong.size:
+        k = wrong[0]
+        raise RecordingError(
+            f"{field} is {values[k]} at {_sample(k, time)}; allowed are finite numbers"
+        )
+
+
+def _check_temperature(values: np.ndarray, field: str, time: np.ndarray) -> None:
+    _check_finite(values, field, time)
+    (wrong,) = np.nonzero(values < ABSOLUTE_ZERO)
+    if wrong.size:
+        k = wrong[0]
+        raise RecordingError(
+            f"{field} is {values[k]:g} degC at {_sample(k, time)}; "
+            f"allowed is {ABSOLUTE_ZERO} degC and above"
+        )
+
+
+def _sample(k: int | np.integer, time: np.ndarray) -> str:
+    return f"sample {k} (counted from 0, t = {time[k]:g} s)"

@@ -1,0 +1,288 @@
+"""One experiment on a rig: the drive that it was given and the temperatures that it answered."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from .._errors import RecordingError
+from ._checks import (
+    checked_ambient,
+    checked_channels,
+    checked_duty,
+    checked_temperatures,
+    checked_time,
+)
+from ._schedule import schedule_samples
+
+if TYPE_CHECKING:
+    import xarray
+
+GAP_FACTOR = 3.0
+"""A step longer than this many median steps is a gap: samples were lost, not merely late."""
+
+
+@final
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Experiment:
+    """Inputs, outputs and ambient of one run of a rig, checked, unchangeable, held as float64.
+
+    Two experiments are equal when their contents are, whatever their names; `fingerprint` is what
+    a cache keys by.
+
+    **Arguments:**
+
+    - `time`: strictly increasing, at least two samples, `(times,)`, s. It need not start at 0.
+    - `duty`: duty cycle of each cell, -1 to 1, positive heats the plate, `(times, cells)`, or
+        `(times,)` for a single cell. Sample k is held until time k + 1.
+    - `channels`: names of the temperature channels. They may be given without temperatures, to
+        say which ones a simulation should return.
+    - `temperatures`: recorded temperatures `(times, channels)`, degC, or `None`.
+    - `ambient`: ambient temperature, degC: one number, a series `(times,)`, or `None` where it is
+        not known. A series that never changes is held as one number.
+    - `name`: a label for plots and tables.
+
+    **Raises:**
+
+    `RecordingError` that names the sample and what is allowed: numbers that are not finite, time
+    that does not increase, a duty cycle outside -1 to 1, temperatures below absolute zero, shapes
+    that do not belong together, channel names that occur twice.
+    """
+
+    time: Float[np.ndarray, "times"]
+    duty: Float[np.ndarray, "times cells"]
+    channels: tuple[str, ...]
+    temperatures: Float[np.ndarray, "times channels"] | None
+    ambient: float | Float[np.ndarray, "times"] | None
+    name: str
+
+    def __init__(
+        self,
+        time: ArrayLike,
+        duty: ArrayLike,
+        *,
+        channels: Sequence[str] = (),
+        temperatures: ArrayLike | None = None,
+        ambient: ArrayLike | None = None,
+        name: str = "",
+    ) -> None:
+        times = checked_time(time)
+        names = checked_channels(channels)
+        fields = {
+            "time": times,
+            "duty": checked_duty(duty, times),
+            "channels": names,
+            "temperatures": checked_temperatures(temperatures, times, names),
+            "ambient": checked_ambient(ambient, times),
+            "name": name,
+        }
+        for field, value in fields.items():
+            object.__setattr__(self, field, value)
+
+    @classmethod
+    def schedule(
+        cls,
+        text: str,
+        *,
+        duration: float,
+        step: float = 1.0,
+        cells: int = 1,
+        channels: Sequence[str] = (),
+        ambient: float | None = None,
+        name: str = "",
+    ) -> "Experiment":
+        """An experiment without recorded temperatures, from a duty schedule in words.
+
+        **Arguments:**
+
+        - `text`: `"0:0.5,500:0.78"` is a duty cycle of 0.5 in every cell from 0 s and 0.78 from
+            500 s on; `"0:0.5/0.3"` gives each cell its own. Before the first time the duty is 0.
+        - `duration`, `step`: the samples are 0, step, 2 step, ... up to the duration, s. A switch
+            between two of them gets a sample of its own.
+        - `cells`: number of cells.
+        - `channels`, `ambient`, `name`: as in `Experiment`.
+
+        **Returns:**
+
+        The `Experiment`.
+
+        **Raises:**
+
+        `RecordingError` that quotes the entry which is wrong.
+        """
+        time, duty = schedule_samples(text, duration=duration, step=step, cells=cells)
+        return cls(time, duty, channels=channels, ambient=ambient, name=name)
+
+    @property
+    def n_cells(self) -> int:
+        """How many cells are driven."""
+        return self.duty.shape[1]
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last, s."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def switch_times(self) -> Float[np.ndarray, "switches"]:
+        """The times at which the duty cycle of any cell changes, without the first sample, s."""
+        changes = np.any(self.duty[1:] != self.duty[:-1], axis=1)
+        return self.time[1:][changes]
+
+    @property
+    def gaps(self) -> Float[np.ndarray, "gaps 2"]:
+        """Start and end of every step that is longer than three median steps, s."""
+        steps = np.diff(self.time)
+        (before,) = np.nonzero(steps > GAP_FACTOR * np.median(steps))
+        return np.stack([self.time[before], self.time[before + 1]], axis=1)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of the contents, as hexadecimal digits; the name does not count."""
+        content = hashlib.sha256(repr((self.duty.shape, self.channels)).encode())
+        for part in (self.time, self.duty, self.temperatures, self.ambient):
+            if part is None:
+                content.update(b"none")
+            else:
+                array = np.asarray(part, np.float64) + 0.0  # -0.0 and 0.0 are the same number
+                content.update(repr(array.shape).encode() + array.tobytes())
+        return content.hexdigest()
+
+    def between(self, t0: float | None = None, t1: float | None = None) -> "Experiment":
+        """The part of the experiment with `t0 <= time < t1`, at its own times.
+
+        `between(None, 500)` and `between(500, None)` share no sample, as a split into matching and
+        validation needs it.
+
+        **Arguments:**
+
+        - `t0`, `t1`: s; `None` leaves that end open.
+
+        **Returns:**
+
+        An `Experiment` whose time is not shifted.
+
+        **Raises:**
+
+        `RecordingError` where fewer than two samples are left.
+        """
+        start = -np.inf if t0 is None else t0
+        end = np.inf if t1 is None else t1
+        part = (self.time >= start) & (self.time < end)
+        if np.count_nonzero(part) < 2:
+            raise RecordingError(
+                f"between {start:g} s and {end:g} s are {np.count_nonzero(part)} samples of "
+                f"{self!r}; at least 2 are needed"
+            )
+        ambient = self.ambient[part] if isinstance(self.ambient, np.ndarray) else self.ambient
+        return Experiment(
+            self.time[part],
+            self.duty[part],
+            channels=self.channels,
+            temperatures=None if self.temperatures is None else self.temperatures[part],
+            ambient=ambient,
+            name=self.name,
+        )
+
+    def select(self, channels: Sequence[str]) -> "Experiment":
+        """The same experiment with these channels only, in this order.
+
+        **Arguments:**
+
+        - `channels`: names, each one of `self.channels`.
+
+        **Returns:**
+
+        An `Experiment`.
+
+        **Raises:**
+
+        `RecordingError` for a name that is not there, or that is asked for twice.
+        """
+        names = checked_channels(channels)
+        unknown = [name for name in names if name not in self.channels]
+        if unknown or not names:
+            known = ", ".join(self.channels) or "none"
+            raise RecordingError(f"no channel {', '.join(unknown) or 'named'}; there are: {known}")
+        columns = [self.channels.index(name) for name in names]
+        return Experiment(
+            self.time,
+            self.duty,
+            channels=names,
+            temperatures=None if self.temperatures is None else self.temperatures[:, columns],
+            ambient=self.ambient,
+            name=self.name,
+        )
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The experiment as a labelled data set.
+
+        **Returns:**
+
+        `duty` (time, cell); where they are known `temperature` (time, channel), degC, and `ambient`
+        (a number or (time,)), degC. Units stand in the attributes; cells are named P1, P2, ...
+        """
+        import xarray
+
+        degC = {"units": "degC"}
+        variables: dict[str, tuple] = {
+            "duty": (("time", "cell"), self.duty, {"units": "1", "long_name": "duty cycle"})
+        }
+        if self.temperatures is not None:
+            variables["temperature"] = (("time", "channel"), self.temperatures, degC)
+        if self.ambient is not None:
+            dims = ("time",) if isinstance(self.ambient, np.ndarray) else ()
+            variables["ambient"] = (dims, self.ambient, degC | {"long_name": "ambient temperature"})
+        coordinates: dict[str, object] = {
+            "time": ("time", self.time, {"units": "s"}),
+            "cell": [f"P{cell + 1}" for cell in range(self.n_cells)],
+        }
+        if self.channels:
+            coordinates["channel"] = list(self.channels)
+        return xarray.Dataset(variables, coordinates, attrs={"name": self.name})
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Experiment):
+            return NotImplemented
+        return self.fingerprint == other.fingerprint
+
+    def __hash__(self) -> int:
+        return hash(self.fingerprint)
+
+    def __repr__(self) -> str:
+        return f"<Experiment {'; '.join(f'{row}: {text}' for row, text in self._summary())}>"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th>{escape(row)}</th><td>{escape(text)}</td></tr>"
+            for row, text in self._summary()
+        )
+        return f"<table><caption>Experiment</caption>{rows}</table>"
+
+    def _summary(self) -> list[tuple[str, str]]:
+        step = np.median(np.diff(self.time))
+        first, last = self.time[0], self.time[-1]
+        duty = f"{self.duty.min():.3g} to {self.duty.max():.3g}"
+        changes = _count(len(self.switch_times), "change")
+        measured = " (not recorded)" if self.channels and self.temperatures is None else ""
+        if isinstance(self.ambient, np.ndarray):
+            ambient = f"{self.ambient.min():.1f} to {self.ambient.max():.1f} degC"
+        else:
+            ambient = "unknown" if self.ambient is None else f"{self.ambient:.1f} degC"
+        return [
+            ("name", self.name or "-"),
+            ("time", f"{len(self.time)} samples, {first:g} to {last:g} s, every {step:g} s"),
+            ("duty", f"{_count(self.n_cells, 'cell')}, {duty}, {changes}"),
+            ("channels", (", ".join(self.channels) or "none") + measured),
+            ("ambient", ambient),
+        ]
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

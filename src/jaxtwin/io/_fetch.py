@@ -1,0 +1,72 @@
+"""Fetching the authors' recordings from where they published them."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from .._errors import RecordingError
+from ._locate import cache_folder
+from ._published import SINGLE_CELL, TWO_CELL, PublishedRecording
+
+
+def fetch_recordings(
+    folder: str | Path | None = None,
+    recordings: Sequence[PublishedRecording] = TWO_CELL + SINGLE_CELL,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Path, ...]:
+    """Fetches recordings that are not there yet, and checks every one by its SHA-256.
+
+    **Arguments:**
+
+    - `folder`: where to put them; the default is a cache folder that `find_recordings` knows.
+    - `recordings`: which ones; the default is all that the authors published and jaxtwin knows.
+    - `progress`: called with a line of text before each file.
+
+    **Returns:**
+
+    The path of each recording, in their order.
+
+    **Raises:**
+
+    `RecordingError` where a file cannot be fetched or has another checksum. What was fetched before
+    stays; of the file itself nothing is left, and one that was there stays as it was.
+    """
+    import pooch
+
+    target = cache_folder() if folder is None else Path(folder)
+    logger = pooch.get_logger()
+    level = logger.level
+    logger.setLevel("ERROR")  # progress speaks instead
+    try:
+        paths = []
+        for number, recording in enumerate(recordings, start=1):
+            if progress is not None:
+                progress(f"{recording.name} ({number} of {len(recordings)})")
+            paths.append(_fetch(recording, target))
+        return tuple(paths)
+    finally:
+        logger.setLevel(level)
+
+
+def _fetch(recording: PublishedRecording, target: Path) -> Path:
+    import pooch
+
+    path = target / recording.name
+    try:
+        pooch.retrieve(
+            recording.url,
+            known_hash=f"sha256:{recording.sha256}",
+            path=path.parent,
+            fname=path.name,
+        )
+    except OSError as error:  # the network's errors are among them, and some are ValueErrors too
+        raise RecordingError(
+            f"{path}: cannot be fetched from {recording.url} ({type(error).__name__}). Fetch it by "
+            "hand and name its folder"
+        ) from None
+    except ValueError:
+        raise RecordingError(
+            f"{path}: not fetched: what {recording.url} gives has another SHA-256 than "
+            f"{recording.sha256}"
+        ) from None
+    return path

@@ -1,0 +1,120 @@
+"""One matrix of real numbers out of a MATLAB 5 file (MATLAB 5 to 7, saved with `-v6` or `-v7`).
+
+The file is a header of 128 bytes and then elements, each a tag (type, size in bytes) and its data.
+An element is either compressed, and holds another one, or it is a variable, which holds its flags,
+dimensions, name and numbers as elements of their own.
+Source: MathWorks, "MAT-File Format", level 5.
+
+`scipy.io.loadmat` reads the same, and the tests compare with it. It is not used here because
+damaged bytes crash it together with the whole process (a segmentation fault, scipy 1.17), and
+because it stops at the variable asked for, so that it misses a file that is cut off.
+"""
+
+import math
+import struct
+import zlib
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import RecordingError
+
+HEADER_SIZE = 128
+VARIABLE, COMPRESSED = 14, 15
+NUMBERS = dict(
+    zip(
+        (1, 2, 3, 4, 5, 6, 7, 9, 12, 13),
+        ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "u8"),
+        strict=True,
+    )
+)
+NUMERIC_CLASSES = range(6, 16)  # double, single and the integers
+NAMED_CLASSES = range(1, 16)  # those, cell, struct, object, char and sparse
+COMPLEX, LOGICAL = 0x0800, 0x0200
+
+
+def is_matlab5(content: bytes) -> bool:
+    """Whether this is the header of a MATLAB 5 file, in either byte order."""
+    return content[124:HEADER_SIZE] in (b"\x00\x01IM", b"\x01\x00MI")
+
+
+def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
+    """The matrix called `name`, with the dimensions that it has in the file.
+
+    **Arguments:**
+
+    - `content`: the whole file. Its other variables may be anything; they are only walked over.
+    - `name`: of the variable.
+
+    **Returns:**
+
+    Its numbers as float64.
+
+    **Raises:**
+
+    `RecordingError` where the file is damaged or cut off anywhere, where there is no variable of
+    this name, or where it holds no real numbers.
+    """
+    order = "<" if content.endswith(b"IM", 0, HEADER_SIZE) else ">"
+    found = None
+    try:
+        for kind, data in _elements(content[HEADER_SIZE:], order):
+            if kind == COMPRESSED:
+                ((kind, data),) = _elements(zlib.decompress(data), order)
+            if kind == VARIABLE and _name(data, order) == name:
+                found = data
+        matrix = None if found is None else _matrix(found, order)
+    except (ValueError, struct.error, zlib.error):
+        raise RecordingError("is a MATLAB file that is damaged or cut off") from None
+    if found is None:
+        raise RecordingError(f"holds no variable {name!r}")
+    if matrix is None:
+        raise RecordingError(f"variable {name!r} is no matrix of real numbers")
+    return matrix
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """Type and data of each element; every one of them must be there as a whole."""
+    position = 0
+    while position < len(data):
+        kind, size = struct.unpack_from(order + "II", data, position)
+        start = position + 8
+        if kind >> 16:  # up to four bytes of data stand in the tag itself
+            kind, size = kind & 0xFFFF, kind >> 16
+            start = position + 4
+        end = start + size
+        if end > len(data) or (start < position + 8 and size > 4):
+            raise ValueError("an element reaches beyond the end")
+        yield kind, data[start:end]
+        position = end if kind == COMPRESSED else position + math.ceil((end - position) / 8) * 8
+
+
+def _name(variable: bytes, order: str) -> str | None:
+    parts = _elements(variable, order)
+    _, flags = next(parts, (0, b""))
+    if len(flags) != 8 or _class(flags, order) not in NAMED_CLASSES:
+        return None  # of another form: an object, a function, or nothing at all
+    next(parts, None)
+    _, name = next(parts, (0, b""))
+    return name.decode("latin-1")
+
+
+def _matrix(variable: bytes, order: str) -> np.ndarray | None:
+    (_, flags), (_, dimensions), _, *numbers = _elements(variable, order)
+    (bits,) = struct.unpack_from(order + "I", flags)
+    if _class(flags, order) not in NUMERIC_CLASSES or bits & (COMPLEX | LOGICAL):
+        return None
+    ((kind, data),) = numbers
+    if kind not in NUMBERS:
+        raise ValueError("numbers of no known type")
+    shape = tuple(np.frombuffer(dimensions, order + "i4").tolist())
+    if min(shape) < 0:
+        raise ValueError("a negative dimension")
+    values = np.frombuffer(data, order + NUMBERS[kind])
+    return values.astype(np.float64).reshape(shape, order="F")
+
+
+def _class(flags: bytes, order: str) -> int:
+    (bits,) = struct.unpack_from(order + "I", flags)
+    return bits & 0xFF

@@ -1,0 +1,112 @@
+"""Recordings as netCDF, in the form that `Experiment.to_xarray` gives them."""
+
+import io
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._errors import RecordingError
+from ._checks import ABSOLUTE_ZERO
+from ._experiment import Experiment
+
+if TYPE_CHECKING:
+    import xarray
+
+SECOND = ("s", "second", "seconds")
+DUTY = ("1", "")
+CELSIUS = ("degC", "°C", "celsius", "Celsius", "degree_Celsius", "degrees_Celsius", "degree_C")
+KELVIN = ("K", "kelvin", "Kelvin")
+
+
+def parse_netcdf(content: bytes, *, name: str) -> Experiment:
+    """The experiment in a netCDF file; variables with other names are left alone."""
+    data = _dataset(content)
+    time = _variable(data, "time", ("time",), SECOND)
+    duty = _variable(data, "duty", ("time", "cell"), DUTY)
+    if "cell" in data.coords:
+        _check_cells([str(cell) for cell in np.atleast_1d(data["cell"].values)])
+    temperatures = ambient = None
+    if "temperature" in data:
+        temperatures = _variable(data, "temperature", ("time", "channel"), CELSIUS + KELVIN)
+    if "ambient" in data:
+        ambient = _variable(data, "ambient", ("time",), CELSIUS + KELVIN)
+    channels: tuple[str, ...] = ()
+    if "channel" in data.coords:
+        channels = tuple(str(channel) for channel in np.atleast_1d(data["channel"].values))
+    return Experiment(
+        time, duty, channels=channels, temperatures=temperatures, ambient=ambient, name=name
+    )
+
+
+def format_netcdf(experiment: Experiment) -> bytes:
+    """The experiment as the bytes of a netCDF 3 file.
+
+    netCDF 3 rather than 4: it is read and written without an extra library.
+    """
+    return bytes(experiment.to_xarray().to_netcdf(engine="scipy"))
+
+
+def _dataset(content: bytes) -> "xarray.Dataset":
+    import xarray
+
+    engine = "scipy" if content.startswith(b"CDF") else "h5netcdf"
+    if engine == "h5netcdf":
+        _check_netcdf4(content)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about variables that are not read
+            # times stay the numbers they are, instead of becoming time spans in ns
+            opened = xarray.open_dataset(
+                io.BytesIO(content), engine=engine, decode_times=False, decode_timedelta=False
+            )
+            with opened:
+                wanted = ("time", "duty", "temperature", "ambient", "cell", "channel")
+                return opened[[name for name in wanted if name in opened]].load()
+    except Exception as error:  # the libraries raise whatever the damaged bytes lead to
+        raise RecordingError(f"is a damaged netCDF file ({type(error).__name__})") from None
+
+
+def _check_netcdf4(content: bytes) -> None:
+    """Whether the file opens at all: h5netcdf leaves a broken object behind where it does not."""
+    try:
+        import h5netcdf  # noqa: F401
+        import h5py
+    except ImportError:
+        raise RecordingError(
+            "is a netCDF 4 file; reading it needs 'pip install jaxtwin[storage]'"
+        ) from None
+    try:
+        with h5py.File(io.BytesIO(content)) as file:
+            file.attrs.get("_nc3_strict")
+    except Exception as error:
+        raise RecordingError(f"is a damaged netCDF file ({type(error).__name__})") from None
+
+
+def _variable(
+    data: "xarray.Dataset", name: str, dims: tuple[str, ...], units: tuple[str, ...]
+) -> np.ndarray:
+    """A variable with these dimensions in this order, in s, 1 or degC."""
+    if name not in data:
+        raise RecordingError(f"holds no variable {name!r}; needed are 'time' and 'duty'")
+    variable = data[name]
+    unknown = set(variable.dims) - set(dims)
+    if unknown:
+        raise RecordingError(
+            f"variable {name!r} has dimensions {variable.dims}; allowed are {dims}"
+        )
+    unit = str(variable.attrs.get("units", "")).strip()
+    if unit not in units:
+        raise RecordingError(f"variable {name!r} has the unit {unit!r}; allowed is {units[0]!r}")
+    values = variable.transpose(*(dim for dim in dims if dim in variable.dims)).values
+    if values.dtype.kind not in "iuf":
+        raise RecordingError(f"variable {name!r} holds no real numbers but {values.dtype.name}")
+    return values + ABSOLUTE_ZERO if unit in KELVIN else values
+
+
+def _check_cells(cells: list[str]) -> None:
+    expected = [f"P{number + 1}" for number in range(len(cells))]
+    if cells != expected:
+        raise RecordingError(
+            f"coordinate 'cell' names {', '.join(cells)}; allowed is {', '.join(expected)}"
+        )

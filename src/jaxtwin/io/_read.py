@@ -1,0 +1,109 @@
+"""Reading a recording from a file, whatever its format."""
+
+from pathlib import Path
+
+from .._errors import RecordingError
+from ._csv import parse_csv
+from ._experiment import GAP_FACTOR, Experiment
+from ._mat import parse_mat
+from ._matlab5 import is_matlab5
+from ._netcdf import parse_netcdf
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+def read_recording(
+    path: str | Path, *, zone: str | None = None, counts: int = 255, polarity: int = 1
+) -> Experiment:
+    """Reads a recording: the authors' .mat files, .csv, or netCDF.
+
+    The format is recognised by the first bytes; where they say nothing it is text, a .csv.
+
+    - .mat (MATLAB 5 to 7): the variable `simout` with 11 columns (two cells, five channels of one
+        zone) or with 4 (one cell, one channel `T`). Nothing else in the file is read.
+    - .csv: a line of column names with units, `time_s,duty_P1,duty_P2,T11_degC,ambient_degC`;
+        `pwm_P1` are counts, `_K` is kelvin. Channels whose columns are blank were not recorded.
+    - netCDF: `duty` (time, cell), `temperature` (time, channel) and `ambient`, with units, as
+        `Experiment.to_xarray` gives them.
+
+    **Arguments:**
+
+    - `path`: the file. Its name without the ending becomes the name of the experiment.
+    - `zone`: `"A"`, `"B"` or `"C"`, which zone of the two-cell plate a .mat file holds; needed
+        where the name of the file does not say so (`...SecA...`).
+    - `counts`: PWM counts of full duty.
+    - `polarity`: 1 where positive PWM counts heat the plate, -1 where they cool it.
+
+    **Returns:**
+
+    An `Experiment` at the file's own times.
+
+    **Raises:**
+
+    `RecordingError` that names the file, what is wrong and what is allowed.
+    """
+    file = Path(path)
+    if counts < 1:
+        raise RecordingError(f"counts = {counts}: allowed are positive whole numbers")
+    if polarity not in (1, -1):
+        raise RecordingError(f"polarity = {polarity}: allowed are 1 and -1")
+    content = _content(file)
+    kind = _kind(file, content)
+    try:
+        if zone is not None and kind != "mat":
+            raise RecordingError(f"zone = {zone!r} applies to two-cell .mat recordings only")
+        if kind == "mat":
+            experiment = parse_mat(
+                content, name=file.stem, zone=zone, counts=counts, polarity=polarity
+            )
+        elif kind == "netcdf":
+            experiment = parse_netcdf(content, name=file.stem)
+        else:
+            experiment = parse_csv(content, name=file.stem, counts=counts, polarity=polarity)
+        check_no_gap(experiment)
+    except RecordingError as error:
+        raise RecordingError(f"{file}: {error}") from None
+    return experiment
+
+
+def check_no_gap(experiment: Experiment) -> None:
+    """Refuses recorded temperatures with lost samples. A schedule without any may step freely."""
+    gaps = experiment.gaps
+    if experiment.temperatures is None or not len(gaps):
+        return
+    start, end = gaps[0]
+    number = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps, the first"
+    raise RecordingError(
+        f"{number} from {start:g} s to {end:g} s; allowed are steps up to {GAP_FACTOR:g} times the "
+        "median step. Split the recording there"
+    )
+
+
+def _content(file: Path) -> bytes:
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise RecordingError(f"{file}: cannot be read: {error.strerror}") from None
+    if not content:
+        raise RecordingError(
+            f"{file}: is empty (0 bytes); allowed are .mat, .csv and .nc recordings"
+        )
+    return content
+
+
+def _kind(file: Path, content: bytes) -> str:
+    """What the content is; the ending only decides what is said about a file that is broken."""
+    ending = file.suffix.lower()
+    if is_matlab5(content):
+        return "mat"
+    if content.startswith(b"MATLAB 7.3") or (ending == ".mat" and HDF5 in content[:1024]):
+        raise RecordingError(
+            f"{file}: is a MATLAB 7.3 (HDF5) file, which is not read; save it in MATLAB with '-v7'"
+        )
+    if content.startswith((HDF5, b"CDF\x01", b"CDF\x02")):
+        return "netcdf"
+    if ending == ".mat":
+        raise RecordingError(f"{file}: is no MATLAB 5 to 7 file: its header is missing or damaged")
+    if ending == ".nc":
+        raise RecordingError(f"{file}: is no netCDF file: its first bytes are {content[:8]!r}")
+    return "csv"

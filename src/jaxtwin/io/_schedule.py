@@ -1,0 +1,89 @@
+"""A duty schedule in words, `"0:0.5,500:0.78"`, turned into samples."""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import RecordingError
+
+MOST_SAMPLES = 10_000_000
+
+
+def schedule_samples(
+    text: str, *, duration: float, step: float, cells: int
+) -> tuple[Float[np.ndarray, "times"], Float[np.ndarray, "times cells"]]:
+    """Times and duty cycles of a schedule; see `Experiment.schedule` for its form.
+
+    **Arguments:**
+
+    - `text`: entries `time:duty` or `time:duty/duty/...`, separated by commas.
+    - `duration`, `step`: s.
+    - `cells`: number of cells.
+
+    **Returns:**
+
+    Times `(times,)`, s, from 0 to `duration`, every switch among them, and duty `(times, cells)`.
+
+    **Raises:**
+
+    `RecordingError` that quotes the entry which is wrong.
+    """
+    if not (math.isfinite(duration) and duration > 0):
+        raise RecordingError(f"duration {duration:g} s: allowed are positive numbers")
+    if not 0 < step <= duration:
+        raise RecordingError(
+            f"step {step:g} s: allowed is above 0 up to the duration {duration:g} s"
+        )
+    if duration / step > MOST_SAMPLES:
+        raise RecordingError(
+            f"step {step:g} s gives more than {MOST_SAMPLES} samples in {duration:g} s"
+        )
+    if cells < 1:
+        raise RecordingError(f"{cells} cells: allowed is at least 1")
+    entries = [_entry(part, cells) for part in text.split(",")]
+    switches = np.array([time for time, _ in entries])
+    if np.any(np.diff(switches) <= 0):
+        raise RecordingError(f"schedule {text!r}: its times must increase")
+    if switches[0] < 0 or switches[-1] >= duration:
+        raise RecordingError(
+            f"schedule {text!r}: its times must lie from 0 s to before the end at {duration:g} s"
+        )
+
+    grid = step * np.arange(math.floor(duration / step * (1 + 1e-9)) + 1)
+    between = []
+    for exact in (*switches, duration):
+        nearest = min(round(exact / step), len(grid) - 1)
+        # A grid time within rounding of a switch is that switch: 3 * 0.1 is not 0.3 in binary.
+        if math.isclose(grid[nearest], exact, rel_tol=1e-9):
+            grid[nearest] = exact
+        else:
+            between.append(exact)
+    time = np.union1d(grid, between)
+    held = np.searchsorted(switches, time, side="right")  # 0: before the first entry
+    levels = np.array([np.zeros(cells), *(duty for _, duty in entries)])
+    return time, levels[held]
+
+
+def _entry(text: str, cells: int) -> tuple[float, Float[np.ndarray, "cells"]]:
+    time_text, colon, duty_text = text.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        time = float(time_text)
+        duty = np.array([float(part) for part in duty_text.split("/")])
+    except ValueError:
+        raise RecordingError(
+            f"schedule entry {text.strip()!r}: allowed is 'time:duty' such as '500:0.78', or a "
+            "duty for each cell such as '500:0.78/0.5'"
+        ) from None
+    if not math.isfinite(time):
+        raise RecordingError(f"schedule entry {text.strip()!r}: the time must be a finite number")
+    if not np.all(np.abs(duty) <= 1):
+        raise RecordingError(f"schedule entry {text.strip()!r}: a duty cycle must lie in -1 to 1")
+    if len(duty) not in (1, cells):
+        raise RecordingError(
+            f"schedule entry {text.strip()!r} has {len(duty)} duty cycles; allowed is one for all "
+            f"cells, or one for each of the {cells}"
+        )
+    return time, np.broadcast_to(duty, (cells,))
