@@ -65,7 +65,7 @@ def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
     gain = fields.value(f"{at}.gain", table.gain, FACTOR)
     if table.nodes is not None and table.x is None and table.y is None:
         for node in table.nodes:
-            fields.check_known(f"{at}.nodes", "plate element", node, plate.element_names)
+            fields.check_element(f"{at}.nodes", node, plate.element_names)
         fields.check_unique(f"{at}.nodes", table.nodes)
         return Channel(table.name, tuple(table.nodes), None, None, gain)
     if table.nodes is not None or table.x is None or table.y is None:

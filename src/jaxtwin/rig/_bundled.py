@@ -58,7 +58,9 @@ def parse_toml(content: bytes, source: str, error: type[JaxtwinError] = RigError
         line = content[: problem.start].count(b"\n") + 1
         refuse(source, f"line {line}", "the text is not UTF-8, allowed is TOML in UTF-8", error)
     except tomllib.TOMLDecodeError as problem:
-        refuse(source, "", f"no valid TOML: {problem}", error)
+        lines = content.count(b"\n") + 1
+        where = str(problem).replace("at end of document", f"at line {lines}, the last one")
+        refuse(source, "", f"no valid TOML: {where}", error)
     except RecursionError:
         refuse(source, "", "no valid TOML: nested too deeply", error)
 

@@ -28,7 +28,7 @@ def build_cell(table: CellTable, plate: Plate, fields: Fields) -> Cell:
     if table.module is not None:
         fields.check_known(f"{at}.module", "module", table.module, bundled_modules())
     for element in table.contacts:
-        fields.check_known(f"{at}.contacts", "plate element", element, plate.element_names)
+        fields.check_element(f"{at}.contacts", element, plate.element_names)
     if (table.sink_capacitance is None) != (table.sink_air_resistance is None):
         fields.refuse(at, "allowed is both or neither of sink_capacitance and sink_air_resistance")
 

@@ -20,7 +20,9 @@ def build_circuit(
     for link in table.links:
         field = f"circuit.links[{link.resistance}]"
         resistance = fields.value(f"{field}.resistance", link.resistance, THERMAL_RESISTANCE)
-        pairs = tuple(_ends(f"{field}.between", text, nodes, fields) for text in link.between)
+        pairs = tuple(
+            _ends(f"{field}.between", text, plate.element_names, fields) for text in link.between
+        )
         links.append(CircuitLink(resistance, link.factor, pairs))
     capacitance = fields.value("circuit.capacitance", table.capacitance, HEAT_CAPACITY)
     # A cell is a path to the surroundings, through its sink.
@@ -29,13 +31,14 @@ def build_circuit(
     return Circuit(capacitance, tuple(links))
 
 
-def _ends(field: str, text: str, nodes: tuple[str, ...], fields: Fields) -> tuple[str, str]:
+def _ends(field: str, text: str, elements: tuple[str, ...], fields: Fields) -> tuple[str, str]:
     ends = text.split("-")
     if len(ends) != 2:
         fields.refuse(field, f'found {text!r}, allowed is two nodes such as "V11-V12"')
     first, second = (end.strip() for end in ends)
-    fields.check_known(field, "node", first, nodes)
-    fields.check_known(field, "node", second, nodes)
+    for end in (first, second):
+        if end != AMBIENT:
+            fields.check_element(field, end, elements)
     if first == second:
         fields.refuse(field, f"found {text!r}, allowed are links between two different nodes")
     return first, second

@@ -75,6 +75,14 @@ class Fields:
         if name not in known:
             self.refuse(field, unknown(what, name, known))
 
+    def check_element(self, field: str, name: str, elements: tuple[str, ...]) -> None:
+        """Refuses a name that is no element of the plate."""
+        if name not in elements:
+            self.refuse(
+                field,
+                f"found {name!r}, allowed are the plate's elements {elements[0]} to {elements[-1]}",
+            )
+
     def check_unique(self, field: str, names: list[str]) -> None:
         """Refuses a name that stands twice."""
         for name in names:

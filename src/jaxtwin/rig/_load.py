@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from ._bundled import bundled_rigs, read_bundled, read_toml
-from ._problems import refuse
+from ._problems import refuse, unknown
 from ._rig import Rig
 
 
@@ -26,9 +26,5 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
     if name in bundled_rigs():
         return build_rig(*read_bundled("rigs", name))
     if not Path(name).exists():
-        refuse(
-            name,
-            "",
-            f"no such file and no bundled rig, which are {', '.join(bundled_rigs())}",
-        )
+        refuse(name, "", f"no such file, {unknown('bundled rig', name, bundled_rigs())}")
     return build_rig(*read_toml(name))

@@ -13,7 +13,6 @@ T_amb = 16.4
 import json
 import math
 import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -133,6 +132,8 @@ def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
             _refuse(source, field, f"found {value!r}, allowed is a number")
         with suppress(OverflowError):
             value = float(value)
+        if (scale, offset) == (parameter.scale, parameter.offset):
+            return value  # exactly as written
         return parameter.from_si(scale * value + offset)
 
     bounds = row.get("bounds", [])
@@ -149,9 +150,8 @@ def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
 def _bounded(source: str, field: str, value: float, parameter: Parameter) -> float:
     lower, upper = parameter.lower, parameter.upper
     # A value at a bound may have been through a logarithm or another unit.
-    for bound in (lower, upper):
-        if math.isclose(value, bound, rel_tol=1e-12):
-            return bound
+    if any(math.isclose(value, bound, rel_tol=1e-12) for bound in (lower, upper)):
+        value = min(max(value, lower), upper)
     if not (lower <= value <= upper and math.isfinite(value)):
         _refuse(source, field, f"found {value:g}, allowed is {lower:g} to {upper:g}")
     return value
@@ -161,18 +161,16 @@ def _replace(source: str, text: str) -> None:
     # Written beside its place and then moved there: a reader never sees half a file, and a full
     # disk leaves the old one as it was.
     path = Path(source)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with tempfile.NamedTemporaryFile(
-            "wb", dir=path.parent, prefix=f".{path.name}.", delete=False
-        ) as file:
-            try:
+        try:
+            with part.open("xb") as file:
                 file.write(text.encode("utf-8", "replace"))
                 file.flush()
                 os.fsync(file.fileno())
-                Path(file.name).replace(path)
-            except BaseException:
-                Path(file.name).unlink(missing_ok=True)
-                raise
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
     except OSError as problem:
         _refuse(source, "", f"cannot be written ({problem.strerror or problem})")
 

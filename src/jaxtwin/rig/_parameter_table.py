@@ -47,7 +47,9 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
     try:
         scale, offset = unit_scale(row.unit)
     except ValueError as problem:
-        refuse(source, f"{field}.unit", f'{problem}, allowed is for example "K/W"')
+        refuse(
+            source, f"{field}.unit", f'found {row.unit!r}, {problem}, allowed is for example "K/W"'
+        )
     lower, upper = row.bounds or (-math.inf, math.inf)
     if not lower < upper:
         refuse(

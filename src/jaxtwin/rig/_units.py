@@ -43,7 +43,7 @@ DENSITY = Kind("a density", "kg/m^3", "8960 kg/m^3")
 SPECIFIC_HEAT = Kind("a specific heat", "J/(kg K)", "390 J/(kg K)")
 CONDUCTIVITY = Kind("a conductivity", "W/(m K)", "401 W/(m K)")
 FILM_COEFFICIENT = Kind("a film coefficient", "W/(m^2 K)", "15 W/(m^2 K)")
-FACTOR = Kind("a number", "", "0.9")
+FACTOR = Kind("a number without unit", "", "0.9")
 MASS = Kind("a mass", "kg", "13.5 g")
 HEAT_CAPACITY = Kind("a heat capacity", "J/K", "17 J/K")
 THERMAL_RESISTANCE = Kind("a thermal resistance", "K/W", "0.6 K/W")
@@ -117,7 +117,7 @@ def unit_scale(unit: str, like: Kind | str | None = None) -> tuple[float, float]
 def _unit(unit: str) -> tuple[float, float, Any]:
     # Unit texts come from outside and pint evaluates them: anything but names with one small power
     # each, such as "m**9**9**9", would cost time and memory without bound.
-    unknown = ValueError(f"{unit!r} is not a unit that is known")
+    unknown = ValueError(f"{unit!r} is not a known unit")
     plain = _EXPONENT.sub("~", unit)
     if len(unit) > 60 or not _UNIT_TEXT.fullmatch(plain) or re.search(r"~\s*~", plain):
         raise unknown

@@ -41,8 +41,13 @@ def _path(data: Any, location: tuple[int | str, ...]) -> str:
 
 def _message(error: Any) -> str:
     if error["type"] == "missing":
-        return "missing"
+        return "missing, every file needs it here"
     if error["type"] == "value_error":
         return str(error["ctx"]["error"])
+    if error["type"] in ("too_short", "too_long"):
+        limits = error["ctx"]
+        bound = "at least" if error["type"] == "too_short" else "at most"
+        count = limits.get("min_length", limits.get("max_length"))
+        return f"found {limits['actual_length']} entries, allowed is {bound} {count}"
     allowed = error["msg"].removeprefix("Input should be ")
     return f"found {reprlib.repr(error['input'])}, allowed is {allowed}"

@@ -27,8 +27,8 @@ class Value:
     **Raises:** `ValueError` where the factor or an exponent is not a finite number.
     """
 
-    factor: float
-    powers: tuple[tuple[str, float], ...] = ()
+    factor: float | int
+    powers: tuple[tuple[str, float | int], ...] = ()
 
     def __post_init__(self):
         exponents: dict[str, float] = {}
@@ -63,7 +63,7 @@ class Value:
             result = _times_power(result, parameters_si[name], exponent)
         return result
 
-    def __mul__(self, other: "Value | float") -> "Value":
+    def __mul__(self, other: "Value | float | int") -> "Value":
         if isinstance(other, Value):
             return Value(self.factor * other.factor, self.powers + other.powers)
         if isinstance(other, int | float):
@@ -72,7 +72,7 @@ class Value:
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: "Value | float") -> "Value":
+    def __truediv__(self, other: "Value | float | int") -> "Value":
         if isinstance(other, Value):
             inverse = tuple((name, -exponent) for name, exponent in other.powers)
             return Value(self.factor / other.factor, self.powers + inverse)
@@ -80,10 +80,10 @@ class Value:
             return Value(self.factor / other, self.powers)
         return NotImplemented
 
-    def __rtruediv__(self, other: float) -> "Value":
+    def __rtruediv__(self, other: float | int) -> "Value":
         return Value(other) / self
 
-    def __pow__(self, exponent: float) -> "Value":
+    def __pow__(self, exponent: float | int) -> "Value":
         if self.factor < 0 and exponent != int(exponent):
             raise ValueError(f"{self} is negative and has no real power {exponent}")
         return Value(self.factor**exponent, tuple((n, e * exponent) for n, e in self.powers))

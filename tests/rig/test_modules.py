@@ -1,0 +1,50 @@
+"""Bundled module datasheets and eq. (10) of the paper."""
+
+import pytest
+
+from jaxtwin import RigError
+from jaxtwin.rig import bundled_modules, load_module
+
+
+def test_datasheets_are_listed():
+    assert set(bundled_modules()) == {"CP10-127-05", "TEC1-12706"}
+
+
+def test_tec1_12706_gives_the_constants_of_the_model_file():
+    """Start-up values of the authors' model file: 0.050774 V/K, 1.96749 ohm, 1.86131 K/W."""
+    module = load_module("TEC1-12706")
+    assert module.seebeck_coefficient == pytest.approx(0.050774, rel=1e-5)
+    assert module.electrical_resistance == pytest.approx(1.96749, rel=1e-5)
+    assert module.thermal_resistance == pytest.approx(1.86131, rel=1e-5)
+
+
+def test_cp10_127_05_is_table_2_with_its_difference_read_as_degrees():
+    """Table 2: 33 W, 4 A, 13.9 V, 9 g at 300 K; 345.5 K there is 72.35 degC in kelvin."""
+    module = load_module("CP10-127-05")
+    assert module.maximum_temperature_difference == pytest.approx(345.5 - 273.15)
+    assert module.maximum_heat_flow == 33
+    assert module.maximum_current == 4
+    assert module.maximum_voltage == 13.9
+    assert module.mass == pytest.approx(9e-3)
+    assert module.seebeck_coefficient == pytest.approx(0.0463, abs=5e-5)
+
+
+@pytest.mark.parametrize("name", ["CP10-127-05", "TEC1-12706"])
+def test_constants_give_back_the_datasheet(name):
+    """At I_max and dT_max: no heat is pumped and the voltage is V_max."""
+    module = load_module(name)
+    hot, difference = module.hot_side_temperature, module.maximum_temperature_difference
+    alpha, resistance = module.seebeck_coefficient, module.electrical_resistance
+    current = module.maximum_current
+    heat = (
+        alpha * current * (hot - difference)
+        - 0.5 * resistance * current**2
+        - difference / module.thermal_resistance
+    )
+    assert heat == pytest.approx(0, abs=1e-12)
+    assert alpha * difference + resistance * current == pytest.approx(module.maximum_voltage)
+
+
+def test_unknown_module_is_refused_with_the_known_ones():
+    with pytest.raises(RigError, match=r"did you mean 'TEC1-12706'.*CP10-127-05"):
+        load_module("TEC1-12705")
