@@ -1,0 +1,12 @@
+"""Simulation: one run or many draws.
+
+The default solver is exponential time differencing in the modes of the thermal network on a time
+grid that is fine after each input change; any diffrax solver can take its place.
+"""
+
+from ._measures import fit_percent, rmse
+from ._run import Run
+from ._schedule import Schedule, build_schedule
+from ._simulate import response, simulate
+
+__all__ = ["Run", "Schedule", "build_schedule", "fit_percent", "response", "rmse", "simulate"]

@@ -1,0 +1,48 @@
+"""Node temperatures at the start of a run."""
+
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from .._errors import SimulationError
+from ..physics import System, Twin
+
+Initial = Literal["steady"] | float | ArrayLike | None
+"""None: as the rig says. "steady": at rest under the first input. A number: uniform, degC.
+An array (nodes,): each node, in the order of `twin.netlist.nodes`, degC."""
+
+
+def initial_temperatures(
+    system: System,
+    initial: str | Float[Array | np.ndarray, " nodes"] | None,
+    duty: Float[Array | np.ndarray, " cells"],
+    reference: Float[Array, ""],
+) -> Float[Array, " nodes"]:
+    """Absolute temperatures of the nodes, K; `initial` is what `checked_initial` returned."""
+    if initial is None:
+        return system.initial_temperature
+    if isinstance(initial, str):
+        return reference + system.steady_state(jnp.asarray(duty, reference.dtype), reference)
+    return jnp.asarray(initial, reference.dtype)
+
+
+def checked_initial(twin: Twin, initial: Initial) -> str | Float[np.ndarray, " nodes"] | None:
+    """None, "steady", or one absolute temperature a node, K.
+
+    **Raises:** `SimulationError` for another word, a wrong shape or numbers that are not finite.
+    """
+    if initial is None or (isinstance(initial, str) and initial == "steady"):
+        return initial
+    nodes = len(twin.netlist.nodes)
+    allowed = f'None, "steady", a number or an array of {nodes} node temperatures in degC'
+    if isinstance(initial, str):
+        raise SimulationError(f"initial: found {initial!r}, allowed is {allowed}")
+    values = np.asarray(initial, dtype=float)
+    if values.shape not in ((), (nodes,)) or not np.isfinite(values).all():
+        raise SimulationError(
+            f"initial: found shape {values.shape} with {values.tolist()}, allowed is {allowed}"
+        )
+    return np.broadcast_to(values + 273.15, (nodes,)).copy()

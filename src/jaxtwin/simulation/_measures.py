@@ -1,0 +1,26 @@
+"""How near a simulation is to a recording."""
+
+import numpy as np
+from jaxtyping import Float
+
+
+def fit_percent(
+    recorded: Float[np.ndarray, "*shape times channels"],
+    simulated: Float[np.ndarray, "*shape times channels"],
+) -> Float[np.ndarray, "*shape channels"]:
+    r"""NRMSE fit of each channel, %:
+    $100 (1 - \lVert y - \hat y \rVert_2 / \lVert y - \bar y \rVert_2)$.
+
+    100 is a perfect fit, 0 is what the channel's own mean would reach.
+    """
+    error = np.linalg.norm(recorded - simulated, axis=-2)
+    spread = np.linalg.norm(recorded - recorded.mean(axis=-2, keepdims=True), axis=-2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return 100 * (1 - error / spread)
+
+
+def rmse(
+    recorded: Float[np.ndarray, "*shape"], simulated: Float[np.ndarray, "*shape"]
+) -> float:
+    """Root of the mean squared error over all samples and channels, K."""
+    return float(np.sqrt(np.mean((recorded - simulated) ** 2)))

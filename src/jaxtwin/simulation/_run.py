@@ -1,0 +1,127 @@
+"""What a simulation gives."""
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import SimulationError
+from ..io import Experiment
+from ._measures import fit_percent, rmse
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class Run:
+    """One run of a twin.
+
+    **Arguments:**
+
+    - `experiment`: what drove it.
+    - `channels`: names of the camera channels.
+    - `temperatures`: what the camera reads, `(times, channels)`, degC.
+    - `nodes`: names of the network's nodes.
+    - `states`: their temperatures, `(times, nodes)`, degC.
+    - `rig`: name of the rig.
+    """
+
+    experiment: Experiment
+    channels: tuple[str, ...]
+    temperatures: Float[np.ndarray, "times channels"]
+    nodes: tuple[str, ...]
+    states: Float[np.ndarray, "times nodes"]
+    rig: str
+
+    @property
+    def time(self) -> Float[np.ndarray, " times"]:
+        """Times of the samples, s."""
+        return self.experiment.time
+
+    def channel(self, name: str) -> Float[np.ndarray, " times"]:
+        """One channel, degC.
+
+        **Raises:** `SimulationError` where the run has no such channel.
+        """
+        return self.temperatures[:, _position(name, self.channels, "channel")]
+
+    def node(self, name: str) -> Float[np.ndarray, " times"]:
+        """One node, degC.
+
+        **Raises:** `SimulationError` where the network has no such node.
+        """
+        return self.states[:, _position(name, self.nodes, "node")]
+
+    @property
+    def fit_percent(self) -> dict[str, float]:
+        """NRMSE fit of each recorded channel, %.
+
+        **Raises:** `SimulationError` where the experiment holds no recorded temperatures.
+        """
+        fits = fit_percent(self._recorded, self.temperatures)
+        return dict(zip(self.channels, fits.tolist(), strict=True))
+
+    @property
+    def rmse(self) -> float:
+        """Over all recorded channels, K."""
+        return rmse(self._recorded, self.temperatures)
+
+    @property
+    def _recorded(self) -> Float[np.ndarray, "times channels"]:
+        if self.experiment.temperatures is None:
+            raise SimulationError("the experiment holds no recorded temperatures to compare with")
+        return self.experiment.temperatures
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The run with labels: temperature (time, channel), state (time, node), duty (time, cell)
+        and, where they are known, recorded (time, channel) and ambient (time)."""
+        import xarray
+
+        duty = self.experiment.duty
+        celsius = {"units": "degC"}
+        variables = {
+            "temperature": (("time", "channel"), self.temperatures, celsius),
+            "state": (("time", "node"), self.states, celsius),
+            "duty": (("time", "cell"), duty, {"units": "1"}),
+        }
+        if self.experiment.temperatures is not None:
+            variables["recorded"] = (("time", "channel"), self._recorded, celsius)
+        if self.experiment.ambient is not None:
+            ambient = np.broadcast_to(self.experiment.ambient, self.time.shape)
+            variables["ambient"] = ("time", ambient, celsius)
+        return xarray.Dataset(
+            variables,
+            coords={
+                "time": ("time", self.time, {"units": "s"}),
+                "channel": list(self.channels),
+                "node": list(self.nodes),
+                "cell": np.arange(1, duty.shape[1] + 1),
+            },
+            attrs={"rig": self.rig, "experiment": self.experiment.name},
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the run as netCDF, as a whole or not at all.
+
+        **Raises:** `SimulationError` where the file cannot be written.
+        """
+        from ..io import save_dataset
+
+        save_dataset(self.to_xarray(), path)
+
+    def __repr__(self) -> str:
+        low, high = self.temperatures.min(), self.temperatures.max()
+        return (
+            f"<Run of {self.rig}: {len(self.time)} times, {len(self.channels)} channels, "
+            f"{low:.2f} to {high:.2f} degC>"
+        )
+
+
+def _position(name: str, names: tuple[str, ...], kind: str) -> int:
+    if name not in names:
+        raise SimulationError(f"found {kind} {name!r}, allowed are {', '.join(names)}")
+    return names.index(name)

@@ -1,0 +1,115 @@
+"""When to step and where to read: the time grid of the exponential solver for one experiment.
+
+Inputs are held between samples, so nothing happens between two input changes but relaxation:
+steps start small after each change and grow with the time since then.
+All steps are halves, doubles, ... of one size where the samples allow it, so that the exponentials
+of a few sizes serve the whole run.
+"""
+
+from functools import lru_cache
+from itertools import pairwise
+from typing import final
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..io import Experiment
+
+
+@final
+class Schedule(eqx.Module):
+    """The time grid of one experiment; every array a constant of the run.
+
+    **Arguments:**
+
+    - `sizes`: the distinct step sizes, s.
+    - `size`: which of them each step has.
+    - `duty`: held during each step, -1 to 1.
+    - `ambient`: recorded ambient temperature held during each step, K; None where none is recorded.
+    - `step_of`: in which step each sample of the experiment lies.
+    - `weights`: of the state and its slope at the start, then at the end of that step, in the
+      sample's temperature: cubic Hermite interpolation.
+    - `ambient_at`: recorded ambient temperature at each sample, K, or None.
+    """
+
+    sizes: Float[Array | np.ndarray, " sizes"]
+    size: Int[Array | np.ndarray, " steps"]
+    duty: Float[Array | np.ndarray, "steps cells"]
+    ambient: Float[Array | np.ndarray, " steps"] | None
+    step_of: Int[Array | np.ndarray, " times"]
+    weights: Float[Array | np.ndarray, "times 4"]
+    ambient_at: Float[Array | np.ndarray, " times"] | None
+
+
+@lru_cache(maxsize=64)
+def build_schedule(
+    experiment: Experiment,
+    first_step: float = 0.25,
+    growth: float = 0.2,
+    largest_step: float = 16.0,
+) -> Schedule:
+    """The schedule of an experiment.
+
+    **Arguments:**
+
+    - `experiment`: its times, inputs and ambient.
+    - `first_step`: after an input change, s.
+    - `growth`: a step is at most this part of the time since the last change.
+    - `largest_step`: s.
+    """
+    time, duty = experiment.time, experiment.duty
+    ambient = experiment.ambient
+    changed = np.any(duty[1:] != duty[:-1], axis=1)
+    if isinstance(ambient, np.ndarray):
+        changed |= ambient[1:] != ambient[:-1]
+    switches = 1 + np.flatnonzero(changed)
+    marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
+    steps, held = [], []
+    for start, stop in pairwise(marks):
+        sizes = _graded(time[stop] - time[start], first_step, growth, largest_step)
+        steps += sizes
+        held += [start] * len(sizes)
+    # Sums of steps and sample times differ by rounding; sizes that differ by no more are one.
+    sizes, size = np.unique(np.round(steps, 9), return_inverse=True)
+    edges = time[0] + np.concatenate([[0.0], np.cumsum(sizes[size])])
+    step_of = np.clip(np.searchsorted(edges, time - 1e-7) - 1, 0, len(size) - 1)
+    length = sizes[size][step_of]
+    part = np.clip((time - edges[step_of]) / length, 0.0, 1.0)
+    celsius = None if ambient is None else np.broadcast_to(ambient, time.shape) + 273.15
+    return Schedule(
+        sizes=sizes,
+        size=size.astype(np.int32),
+        duty=duty[held],
+        ambient=None if celsius is None else celsius[held],
+        step_of=step_of.astype(np.int32),
+        weights=_hermite(part, length),
+        ambient_at=celsius,
+    )
+
+
+def _graded(duration: float, first: float, growth: float, largest: float) -> list[float]:
+    """Steps that fill a span, doubling as time goes by."""
+    steps, elapsed = [], 0.0
+    # A drive that changes at every sample never comes to rest: a step a sample is enough.
+    first = max(first, min(1.0, duration)) if duration <= 4 * first else first
+    while duration - elapsed > 1e-9:
+        wanted = min(max(first, growth * elapsed), largest, duration - elapsed)
+        size = first * 2.0 ** np.floor(np.log2(wanted / first) + 1e-9)
+        size = min(size, duration - elapsed) if size >= first else duration - elapsed
+        steps.append(float(size))
+        elapsed += size
+    return steps
+
+
+def _hermite(part: np.ndarray, length: np.ndarray) -> np.ndarray:
+    rest = 1 - part
+    return np.stack(
+        [
+            (1 + 2 * part) * rest**2,
+            part * rest**2 * length,
+            part**2 * (3 - 2 * part),
+            -(part**2) * rest * length,
+        ],
+        axis=1,
+    )

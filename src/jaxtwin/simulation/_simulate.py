@@ -1,0 +1,168 @@
+"""One run of a twin."""
+
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._errors import SimulationError
+from ..io import Experiment
+from ..physics import Twin
+from ._exponential import reference_temperature, solve_schedule
+from ._initial import Initial, checked_initial, initial_temperatures
+from ._run import Run
+from ._schedule import Schedule, build_schedule
+
+if TYPE_CHECKING:
+    import diffrax
+
+
+def simulate(
+    twin: Twin,
+    experiment: Experiment,
+    *,
+    initial: Initial = None,
+    solver: "diffrax.AbstractSolver | None" = None,
+    stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
+    dt0: float | None = None,
+) -> Run:
+    """Runs a twin through an experiment, in float64.
+
+    The default solver integrates the linear network exactly and steps over the cells' heat flows
+    (see `jaxtwin.simulation`); it is the fastest that was measured at errors below 1e-3 K.
+
+    **Arguments:**
+
+    - `twin`: the twin.
+    - `experiment`: its duty cycles drive the twin, held from sample to sample. A recorded ambient
+      takes the place of the rig's. Where it names channels, these are returned.
+    - `initial`: temperatures at the start. None: as the rig says. `"steady"`: at rest under the
+      first input. A number: uniform, degC. An array `(nodes,)`: each node, degC.
+    - `solver`: any diffrax solver, or None for the default.
+    - `stepsize_controller`, `dt0`: for that solver; by default a `PIDController` at 1e-7 where the
+      solver estimates its error, else constant steps of half a sample. Steps end at input changes.
+
+    **Returns:** a `Run` at the experiment's times.
+
+    **Raises:** `SimulationError` where experiment and rig do not belong together or the solve
+    does not reach its end.
+    """
+    channels = checked_channels(twin, experiment)
+    start = checked_initial(twin, initial)
+    schedule = build_schedule(experiment)
+    with jax.enable_x64(True):
+        if solver is None:
+            states, readings = _run_exponential(twin, schedule, start)
+        else:
+            states, readings, ok, message = _run_diffrax(
+                twin, schedule, start, experiment, solver, stepsize_controller, dt0
+            )
+            if not ok:
+                raise SimulationError(f"{twin.rig.name}: {type(solver).__name__}: {message}")
+        states, readings = np.asarray(states), np.asarray(readings)
+    if not np.isfinite(states).all():
+        raise SimulationError(
+            f"{twin.rig.name}: the temperatures do not stay finite; look for parameters far "
+            "outside their bounds"
+        )
+    return Run(
+        experiment=experiment,
+        channels=channels,
+        temperatures=readings[:, [twin.channels.index(name) for name in channels]] - 273.15,
+        nodes=tuple(node.name for node in twin.netlist.nodes),
+        states=states - 273.15,
+        rig=twin.rig.name,
+    )
+
+
+def response(
+    twin: Twin, experiment: Experiment, *, initial: Initial = None
+) -> Float[Array, "times channels"]:
+    """The channels' temperatures as a pure JAX function of the twin's parameters, degC.
+
+    For one's own `jax.jit`, `jax.vmap`, `jax.jacfwd` or `jax.grad`; `simulate` is this with checks
+    and labels.
+    Its precision is that of the caller: wrap it in `jax.enable_x64(True)` for float64.
+
+    **Arguments:** as those of `simulate`.
+
+    **Returns:** `(times, channels)`, degC, for the channels that the experiment names, else all.
+
+    **Raises:** `SimulationError` where experiment and rig do not belong together.
+    """
+    names = checked_channels(twin, experiment)
+    columns = np.array([twin.channels.index(name) for name in names])
+    start = checked_initial(twin, initial)
+    _, readings = _exponential_states(twin, build_schedule(experiment), start)
+    return readings[:, columns] - 273.15
+
+
+def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
+    """The channels that an experiment asks of a twin.
+
+    **Raises:** `SimulationError` where it names others than the rig has, or drives another number
+    of cells.
+    """
+    cells = len(twin.netlist.cells)
+    label = experiment.name or "the experiment"
+    if experiment.n_cells != cells:
+        raise SimulationError(
+            f"{label}: duty: found {experiment.n_cells} cells, allowed are the {cells} of "
+            f"{twin.rig.name}"
+        )
+    unknown = [name for name in experiment.channels if name not in twin.channels]
+    if unknown:
+        raise SimulationError(
+            f"{label}: channels: found {', '.join(unknown)}, allowed by {twin.rig.name} are "
+            f"{', '.join(twin.channels)}"
+        )
+    return experiment.channels or twin.channels
+
+
+def _exponential_states(
+    twin: Twin, schedule: Schedule, initial: str | Float[np.ndarray, " nodes"] | None
+) -> tuple[Float[Array, "times nodes"], Float[Array, "times channels"]]:
+    """Absolute temperatures of nodes and channels, K."""
+    system = twin.system()
+    reference = reference_temperature(system, schedule)
+    start = initial_temperatures(system, initial, schedule.duty[0], reference)
+    deviation = solve_schedule(system, schedule, start, np.eye(len(twin.netlist.nodes)))
+    ambient = 0.0
+    if schedule.ambient_at is not None:
+        ambient = (jnp.asarray(schedule.ambient_at, deviation.dtype) - reference)[:, None]
+    readings = system.channel_temperatures(deviation, ambient)
+    return deviation + reference, readings + reference
+
+
+_run_exponential = eqx.filter_jit(_exponential_states)
+
+
+@eqx.filter_jit
+def _run_diffrax(
+    twin: Twin,
+    schedule: Schedule,
+    initial: str | Float[np.ndarray, " nodes"] | None,
+    experiment: Experiment,
+    solver: "diffrax.AbstractSolver",
+    controller: "diffrax.AbstractStepSizeController | None",
+    dt0: float | None,
+) -> tuple[Float[Array, "times nodes"], Float[Array, "times channels"], Array, object]:
+    import diffrax
+
+    from ._diffrax import solve_with_diffrax
+
+    system = twin.system()
+    reference = reference_temperature(system, schedule)
+    start = initial_temperatures(system, initial, schedule.duty[0], reference)
+    deviation, result = solve_with_diffrax(
+        system, schedule, start, reference, experiment, solver, controller, dt0
+    )
+    ambient = 0.0
+    if schedule.ambient_at is not None:
+        ambient = (jnp.asarray(schedule.ambient_at) - reference)[:, None]
+    readings = system.channel_temperatures(deviation, ambient)
+    ok = result == diffrax.RESULTS.successful
+    return deviation + reference, readings + reference, ok, result
