@@ -27,7 +27,6 @@ quantities = st.builds(
         ["m", "cm", "kg", "K", "degC", "degF", "ohm", "K/W", "J/K", "W/(m^2 K)", "", "1/K", "dB"]
     ),
 )
-units = st.text(alphabet="mkgKWJs^*/()-. 129%µΩ°", max_size=12).map(lambda unit: f"1 {unit}")
 names = st.sampled_from(["R_E", "R_ph", "T_amb", "C_esp", "V11", "V38", "ambient", "P1", "T11"])
 scalars = (
     st.none().map(lambda _: datetime.date(2024, 4, 1))
@@ -37,7 +36,6 @@ scalars = (
     | st.floats()
     | st.text(max_size=8)
     | quantities
-    | units
     | names
 )
 anything = st.recursive(
@@ -73,7 +71,7 @@ def check_loads_or_refuses(load: Callable[[], Rig], source: str) -> None:
     else:
         assert hash(rig) == hash(copy.deepcopy(rig))
         assert rig.name in str(rig)
-    assert refusal is None or refusal.startswith(f"{source}: ")
+    assert refusal is None or (refusal.startswith(f"{source}: ") and refusal.isprintable())
 
 
 @settings(max_examples=200)

@@ -26,7 +26,7 @@ MISTAKES = {
     "a power tower for a unit": ("paper", '"5.08 mm"', '"5.08 m**9**9**9"', "plate.thickness", "not a known unit"),
     "neither number nor name": ("paper", '"12 V"', '"twelve V"', "driver.supply_voltage", "'twelve V'", "a voltage"),
     "degC for a difference": ("paper", '"0.1 K"', '"0.1 degC"', "camera.noise", "point on a scale", "0.1 K"),
-    "degF": ("paper", '"298 K"', '"77 degF"', "cells[P1].initial_temperature", "'degF'", "degC or K"),
+    "degF": ("paper", '"298 K"', '"77 degF"', "cells[P1].initial_temperature", "'degF'", "only degC may"),
     "below absolute zero": ("paper", '"298 K"', '"-300 degC"', "cells[P1].initial_temperature", "above 0 K"),
     "a number that is not finite": ("paper", '"12 V"', '"1e999 V"', "driver.supply_voltage", "finite"),
     "a number without sense": ("paper", '"13.5 g"', '"1e200 kg"', "cells[P1].side_mass", "1e+30"),

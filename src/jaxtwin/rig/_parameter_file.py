@@ -13,6 +13,7 @@ T_amb = 16.4
 import json
 import math
 import os
+import reprlib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -121,7 +122,9 @@ def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
         _refuse(source, field, unknown(f"parameter of {rig.name}", name, rig.parameters))
     parameter = rig.parameters[name]
     if not isinstance(row, dict) or not isinstance(row.get("unit"), str):
-        _refuse(source, field, f'found {row!r}, allowed is {{ value = 1.0, unit = "..." }}')
+        _refuse(
+            source, field, f'found {reprlib.repr(row)}, allowed is {{ value = 1.0, unit = "..." }}'
+        )
     try:
         scale, offset = unit_scale(row["unit"], parameter.unit)
     except ValueError as problem:
@@ -129,7 +132,7 @@ def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
 
     def number(value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            _refuse(source, field, f"found {value!r}, allowed is a number")
+            _refuse(source, field, f"found {reprlib.repr(value)}, allowed is a number")
         with suppress(OverflowError):
             value = float(value)
         if (scale, offset) == (parameter.scale, parameter.offset):
@@ -138,7 +141,7 @@ def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
 
     bounds = row.get("bounds", [])
     if not isinstance(bounds, list) or len(bounds) not in (0, 2):
-        _refuse(source, field, f"found bounds {bounds!r}, allowed is [lower, upper]")
+        _refuse(source, field, f"found bounds {reprlib.repr(bounds)}, allowed is [lower, upper]")
     if bounds:
         lower, upper = (number(bound) for bound in bounds)
         if parameter.lower > 0 >= lower:

@@ -9,8 +9,10 @@ from .._errors import JaxtwinError, RigError
 
 def refuse(source: str, field: str, message: str, error: type[JaxtwinError] = RigError) -> NoReturn:
     """Raises the error for a field of a file."""
-    where = f"{source}: {field}" if field else source
-    raise error(f"{where}: {message}") from None
+    text = f"{field}: {message}" if field else message
+    # Keys come from outside; a message is one line that any terminal shows.
+    shown = "".join(c if c.isprintable() else "?" for c in text)
+    raise error(f"{source}: {shown}") from None
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> str:

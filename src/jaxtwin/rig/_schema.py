@@ -4,6 +4,7 @@ Everything that needs more than one field (units, names, geometry) is checked wh
 built.
 """
 
+import reprlib
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -13,14 +14,15 @@ from ._problems import unknown
 
 def _text(value: Any) -> Any:
     if not isinstance(value, str) or not value.strip():
-        raise ValueError(f"found {value!r}, allowed is text")
+        raise ValueError(f"found {reprlib.repr(value)}, allowed is text")
     return value.strip()
 
 
 def _quantity(value: Any) -> Any:
     if not isinstance(value, str):
         raise ValueError(
-            f"found {value!r}, allowed is text: a number with its unit, or the name of a parameter"
+            f"found {reprlib.repr(value)}, allowed is text: a number with its unit, "
+            "or the name of a parameter"
         )
     return value.strip()
 
@@ -46,7 +48,7 @@ class Table(BaseModel):
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if not isinstance(data, dict):
-            raise ValueError(f"found {data!r}, allowed is a table")
+            raise ValueError(f"found {reprlib.repr(data)}, allowed is a table")
         for key in data:
             if key not in cls.model_fields:
                 raise ValueError(unknown("key", key, cls.model_fields))

@@ -9,7 +9,7 @@ from typing import Any, Literal, final
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 _SMALLEST, _LARGEST = 1e-30, 1e30
 _EXPONENT = re.compile(r"(\^|\*\*)\s*(-?\d|\(\s*-?\d\s*\))(?!\d)")
-_UNIT_TEXT = re.compile(r"(1|[^\W\d])\D*|")
+_UNIT_TEXT = re.compile(r"(1|[^\W\d]|[%°(])([^\W\d]|[\s*/^()%°\0])*|")
 
 
 @final
@@ -118,8 +118,8 @@ def _unit(unit: str) -> tuple[float, float, Any]:
     # Unit texts come from outside and pint evaluates them: anything but names with one small power
     # each, such as "m**9**9**9", would cost time and memory without bound.
     unknown = ValueError(f"{unit!r} is not a known unit")
-    plain = _EXPONENT.sub("~", unit)
-    if len(unit) > 60 or not _UNIT_TEXT.fullmatch(plain) or re.search(r"~\s*~", plain):
+    plain = _EXPONENT.sub("\0", unit.replace("\0", "?"))
+    if len(unit) > 60 or not _UNIT_TEXT.fullmatch(plain) or re.search(r"\0\s*\0", plain):
         raise unknown
     registry = _registry()
     try:
@@ -131,7 +131,7 @@ def _unit(unit: str) -> tuple[float, float, Any]:
     scale, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
     if offset:
         if parsed != registry.Unit("degC"):
-            raise ValueError(f"temperatures are in degC or K, not in {unit!r}")
+            raise ValueError(f"{unit!r} does not count from zero, only degC may")
         scale = 1.0  # not 274.15 - 273.15 in floating point
     if not (math.isfinite(scale) and scale > 0):
         raise unknown
