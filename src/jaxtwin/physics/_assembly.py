@@ -13,7 +13,7 @@ def build_netlist(rig: Rig) -> Netlist:
     """
     plate = rig.plate
     if rig.circuit is not None:
-        capacitances = {name: rig.circuit.capacitance for name in plate.element_names}
+        capacitances = dict.fromkeys(plate.element_names, rig.circuit.capacitance)
         links = circuit_links(rig.circuit)
     else:
         capacitances = {name: element_capacitance(plate, name) for name in plate.element_names}

@@ -26,7 +26,7 @@ class DCSweep:
     """
 
     current: Float[np.ndarray, " currents"]
-    delta_T: Float[np.ndarray, " differences"]
+    delta_T: Float[np.ndarray, " differences"]  # noqa: N815
     T_hot: float
     heat_flow: Float[np.ndarray, "differences currents"]
     power: Float[np.ndarray, "differences currents"]

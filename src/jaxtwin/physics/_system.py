@@ -102,6 +102,7 @@ class System(eqx.Module):
     ) -> Float[Array, " nodes"]:
         """The deviation at which nothing changes any more under a constant duty.
 
+        The reference is the ambient temperature here, so that the surroundings deviate by 0.
         Newton's method from the linear network's state; with one or two cells a handful of
         iterations reach rounding.
         """

@@ -77,10 +77,7 @@ class ThermoelectricModule(eqx.Module):
             field: getattr(sheet, field) if value is None and sheet is not None else value
             for field, value in given.items()
         }
-        for field, value in numbers.items():
-            if value is None or not 0 < value < np.inf:
-                raise ValueError(f"{field}: found {value}, allowed is a number above 0")
-        V_max, I_max, dT_max, T_h = (float(value) for value in numbers.values())
+        V_max, I_max, dT_max, T_h = (_above_zero(field, n) for field, n in numbers.items())
         if dT_max >= T_h:
             raise ValueError(
                 f"maximum_temperature_difference: found {dT_max} K, allowed is below the "
@@ -107,25 +104,34 @@ class ThermoelectricModule(eqx.Module):
 
         **Returns:** $q_c$ out of the cold side and $q_h$ into the hot side, W.
         """
-        peltier = self.seebeck_coefficient * current
-        half_joule = 0.5 * self.electrical_resistance * current**2
+        I = jnp.asarray(current)  # noqa: E741
+        peltier = jnp.asarray(self.seebeck_coefficient) * I
+        half_joule = 0.5 * jnp.asarray(self.electrical_resistance) * I**2
         return peltier * cold_temperature - half_joule, peltier * hot_temperature + half_joule
 
     def emf(self, temperature_difference: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
         """Electromotive force for a difference hot - cold, eq. (7), V."""
-        return self.seebeck_coefficient * temperature_difference
+        return jnp.asarray(self.seebeck_coefficient) * jnp.asarray(temperature_difference)
 
     def optimum_current(self, cold_temperature: float) -> float:
         r"""The current of the largest heat flow at a given difference, $\alpha T_c / R_E$, A."""
-        return float(self.seebeck_coefficient * cold_temperature / self.electrical_resistance)
+        alpha, R_E, _ = self._constants
+        return alpha * cold_temperature / R_E
 
     def maximum_temperature_difference(self, cold_temperature: float) -> float:
         r"""The difference at which no heat can be pumped any more, K.
 
         $\tfrac12 Z T_c^2$ with the figure of merit $Z = \alpha^2 R_{Th} / R_E$.
         """
-        merit = self.seebeck_coefficient**2 * self.thermal_resistance / self.electrical_resistance
-        return float(0.5 * merit * cold_temperature**2)
+        alpha, R_E, R_Th = self._constants
+        return 0.5 * alpha**2 * R_Th / R_E * cold_temperature**2
+
+    @property
+    def _constants(self) -> tuple[float, float, float]:
+        """As plain numbers, of one module."""
+        values = (self.seebeck_coefficient, self.electrical_resistance, self.thermal_resistance)
+        alpha, R_E, R_Th = (np.asarray(value, float).item() for value in values)
+        return alpha, R_E, R_Th
 
     def dc_sweep(
         self,
@@ -147,13 +153,20 @@ class ThermoelectricModule(eqx.Module):
         """
         I = np.atleast_1d(np.asarray(currents, float))  # noqa: E741
         dT = np.atleast_1d(np.asarray(delta_T, float))
-        if not (np.isfinite(I).all() and np.isfinite(dT).all() and (dT < T_hot).all()):
+        if not np.isfinite([*I, *dT, T_hot]).all() or (dT >= T_hot).any():
             raise ValueError(
-                f"dc_sweep: allowed are finite currents and differences below T_hot = {T_hot} K"
+                f"dc_sweep: found T_hot = {T_hot} K, differences {dT} K and currents {I} A, "
+                "allowed are finite numbers and differences below T_hot"
             )
         with jax.enable_x64(True):
             cold = jnp.broadcast_to(T_hot - dT[:, None], (dT.size, I.size))
             q_c, q_h = self.heat_flows(I[None, :] + 0 * cold, cold, jnp.full_like(cold, T_hot))
-            pumped = np.asarray(q_c - dT[:, None] / self.thermal_resistance)
+            pumped = np.asarray(q_c - dT[:, None] / self._constants[2])
             power = np.asarray(q_h - q_c)
         return DCSweep(current=I, delta_T=dT, T_hot=float(T_hot), heat_flow=pumped, power=power)
+
+
+def _above_zero(field: str, value: float | None) -> float:
+    if value is None or not 0 < value < np.inf:
+        raise ValueError(f"{field}: found {value}, allowed is a number above 0")
+    return float(value)

@@ -5,8 +5,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from .._errors import ParameterError
@@ -44,8 +46,8 @@ class Twin(eqx.Module):
         self, rig: Rig | str | os.PathLike[str], parameters: Mapping[str, Any] | None = None
     ):
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        values = {name: np.float64(row.value) for name, row in self.rig.parameters.items()}
-        self.parameters = _replaced(self.rig, {k: np.asarray(v) for k, v in values.items()}, parameters)
+        values = {name: np.asarray(row.value) for name, row in self.rig.parameters.items()}
+        self.parameters = _replaced(self.rig, values, parameters)
 
     def with_parameters(self, parameters: Mapping[str, Any]) -> "Twin":
         """The same rig with other values, name -> value in the unit of the rig's table.
@@ -119,12 +121,16 @@ def _replaced(
             raise ParameterError(
                 f"{rig.name}: unknown parameter {name!r}, allowed are {', '.join(rig.parameters)}"
             )
-        # Tracers have no number to look at yet.
-        if isinstance(value, int | float | np.ndarray | np.generic):
-            value = np.asarray(value, dtype=float)
-            if not np.isfinite(value).all():
-                raise ParameterError(
-                    f"{rig.name}: parameter {name}: found {value}, allowed are finite numbers"
-                )
-        replaced[name] = value
+        replaced[name] = _checked(rig, name, value)
     return replaced
+
+
+def _checked(rig: Rig, name: str, value: Any) -> Any:
+    if isinstance(value, Tracer):  # has no number to look at yet
+        return value
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+        raise ParameterError(
+            f"{rig.name}: parameter {name}: found {value!r}, allowed are finite numbers"
+        )
+    return value if isinstance(value, jax.Array) else array.astype(float)

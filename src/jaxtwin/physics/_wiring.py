@@ -5,7 +5,7 @@ part in compiled code as a constant.
 """
 
 from functools import lru_cache
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 
@@ -32,8 +32,8 @@ class Wiring:
 
     def __init__(self, rig: Rig, netlist: Netlist):
         self.netlist = netlist
-        self.averaging = rig.driver.averaging
-        self.off_phase = rig.driver.off_phase
+        self.averaging: Literal["voltage", "on-off"] = rig.driver.averaging
+        self.off_phase: Literal["brake", "open"] = rig.driver.off_phase
         self.channels = tuple(channel.name for channel in rig.channels)
         nodes, links, cells = netlist.nodes, netlist.links, netlist.cells
 
@@ -76,7 +76,9 @@ class Wiring:
         self.channel_weights = np.zeros((len(rig.channels), len(nodes)))
         self.channel_weights[:, : elements.shape[1]] = elements
 
-        parts = (rig.driver, rig.channels, rig.ambient_temperature, rig.plate.columns)
+        # Sizes too: a circuit given link by link does not show them, the channels' weights do.
+        sizes = (rig.plate.columns, rig.plate.rows)
+        parts = (rig.driver, rig.channels, rig.ambient_temperature, sizes)
         self._key = netlist.fingerprint + repr(parts)
 
     def __eq__(self, other: object) -> bool:
@@ -90,5 +92,3 @@ class Wiring:
 def wiring_of(rig: Rig) -> Wiring:
     """The wiring of a rig, made once."""
     return Wiring(rig, build_netlist(rig))
-
-
