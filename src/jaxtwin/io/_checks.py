@@ -93,7 +93,7 @@ def checked_temperatures(
 
 
 def checked_ambient(
-    ambient: ArrayLike | None, time: Float[np.ndarray, "times"]
+    ambient: ArrayLike | float | int | None, time: Float[np.ndarray, "times"]
 ) -> float | Float[np.ndarray, "times"] | None:
     """Ambient temperature, degC: a number, a series `(times,)`, or `None`."""
     if ambient is None:
@@ -109,7 +109,7 @@ def checked_ambient(
     return values
 
 
-def _numbers(values: ArrayLike, field: str) -> np.ndarray:
+def _numbers(values: ArrayLike | float | int, field: str) -> np.ndarray:
     if np.ma.is_masked(values):  # the mask would be lost and what it hides come to light
         raise RecordingError(f"{field} has masked values; allowed are finite numbers")
     try:

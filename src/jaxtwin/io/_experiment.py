@@ -69,7 +69,7 @@ class Experiment:
         *,
         channels: Sequence[str] = (),
         temperatures: ArrayLike | None = None,
-        ambient: ArrayLike | None = None,
+        ambient: ArrayLike | float | int | None = None,
         name: str = "",
     ) -> None:
         times = checked_time(time)
@@ -90,11 +90,11 @@ class Experiment:
         cls,
         text: str,
         *,
-        duration: float,
-        step: float = 1.0,
+        duration: float | int,
+        step: float | int = 1.0,
         cells: int = 1,
         channels: Sequence[str] = (),
-        ambient: float | None = None,
+        ambient: float | int | None = None,
         name: str = "",
     ) -> "Experiment":
         """An experiment without recorded temperatures, from a duty schedule in words.
@@ -154,7 +154,7 @@ class Experiment:
                 content.update(repr(array.shape).encode() + array.tobytes())
         return content.hexdigest()
 
-    def between(self, t0: float | None = None, t1: float | None = None) -> "Experiment":
+    def between(self, t0: float | int | None = None, t1: float | int | None = None) -> "Experiment":
         """The part of the experiment with `t0 <= time < t1`, at its own times.
 
         `between(None, 500)` and `between(500, None)` share no sample, as a split into matching and

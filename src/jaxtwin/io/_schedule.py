@@ -11,7 +11,7 @@ MOST_SAMPLES = 10_000_000
 
 
 def schedule_samples(
-    text: str, *, duration: float, step: float, cells: int
+    text: str, *, duration: float | int, step: float | int, cells: int
 ) -> tuple[Float[np.ndarray, "times"], Float[np.ndarray, "times cells"]]:
     """Times and duty cycles of a schedule; see `Experiment.schedule` for its form.
 

@@ -1,0 +1,118 @@
+"""Recordings as text."""
+
+import numpy as np
+import pytest
+
+from jaxtwin import RecordingError
+from jaxtwin.io import Experiment, read_recording, write_recording
+
+GOOD = "time_s,duty_P1,T11_degC\n0,0.5,20\n1,0.5,21\n2,-1,22\n"
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads a recording from the text of a file."""
+
+    def read(text: str | bytes, **options) -> Experiment:
+        path = tmp_path / "run.csv"
+        path.write_bytes(text.encode() if isinstance(text, str) else text)
+        return read_recording(path, **options)
+
+    return read
+
+
+def test_columns_by_name_and_unit(read):
+    experiment = read(
+        "time_s,ambient_degC,T11_degC,duty_P2,TAM_K,duty_P1\n"
+        "10,15,20,0.1,293.15,1\n"
+        "11,16,21,0.2,300,-1\n"
+    )
+    np.testing.assert_array_equal(experiment.time, [10, 11])
+    np.testing.assert_array_equal(experiment.duty, [[1, 0.1], [-1, 0.2]])
+    assert experiment.channels == ("T11", "TAM")
+    np.testing.assert_allclose(experiment.temperatures, [[20, 20], [21, 26.85]], atol=1e-12)
+    np.testing.assert_array_equal(experiment.ambient, [15, 16])
+    assert experiment.name == "run"
+
+
+def test_counts_with_their_full_scale_and_polarity(read):
+    text = "time_s,pwm_P1,duty_P2\n0,255,1\n1,-51,1\n"
+    np.testing.assert_array_equal(read(text).duty, [[1, 1], [-0.2, 1]])
+    np.testing.assert_array_equal(read(text, counts=510, polarity=-1).duty, [[-0.5, 1], [0.1, 1]])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        GOOD,
+        GOOD.replace("\n", "\r\n"),
+        "\ufeff" + GOOD,
+        "# a bench note, with a comma\n\n" + GOOD + "\n\n",
+        GOOD.replace(",", " , "),
+        GOOD.replace("20", '"2e1"'),
+        GOOD.rstrip("\n"),
+    ],
+    ids=["plain", "CRLF", "byte order mark", "comment", "blanks", "quotes", "no last newline"],
+)
+def test_forms_of_the_same_text(read, text):
+    assert read(text) == read(GOOD)
+
+
+def test_without_temperatures_steps_may_be_of_any_length(read):
+    """A schedule has lost no samples, however long it holds its duty."""
+    experiment = read("time_s,duty_P1,T11_degC\n0,0.5,\n1,0.5,\n2,1,\n1000,0,\n")
+    assert experiment.temperatures is None
+    assert experiment.channels == ("T11",)
+
+
+def test_the_header_that_is_written(tmp_path, experiment):
+    path = write_recording(experiment, tmp_path / "run.csv")
+    first, second, *_ = path.read_text().splitlines()
+    assert first == "time_s,duty_P1,duty_P2,T12_degC,T11_degC,TAM_degC,ambient_degC"
+    assert second == "0.1,0.0,1.0,21.0,21.414213562373096,21.73205080756888,15.0"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("\n", "is empty: it holds no samples"),
+        ("time_s,duty_P1\n", "is empty: it holds no samples"),
+        ("time_s,duty_P1\n0,0\n", "empty: 1 samples"),
+        ("# Recordings\n\nA page of text.\n", "is no recording: its first line 'A page of text.'"),
+        ("0,0.5,20\n1,0.5,21\n", "must name the columns"),
+        ("time,duty_P1\n0,0\n1,0\n", "allowed are, separated by commas, time_s"),
+        ("time_s;duty_P1\n0;0\n1;0\n", "separated by commas"),
+        ("time_s,duty_P1,T11\n0,0,20\n1,0,20\n", "column 'T11' is not known"),
+        ("time_s,duty_P1,T11_degF\n0,0,20\n1,0,20\n", "column 'T11_degF' is not known"),
+        ("time_s,duty_P1,duty_P1\n0,0,0\n1,0,0\n", "column duty_P1 occurs more than once"),
+        ("time_s,duty_P1,pwm_P1\n0,0,0\n1,0,0\n", "two columns for the drive of cell P1"),
+        ("time_s,duty_P1,T_K,T_degC\n0,0,300,0\n1,0,300,0\n", "two columns for the temperature T"),
+        ("time_s,duty_P1,duty_P3\n0,0,0\n1,0,0\n", "cells P1, P3; allowed are P1, P2"),
+        ("time_s,T11_degC\n0,20\n1,20\n", "drives of the cells none"),
+        ("time_s,duty_left\n0,0\n1,0\n", "column 'duty_left' is not known"),
+        (GOOD.replace("21", "nan"), "line 3, column T11_degC: found 'nan'"),
+        (GOOD.replace("21", "inf"), "line 3, column T11_degC: found 'inf'"),
+        (GOOD.replace("21", ""), "line 3, column T11_degC: found ''"),
+        (GOOD.replace("21", "2_1"), "line 3, column T11_degC: found '2_1'"),
+        ("#\n\n" + GOOD.replace("-1", "off"), "line 6, column duty_P1: found 'off'"),
+        (GOOD.replace(",21", ""), "line 3 has 2 fields; the columns are 3"),
+        (GOOD.replace("21", "21,3"), "line 3 has 4 fields"),
+        (GOOD.replace("21", '"21'), "line 4 is no line of a .csv file"),
+        (GOOD.replace("-1", "-1.2"), "duty of cell 1 is -1.2 at sample 2"),
+        (GOOD.replace("2,", "1,", 1).replace("\n1,", "\n2,", 1), "time does not increase"),
+        ("time_s,pwm_P1\n0,0\n1,300\n", "PWM of cell 1 is 300 at sample 1"),
+        ("time_s,duty_P1,a_degC,b_degC\n0,0,,1\n1,0,,1\n", "channel a is blank"),
+        ("time_s,duty_P1,ambient_degC\n0,0,\n1,0,\n", "ambient has shape"),
+        ("time_s,duty_P1,_degC\n0,0,\n1,0,\n", "column '_degC' is not known"),
+        (GOOD + "30,0,22\n31,0,22\n", "a gap from 2 s to 30 s; .* 3 times the median step"),
+        (b"\x00\xff\xfe binary", "no text"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(read, text, said):
+    with pytest.raises(RecordingError, match=rf"run\.csv: .*{said}"):
+        read(text)
+
+
+def test_a_zone_belongs_to_other_files(read):
+    with pytest.raises(RecordingError, match=r"zone = 'A' applies to two-cell \.mat"):
+        read(GOOD, zone="A")

@@ -1,0 +1,179 @@
+"""What an `Experiment` holds, refuses and offers."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from jaxtwin import RecordingError
+from jaxtwin.io import Experiment
+
+TIME = np.array([0.0, 1.0, 2.0, 3.0])
+DUTY = np.zeros((4, 2))
+
+
+def test_lists_and_integers_are_held_as_float64():
+    experiment = Experiment([0, 1], [[1, 0], [0, -1]], ambient=15)
+    assert experiment.time.dtype == experiment.duty.dtype == np.float64
+    assert isinstance(experiment.ambient, float)
+
+
+def test_nobody_can_change_it_afterwards():
+    """A cache keyed by the fingerprint would otherwise give the results of other contents."""
+    duty = DUTY.copy()
+    experiment = Experiment(TIME, duty)
+    duty[0] = 1
+    assert np.all(experiment.duty == 0)
+    with pytest.raises(ValueError, match="read-only"):
+        experiment.duty[0] = 1
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        experiment.name = "other"  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_duty_and_temperatures_without_a_second_dimension_are_one_cell_and_one_channel():
+    experiment = Experiment(TIME, [0, 0, 1, 1], channels="T", temperatures=[20, 20, 20, 21])
+    assert experiment.duty.shape == (4, 1)
+    assert experiment.channels == ("T",)
+    assert experiment.temperatures is not None
+    assert experiment.temperatures.shape == (4, 1)
+
+
+def test_an_ambient_that_never_changes_is_one_number():
+    assert Experiment(TIME, DUTY, ambient=np.full(4, 15.5)).ambient == 15.5
+    series = Experiment(TIME, DUTY, ambient=[15, 15, 15, 16]).ambient
+    np.testing.assert_array_equal(series, [15, 15, 15, 16])
+
+
+def test_duty_a_rounding_above_one_is_one():
+    """255 * (1 / 255) and the like may end a last bit above full duty."""
+    assert Experiment(TIME, np.full(4, np.nextafter(1, 2))).duty.max() == 1
+
+
+def test_switch_times_are_where_any_cell_changes():
+    duty = [[0.5, 0.5], [0.5, 0.5], [0.5, 0.4], [0.2, 0.4]]
+    np.testing.assert_array_equal(Experiment(TIME, duty).switch_times, [2, 3])
+    assert Experiment(TIME, DUTY).switch_times.size == 0
+
+
+def test_size_and_duration():
+    experiment = Experiment(TIME + 100, DUTY)
+    assert experiment.n_cells == 2
+    assert experiment.duration == 3
+
+
+def test_a_gap_is_a_step_above_three_median_steps():
+    time = [0, 1, 2, 5, 6, 7, 10.5, 11.5]
+    np.testing.assert_array_equal(Experiment(time, np.zeros(8)).gaps, [[7, 10.5]])
+
+
+def test_between_keeps_its_end_out_and_its_times():
+    part = Experiment(TIME, DUTY, channels=["T"], temperatures=TIME, ambient=TIME).between(1, 3)
+    np.testing.assert_array_equal(part.time, [1, 2])
+    np.testing.assert_array_equal(part.temperatures, [[1], [2]])
+    np.testing.assert_array_equal(part.ambient, [1, 2])
+
+
+def test_between_with_too_little_left_says_how_much():
+    with pytest.raises(RecordingError, match=r"between 3 s and inf s are 1 samples .* at least 2"):
+        Experiment(TIME, DUTY).between(3)
+
+
+def test_select_takes_channels_in_the_order_asked_for():
+    experiment = Experiment(TIME, DUTY, channels=["a", "b", "c"], temperatures=np.eye(4)[:, :3])
+    part = experiment.select(["c", "a"])
+    assert part.channels == ("c", "a")
+    np.testing.assert_array_equal(part.temperatures, np.eye(4)[:, [2, 0]])
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [(["b"], "no channel b; there are: a"), ([], "there are: a"), (["a", "a"], "more than once")],
+)
+def test_select_of_what_is_not_there_says_what_is(asked, said):
+    experiment = Experiment(TIME, DUTY, channels=["a"], temperatures=TIME)
+    with pytest.raises(RecordingError, match=said):
+        experiment.select(asked)
+
+
+def test_equality_is_of_contents_and_not_of_names():
+    one, same = Experiment(TIME, DUTY, name="one"), Experiment(TIME, -DUTY, name="same")
+    assert one == same  # DUTY is 0.0 and -DUTY -0.0: the same number
+    assert hash(one) == hash(same)
+    assert one != Experiment(TIME, DUTY, ambient=15)
+    assert one != Experiment(TIME, DUTY, channels=["T"])
+    assert one != "one"
+
+
+def test_fingerprint_tells_shapes_apart_that_have_the_same_numbers():
+    four = np.zeros((4, 4))
+    assert Experiment(TIME, four).fingerprint != Experiment(TIME, four[:, :2]).fingerprint
+
+
+def test_to_xarray_labels_everything_with_units(experiment):
+    data = experiment.to_xarray()
+    assert data["duty"].dims == ("time", "cell")
+    assert data["temperature"].dims == ("time", "channel")
+    assert {name: data[name].attrs["units"] for name in ("time", "duty", "temperature")} == {
+        "time": "s",
+        "duty": "1",
+        "temperature": "degC",
+    }
+    np.testing.assert_array_equal(
+        data["temperature"].sel(channel="T11"), experiment.temperatures[:, 1]
+    )
+    np.testing.assert_array_equal(data["ambient"], experiment.ambient)
+
+
+def test_it_prints_what_is_in_it(experiment):
+    text = repr(experiment)
+    for part in (
+        "made here",
+        "40 samples",
+        "every 1 s",
+        "2 cells",
+        "T12, T11, TAM",
+        "15.0 to 15.1",
+    ):
+        assert part in text
+    assert "not recorded" in repr(Experiment(TIME, DUTY, channels=["T"]))
+    assert "<b>" not in Experiment(TIME, DUTY, name="<b>")._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"time": [], "duty": []}, "empty: 0 samples"),
+        ({"time": [0], "duty": [0]}, "empty: 1 samples"),
+        ({"time": [[0, 1], [2, 3]]}, r"time has shape \(2, 2\)"),
+        ({"time": [0, 1, 1, 2]}, r"sample 2: 1 s after 1 s"),
+        ({"time": [0, 2, 1, 3]}, r"sample 2: 1 s after 2 s"),
+        ({"time": [0, 1, np.nan, 3]}, r"time is nan at sample 2"),
+        ({"time": ["0", "1", "2", "3"]}, "time holds str"),
+        ({"time": [0, 1j, 2, 3]}, "time holds complex"),
+        ({"duty": [[0], [0, 1], [0], [0]]}, "rows differ in length"),
+        ({"duty": np.zeros((3, 2))}, r"duty has shape \(3, 2\).* 4 times"),
+        ({"duty": np.zeros((4, 0))}, "at least one cell"),
+        ({"duty": [0, 0, 1.01, 0]}, r"duty of cell 1 is 1.01 at sample 2 .* allowed is -1 to 1"),
+        ({"duty": [0, 0, -128, 0]}, "duty of cell 1 is -128"),
+        ({"duty": np.ma.masked_equal([0, 1, 0, 0], 1)}, "masked"),
+        ({"channels": ["a", "a"]}, "channel a occurs more than once"),
+        ({"channels": ["a,b"]}, "channel name 'a,b'"),
+        ({"channels": [""]}, "channel name ''"),
+        ({"channels": ["ambient"]}, "'ambient' is taken"),
+        ({"temperatures": np.zeros((4, 2))}, "of which there are 0"),
+        ({"temperatures": np.zeros((4, 0))}, "of which there are 0"),
+        ({"channels": ["a"], "temperatures": np.zeros((4, 2))}, r"have shape \(4, 2\)"),
+        (
+            {"channels": ["a"], "temperatures": [0, 0, np.inf, 0]},
+            "temperature a is inf at sample 2",
+        ),
+        ({"channels": ["a"], "temperatures": [0, -274, 0, 0]}, "-274 degC at sample 1"),
+        ({"ambient": np.nan}, "ambient is nan"),
+        ({"ambient": [15, 15, 15]}, r"ambient has shape \(3,\)"),
+        ({"ambient": -300}, "ambient is -300 degC"),
+    ],
+)
+def test_what_breaks_a_rule_is_refused_by_name(change, said):
+    arguments = {"time": TIME, "duty": np.zeros(4)} | change
+    with pytest.raises(RecordingError, match=said):
+        Experiment(arguments.pop("time"), arguments.pop("duty"), **arguments)

@@ -1,0 +1,231 @@
+"""The authors' MATLAB files, made here with scipy in both layouts."""
+
+import io
+import struct
+
+import numpy as np
+import pytest
+import scipy.io
+
+from jaxtwin import RecordingError
+from jaxtwin.io import read_recording
+
+TWO_CELL = "peltierMIMOStepSecA.mat"
+
+
+def mat(compressed: bool = True, **variables) -> bytes:
+    """The bytes of a MATLAB 5 file."""
+    stream = io.BytesIO()
+    scipy.io.savemat(stream, variables, do_compression=compressed)
+    return stream.getvalue()
+
+
+def element(kind: int, data: bytes) -> bytes:
+    return struct.pack("<II", kind, len(data)) + data + b"\0" * (-len(data) % 8)
+
+
+def controller_object(name: str) -> bytes:
+    """A transfer function as MATLAB saves it: an object whose name scipy takes for 'None'."""
+    reference = (
+        element(6, struct.pack("<II", 13, 0))
+        + element(5, struct.pack("<ii", 6, 1))
+        + element(1, b"")
+        + element(6, struct.pack("<6I", 0xDD000000, 2, 1, 1, 1, 1))
+    )
+    texts = b"".join(element(1, text.encode()) for text in (name, "MCOS", "tf"))
+    return element(14, element(6, struct.pack("<II", 17, 0)) + texts + element(14, reference))
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Puts bytes into a file and gives its path."""
+
+    def write(name: str, content: bytes):
+        path = tmp_path / name
+        path.write_bytes(content)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("zone", "channels"),
+    [
+        ("A", ("T12", "T11", "TAM", "T22", "T21")),
+        ("B", ("T14", "T13", "TBM", "T24", "T23")),
+        ("C", ("T16", "T15", "TCM", "T26", "T25")),
+    ],
+)
+def test_two_cells_by_zone(write, two_cell_simout, zone, channels):
+    """Columns 5 to 9 are second and first upper zone, tap, second and first lower zone."""
+    experiment = read_recording(write(f"StepSec{zone}.mat", mat(simout=two_cell_simout)))
+    assert experiment.channels == channels
+    np.testing.assert_array_equal(experiment.temperatures, two_cell_simout[:, 4:9])
+    np.testing.assert_array_equal(experiment.time, two_cell_simout[:, 2])
+    np.testing.assert_array_equal(experiment.duty, two_cell_simout[:, 9:11] / 255)
+    assert experiment.ambient is None
+    assert experiment.name == f"StepSec{zone}"
+
+
+def test_one_cell(write, one_cell_simout):
+    """Drive from -255 to 255, temperature, time; positive drive heats."""
+    experiment = read_recording(write("BMData1_022722.mat", mat(simout=one_cell_simout)))
+    assert experiment.channels == ("T",)
+    np.testing.assert_array_equal(experiment.temperatures, one_cell_simout[:, 1:2])
+    np.testing.assert_array_equal(experiment.time, one_cell_simout[:, 2])
+    np.testing.assert_array_equal(experiment.duty, one_cell_simout[:, :1] / 255)
+
+
+def test_counts_and_polarity(write, one_cell_simout):
+    path = write("a.mat", mat(simout=one_cell_simout))
+    experiment = read_recording(path, counts=1023, polarity=-1)
+    np.testing.assert_array_equal(experiment.duty, -one_cell_simout[:, :1] / 1023)
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_objects_of_the_controller_beside_it_are_left_alone(write, two_cell_simout, compressed):
+    """The authors' files hold objects that scipy names 'None', twice, and warns about."""
+    content = mat(compressed, alpha=1.02, simout=two_cell_simout, tout=np.arange(40))
+    content = content[:128] + controller_object("M") + controller_object("Md") + content[128:]
+    with pytest.warns(scipy.io.matlab.MatReadWarning, match='Duplicate variable name "None"'):
+        scipy.io.loadmat(io.BytesIO(content))
+    experiment = read_recording(write(TWO_CELL, content))
+    np.testing.assert_array_equal(experiment.temperatures, two_cell_simout[:, 4:9])
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+@pytest.mark.parametrize("dtype", ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"])
+def test_any_number_type_is_read_as_scipy_reads_it(write, compressed, dtype):
+    k = np.arange(30)
+    simout = np.stack([k, 20 + k % 7, k, k], axis=1).astype(dtype)
+    content = mat(compressed, simout=simout)
+    oracle = scipy.io.loadmat(io.BytesIO(content))["simout"]
+    experiment = read_recording(write("a.mat", content))
+    np.testing.assert_array_equal(experiment.temperatures, oracle[:, 1:2])
+    np.testing.assert_array_equal(experiment.duty, oracle[:, :1].astype(float) / 255)
+
+
+def test_big_endian(write):
+    """MATLAB on older workstations: every number byte-swapped, the mark MI instead of IM."""
+
+    def big(kind: int, data: bytes) -> bytes:
+        return struct.pack(">II", kind, len(data)) + data + b"\0" * (-len(data) % 8)
+
+    k = np.arange(3.0)
+    simout = np.stack([k, 20 + k, k, k], axis=1)
+    matrix = (
+        big(6, struct.pack(">II", 6, 0))
+        + big(5, struct.pack(">ii", 3, 4))
+        + big(1, b"simout")
+        + big(9, simout.astype(">f8").tobytes(order="F"))
+    )
+    content = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI" + big(14, matrix)
+    assert scipy.io.loadmat(io.BytesIO(content))["simout"].tolist() == simout.tolist()
+    np.testing.assert_array_equal(read_recording(write("a.mat", content)).time, k)
+
+
+def test_time_need_not_start_at_zero_and_may_jitter(write, two_cell_simout):
+    simout = two_cell_simout.copy()
+    simout[:, 2] += 60 + 0.01 * np.sin(np.arange(len(simout)))
+    experiment = read_recording(write(TWO_CELL, mat(simout=simout)))
+    np.testing.assert_array_equal(experiment.time, simout[:, 2])
+
+
+def test_the_content_says_what_it_is_whatever_the_ending(write, one_cell_simout):
+    path = write("a.dat", mat(simout=one_cell_simout))
+    assert read_recording(path).channels == ("T",)
+
+
+@pytest.mark.parametrize(
+    ("name", "zone", "channel"),
+    [
+        ("peltierMIMOStepSecB.mat", None, "TBM"),
+        ("peltiermimostepsecb.mat", None, "TBM"),
+        ("peltierMIMOSecC1.mat", None, "TCM"),
+        ("full power, section A.mat", None, "TAM"),
+        ("zone_c-2.mat", None, "TCM"),
+        ("run.mat", "b", "TBM"),
+        ("peltierMIMOStepSecA.mat", "C", "TCM"),
+    ],
+)
+def test_the_zone_comes_from_the_name_or_the_argument(write, two_cell_simout, name, zone, channel):
+    path = write(name, mat(simout=two_cell_simout))
+    assert channel in read_recording(path, zone=zone).channels
+
+
+@pytest.mark.parametrize("name", ["run.mat", "second.mat", "SecD.mat", "SecA and SecB.mat"])
+def test_a_name_without_one_zone_asks_for_the_argument(write, two_cell_simout, name):
+    with pytest.raises(RecordingError, match="pass zone='A', 'B' or 'C'"):
+        read_recording(write(name, mat(simout=two_cell_simout)))
+
+
+def test_a_zone_that_there_is_not(write, two_cell_simout, one_cell_simout):
+    path = write(TWO_CELL, mat(simout=two_cell_simout))
+    with pytest.raises(RecordingError, match="zone = 'D': allowed are"):
+        read_recording(path, zone="D")
+    path = write("BMData1.mat", mat(simout=one_cell_simout))
+    with pytest.raises(RecordingError, match="'simout' has 4 columns: one cell"):
+        read_recording(path, zone="A")
+
+
+def changed(simout: np.ndarray, row: int, column: int, value: float) -> np.ndarray:
+    simout = simout.copy()
+    simout[row, column] = value
+    return simout
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value", "said"),
+    [
+        (7, 9, 256, "PWM of cell 1 is 256 at sample 7 .* allowed is -255 to 255 counts"),
+        (7, 10, -300, "PWM of cell 2 is -300 at sample 7"),
+        (7, 9, np.nan, "duty of cell 1 is nan at sample 7"),
+        (7, 6, np.nan, "temperature TAM is nan at sample 7"),
+        (7, 6, 293.15, "temperature 293.15 degC in row 8"),
+        (7, 2, np.nan, "time is nan at sample 7"),
+        (7, 2, 6, "time does not increase at sample 7: 6 s after 6 s"),
+        (39, 2, 60, "a gap from 38 s to 60 s"),
+    ],
+)
+def test_one_wrong_number_is_named_with_its_place(write, two_cell_simout, row, column, value, said):
+    path = write(TWO_CELL, mat(simout=changed(two_cell_simout, row, column, value)))
+    with pytest.raises(RecordingError, match=said) as caught:
+        read_recording(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [
+        ({}, "holds no variable 'simout'"),
+        ({"simouts": np.zeros((9, 11))}, "holds no variable 'simout'"),
+        ({"simout": np.zeros((9, 5))}, r"shape \(9, 5\); allowed are 11 columns"),
+        ({"simout": np.zeros((11, 40))}, r"shape \(11, 40\)"),
+        ({"simout": np.zeros((9, 11, 2))}, r"shape \(9, 11, 2\)"),
+        ({"simout": np.zeros((0, 11))}, "empty: 0 samples"),
+        ({"simout": np.zeros((1, 11))}, "empty: 1 samples"),
+        ({"simout": np.zeros((9, 11), complex)}, "no matrix of real numbers"),
+        ({"simout": np.zeros((9, 11), bool)}, "no matrix of real numbers"),
+        ({"simout": "text"}, "no matrix of real numbers"),
+        ({"simout": {"time": np.zeros(3)}}, "no matrix of real numbers"),
+        ({"simout": np.array([1, "a"], object)}, "no matrix of real numbers"),
+        ({"simout": scipy.sparse.csc_array(np.eye(11))}, "no matrix of real numbers"),
+    ],
+)
+def test_a_variable_that_is_no_recording(write, variables, said):
+    with pytest.raises(RecordingError, match=said):
+        read_recording(write(TWO_CELL, mat(**variables)))
+
+
+def test_matlab_7_3_is_named_with_what_to_do(write):
+    content = b"MATLAB 7.3 MAT-file, Platform: PCWIN64".ljust(124) + b"\x00\x02IM"
+    for text in (content, content.ljust(512, b"\0") + b"\x89HDF\r\n\x1a\n"):
+        with pytest.raises(RecordingError, match=r"MATLAB 7.3 \(HDF5\) .* save it .* '-v7'"):
+            read_recording(write(TWO_CELL, text))
+
+
+@pytest.mark.parametrize(("counts", "polarity"), [(0, 1), (-255, 1), (255, 0), (255, 2)])
+def test_counts_and_polarity_must_make_sense(write, one_cell_simout, counts, polarity):
+    path = write("a.mat", mat(simout=one_cell_simout))
+    with pytest.raises(RecordingError, match="allowed are"):
+        read_recording(path, counts=counts, polarity=polarity)
