@@ -4,9 +4,20 @@ The default solver is exponential time differencing in the modes of the thermal 
 grid that is fine after each input change; any diffrax solver can take its place.
 """
 
+from ._exponential import reference_temperature, solve_schedule
 from ._measures import fit_percent, rmse
 from ._run import Run
 from ._schedule import Schedule, build_schedule
 from ._simulate import response, simulate
 
-__all__ = ["Run", "Schedule", "build_schedule", "fit_percent", "response", "rmse", "simulate"]
+__all__ = [
+    "Run",
+    "Schedule",
+    "build_schedule",
+    "fit_percent",
+    "reference_temperature",
+    "response",
+    "rmse",
+    "simulate",
+    "solve_schedule",
+]

@@ -1,0 +1,265 @@
+r"""Levenberg-Marquardt in a box, as an optimistix least-squares solver.
+
+What optimistix's own solver lacks for matching a twin: bounds, damping that does not depend on the
+units of the parameters, a stop on the gradient, and a Jacobian only where a step was accepted.
+
+Each step solves, over the parameters that are not held at a bound,
+
+$$\min_\delta \lVert J \delta + r \rVert^2 + \lambda \lVert D \delta \rVert^2$$
+
+with $D$ the largest column norms of $J$ seen so far (Moré 1978), projects $y + \delta$ onto the
+box, and accepts it where the cost falls.
+A parameter is held where it is at a bound and the gradient pushes it out of the box.
+$\lambda$ follows the gain ratio (Nielsen 1999).
+The Jacobian enters through its QR factorisation, so its condition number is never squared.
+"""
+
+from collections.abc import Callable
+from typing import Any, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
+
+RUNNING, GRADIENT, REDUCTION, STEP, STALLED = range(5)
+STATUS = {
+    RUNNING: "stopped at the largest number of iterations",
+    GRADIENT: "the gradient is zero (within tolerance) in every direction inside the bounds",
+    REDUCTION: "the cost falls no further (within tolerance)",
+    STEP: "the parameters move no further (within tolerance)",
+    STALLED: "no step lowers the cost any more",
+}
+"""What each status of a solver's state means."""
+
+
+@final
+class LMState(eqx.Module):
+    """State of `BoundedLevenbergMarquardt`.
+
+    - `triangle`, `projected`: R and $Q^T r$ of the Jacobian's QR factorisation.
+    - `cost`: half the sum of squared residuals.
+    - `scale`: D. `damping`: $\\lambda$. `growth`: its factor at the next rejection.
+    - `gradient`: the largest cosine between the residual and a column of the Jacobian that is not
+      held.
+    - `accepted`: whether the last step was. `status`: why to stop, see `STATUS`.
+    - `residuals`, `jacobians`: how many were computed.
+    """
+
+    triangle: Float[Array, "parameters parameters"]
+    projected: Float[Array, " parameters"]
+    cost: Scalar
+    scale: Float[Array, " parameters"]
+    damping: Scalar
+    growth: Scalar
+    gradient: Scalar
+    first: Bool[Array, ""]
+    accepted: Bool[Array, ""]
+    status: Int[Array, ""]
+    residuals: Int[Array, ""]
+    jacobians: Int[Array, ""]
+    aux: Any
+
+
+@final
+class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, LMState]):
+    """Levenberg-Marquardt with bounds, for `optimistix.least_squares`.
+
+    Bounds are options of the solve: `options={"lower": ..., "upper": ...}`, each shaped like the
+    parameters; a start outside is moved onto the box.
+    Derivatives are taken in forward mode, which suits many residuals of few parameters.
+
+    **Arguments:**
+
+    - `rtol`: stop when an accepted step lowers the cost by less than this part of it and promised
+      no more.
+    - `atol`: stop when a step moves every parameter by less than this part of the length of all of
+      them, each measured by its column of the Jacobian.
+    - `gtol`: stop when the residual is this nearly orthogonal to every column that is not held.
+    - `damping`: $\\lambda$ at the start.
+    """
+
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    gtol: float = 1e-7
+    damping: float = 1e-3
+    norm: Callable[[PyTree], Scalar] = eqx.field(static=True, default=optx.max_norm)
+
+    def init(
+        self,
+        fn: Callable[[Any, Any], tuple[Any, Any]],
+        y: Any,
+        args: Any,
+        options: dict[str, Any],
+        f_struct: Any,
+        aux_struct: Any,
+        tags: frozenset[object],
+    ) -> LMState:
+        """A state with nothing computed yet: the first step evaluates the start."""
+        del fn, args, options, f_struct, tags
+        flat, _ = ravel_pytree(y)
+        n, dtype = flat.size, flat.dtype
+        return LMState(
+            triangle=jnp.zeros((n, n), dtype),
+            projected=jnp.zeros(n, dtype),
+            cost=jnp.array(jnp.inf, dtype),
+            scale=jnp.zeros(n, dtype),
+            damping=jnp.array(self.damping, dtype),
+            growth=jnp.array(2.0, dtype),
+            gradient=jnp.array(jnp.inf, dtype),
+            first=jnp.array(True),
+            accepted=jnp.array(False),
+            status=jnp.array(RUNNING),
+            residuals=jnp.array(0),
+            jacobians=jnp.array(0),
+            aux=jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), aux_struct),
+        )
+
+    def step(
+        self,
+        fn: Callable[[Any, Any], tuple[Any, Any]],
+        y: Any,
+        args: Any,
+        options: dict[str, Any],
+        state: LMState,
+        tags: frozenset[object],
+    ) -> tuple[Any, LMState, Any]:
+        """Tries one step; computes the Jacobian where it is taken."""
+        del tags
+        flat, unravel = ravel_pytree(y)
+        lower, upper = _bounds(options, flat)
+
+        def residuals(flat: Array) -> tuple[Array, Any]:
+            out, aux = fn(unravel(flat), args)
+            return ravel_pytree(out)[0], aux
+
+        gradient = state.triangle.T @ state.projected
+        held = ((flat <= lower) & (gradient > 0)) | ((flat >= upper) & (gradient < 0))
+        move = _damped_step(state, held)
+        trial = jnp.clip(flat + jnp.where(state.first, 0.0, move), lower, upper)
+        move = trial - flat
+
+        residual, aux = residuals(trial)
+        cost = 0.5 * jnp.sum(residual**2)
+        linear = state.triangle @ move
+        predicted = -(jnp.sum(linear * state.projected) + 0.5 * jnp.sum(linear**2))
+        actual = state.cost - cost
+        ratio = actual / jnp.where(predicted > 0, predicted, jnp.inf)
+        accepted = state.first | (jnp.isfinite(cost) & (predicted > 0) & (ratio > 1e-4))
+
+        def factorised() -> tuple[Array, Array]:
+            jacobian = jax.jacfwd(lambda flat: residuals(flat)[0])(trial)
+            table = jnp.concatenate([jacobian, residual[:, None]], axis=1)
+            # Rows of zeros where there are fewer residuals than columns.
+            missing = max(0, table.shape[1] - table.shape[0])
+            triangle = jnp.linalg.qr(jnp.pad(table, ((0, missing), (0, 0))), mode="r")
+            return triangle[:-1, :-1], triangle[:-1, -1]
+
+        triangle, projected = jax.lax.cond(
+            accepted, factorised, lambda: (state.triangle, state.projected)
+        )
+        lengths = jnp.linalg.norm(triangle, axis=0)
+        new_cost = jnp.where(accepted, cost, state.cost)
+        new_flat = jnp.where(accepted, trial, flat)
+        gradient = triangle.T @ projected
+        held = ((new_flat <= lower) & (gradient > 0)) | ((new_flat >= upper) & (gradient < 0))
+        cosine = jnp.abs(gradient) / (
+            jnp.maximum(lengths, _tiny(flat)) * jnp.maximum(jnp.sqrt(2 * new_cost), _tiny(flat))
+        )
+        steepest = jnp.max(jnp.where(held, 0.0, cosine), initial=0.0)
+
+        # Nielsen: less damping the better the linear model was, else ever more.
+        eased = state.damping * jnp.maximum(1 / 3, 1 - (2 * ratio - 1) ** 3)
+        damping = jnp.where(accepted, eased, state.damping * state.growth)
+        damping = jnp.where(state.first, state.damping, jnp.clip(damping, 1e-12, 1e12))
+        still = jnp.all(
+            state.scale * jnp.abs(move)
+            <= self.atol * (self.atol + jnp.linalg.norm(state.scale * flat))
+        )
+        little = (
+            accepted & (actual <= self.rtol * state.cost) & (predicted <= self.rtol * state.cost)
+        )
+        status = jnp.select(
+            [
+                accepted & ((steepest <= self.gtol) | (new_cost == 0)),
+                little & ~state.first,
+                accepted & still & ~state.first,
+                ~accepted & (still | (state.damping >= 1e12)),
+            ],
+            [GRADIENT, REDUCTION, STEP, STALLED],
+            RUNNING,
+        )
+        new_state = LMState(
+            triangle=triangle,
+            projected=projected,
+            cost=new_cost,
+            scale=jnp.maximum(state.scale, lengths),
+            damping=damping,
+            growth=jnp.where(accepted, 2.0, 2 * state.growth).astype(flat.dtype),
+            gradient=steepest,
+            first=jnp.array(False),
+            accepted=accepted,
+            status=status,
+            residuals=state.residuals + 1,
+            jacobians=state.jacobians + accepted,
+            aux=jax.tree.map(lambda new, old: jnp.where(accepted, new, old), aux, state.aux),
+        )
+        return unravel(new_flat), new_state, new_state.aux
+
+    def terminate(
+        self,
+        fn: Callable[[Any, Any], tuple[Any, Any]],
+        y: Any,
+        args: Any,
+        options: dict[str, Any],
+        state: LMState,
+        tags: frozenset[object],
+    ) -> tuple[Bool[Array, ""], optx.RESULTS]:
+        """Stops on any status; a start with residuals that are not finite is an error."""
+        del fn, y, args, options, tags
+        broken = ~state.first & ~jnp.isfinite(state.cost)
+        result = optx.RESULTS.where(
+            broken, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful
+        )
+        return (state.status != RUNNING) | broken, result
+
+    def postprocess(
+        self,
+        fn: Callable[[Any, Any], tuple[Any, Any]],
+        y: Any,
+        aux: Any,
+        args: Any,
+        options: dict[str, Any],
+        state: LMState,
+        tags: frozenset[object],
+        result: optx.RESULTS,
+    ) -> tuple[Any, Any, dict[str, Any]]:
+        """Hands over the status and the counts."""
+        del fn, args, options, tags, result
+        counts = {"num_residuals": state.residuals, "num_jacobians": state.jacobians}
+        return y, aux, {"status": state.status, "cost": state.cost, **counts}
+
+
+def _damped_step(state: LMState, held: Bool[Array, " parameters"]) -> Float[Array, " parameters"]:
+    n = state.projected.size
+    # A column of zeros has no scale of its own; any will do, as nothing moves along it.
+    scale = jnp.where(state.scale > 0, state.scale, 1.0)
+    triangle = jnp.where(held[None, :], 0.0, state.triangle)
+    damped = jnp.concatenate([triangle, jnp.diag(jnp.sqrt(state.damping) * scale)])
+    q, r = jnp.linalg.qr(damped)
+    move = jax.scipy.linalg.solve_triangular(r, -q[:n].T @ state.projected)
+    return jnp.where(held, 0.0, move)
+
+
+def _bounds(options: dict[str, Any], flat: Array) -> tuple[Array, Array]:
+    def bound(name: str, default: float) -> Array:
+        value = options.get(name)
+        return jnp.full_like(flat, default) if value is None else ravel_pytree(value)[0]
+
+    return bound("lower", -jnp.inf), bound("upper", jnp.inf)
+
+
+def _tiny(like: Array) -> float:
+    return float(jnp.finfo(like.dtype).tiny) ** 0.5
