@@ -22,7 +22,7 @@ FORMATS = ["packed SecA.mat", "plain SecA.mat", "run.csv", "run.nc"]
 def files(tmp_path_factory, experiment, two_cell_simout) -> dict[str, bytes]:
     """Good files by name.
 
-    `netCDF 4.nc` is only ever cut off here: its reader, the HDF5 library, can loop for ever on bytes
+    `netCDF 4.nc` is only cut off here: its reader, the HDF5 library, can loop for ever on bytes
     that were overwritten.
     """
     folder = tmp_path_factory.mktemp("good")
