@@ -138,9 +138,7 @@ class StepFactors(eqx.Module):
     last: Float[Array, "*sizes modes"]
 
 
-def step_factors(
-    rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]
-) -> StepFactors:
+def step_factors(rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]) -> StepFactors:
     """The factors for one or several step sizes."""
     h = jnp.asarray(sizes, rates.dtype)[..., None]
     decay, phi1, phi2, phi3 = _phi(rates * h)
@@ -235,10 +233,7 @@ def solve_schedule(
     w = jnp.asarray(schedule.weights, dtype)[..., None]
     at = jnp.asarray(schedule.step_of)
     return (
-        w[:, 0] * starts[at]
-        + w[:, 1] * slopes_0[at]
-        + w[:, 2] * ends[at]
-        + w[:, 3] * slopes_1[at]
+        w[:, 0] * starts[at] + w[:, 1] * slopes_0[at] + w[:, 2] * ends[at] + w[:, 3] * slopes_1[at]
     )
 
 

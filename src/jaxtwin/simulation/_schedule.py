@@ -68,6 +68,8 @@ def build_schedule(
     steps, held = [], []
     for start, stop in pairwise(marks):
         sizes = _graded(time[stop] - time[start], first_step, growth, largest_step)
+        if not steps:
+            sizes = _halved(sizes[0]) + sizes[1:]
         steps += sizes
         held += [start] * len(sizes)
     # Sums of steps and sample times differ by rounding; sizes that differ by no more are one.
@@ -100,6 +102,15 @@ def _graded(duration: float, first: float, growth: float, largest: float) -> lis
         steps.append(float(size))
         elapsed += size
     return steps
+
+
+def _halved(size: float) -> list[float]:
+    """The first step of a run in nine parts, each twice the last.
+
+    A run may start far from what its cells want: their sides then meet within milliseconds, which
+    the values forgive but derivatives with respect to those resistances do not.
+    """
+    return [size / 2**8] + [size / 2**k for k in range(8, 0, -1)]
 
 
 def _hermite(part: np.ndarray, length: np.ndarray) -> np.ndarray:
