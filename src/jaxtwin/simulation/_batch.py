@@ -1,6 +1,7 @@
 """Many draws of a twin's parameters at once."""
 
 import os
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -15,8 +16,8 @@ from jaxtyping import Array, Float, Int
 
 from .._errors import ParameterError, SimulationError
 from ..io import Experiment
-from ..physics import Twin
-from ._exponential import reference_temperature, solve_schedule
+from ..physics import System, Twin
+from ._exponential import Modes, network_modes, reference_temperature, solve_schedule
 from ._initial import Initial, checked_initial, initial_temperatures
 from ._schedule import Schedule, build_schedule
 from ._simulate import checked_channels
@@ -31,6 +32,11 @@ REDUCTIONS: tuple[Reduction, ...] = (
     "deviation",
 )
 Precision = Literal["float64", "float32"]
+
+_LAPACK = threading.Lock()
+# XLA's batched LAPACK kernels wait for the thread pool that they run on: two of them at once, on as
+# many cores, wait for each other for ever (seen with jax 0.10.2). They spread over all cores
+# themselves, so nothing is lost by letting one in at a time.
 
 CHUNK_CPU = 64
 """Draws that one core works on at a time: their modes stay in its second-level cache."""
@@ -149,23 +155,22 @@ def simulate_batch(
     accelerated = jax.default_backend() != "cpu"
     count = len(next(iter(draws.values())))
     size = chunk_size or min(CHUNK_ACCELERATOR if accelerated else CHUNK_CPU, count)
+    schedule = build_schedule(experiment)
     solve = partial(
         _solve_chunk,
-        twin,
-        schedule=build_schedule(experiment),
+        schedule=schedule,
         columns=np.array([twin.channels.index(name) for name in names]),
         recorded=experiment.temperatures if wanted is not None and "cost" in wanted else None,
-        initial=start,
         wanted=wanted,
     )
 
     def work(first: int) -> dict[str, np.ndarray]:
-        chunk = {
-            name: _padded(values[first : first + size], size) for name, values in draws.items()
-        }
+        chunk = {n: _padded(values[first : first + size], size) for n, values in draws.items()}
         # Each thread has its own precision.
         with jax.enable_x64(precision == "float64"):
-            result = jax.tree.map(np.asarray, solve(chunk))
+            with _LAPACK:
+                prepared = jax.block_until_ready(_prepare_chunk(twin, chunk, schedule, start))
+            result = jax.tree.map(np.asarray, solve(*prepared))
         if on_progress is not None:
             on_progress(min(first + size, count) - first)
         return {name: values[: count - first] for name, values in result.items()}
@@ -181,28 +186,44 @@ def simulate_batch(
 
 
 @eqx.filter_jit
-def _solve_chunk(
+def _prepare_chunk(
     twin: Twin,
     draws: dict[str, Float[Array, " chunk"]],
-    *,
     schedule: Schedule,
-    columns: Int[Array, " channels"],
-    recorded: Float[Array, "times channels"] | None,
     initial: str | Float[Array, " nodes"] | None,
-    wanted: tuple[Reduction, ...] | None,
-) -> dict[str, Array]:
-    plate = sum(node.kind == "plate" for node in twin.netlist.nodes)
-    plate_readout = np.eye(plate, len(twin.netlist.nodes))
+) -> tuple[System, Modes, Float[Array, "chunk nodes"]]:
+    """All linear algebra of a chunk: the draws' equations, modes and initial temperatures."""
 
-    def one(values: dict[str, Float[Array, ""]]) -> dict[str, Array]:
+    def one(values: dict[str, Float[Array, ""]]) -> tuple[System, Modes, Float[Array, " nodes"]]:
         system = twin.with_parameters(values).system()
-        dtype = system.capacitance.dtype
         reference = reference_temperature(system, schedule)
         start = initial_temperatures(system, initial, schedule.duty[0], reference)
+        return system, network_modes(system), start
+
+    return jax.vmap(one)(draws)
+
+
+@eqx.filter_jit
+def _solve_chunk(
+    systems: System,
+    modes: Modes,
+    starts: Float[Array, "chunk nodes"],
+    *,
+    schedule: Schedule,
+    columns: Int[Array | np.ndarray, " channels"],
+    recorded: Float[Array | np.ndarray, "times channels"] | None,
+    wanted: tuple[Reduction, ...] | None,
+) -> dict[str, Array]:
+    nodes = systems.wiring.netlist.nodes
+    plate = np.eye(sum(node.kind == "plate" for node in nodes), len(nodes))
+    needs_plate = wanted is not None and ("spread" in wanted or "deviation" in wanted)
+
+    def one(system: System, modes: Modes, start: Float[Array, " nodes"]) -> dict[str, Array]:
+        dtype = system.capacitance.dtype
+        reference = reference_temperature(system, schedule)
         weights = jnp.asarray(system.wiring.channel_weights, dtype)[columns]
-        needs_plate = wanted is not None and ("spread" in wanted or "deviation" in wanted)
-        readout = jnp.concatenate([weights, plate_readout]) if needs_plate else weights
-        deviation = solve_schedule(system, schedule, start, readout)
+        readout = jnp.concatenate([weights, plate]) if needs_plate else weights
+        deviation = solve_schedule(system, schedule, start, readout, modes)
         ambient = 0.0
         if schedule.ambient_at is not None:
             ambient = (jnp.asarray(schedule.ambient_at, dtype) - reference)[:, None]
@@ -224,7 +245,7 @@ def _solve_chunk(
         reduced = {name: jnp.where(failed, jnp.nan, results[name]()) for name in wanted}
         return {"failed": failed, **reduced}
 
-    return jax.vmap(one)(draws)
+    return jax.vmap(one)(systems, modes, starts)
 
 
 def _padded(values: np.ndarray, size: int) -> np.ndarray:

@@ -191,6 +191,7 @@ def solve_schedule(
     schedule: Schedule,
     initial: Float[Array, " nodes"],
     readout: Float[Array | np.ndarray, "outputs nodes"],
+    modes: Modes | None = None,
 ) -> Float[Array, "times outputs"]:
     """Runs a network through a schedule.
 
@@ -200,13 +201,14 @@ def solve_schedule(
     - `schedule`: steps, inputs and samples.
     - `initial`: absolute node temperatures at the start, K.
     - `readout`: which weighted sums of node temperatures to return.
+    - `modes`: of the system, where they are known already.
 
     **Returns:** the sums of the nodes' deviations from the reference at each sample, K.
     The reference is `reference_temperature(system, schedule)`.
     """
     dtype = system.capacitance.dtype
     reference = reference_temperature(system, schedule)
-    modes = network_modes(system)
+    modes = network_modes(system) if modes is None else modes
     # The inverse of the shapes is shapes^T C with the capacitances that made them.
     weighted = jax.lax.stop_gradient(system.capacitance) * (initial - reference)
     start = modes.shapes.T @ weighted
