@@ -4,7 +4,7 @@ from ._assembly import build_netlist
 from ._camera import channel_weights, frame_to_channels, pixel_weights
 from ._dc_sweep import DCSweep
 from ._driver import Bridge, CellHeat
-from ._netlist import Link, Netlist, Node, ThermoelectricElement
+from ._netlist import Link, Loss, Netlist, Node, ThermoelectricElement
 from ._spice import to_spice
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
@@ -15,6 +15,7 @@ __all__ = [
     "CellHeat",
     "DCSweep",
     "Link",
+    "Loss",
     "Netlist",
     "Node",
     "System",

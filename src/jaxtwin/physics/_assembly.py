@@ -1,8 +1,8 @@
 """Rig -> netlist."""
 
 from ..rig import AMBIENT, Rig
-from ._netlist import Link, Netlist, Node, ThermoelectricElement
-from ._plate import circuit_links, element_capacitance, finite_volume_links
+from ._netlist import Link, Loss, Netlist, Node, ThermoelectricElement
+from ._plate import circuit_links, element_capacitance, exposed_area, finite_volume_links
 
 
 def build_netlist(rig: Rig) -> Netlist:
@@ -44,7 +44,21 @@ def build_netlist(rig: Rig) -> Netlist:
                 thermal_resistance=cell.thermal_resistance,
             )
         )
-    return Netlist(tuple(nodes), tuple(links), tuple(cells))
+    return Netlist(tuple(nodes), tuple(links), tuple(cells), _loss(rig))
+
+
+def _loss(rig: Rig) -> Loss | None:
+    """What makes the plate's losses nonlinear."""
+    plate = rig.plate
+    radiators = []
+    if plate.emissivity is not None:
+        covered = _covered_faces(rig)
+        for name in plate.element_names:
+            area = exposed_area(plate, name, covered.get(name, 0.0))
+            radiators.append((name, tuple(plate.emissivity * term for term in area)))
+    if plate.film_exponent is None and not radiators:
+        return None
+    return Loss(plate.film_exponent, tuple(radiators))
 
 
 def _covered_faces(rig: Rig) -> dict[str, float]:

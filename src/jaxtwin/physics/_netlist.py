@@ -76,6 +76,20 @@ class ThermoelectricElement:
 
 
 @final
+@dataclass(frozen=True)
+class Loss:
+    """How the plate's losses to the surroundings change with its temperature.
+
+    - `exponent`: links of the role `"film"` conduct as the temperature difference to this power,
+      and as they say at `FILM_REFERENCE`; None where they do not change.
+    - `radiators`: pairs (node, emissivity times area in m^2 as terms of a sum) of what radiates.
+    """
+
+    exponent: Value | None = None
+    radiators: tuple[tuple[str, tuple[Value, ...]], ...] = ()
+
+
+@final
 @dataclass(frozen=True, eq=False)
 class Netlist:
     """A thermal network with thermoelectric cells.
@@ -85,11 +99,13 @@ class Netlist:
     **Arguments:**
 
     - `nodes`, `links`, `cells`: in the order in which all arrays hold them.
+    - `loss`: what makes losses nonlinear, None for nothing.
     """
 
     nodes: tuple[Node, ...]
     links: tuple[Link, ...]
     cells: tuple[ThermoelectricElement, ...]
+    loss: Loss | None = None
 
     @cached_property
     def index(self) -> dict[str, int]:
@@ -119,7 +135,7 @@ class Netlist:
     @cached_property
     def fingerprint(self) -> str:
         """Changes with the contents."""
-        contents = repr((self.nodes, self.links, self.cells))
+        contents = repr((self.nodes, self.links, self.cells, self.loss))
         return hashlib.sha256(contents.encode()).hexdigest()
 
     def __eq__(self, other: object) -> bool:

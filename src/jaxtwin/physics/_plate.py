@@ -58,6 +58,26 @@ def finite_volume_links(plate: Plate, covered: dict[str, float]) -> list[Link]:
     return links
 
 
+def exposed_area(plate: Plate, element: str, covered: float) -> tuple[Value, ...]:
+    """What of an element's surface sees the room, m^2: both faces less what cells cover, and the
+    outer edges, as terms of a sum.
+
+    **Arguments:**
+
+    - `covered`: the part of its two faces that cells cover, 0 to 1.
+    """
+    left, right, top, bottom = plate.extent(element)
+    width, height = right - left, bottom - top
+    outer = [
+        (left, 0.0, height),
+        (right, plate.width, height),
+        (top, 0.0, width),
+        (bottom, plate.height, width),
+    ]
+    rim = sum(length for at, edge, length in outer if abs(at - edge) < 1e-9)
+    return (Value(2 * width * height * (1 - covered)), plate.thickness * rim)
+
+
 def circuit_links(circuit: Circuit) -> list[Link]:
     """All plate links of a circuit that a rig file gives link by link."""
     return [

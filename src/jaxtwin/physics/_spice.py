@@ -7,12 +7,14 @@ J/K.
 import re
 from collections.abc import Mapping
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
 from .._errors import ParameterError, SimulationError
 from ..io import Experiment
-from ..rig import AMBIENT, Rig, Value
+from ..rig import AMBIENT, FILM_REFERENCE, Rig, Value
+from ._loss import CALM, STEFAN_BOLTZMANN
 from ._netlist import Netlist, ThermoelectricElement
 from ._twin import Twin
 
@@ -67,6 +69,7 @@ def to_spice(twin: Twin, experiment: Experiment, *, output: str = "temperatures.
             *_head(twin, experiment, values),
             *_constants(twin.rig, ambient[0], values),
             *_network(twin.netlist, names, ambient[0], values),
+            *_losses(twin, names, values),
             f"Vambient ambient 0 {_held(time, ambient - ambient[0])}",
             *_cells(twin, names, time, experiment.duty, values),
             *_run(twin.netlist, names, time, ambient[0], output),
@@ -133,6 +136,26 @@ def _network(
     return lines
 
 
+def _losses(twin: Twin, names: Mapping[str, str], values: Mapping[str, float]) -> list[str]:
+    """What the plate loses beyond its links; see `NonlinearLoss`."""
+    with jax.enable_x64(True):
+        loss = twin.system().loss
+    if loss is None:
+        return []
+    lines = ["*", "* Losses beyond the links: convection with an exponent, radiation"]
+    square = f"{FILM_REFERENCE**2 + CALM**2!r}"
+    parts = zip(twin.netlist.nodes, np.asarray(loss.film), np.asarray(loss.radiating), strict=False)
+    for node, film, radiating in parts:
+        name = names[node.name]
+        rise = f"V({name},ambient)"
+        hot, cold = f"(V({name})+T_ref)", "(V(ambient)+T_ref)"
+        power = f"pow(({rise}*{rise}+{CALM**2!r})/{square},{float(loss.exponent) / 2!r})"
+        four = f"({hot}+{cold})*({hot}*{hot}+{cold}*{cold})"
+        heat = f"{float(film)!r}*({power}-1)+{STEFAN_BOLTZMANN * float(radiating)!r}*{four}"
+        lines.append(f"Bloss_{name} {name} ambient I={rise}*({heat})")
+    return lines
+
+
 def _cells(
     twin: Twin,
     names: Mapping[str, str],
@@ -146,10 +169,33 @@ def _cells(
         lines += [
             f".param alpha_{number}={_number(cell.seebeck_coefficient, values)}",
             f".param R_E_{number}={_number(cell.electrical_resistance, values)}",
-            f"Vduty_{number} duty_{number} 0 {_held(time, duty[:, number - 1])}",
+            *_duty(twin.rig, number, time, duty[:, number - 1], values),
             *_heat(twin.rig, cell, number, names),
         ]
     return lines
+
+
+def _duty(
+    rig: Rig,
+    number: int,
+    time: Float[np.ndarray, " times"],
+    duty: Float[np.ndarray, " times"],
+    values: Mapping[str, float],
+) -> list[str]:
+    """A source for the duty cycle, behind a resistor and a capacitor where the driver lags."""
+    driver = rig.driver
+    if driver.lag is None:
+        return [f"Vduty_{number} duty_{number} 0 {_held(time, duty)}"]
+    delay = 0.0 if driver.delay is None else float(driver.delay.evaluate(values))
+    begun, commands = [0.0], [0.0]
+    begun += (time + max(delay, _RAMP)).tolist()
+    commands += duty.tolist()
+    return [
+        f"Vcommand_{number} command_{number} 0 {_held(np.array(begun), np.array(commands))}",
+        f"Rlag_{number} command_{number} duty_{number} 1",
+        f"Clag_{number} duty_{number} 0 {_number(driver.lag, values)}",
+        f".ic v(duty_{number})=0",
+    ]
 
 
 def _heat(

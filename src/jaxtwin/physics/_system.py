@@ -3,10 +3,11 @@ r"""A rig's equations with numbers in them: the thermal network coupled to its c
 For every node, with $x$ the deviation of temperatures from a constant reference $T_{ref}$ (the
 ambient temperature at the start), $u$ the duty cycles and $a$ the ambient's own deviation:
 
-$$C \dot x = -G x + g_{amb} a + q(x, u)$$
+$$C \dot x = -G x + g_{amb} a + q(x, u, a)$$
 
 $G$ is the conductance matrix of the network, $q$ the heat that the cells move (eq. 9 of the
-paper), which acts on the two sides of each cell alone.
+paper), which acts on the two sides of each cell alone, and what the plate loses beyond $G$ where
+the rig's losses are nonlinear.
 Deviations instead of temperatures near 300 K keep float32 usable.
 """
 
@@ -19,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ._driver import Bridge, CellHeat
+from ._loss import NonlinearLoss
 from ._thermoelectric import ThermoelectricModule
 from ._wiring import Wiring
 
@@ -36,6 +38,8 @@ class System(eqx.Module):
     - `bridge`: supply and switches.
     - `ambient_temperature`, `initial_temperature` of the nodes: absolute, K.
     - `gain`: of the channels.
+    - `loss`: what the plate loses beyond the network's links, None for nothing.
+    - `lag`, `delay`: of the duty cycle that reaches the cells behind the command, s, or None.
     """
 
     capacitance: Float[Array, " nodes"]
@@ -46,6 +50,9 @@ class System(eqx.Module):
     ambient_temperature: Float[Array, ""]
     initial_temperature: Float[Array, " nodes"]
     gain: Float[Array, " channels"]
+    loss: NonlinearLoss | None
+    lag: Float[Array, ""] | None
+    delay: Float[Array, ""] | None
     wiring: Wiring = eqx.field(static=True)
 
     @classmethod
@@ -58,6 +65,7 @@ class System(eqx.Module):
         ambient = jnp.asarray(wiring.ambient_links, dtype) @ conductances
         seebeck, electrical, thermal = wiring.module_constants(parameters_si).reshape(3, -1)
         voltage, supply, on = wiring.bridge_constants(parameters_si)
+        lag, delay = (part and part(parameters_si)[0] for part in (wiring.lag, wiring.delay))
         return cls(
             capacitance=wiring.capacitances(parameters_si),
             conductance=jnp.diag(between.sum(axis=1) + ambient) - between,
@@ -67,6 +75,9 @@ class System(eqx.Module):
             ambient_temperature=wiring.ambient(parameters_si)[0],
             initial_temperature=wiring.initial(parameters_si),
             gain=wiring.gains(parameters_si),
+            loss=_loss(wiring, parameters_si, conductances),
+            lag=lag,
+            delay=delay,
             wiring=wiring,
         )
 
@@ -90,11 +101,15 @@ class System(eqx.Module):
         reference: Float[Array, ""],
         ambient_deviation: Float[Array, ""] | float = 0.0,
     ) -> Float[Array, " nodes"]:
-        """The right-hand side $-G x + g_{amb} a + q(x, u)$, W."""
+        """The right-hand side $-G x + g_{amb} a + q(x, u, a)$, W."""
         wiring = self.wiring
         sides = np.concatenate([wiring.cold, wiring.hot])
         heat = self.cell_heat(deviation[sides] + reference, duty)
         linear = -self.conductance @ deviation + self.ambient_conductance * ambient_deviation
+        if self.loss is not None:
+            plate = slice(wiring.elements)
+            rise = deviation[plate] - ambient_deviation
+            linear = linear.at[plate].add(-self.loss.heat(rise, reference + ambient_deviation))
         return linear.at[wiring.cold].add(-heat.cold).at[wiring.hot].add(heat.hot)
 
     def steady_state(
@@ -125,3 +140,17 @@ class System(eqx.Module):
         weights = jnp.asarray(self.wiring.channel_weights, deviation.dtype)
         rise = deviation @ weights.T - ambient_deviation
         return self.gain * rise + ambient_deviation
+
+
+def _loss(
+    wiring: Wiring,
+    parameters_si: dict[str, Float[Array, ""]],
+    conductances: Float[Array, " links"],
+) -> NonlinearLoss | None:
+    if wiring.exponent is None or wiring.radiating is None:
+        return None
+    return NonlinearLoss(
+        film=jnp.asarray(wiring.film_links, conductances.dtype) @ conductances,
+        exponent=wiring.exponent(parameters_si)[0],
+        radiating=wiring.radiating(parameters_si),
+    )

@@ -9,7 +9,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from ..rig import AMBIENT, Rig
+from ..rig import AMBIENT, Rig, Value
 from ._assembly import build_netlist
 from ._camera import channel_weights
 from ._expressions import Expressions
@@ -28,6 +28,10 @@ class Wiring:
     - `ambient_links` (nodes, links): which links lead from a node to the surroundings.
     - `cold`, `hot` (cells,): the nodes of the cells' two sides.
     - `channel_weights` (channels, nodes).
+    - `elements`: how many nodes are the plate's; they come first.
+    - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_links`
+      (elements, links): which links are an element's film; all None where losses are linear.
+    - `lag`, `delay` of the command as `Expressions`, or None.
     """
 
     def __init__(self, rig: Rig, netlist: Netlist):
@@ -52,6 +56,9 @@ class Wiring:
             [[driver.supply_voltage], [driver.supply_resistance], [driver.on_resistance]]
         )
 
+        self.lag = None if driver.lag is None else Expressions([[driver.lag]])
+        self.delay = None if driver.delay is None else Expressions([[driver.delay]])
+
         index = netlist.index
         self.cold = np.array([index[cell.cold] for cell in cells], dtype=np.int32)
         self.hot = np.array([index[cell.hot] for cell in cells], dtype=np.int32)
@@ -71,6 +78,17 @@ class Wiring:
         for number, link in enumerate(links):
             if link.b == AMBIENT:
                 self.ambient_links[index[link.a], number] = 1.0
+
+        self.elements = sum(node.kind == "plate" for node in nodes)
+        self.exponent = self.radiating = self.film_links = None
+        if netlist.loss is not None:
+            self.exponent = Expressions([[netlist.loss.exponent or Value(0.0)]])
+            areas = dict(netlist.loss.radiators)
+            names = [node.name for node in nodes[: self.elements]]
+            self.radiating = Expressions([areas.get(name, ()) for name in names])
+            self.film_links = self.ambient_links[: self.elements] * np.array(
+                [link.role == "film" for link in links]
+            )
 
         elements = channel_weights(rig)
         self.channel_weights = np.zeros((len(rig.channels), len(nodes)))

@@ -1,7 +1,7 @@
 """Rigs: plate, cells, driver, camera and parameters, read from rig files and checked."""
 
 from ._bundled import bundled_modules, bundled_rigs
-from ._camera import Camera, Channel
+from ._camera import Camera, Channel, CommonError
 from ._cell import Cell
 from ._circuit import Circuit, CircuitLink
 from ._datasheet import Datasheet, load_module
@@ -9,17 +9,19 @@ from ._driver import Driver
 from ._load import load_rig
 from ._parameter import Parameter
 from ._parameter_file import parameters_toml, read_parameters, write_parameters
-from ._plate import AMBIENT, Plate
+from ._plate import AMBIENT, FILM_REFERENCE, Plate
 from ._rig import Rig
 from ._value import Value
 
 __all__ = [
     "AMBIENT",
+    "FILM_REFERENCE",
     "Camera",
     "Cell",
     "Channel",
     "Circuit",
     "CircuitLink",
+    "CommonError",
     "Datasheet",
     "Driver",
     "Parameter",

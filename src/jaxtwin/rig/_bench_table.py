@@ -1,11 +1,11 @@
 """`[driver]`, `[camera]` and `[[channels]]` of a rig file -> what stands around the plate."""
 
-from ._camera import Camera, Channel
+from ._camera import Camera, Channel, CommonError
 from ._driver import Driver
 from ._fields import Fields
 from ._plate import Plate
-from ._schema import CameraTable, ChannelTable, DriverTable
-from ._units import COORDINATE, FACTOR, NOISE, SERIES_RESISTANCE, VOLTAGE
+from ._schema import CameraTable, ChannelTable, CommonErrorTable, DriverTable
+from ._units import COORDINATE, DURATION, FACTOR, NOISE, SERIES_RESISTANCE, SPREAD, VOLTAGE, Kind
 
 _ROUNDING = 1e-9  # of the plate's size: sums of element sizes need not meet its edge exactly
 
@@ -20,6 +20,13 @@ def build_driver(table: DriverTable, fields: Fields) -> Driver:
             "driver.off_phase",
             f'found {table.off_phase!r}, allowed with averaging = "voltage" is "brake"',
         )
+    if table.delay is not None and table.lag is None:
+        # Without a ramp the temperatures would not be smooth in the delay.
+        fields.refuse("driver.delay", "found without a lag, allowed is a delay beside a lag")
+    lag, delay = (
+        None if text is None else fields.value(f"driver.{name}", text, DURATION)
+        for name, text in (("lag", table.lag), ("delay", table.delay))
+    )
     supply_resistance, on_resistance = (
         fields.value(f"driver.{name}", getattr(table, name), SERIES_RESISTANCE)
         for name in ("supply_resistance", "on_resistance")
@@ -32,6 +39,8 @@ def build_driver(table: DriverTable, fields: Fields) -> Driver:
         polarity=table.polarity,
         averaging=table.averaging,
         off_phase=table.off_phase,
+        lag=lag,
+        delay=delay,
     )
 
 
@@ -53,6 +62,21 @@ def build_camera(table: CameraTable, fields: Fields) -> Camera:
         noise=fields.constant("camera.noise", table.noise, NOISE),
         view_x=(table.view.x[0], table.view.x[1]),
         view_y=(table.view.y[0], table.view.y[1]),
+        common_error=table.common_error and _common_error(table.common_error, fields),
+    )
+
+
+def _common_error(table: CommonErrorTable, fields: Fields) -> CommonError:
+    def constant(name: str, text: str, kind: Kind) -> float:
+        return fields.constant(f"camera.common_error.{name}", text, kind)
+
+    return CommonError(
+        offset=constant("offset", table.offset, SPREAD),
+        drift=constant("drift", table.drift, SPREAD),
+        drift_time=constant("drift_time", table.drift_time, DURATION),
+        jump=constant("jump", table.jump, SPREAD),
+        relaxation=tuple(constant("relaxation", text, DURATION) for text in table.relaxation),
+        detect=table.events == "detect",
     )
 
 

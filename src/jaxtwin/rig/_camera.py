@@ -8,6 +8,32 @@ from ._value import Value
 
 @final
 @dataclass(frozen=True)
+class CommonError:
+    """What a camera adds to all its channels alike, each part with its standard deviation
+    beforehand.
+
+    An uncooled infrared camera drifts, and corrects itself from time to time behind a shutter
+    (flat-field correction): its readings then jump and the jump fades as the shutter's heat does.
+
+    **Arguments:**
+
+    - `offset`: constant, K.
+    - `drift`: slow changes about the offset, K; `drift_time`: between its corners, s.
+    - `jump`: at a correction, K, for each part of it: one that stays, and one that fades with each
+      time constant of `relaxation`, s.
+    - `detect`: whether corrections are looked for in the residuals of a match.
+    """
+
+    offset: float
+    drift: float
+    drift_time: float
+    jump: float
+    relaxation: tuple[float, ...]
+    detect: bool
+
+
+@final
+@dataclass(frozen=True)
 class Camera:
     """An infrared camera over the plate.
 
@@ -16,6 +42,7 @@ class Camera:
     - `width`, `height`: of a frame, pixels.
     - `noise`: standard deviation of a reading, K.
     - `view_x`, `view_y`: first and last edge of the plate's outline in a frame, pixels.
+    - `common_error`: of all channels alike, None for none.
     """
 
     width: int
@@ -23,6 +50,7 @@ class Camera:
     noise: float
     view_x: tuple[float, float]
     view_y: tuple[float, float]
+    common_error: CommonError | None = None
 
 
 @final

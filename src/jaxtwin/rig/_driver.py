@@ -16,6 +16,9 @@ class Driver:
     - `supply_voltage`: V.
     - `supply_resistance`: in series with each cell while it is connected, ohm.
     - `on_resistance`: of the bridge, ohm.
+    - `lag`: time constant with which the duty cycle that reaches the cells follows the command, s;
+      None for at once.
+    - `delay`: by which it comes late, s; only with a lag.
     - `counts`: the PWM command that means full duty.
     - `polarity`: +1 where positive commands heat the plate, -1 where they cool it.
     - `averaging`: `"voltage"` puts the mean voltage on the cell, `"on-off"` averages the heat flows
@@ -31,3 +34,5 @@ class Driver:
     polarity: Literal[1, -1]
     averaging: Literal["voltage", "on-off"]
     off_phase: Literal["brake", "open"] = "brake"
+    lag: Value | None = None
+    delay: Value | None = None

@@ -18,6 +18,10 @@ class Parameter:
     - `free`: whether matching may change it.
     - `scope`: `"shared"` by all recordings, or one value per `"recording"`.
     - `description`: one line for tables.
+    - `prior_spread`: standard deviation of what is known about the value beforehand: relative (of
+      its logarithm) where the lower bound is above 0 and it is no degC, else in `unit`. None where
+      nothing is.
+    - `prior_value`: the middle of that, `value` as the rig file has it unless it says otherwise.
     - `scale`, `offset`: SI value = scale * value + offset; the offset is 0 but for degC.
     """
 
@@ -31,6 +35,13 @@ class Parameter:
     description: str = ""
     scale: float = 1.0
     offset: float = 0.0
+    prior_spread: float | None = None
+    prior_value: float | None = None
+
+    @property
+    def is_logarithmic(self) -> bool:
+        """Whether its relative change is what matters: it stays above 0 and is no degC."""
+        return self.lower > 0 and self.offset == 0
 
     def to_si(self, value: Any) -> Any:
         """A value (float or array) given in `unit`, in SI units."""

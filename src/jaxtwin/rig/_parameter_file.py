@@ -73,6 +73,9 @@ def parameters_toml(parameters: Iterable[Parameter]) -> str:
         entries = [f"value = {float(p.value)!r}", f"unit = {_quoted(p.unit)}"]
         if math.isfinite(p.lower) or math.isfinite(p.upper):
             entries.append(f"bounds = [{float(p.lower)!r}, {float(p.upper)!r}]")
+        if p.prior_spread is not None:
+            # The value may have been matched since; the prior stays where it was.
+            entries.append(f"prior = {{ value = {p.prior_value!r}, spread = {p.prior_spread!r} }}")
         entries += ["free = true"] * p.free
         entries += [f"scope = {_quoted(p.scope)}"] * (p.scope != "shared")
         entries += [f"description = {_quoted(p.description)}"] * bool(p.description)

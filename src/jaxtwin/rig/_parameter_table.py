@@ -63,6 +63,16 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
             f"{field}.value",
             f"found {row.value:g}, allowed by its bounds is {lower:g} to {upper:g}",
         )
+    prior_spread = prior_value = None
+    if row.prior is not None:
+        prior_spread = row.prior.spread
+        prior_value = row.value if row.prior.value is None else row.prior.value
+        if not lower <= prior_value <= upper:
+            refuse(
+                source,
+                f"{field}.prior.value",
+                f"found {prior_value:g}, allowed by its bounds is {lower:g} to {upper:g}",
+            )
     return Parameter(
         name=name,
         value=row.value,
@@ -74,4 +84,6 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
         description=row.description,
         scale=scale,
         offset=offset,
+        prior_spread=prior_spread,
+        prior_value=prior_value,
     )

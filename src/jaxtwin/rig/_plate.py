@@ -10,6 +10,9 @@ from ._value import Value
 AMBIENT = "ambient"
 """The reserved name of the surroundings in links."""
 
+FILM_REFERENCE = 20.0
+"""The rise above the surroundings for which film coefficients are given, K."""
+
 
 @final
 @dataclass(frozen=True)
@@ -27,9 +30,13 @@ class Plate:
     - `density` (kg/m^3), `specific_heat` (J/(kg K)), `conductivity` (W/(m K)): of the material.
     - `film_coefficient`: heat transfer to air, W/(m^2 K), one for each column.
     - `film_row_factor`: factor on the film coefficient, one for each row.
+    - `film_exponent`: the film conducts as the temperature difference to this power, and as
+      `film_coefficient` (or the circuit's links to the surroundings) says at `FILM_REFERENCE`;
+      None for a film that does not change.
+    - `emissivity`: of the uncovered faces and edges, for radiation beside the film; None for none.
 
-    Density, specific heat, conductivity and film coefficient are None where the rig gives its
-    circuit link by link; the sizes then only serve maps and pictures.
+    Density, specific heat, conductivity, film coefficient and emissivity are None where the rig
+    gives its circuit link by link; the sizes then only serve maps and pictures.
     """
 
     columns: tuple[float, ...]
@@ -40,6 +47,8 @@ class Plate:
     conductivity: Value | None = None
     film_coefficient: tuple[Value, ...] | None = None
     film_row_factor: tuple[Value, ...] = ()
+    film_exponent: Value | None = None
+    emissivity: Value | None = None
 
     def __post_init__(self):
         if not self.film_row_factor:

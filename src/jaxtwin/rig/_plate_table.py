@@ -8,6 +8,8 @@ from ._schema import PlateTable
 from ._units import (
     CONDUCTIVITY,
     DENSITY,
+    EMISSIVITY,
+    EXPONENT,
     FACTOR,
     FILM_COEFFICIENT,
     LENGTH,
@@ -31,16 +33,17 @@ def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
     """
     columns = _sizes("plate.columns", table.columns, fields)
     rows = _sizes("plate.rows", table.rows, fields)
-    given = [name for name in (*_MATERIAL, "film_row_factor") if getattr(table, name) is not None]
+    of_geometry = (*_MATERIAL, "film_row_factor", "emissivity")
+    given = [name for name in of_geometry if getattr(table, name) is not None]
+    exponent = _optional("film_exponent", table.film_exponent, EXPONENT, fields)
     if has_circuit:
         if given:
             fields.refuse(
                 f"plate.{given[0]}", "found beside [circuit], allowed is only one of the two"
             )
         # The circuit does not follow from the thickness, so a parameter would have no effect.
-        return Plate(
-            columns, rows, Value(fields.constant("plate.thickness", table.thickness, LENGTH))
-        )
+        thickness = Value(fields.constant("plate.thickness", table.thickness, LENGTH))
+        return Plate(columns, rows, thickness, film_exponent=exponent)
     missing = [name for name in _MATERIAL if name not in given]
     if missing:
         fields.refuse(
@@ -53,11 +56,27 @@ def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
     film = _each("film_coefficient", table.film_coefficient, columns, FILM_COEFFICIENT, fields)
     factor = _each("film_row_factor", table.film_row_factor or "1", rows, FACTOR, fields)
     thickness = fields.value("plate.thickness", table.thickness, LENGTH)
-    return Plate(columns, rows, thickness, density, specific_heat, conductivity, film, factor)
+    emissivity = _optional("emissivity", table.emissivity, EMISSIVITY, fields)
+    return Plate(
+        columns,
+        rows,
+        thickness,
+        density,
+        specific_heat,
+        conductivity,
+        film,
+        factor,
+        exponent,
+        emissivity,
+    )
 
 
 def _sizes(field: str, texts: list[str], fields: Fields) -> tuple[float, ...]:
     return tuple(fields.constant(f"{field}[{i}]", text, LENGTH) for i, text in enumerate(texts, 1))
+
+
+def _optional(name: str, text: str | None, kind: Kind, fields: Fields) -> Value | None:
+    return None if text is None else fields.value(f"plate.{name}", text, kind)
 
 
 def _each(

@@ -64,6 +64,8 @@ class PlateTable(Table):
     conductivity: Quantity | None = None
     film_coefficient: QuantityOrList = None
     film_row_factor: list[Quantity] | None = None
+    film_exponent: Quantity | None = None
+    emissivity: Quantity | None = None
 
 
 class LinkTable(Table):
@@ -97,6 +99,8 @@ class DriverTable(Table):
     supply_voltage: Quantity
     supply_resistance: Quantity = "0 ohm"
     on_resistance: Quantity
+    lag: Quantity | None = None
+    delay: Quantity | None = None
     counts: Annotated[int, Field(ge=1, le=2**31)]
     polarity: Literal[1, -1]
     averaging: Literal["voltage", "on-off"]
@@ -108,12 +112,22 @@ class ViewTable(Table):
     y: PixelRange
 
 
+class CommonErrorTable(Table):
+    offset: Quantity
+    drift: Quantity
+    drift_time: Quantity
+    jump: Quantity
+    relaxation: Annotated[list[Quantity], Field(min_length=1)]
+    events: Literal["detect", "none"] = "detect"
+
+
 class CameraTable(Table):
     resolution: Annotated[
         list[Annotated[int, Field(ge=1, le=2**15)]], Field(min_length=2, max_length=2)
     ]
     noise: Quantity
     view: ViewTable
+    common_error: CommonErrorTable | None = None
 
 
 class ChannelTable(Table):
@@ -128,10 +142,16 @@ class TemperatureTable(Table):
     temperature: Quantity
 
 
+class PriorTable(Table):
+    spread: Annotated[float, Field(gt=0)]
+    value: float | None = None
+
+
 class ParameterTable(Table):
     value: float
     unit: str
     bounds: Annotated[list[Bound], Field(min_length=2, max_length=2)] | None = None
+    prior: PriorTable | None = None
     free: bool = False
     scope: Literal["shared", "recording"] = "shared"
     description: str = ""

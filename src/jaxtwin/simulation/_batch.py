@@ -158,6 +158,7 @@ def simulate_batch(
     schedule = build_schedule(experiment)
     solve = partial(
         _solve_chunk,
+        at_rest=isinstance(start, str),
         schedule=schedule,
         columns=np.array([twin.channels.index(name) for name in names]),
         recorded=experiment.temperatures if wanted is not None and "cost" in wanted else None,
@@ -209,6 +210,7 @@ def _solve_chunk(
     modes: Modes,
     starts: Float[Array, "chunk nodes"],
     *,
+    at_rest: bool,
     schedule: Schedule,
     columns: Int[Array | np.ndarray, " channels"],
     recorded: Float[Array | np.ndarray, "times channels"] | None,
@@ -223,7 +225,7 @@ def _solve_chunk(
         reference = reference_temperature(system, schedule)
         weights = jnp.asarray(system.wiring.channel_weights, dtype)[columns]
         readout = jnp.concatenate([weights, plate]) if needs_plate else weights
-        deviation = solve_schedule(system, schedule, start, readout, modes)
+        deviation = solve_schedule(system, schedule, start, readout, modes, at_rest)
         ambient = 0.0
         if schedule.ambient_at is not None:
             ambient = (jnp.asarray(schedule.ambient_at, dtype) - reference)[:, None]

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from ..io import Experiment
 from ..physics import System
+from ._actuator import lagged_duty
 from ._schedule import Schedule
 
 
@@ -19,6 +20,7 @@ def solve_with_diffrax(
     solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController | None,
     dt0: float | None,
+    at_rest: bool,
 ) -> tuple[Float[Array, "times nodes"], diffrax.RESULTS]:
     """Runs a network through an experiment with a diffrax solver.
 
@@ -40,7 +42,10 @@ def solve_with_diffrax(
 
     def field(t: Float[Array, ""], deviation: Array, system: System) -> Float[Array, " nodes"]:
         now = jnp.searchsorted(starts, t, side="right") - 1
-        heat = system.heat_into_nodes(deviation, duty[now], reference, ambient[now])
+        given = duty[now]
+        if system.lag is not None:
+            given = lagged_duty(system.lag, system.delay, starts, duty, t, at_rest)
+        heat = system.heat_into_nodes(deviation, given, reference, ambient[now])
         return heat / system.capacitance
 
     if controller is None:

@@ -10,7 +10,7 @@ a draw) and $x = V z$,
 $$\dot z = -\Lambda z + V^T q(V z, u),$$
 
 whose linear part is integrated exactly, however stiff, and whose nonlinear part acts through the
-few rows of $V$ that belong to the cells.
+few rows of $V$ that belong to the cells, and to the plate where its losses are nonlinear.
 Each step is ETDRK4 (Cox and Matthews, J. Comput. Phys. 176 (2002) 430-455, eqs. 26-29); its
 functions of $\Lambda h$ are elementwise here.
 
@@ -33,6 +33,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..physics import System
+from ._actuator import lagged_duty
 from ._schedule import Schedule
 
 TYPICAL_TEMPERATURE = 330.0
@@ -50,10 +51,18 @@ class Modes(eqx.Module):
 
 @final
 class Inputs(eqx.Module):
-    """What drives the rig during a step: duty cycles and the ambient's deviation, K."""
+    """What drives the rig during a step: duty cycles and the ambient's deviation, K.
 
-    duty: Float[Array, " cells"]
+    Where the driver lags behind its command the duty cycles change within the step, and there is
+    one row each for its start, its middle and its end.
+    """
+
+    duty: Float[Array, "*stages cells"]
     ambient: Float[Array, ""]
+
+    def at(self, stage: int) -> "Inputs":
+        """At the start (0), in the middle (1) or at the end (2) of the step."""
+        return self if self.duty.ndim == 1 else Inputs(self.duty[stage], self.ambient)
 
 
 def network_modes(system: System) -> Modes:
@@ -95,6 +104,10 @@ def forcing(
     cold, hot = jnp.split(deviation, 2)
     relief = modes.relief * (hot - cold)
     force = shapes.T @ jnp.concatenate([-heat.cold - relief, heat.hot + relief])
+    if system.loss is not None:
+        plate = modes.shapes[: wiring.elements]
+        rise = plate @ amplitudes - inputs.ambient
+        force = force - plate.T @ system.loss.heat(rise, reference + inputs.ambient)
     return force + modes.shapes.T @ (system.ambient_conductance * inputs.ambient)
 
 
@@ -166,24 +179,24 @@ def exponential_step(
     **Returns:** the amplitudes at its end, and their slopes at its start and its end.
     """
 
-    def force(z: Float[Array, " modes"]) -> Float[Array, " modes"]:
-        return forcing(z, system, modes, inputs, reference)
+    def force(z: Float[Array, " modes"], stage: int) -> Float[Array, " modes"]:
+        return forcing(z, system, modes, inputs.at(stage), reference)
 
     decayed = factors.half_decay * amplitudes
-    force_0 = force(amplitudes)
+    force_0 = force(amplitudes, 0)
     a = decayed + factors.half * force_0
-    force_a = force(a)
+    force_a = force(a, 1)
     b = decayed + factors.half * force_a
-    force_b = force(b)
+    force_b = force(b, 1)
     c = factors.half_decay * a + factors.half * (2 * force_b - force_0)
-    force_c = force(c)
+    force_c = force(c, 2)
     end = (
         factors.decay * amplitudes
         + factors.first * force_0
         + factors.middle * (force_a + force_b)
         + factors.last * force_c
     )
-    return end, force_0 - modes.rates * amplitudes, force(end) - modes.rates * end
+    return end, force_0 - modes.rates * amplitudes, force(end, 2) - modes.rates * end
 
 
 def solve_schedule(
@@ -192,6 +205,7 @@ def solve_schedule(
     initial: Float[Array, " nodes"],
     readout: Float[Array | np.ndarray, "outputs nodes"],
     modes: Modes | None = None,
+    at_rest: bool = False,
 ) -> Float[Array, "times outputs"]:
     """Runs a network through a schedule.
 
@@ -202,6 +216,8 @@ def solve_schedule(
     - `initial`: absolute node temperatures at the start, K.
     - `readout`: which weighted sums of node temperatures to return.
     - `modes`: of the system, where they are known already.
+    - `at_rest`: whether the first duty cycle has been held for ever, which a driver that lags
+      behind its command remembers.
 
     **Returns:** the sums of the nodes' deviations from the reference at each sample, K.
     The reference is `reference_temperature(system, schedule)`.
@@ -215,6 +231,11 @@ def solve_schedule(
     factors = step_factors(modes.rates, jnp.asarray(schedule.sizes, dtype))
     read = jnp.asarray(readout, dtype) @ modes.shapes
     duty = jnp.asarray(schedule.duty, dtype)
+    if system.lag is not None:
+        steps = jnp.asarray(schedule.sizes, dtype)[schedule.size]
+        starts = jnp.cumsum(steps) - steps
+        stages = starts[:, None] + steps[:, None] * jnp.array([0.0, 0.5, 1.0], dtype)
+        duty = lagged_duty(system.lag, system.delay, starts, duty, stages, at_rest)
     if schedule.ambient is None:
         ambient = jnp.zeros(duty.shape[0], dtype)
     else:

@@ -129,7 +129,9 @@ def _exponential_states(
     system = twin.system()
     reference = reference_temperature(system, schedule)
     start = initial_temperatures(system, initial, schedule.duty[0], reference)
-    deviation = solve_schedule(system, schedule, start, np.eye(len(twin.netlist.nodes)))
+    at_rest = isinstance(initial, str)
+    nodes = np.eye(len(twin.netlist.nodes))
+    deviation = solve_schedule(system, schedule, start, nodes, at_rest=at_rest)
     ambient = 0.0
     if schedule.ambient_at is not None:
         ambient = (jnp.asarray(schedule.ambient_at, deviation.dtype) - reference)[:, None]
@@ -157,8 +159,9 @@ def _run_diffrax(
     system = twin.system()
     reference = reference_temperature(system, schedule)
     start = initial_temperatures(system, initial, schedule.duty[0], reference)
+    at_rest = isinstance(initial, str)
     deviation, result = solve_with_diffrax(
-        system, schedule, start, reference, experiment, solver, controller, dt0
+        system, schedule, start, reference, experiment, solver, controller, dt0, at_rest
     )
     ambient = 0.0
     if schedule.ambient_at is not None:
