@@ -7,12 +7,16 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, final
 
 import numpy as np
+from jaxtyping import Float
 
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter, write_parameters
 from ..simulation import Run
+from ._estimate import Knowledge, Setting
+from ._noise import Noise
 from ._summary import summary_table
+from ._uncertainty import Uncertainty
 
 
 @final
@@ -27,8 +31,14 @@ class FittedParameter:
     - `published`: what the rig's parameter set `published` says, None where it says nothing.
     - `lower`, `upper`: bounds of the match.
     - `at_bound`: whether it ended on one: what the data would rather have lies outside.
-    - `standard_error`: in `unit`, from the curvature of the cost, residuals taken as independent;
-      infinite where the data do not tell, NaN where the parameter was held or ended at a bound.
+    - `standard_error`: in `unit`, with the residuals' autocorrelation counted; infinite where
+      nothing tells it, NaN where the parameter was held or ended at a bound.
+    - `prior_value`, `prior_spread`: what was known beforehand, None where nothing was.
+    - `prior_distance`: of the value from there in standard deviations; the largest of all
+      recordings.
+    - `told`: how many times narrower than beforehand the recordings alone would leave it, the
+      others being known.
+    - `warnings`: what to know before believing it.
     """
 
     name: str
@@ -43,6 +53,11 @@ class FittedParameter:
     upper: float
     at_bound: bool
     standard_error: float
+    prior_value: float | None = None
+    prior_spread: float | None = None
+    prior_distance: float | None = None
+    told: float = math.nan
+    warnings: tuple[str, ...] = ()
 
 
 @final
@@ -80,6 +95,24 @@ class Optimum:
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class CameraError:
+    """What the camera added to all channels of a recording alike.
+
+    - `events`: times of its flat-field corrections, s.
+    - `error`: simulated less recorded temperature that is the camera's, `(times,)`, K.
+    """
+
+    events: tuple[float, ...]
+    error: Float[np.ndarray, " times"]
+
+    @property
+    def offset(self) -> Float[np.ndarray, " times"]:
+        """What it read too much, K."""
+        return -self.error
+
+
+@final
 @dataclass(frozen=True, repr=False)
 class Fit:
     """A twin matched to recordings.
@@ -96,7 +129,13 @@ class Fit:
     - `status`, `converged`: why the best start stopped, and whether at an optimum.
     - `history`: all iterations of the best start. `optima`: where every start ended, best first.
     - `wall_time`: s, with compilation.
-    - `runs`: recording -> the fitted twin's run.
+    - `runs`: recording -> the fitted twin's run, without the camera's common error.
+    - `camera`: recording -> the camera's common error.
+    - `weights`: recording -> how much each sample counted, 0 to 1, `(times, channels)`.
+    - `noise`: of what each channel has alone, and of what all share times the root of their number.
+    - `uncertainty`: covariance, correlations, what the recordings cannot tell.
+    - `cost`: half the sum of squared weighted residuals, priors among them.
+    - `setting`, `knowledge`, `vector`: from which the match can go on.
     """
 
     twin: Twin
@@ -112,6 +151,23 @@ class Fit:
     optima: tuple[Optimum, ...]
     wall_time: float
     runs: Mapping[str, Run]
+    camera: Mapping[str, CameraError]
+    weights: Mapping[str, Float[np.ndarray, "times channels"]]
+    noise: tuple[Noise, Noise]
+    uncertainty: Uncertainty
+    cost: float
+    setting: Setting
+    knowledge: Knowledge
+    vector: Float[np.ndarray, " unknowns"]
+
+    @property
+    def plant_fit_percent(self) -> dict[tuple[str, str], float]:
+        """(recording, channel) -> NRMSE fit without the camera's common error, %."""
+        return {
+            (name, channel): value
+            for name, run in self.runs.items()
+            for channel, value in run.fit_percent.items()
+        }
 
     @property
     def mean_fit_percent(self) -> float:

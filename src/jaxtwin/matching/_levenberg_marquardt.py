@@ -69,7 +69,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
 
     Bounds are options of the solve: `options={"lower": ..., "upper": ...}`, each shaped like the
     parameters; a start outside is moved onto the box.
-    Derivatives are taken in forward mode, which suits many residuals of few parameters.
+    Derivatives are taken in forward mode, which suits many residuals of few parameters, unless the
+    option `"jacobian"` gives a function of parameters and arguments that returns the matrix.
 
     **Arguments:**
 
@@ -150,7 +151,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
         accepted = state.first | (jnp.isfinite(cost) & (predicted > 0) & (ratio > 1e-4))
 
         def factorised() -> tuple[Array, Array]:
-            jacobian = jax.jacfwd(lambda flat: residuals(flat)[0])(trial)
+            if "jacobian" in options:
+                jacobian = options["jacobian"](unravel(trial), args)
+            else:
+                jacobian = jax.jacfwd(lambda flat: residuals(flat)[0])(trial)
             table = jnp.concatenate([jacobian, residual[:, None]], axis=1)
             # Rows of zeros where there are fewer residuals than columns.
             missing = max(0, table.shape[1] - table.shape[0])

@@ -2,22 +2,41 @@
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
-from ..simulation import checked_channels, simulate
-from ._fit import Fit, FittedParameter, Iteration, Optimum
-from ._levenberg_marquardt import RUNNING, STATUS, BoundedLevenbergMarquardt, LMState
-from ._residuals import Problem, build_problem, residuals
-from ._unknowns import Unknowns, choose_unknowns, is_logarithmic
+from ..simulation import Run, checked_channels, simulate
+from ._estimate import (
+    Attempt,
+    Knowledge,
+    Setting,
+    Step,
+    descend,
+    estimate,
+    make_problem,
+    residual_noise,
+    split_residuals,
+)
+from ._events import Span, given_events, span_weights
+from ._fit import CameraError, Fit, FittedParameter, Iteration, Optimum
+from ._levenberg_marquardt import RUNNING, STATUS, BoundedLevenbergMarquardt
+from ._noise import Noise
+from ._residuals import residual_jacobian
+from ._uncertainty import Uncertainty, uncertainty
+from ._unknowns import Unknowns, choose_unknowns
+from ._warnings import parameter_warnings
+
+Events = Mapping[str, Sequence[float]] | Literal["detect", "none"]
+"""Recording -> times of the camera's corrections (s), or whether to look for them."""
 
 
 def match(
@@ -29,16 +48,24 @@ def match(
     shared: Iterable[str] = (),
     per_recording: Iterable[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    events: Events | None = None,
+    masks: Mapping[str, Sequence[Span]] | None = None,
+    robust: float | None = None,
     starts: int = 1,
     seed: int = 0,
     max_iterations: int = 200,
     solver: BoundedLevenbergMarquardt | None = None,
     on_iteration: Callable[[Iteration], None] | None = None,
 ) -> Fit:
-    """Matches a twin to recordings by nonlinear least squares, eq. (11) of the paper, in float64.
+    """Matches a twin to recordings by nonlinear least squares, in float64.
 
     All recordings count together. Positive parameters are matched by their logarithm, inside
     their bounds, with exact derivatives through the simulation.
+
+    Without priors and without a common error of the camera in the rig file this is eq. (11) of the
+    paper. With them the residuals are weighted by what they turn out to be like, in a few rounds:
+    by their size and by how long they keep their sign, for what a channel has alone and for what
+    all share; the camera's common error is solved for in closed form in each evaluation.
 
     **Arguments:**
 
@@ -49,8 +76,13 @@ def match(
     - `shared`, `per_recording`: names whose scope differs from the table's: one value for all
       recordings, or one for each (ambient and start temperature, typically).
     - `bounds`: other bounds, name -> (lower, upper) in the parameter's unit.
+    - `events`: recording -> times of the camera's flat-field corrections, s; or `"detect"` or
+      `"none"`; by default as the rig says. Only for rigs whose camera has a common error.
+    - `masks`: recording -> spans (from, to) or (from, to, weight) that count less, or nothing.
+    - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
     - `starts`: how many starting points; the first is the twin, the others vary each positive
-      parameter by a factor of about e and each other one by a tenth of its range, inside bounds.
+      parameter by a factor of about e (of its prior's width where it has one) and each other one
+      by a tenth of its range (its prior's width), inside bounds.
     - `seed`: of the other starts.
     - `max_iterations`: of each start.
     - `solver`: tolerances; see `BoundedLevenbergMarquardt`.
@@ -59,12 +91,13 @@ def match(
     **Returns:** a `Fit`, the best of all starts.
 
     **Raises:** `MatchError` where nothing is free, a recording has no temperatures, there are fewer
-    samples than unknowns, bounds exclude the start, or no start gives finite temperatures;
-    `ParameterError` for unknown names; `SimulationError` for recordings of another rig.
+    samples than unknowns, bounds exclude the start or the prior, events or masks lie outside their
+    recording, or no start gives finite temperatures; `ParameterError` for unknown names;
+    `SimulationError` for recordings of another rig.
     """
     began = time.perf_counter()
     recordings = [experiments] if isinstance(experiments, Experiment) else list(experiments)
-    names = _checked_recordings(twin, recordings)
+    names = checked_recordings(twin, recordings)
     unknowns = choose_unknowns(
         twin,
         len(recordings),
@@ -80,115 +113,206 @@ def match(
             f"found {samples} samples for {unknowns.size} unknowns, allowed is at least as many"
         )
     _checked_counts(starts=starts, max_iterations=max_iterations)
-    problem = build_problem(twin, recordings, unknowns)
+    setting = make_setting(twin, recordings, names, unknowns, events, masks, robust)
     solver = solver or BoundedLevenbergMarquardt(rtol=1e-7)
-    with jax.enable_x64(True):
-        attempts = [
-            _descend(solver, problem, vector, number, max_iterations, samples, names, on_iteration)
-            for number, vector in enumerate(_starts(unknowns, starts, seed))
-        ]
-    finite = [attempt for attempt in attempts if np.isfinite(float(attempt[1].cost))]
-    if not finite:
+
+    def listener(start: int) -> Callable[[Step], None] | None:
+        if on_iteration is None:
+            return None
+        return lambda step: on_iteration(_iteration(step, start, unknowns, names))
+
+    vectors = _starts(unknowns, starts, seed)
+    first, knowledge = estimate(setting, solver, vectors[0], max_iterations, listener(0))
+    # The others descend on the same cost, so that they can be compared.
+    problem = make_problem(setting, knowledge)
+    attempts = [first] + [
+        descend(problem, solver, vector, max_iterations, (), listener(number))
+        for number, vector in enumerate(vectors[1:], start=1)
+    ]
+    order = sorted(
+        (number for number, one in enumerate(attempts) if np.isfinite(one.cost)),
+        key=lambda number: attempts[number].cost,
+    )
+    if not order:
         raise MatchError(
             f"{twin.rig.name}: the start gives no finite temperatures; start from other values"
         )
-    best = min(finite, key=lambda attempt: float(attempt[1].cost))
-    vector, state, history = best
-    own, values = _values(unknowns, vector, names)
-    fitted = twin.with_parameters(values[0])
+    optima = tuple(_optimum(attempts[number], number, unknowns, names) for number in order)
+    return make_fit(setting, knowledge, attempts[order[0]], order[0], names, optima, began)
+
+
+def make_setting(
+    twin: Twin,
+    recordings: Sequence[Experiment],
+    names: tuple[str, ...],
+    unknowns: Unknowns,
+    events: Events | None,
+    masks: Mapping[str, Sequence[Span]] | None,
+    robust: float | None,
+) -> Setting:
+    """Checks what is said about single recordings and puts a match together."""
+    error = twin.rig.camera.common_error
+    if events is not None and error is None:
+        raise MatchError(
+            f"{twin.rig.name}: events: found {events!r}, allowed only where the rig file has a "
+            "table [camera.common_error]"
+        )
+    if isinstance(events, str) and events not in ("detect", "none"):
+        raise MatchError(
+            f'events: found {events!r}, allowed is "detect", "none" or recording -> times'
+        )
+    if robust is not None and not robust > 0:
+        raise MatchError(f"robust: found {robust!r}, allowed is a number above 0 or None")
+    none = tuple(() for _ in recordings)
+    if isinstance(events, Mapping):
+        times = tuple(given_events(names, recordings, events))
+    else:
+        detect = error is not None and (error.detect if events is None else events == "detect")
+        times = None if detect else none
+    return Setting(
+        twin=twin,
+        experiments=tuple(recordings),
+        unknowns=unknowns,
+        samples=tuple(span_weights(names, recordings, masks)),
+        events=times,
+        common_error=error,
+        robust=robust,
+    )
+
+
+def make_fit(
+    setting: Setting,
+    knowledge: Knowledge,
+    attempt: Attempt,
+    start: int,
+    names: tuple[str, ...],
+    optima: tuple[Optimum, ...],
+    began: float,
+) -> Fit:
+    """The result of the best attempt."""
+    twin, unknowns = setting.twin, setting.unknowns
+    own, values = _values(unknowns, attempt.vector, names)
     runs = {
         name: simulate(twin.with_parameters(value), experiment)
-        for name, value, experiment in zip(names, values, recordings, strict=True)
+        for name, value, experiment in zip(names, values, setting.experiments, strict=True)
+    }
+    alone, common, errors = split_residuals(attempt)
+    camera = {
+        name: CameraError(events, error)
+        for name, events, error in zip(names, knowledge.events, errors, strict=True)
     }
     fits = {
         (name, channel): value
         for name, run in runs.items()
-        for channel, value in run.fit_percent.items()
+        for channel, value in _seen(run, camera[name].offset).fit_percent.items()
     }
+    noise = residual_noise(alone, common, knowledge.alone_weights, knowledge.common_weights)
+    told = _uncertainty(attempt, knowledge, noise, names)
+    state = attempt.state
     return Fit(
-        twin=fitted,
+        twin=twin.with_parameters(values[0]),
         recordings=names,
-        experiments=tuple(recordings),
-        parameters=_table(twin, unknowns, vector, state, samples),
+        experiments=setting.experiments,
+        parameters=_table(twin, unknowns, attempt.vector, told),
         recording_values=own,
         fit_percent=fits,
-        rmse=float(np.sqrt(2 * float(state.cost) / samples)),
+        rmse=float(np.sqrt(attempt.mean_square)),
         status=STATUS[int(state.status)],
         converged=int(state.status) != RUNNING,
-        history=history,
-        optima=tuple(
-            Optimum(
-                start=attempt[2][0].start,
-                rmse=float(np.sqrt(2 * float(attempt[1].cost) / samples)),
-                iterations=len(attempt[2]) - 1,
-                status=STATUS[int(attempt[1].status)],
-                converged=int(attempt[1].status) != RUNNING,
-                parameters=attempt[2][-1].parameters,
-            )
-            for attempt in sorted(finite, key=lambda attempt: float(attempt[1].cost))
-        ),
+        history=tuple(_iteration(step, start, unknowns, names) for step in attempt.steps),
+        optima=optima,
         wall_time=time.perf_counter() - began,
         runs=runs,
+        camera=camera,
+        weights={
+            name: weight * moment[:, None]
+            for name, weight, moment in zip(
+                names, knowledge.alone_weights, knowledge.common_weights, strict=True
+            )
+        },
+        noise=noise,
+        uncertainty=told,
+        cost=attempt.cost,
+        setting=setting,
+        knowledge=knowledge,
+        vector=attempt.vector,
     )
 
 
-Attempt = tuple[Float[np.ndarray, " unknowns"], LMState, tuple[Iteration, ...]]
+def _seen(run: Run, offset: Float[np.ndarray, " times"]) -> Run:
+    """A run with the camera's common error in its readings."""
+    return replace(run, temperatures=run.temperatures + offset[:, None])
 
 
-def _descend(
-    solver: BoundedLevenbergMarquardt,
-    problem: Problem,
-    start: Float[np.ndarray, " unknowns"],
-    number: int,
-    max_iterations: int,
-    samples: int,
-    names: tuple[str, ...],
-    on_iteration: Callable[[Iteration], None] | None,
-) -> Attempt:
-    """Steps the optimiser from here, so that every iteration can be kept and shown."""
-    unknowns = problem.unknowns
-    options = {"lower": jnp.asarray(unknowns.lower()), "upper": jnp.asarray(unknowns.upper())}
-    vector = jnp.asarray(start)
-    state = solver.init(residuals, vector, problem, options, None, None, frozenset())
-    history: list[Iteration] = []
-    for iteration in range(max_iterations + 1):
-        vector, state, _ = _step(solver, vector, problem, options, state)
-        cost = float(state.cost) * 2 / samples
-        history.append(
-            Iteration(
-                number=iteration,
-                start=number,
-                cost=cost,
-                rmse=float(np.sqrt(cost)),
-                gradient=float(state.gradient),
-                accepted=bool(state.accepted),
-                parameters=_labelled(unknowns, np.asarray(vector), names),
-            )
-        )
-        if on_iteration is not None:
-            on_iteration(history[-1])
-        if int(state.status) != RUNNING or not np.isfinite(cost):
-            break
-    return np.asarray(vector), state, tuple(history)
+def _uncertainty(
+    attempt: Attempt, knowledge: Knowledge, noise: tuple[Noise, Noise], names: tuple[str, ...]
+) -> Uncertainty:
+    unknowns, problem = attempt.problem.unknowns, attempt.problem
+    with jax.enable_x64(True):
+        jacobian = np.asarray(_jacobian(jnp.asarray(attempt.vector), problem))
+    alone, common, sizes, row = [], [], [], 0
+    for group in problem.groups:
+        for part, kind in zip(
+            (group.weights.alone, group.weights.common, group.weights.size_weight),
+            (alone, common, sizes),
+            strict=True,
+        ):
+            kind.append(jacobian[row : row + np.size(part)])
+            row += np.size(part)
+    factors = [
+        (now.effective / then.effective) ** 2
+        for now, then in zip(noise, (knowledge.alone, knowledge.common), strict=True)
+    ]
+    lower, upper = unknowns.lower(), unknowns.upper()
+    vector = attempt.vector
+    precision = unknowns.prior_precision()
+    return uncertainty(
+        unknowns.labels(names),
+        [
+            (np.concatenate(alone), factors[0]),
+            (np.concatenate(common), factors[1]),
+            (np.concatenate(sizes), 1.0),
+        ],
+        precision,
+        np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), unknowns.widths()),
+        unknowns.slopes(vector),
+        (vector > lower + 1e-9) & (vector < upper - 1e-9),
+    )
 
 
-@eqx.filter_jit
-def _step(
-    solver: BoundedLevenbergMarquardt,
-    vector: Float[Array, " unknowns"],
-    problem: Problem,
-    options: dict[str, Float[Array, " unknowns"]],
-    state: LMState,
-) -> tuple[Float[Array, " unknowns"], LMState, None]:
-    return solver.step(residuals, vector, problem, options, state, frozenset())
+_jacobian = eqx.filter_jit(residual_jacobian)
+
+
+def _iteration(step: Step, start: int, unknowns: Unknowns, names: tuple[str, ...]) -> Iteration:
+    number, mean_square, gradient, accepted, vector = step
+    return Iteration(
+        number=number,
+        start=start,
+        cost=mean_square,
+        rmse=float(np.sqrt(mean_square)),
+        gradient=gradient,
+        accepted=accepted,
+        parameters=labelled(unknowns, vector, names),
+    )
+
+
+def _optimum(
+    attempt: Attempt, number: int, unknowns: Unknowns, names: tuple[str, ...]
+) -> Optimum:
+    return Optimum(
+        start=number,
+        rmse=float(np.sqrt(attempt.mean_square)),
+        iterations=len(attempt.steps) - 1,
+        status=STATUS[int(attempt.state.status)],
+        converged=int(attempt.state.status) != RUNNING,
+        parameters=labelled(unknowns, attempt.vector, names),
+    )
 
 
 def _starts(unknowns: Unknowns, starts: int, seed: int) -> list[Float[np.ndarray, " unknowns"]]:
     first, lower, upper = unknowns.start(), unknowns.lower(), unknowns.upper()
-    logarithmic = np.array([is_logarithmic(row) for row in unknowns.rows])
-    with np.errstate(invalid="ignore"):
-        range_ = np.where(np.isfinite(upper - lower), upper - lower, np.abs(first) + 1)
-    spread = np.where(logarithmic, 1.0, 0.1 * range_)
+    precision = unknowns.prior_precision()
+    spread = np.where(precision > 0, 1 / np.where(precision > 0, precision, 1), unknowns.widths())
     rng = np.random.default_rng(seed)
     vectors = [first]
     for _ in range(starts - 1):
@@ -217,7 +341,7 @@ def _values(
     return own, values
 
 
-def _labelled(
+def labelled(
     unknowns: Unknowns, vector: Float[np.ndarray, " unknowns"], names: tuple[str, ...]
 ) -> dict[str, float]:
     own, values = _values(unknowns, vector, names)
@@ -231,13 +355,14 @@ def _table(
     twin: Twin,
     unknowns: Unknowns,
     vector: Float[np.ndarray, " unknowns"],
-    state: LMState,
-    samples: int,
+    told: Uncertainty,
 ) -> tuple[FittedParameter, ...]:
-    errors = _standard_errors(unknowns, vector, state, samples)
+    errors = np.sqrt(np.diag(told.covariance))
     lower, upper = unknowns.lower(), unknowns.upper()
     with np.errstate(invalid="ignore"):
         touching = (vector <= lower + 1e-9) | (vector >= upper - 1e-9)
+    centre, precision = unknowns.prior_centre(), unknowns.prior_precision()
+    away = (vector - centre) * precision
     published = twin.rig.parameter_sets.get("published", {})
     numbers: dict[str, list[int]] = {}
     for number, row in enumerate(unknowns.rows):
@@ -248,57 +373,30 @@ def _table(
         entries = numbers.get(name, [])
         matched = unknowns.rows[entries[0]] if entries else row
         initial = float(twin.parameters[name])
-        table.append(
-            FittedParameter(
-                name=name,
-                unit=row.unit,
-                description=row.description,
-                free=bool(entries),
-                scope=matched.scope,
-                initial=initial,
-                value=float(np.mean([one[name] for one in values])) if entries else initial,
-                published=published.get(name),
-                lower=matched.lower,
-                upper=matched.upper,
-                at_bound=bool(np.any(touching[entries])),
-                standard_error=float(np.max(errors[entries])) if entries else float("nan"),
-            )
+        has_prior = bool(entries) and matched.prior_spread is not None
+        one = FittedParameter(
+            name=name,
+            unit=row.unit,
+            description=row.description,
+            free=bool(entries),
+            scope=matched.scope,
+            initial=initial,
+            value=float(np.mean([one[name] for one in values])) if entries else initial,
+            published=published.get(name),
+            lower=matched.lower,
+            upper=matched.upper,
+            at_bound=bool(np.any(touching[entries])),
+            standard_error=float(np.max(errors[entries])) if entries else float("nan"),
+            prior_value=matched.prior_value if has_prior else None,
+            prior_spread=matched.prior_spread if has_prior else None,
+            prior_distance=max(away[entries].tolist(), key=abs) if has_prior else None,
+            told=float(np.min(told.told[entries])) if entries else float("nan"),
         )
+        table.append(replace(one, warnings=parameter_warnings(one, told)))
     return tuple(table)
 
 
-def _standard_errors(
-    unknowns: Unknowns,
-    vector: Float[np.ndarray, " unknowns"],
-    state: LMState,
-    samples: int,
-) -> Float[np.ndarray, " unknowns"]:
-    """From the Gauss-Newton Hessian over the unknowns inside their bounds, in physical units."""
-    lower, upper = unknowns.lower(), unknowns.upper()
-    inside = (vector > lower + 1e-9) & (vector < upper - 1e-9)
-    triangle = np.asarray(state.triangle)[:, inside]
-    lengths = np.linalg.norm(triangle, axis=0)
-    told = lengths > 0
-    variance = 2 * float(state.cost) / max(1, samples - int(inside.sum()))
-    _, singular, directions = np.linalg.svd(triangle[:, told] / lengths[told], full_matrices=False)
-    # A direction this flat is told by rounding alone.
-    flat = singular <= 1e-10 * singular.max(initial=0.0)
-    spread = np.where(flat, 0.0, 1 / np.where(flat, 1.0, singular))
-    errors = np.full(int(inside.sum()), np.inf)
-    scaled = np.sqrt(np.sum((directions.T * spread) ** 2, axis=1))
-    lost = np.any(np.abs(directions[flat]) > 1e-3, axis=0)
-    errors[told] = np.where(lost, np.inf, np.sqrt(variance) * scaled / lengths[told])
-    full = np.full(unknowns.size, np.nan)
-    full[inside] = errors
-    # Delta method: the standard error of exp(u) is exp(u) times that of u.
-    slopes = [
-        np.exp(entry) if is_logarithmic(row) else 1.0
-        for row, entry in zip(unknowns.rows, vector, strict=True)
-    ]
-    return full * np.array(slopes)
-
-
-def _checked_recordings(twin: Twin, recordings: list[Experiment]) -> tuple[str, ...]:
+def checked_recordings(twin: Twin, recordings: list[Experiment]) -> tuple[str, ...]:
     if not recordings:
         raise MatchError("experiments: found none, allowed is one or several recordings")
     names: list[str] = []

@@ -1,7 +1,20 @@
-"""The residuals of a twin on recordings, as one function of the unknowns."""
+r"""The residuals of a twin on recordings, as one function of the unknowns, and their derivatives.
+
+Simulated less recorded temperatures $D$ of a recording have two parts with noise of their own: what
+all channels share, which is the camera's or the room's, and what a channel has alone.
+
+$$m_t = \sum_c w_{tc} D_{tc} \Big/ \sum_c w_{tc}, \qquad
+\lVert r \rVert^2 = \sum_{tc} \frac{w_{tc} (D_{tc} - m_t)^2}{\sigma_i^2}
++ \sum_t \frac{w_t (m_t - c_t)^2}{\sigma_m^2} + \sum_j \frac{b_j^2}{s_j^2}
++ \sum_p \frac{(u_p - \bar u_p)^2}{s_p^2}$$
+
+$c = \Phi b$ is the camera's common error, whose sizes $b$ are solved for in closed form, and the last
+sum is what is known of the parameters beforehand.
+Without any of that, and with equal weights, it is eq. (11) of the paper.
+"""
 
 from collections.abc import Sequence
-from typing import final
+from typing import Any, final
 
 import equinox as eqx
 import jax
@@ -11,9 +24,9 @@ from jaxtyping import Array, Float, Int
 
 from ..io import Experiment
 from ..physics import System, Twin
-from ..simulation import Schedule, build_schedule
-from ..simulation import reference_temperature, solve_schedule
+from ..simulation import Schedule, build_schedule, reference_temperature, solve_schedule
 from ._unknowns import Unknowns
+from ._weights import Weights, stacked
 
 
 @final
@@ -23,12 +36,14 @@ class Recordings(eqx.Module):
     - `schedule`: every array with a leading recordings axis.
     - `columns`: which of the rig's channels each recording holds.
     - `temperatures`: recorded, `(recordings, times, channels)`, degC.
+    - `weights`: of the samples, and the camera's shapes.
     - `positions`: their places among all recordings.
     """
 
     schedule: Schedule
     columns: Int[np.ndarray | Array, "recordings channels"]
     temperatures: Float[np.ndarray | Array, "recordings times channels"]
+    weights: Weights
     positions: tuple[int, ...] = eqx.field(static=True)
 
 
@@ -38,71 +53,177 @@ class Problem(eqx.Module):
 
     - `twin`: values of the parameters that are held.
     - `groups`: the recordings.
+    - `centre`, `precision`: of what is known of the unknowns beforehand: expected entries of the
+      vector, and one over their standard deviations, 0 where nothing is known.
     - `unknowns`: the layout of the vector.
     """
 
     twin: Twin
     groups: tuple[Recordings, ...]
+    centre: Float[np.ndarray | Array, " unknowns"]
+    precision: Float[np.ndarray | Array, " unknowns"]
     unknowns: Unknowns = eqx.field(static=True)
 
 
-def build_problem(twin: Twin, experiments: Sequence[Experiment], unknowns: Unknowns) -> Problem:
+def build_problem(
+    twin: Twin, experiments: Sequence[Experiment], unknowns: Unknowns, weights: Sequence[Weights]
+) -> Problem:
     """Groups recordings by the shape of their schedules, so that compiled code is shared."""
     groups: dict[tuple, list[int]] = {}
     schedules = [build_schedule(experiment) for experiment in experiments]
     for position, (schedule, experiment) in enumerate(zip(schedules, experiments, strict=True)):
-        shapes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(schedule))
+        leaves = jax.tree.leaves((schedule, weights[position]))
+        shapes = tuple(np.shape(leaf) for leaf in leaves)
         key = (shapes, schedule.ambient is None, len(experiment.channels))
         groups.setdefault(key, []).append(position)
-    stacked = []
+    gathered = []
     for positions in groups.values():
         members = [experiments[position] for position in positions]
         columns = [[twin.channels.index(name) for name in e.channels] for e in members]
-        stacked.append(
+        gathered.append(
             Recordings(
                 schedule=jax.tree.map(
                     lambda *leaves: np.stack(leaves), *(schedules[p] for p in positions)
                 ),
                 columns=np.array(columns, dtype=np.int32),
                 temperatures=np.stack([np.asarray(e.temperatures) for e in members]),
+                weights=stacked([weights[p] for p in positions]),
                 positions=tuple(positions),
             )
         )
-    return Problem(twin=twin, groups=tuple(stacked), unknowns=unknowns)
+    return Problem(
+        twin=twin,
+        groups=tuple(gathered),
+        centre=unknowns.prior_centre(),
+        precision=unknowns.prior_precision(),
+        unknowns=unknowns,
+    )
 
 
 def residuals(
     vector: Float[Array, " unknowns"], problem: Problem
-) -> tuple[list[Float[Array, "recordings times channels"]], None]:
-    """Simulated minus recorded temperatures, K: the residuals of eq. (11) of the paper.
+) -> tuple[list[Any], Float[Array, ""]]:
+    """The weighted residuals.
 
-    **Returns:** one array for each group of recordings, and nothing else (optimistix's form).
+    **Returns:** for each group of recordings what a channel has alone, what all share and the
+    sizes of the camera's shapes, then the priors; and the mean squared error of all samples, K^2.
     """
-    values = problem.unknowns.values(vector)
-    differences = []
-    for group in problem.groups:
-        own = [values[position] for position in group.positions]
-        batched = jax.tree.map(lambda *leaves: jnp.stack(leaves), *own)
+    weighted, squares, samples = [], jnp.zeros(()), 0
+    for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True):
 
-        def simulated(
-            values: dict[str, Float[Array, ""]], schedule: Schedule, columns: Int[Array, " columns"]
-        ) -> Float[Array, "times channels"]:
-            system = problem.twin.with_parameters(values).system()
-            return channel_temperatures(system, schedule, columns) - 273.15
+        def one(local: Array, group: Recordings) -> tuple[Any, Array]:
+            reading = _reading(local, problem, group.schedule, group.columns)
+            difference = reading - group.temperatures
+            alone, common, sizes = group.weights.split(difference)
+            error = difference - (group.weights.shapes @ sizes)[:, None]
+            return group.weights.weigh(alone, common, sizes), jnp.sum(error**2)
 
-        readings = jax.vmap(simulated)(batched, group.schedule, group.columns)
-        differences.append(readings - group.temperatures)
-    return differences, None
+        parts, square = jax.vmap(one)(local, group)
+        weighted.append(parts)
+        squares += square.sum()
+        samples += np.size(group.temperatures)
+    weighted.append((vector - problem.centre) * problem.precision)
+    return weighted, squares / samples
 
 
-def channel_temperatures(
-    system: System, schedule: Schedule, columns: Int[Array, " columns"]
+def differences(vector: Float[Array, " unknowns"], problem: Problem) -> list[Float[Array, "..."]]:
+    """Simulated less recorded temperatures, `(recordings, times, channels)` for each group, K."""
+    return [
+        jax.vmap(lambda local, g: _reading(local, problem, g.schedule, g.columns) - g.temperatures)(
+            local, group
+        )
+        for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True)
+    ]
+
+
+def residual_jacobian(
+    vector: Float[Array, " unknowns"], problem: Problem
+) -> Float[Array, "residuals unknowns"]:
+    """Derivatives of all residuals, in the order in which `ravel_pytree` lays them out.
+
+    The same as `jax.jacfwd` of `residuals`, for less: a recording does not depend on the others'
+    own values, and a channel's gain does not act on the plate.
+    """
+    rows = []
+    for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True):
+        parts = jax.vmap(lambda one, g: _weighted_jacobian(one, problem, g))(local, group)
+        places = problem.unknowns.places()[list(group.positions)]
+        for part in parts:
+            recordings, entries = part.shape[0], part.shape[-1]
+            flat = part.reshape(recordings, -1, entries)
+            whole = jnp.zeros((*flat.shape[:2], vector.size), flat.dtype)
+            number = np.arange(recordings)[:, None, None]
+            row = np.arange(flat.shape[1])[None, :, None]
+            whole = whole.at[number, row, places[:, None, :]].set(flat)
+            rows.append(whole.reshape(-1, vector.size))
+    rows.append(jnp.diag(jnp.asarray(problem.precision)))
+    return jnp.concatenate(rows)
+
+
+def _local_vectors(
+    vector: Float[Array, " unknowns"], problem: Problem
+) -> list[Float[Array, "recordings entries"]]:
+    places = problem.unknowns.places()
+    return [vector[places[list(group.positions)]] for group in problem.groups]
+
+
+def _reading(
+    local: Float[Array, " entries"],
+    problem: Problem,
+    schedule: Schedule,
+    columns: Int[Array, " columns"],
 ) -> Float[Array, "times channels"]:
-    """Readings of some channels from the rig's own start, K."""
+    """What the camera reads without its common error, degC."""
+    system = problem.twin.with_parameters(problem.unknowns.local_values(local)).system()
+    base, rise = channel_rises(system, schedule, columns)
+    return base + system.gain[columns] * rise - 273.15
+
+
+def _weighted_jacobian(
+    local: Float[Array, " entries"], problem: Problem, group: Recordings
+) -> tuple[Array, Array, Array]:
+    unknowns = problem.unknowns
+    inner = np.array(unknowns.inner_entries(problem.twin), dtype=int)
+    outer = np.setdiff1d(np.arange(local.size), inner)
+
+    def system(part: Array, entries: np.ndarray) -> System:
+        values = unknowns.local_values(local.at[entries].set(part))
+        return problem.twin.with_parameters(values).system()
+
+    def plate(part: Array) -> tuple[Array, Array]:
+        return channel_rises(system(part, inner), group.schedule, group.columns)
+
+    def gain(part: Array, entries: np.ndarray) -> Array:
+        return system(part, entries).gain[group.columns]
+
+    def forward(function: Any, part: Array) -> tuple[Any, Any]:
+        basis = jnp.eye(part.size, dtype=part.dtype)
+        push = jax.vmap(lambda d: jax.jvp(function, (part,), (d,)), out_axes=(None, 0))
+        return push(basis)
+
+    (_, rise), (d_base, d_rise) = forward(plate, local[inner])
+    gains = gain(local[inner], inner)
+    d_reading = d_base + gains * d_rise
+    d_gain = forward(lambda part: gain(part, inner), local[inner])[1]
+    d_reading = d_reading + rise * d_gain[:, None, :]
+    whole = jnp.zeros((local.size, *rise.shape), rise.dtype).at[inner].set(d_reading)
+    if outer.size:
+        d_gain = forward(lambda part: gain(part, outer), local[outer])[1]
+        whole = whole.at[outer].set(rise * d_gain[:, None, :])
+    parts = jax.vmap(lambda d: group.weights.weigh(*group.weights.split(d)))(whole)
+    alone, common, sizes = (jnp.moveaxis(part, 0, -1) for part in parts)
+    return alone, common, sizes
+
+
+def channel_rises(
+    system: System, schedule: Schedule, columns: Int[Array, " columns"]
+) -> tuple[Float[Array, "times #channels"], Float[Array, "times channels"]]:
+    """From the rig's own start: the surroundings' temperature, K, and how far above it what each
+    channel looks at is."""
     weights = jnp.asarray(system.wiring.channel_weights)[columns]
     reference = reference_temperature(system, schedule)
     deviation = solve_schedule(system, schedule, system.initial_temperature, weights)
-    ambient = 0.0
+    ambient = jnp.zeros((deviation.shape[0], 1), deviation.dtype)
     if schedule.ambient_at is not None:
         ambient = (jnp.asarray(schedule.ambient_at) - reference)[:, None]
-    return reference + ambient + system.gain[columns] * (deviation - ambient)
+    return reference + ambient, deviation - ambient

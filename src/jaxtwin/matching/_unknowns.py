@@ -1,13 +1,13 @@
 """Which parameters a match may change, and how they stand in the optimiser's vector."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from .._errors import MatchError, ParameterError
 from ..physics import Twin
@@ -54,6 +54,55 @@ class Unknowns:
     def upper(self) -> Float[np.ndarray, " unknowns"]:
         """Upper bounds of the vector."""
         return np.array([_inward(row, row.upper) for row in self.rows])
+
+    def prior_centre(self) -> Float[np.ndarray, " unknowns"]:
+        """What each entry is expected to be beforehand; 0 where nothing is known."""
+        expected = [(row, row.prior_value) for row in self.rows]
+        return np.array([0.0 if value is None else _inward(row, value) for row, value in expected])
+
+    def prior_precision(self) -> Float[np.ndarray, " unknowns"]:
+        """One over the standard deviation of that; 0 where nothing is known."""
+        return np.array(
+            [0.0 if row.prior_spread is None else 1 / row.prior_spread for row in self.rows]
+        )
+
+    def widths(self) -> Float[np.ndarray, " unknowns"]:
+        """What stands for the width of an entry of which nothing is known: a factor of e, a tenth
+        of its range, or one more than its size."""
+        with np.errstate(invalid="ignore"):
+            ranges = self.upper() - self.lower()
+        plain = 0.1 * np.where(np.isfinite(ranges), ranges, np.abs(self.start()) + 1)
+        return np.where([row.is_logarithmic for row in self.rows], 1.0, plain)
+
+    def slopes(
+        self, vector: Float[np.ndarray, " unknowns"]
+    ) -> Float[np.ndarray, " unknowns"]:
+        """Derivatives of the parameters' values in the vector's entries."""
+        pairs = zip(self.rows, vector, strict=True)
+        return np.array([np.exp(entry) if row.is_logarithmic else 1.0 for row, entry in pairs])
+
+    def labels(self, recordings: Sequence[str]) -> tuple[str, ...]:
+        """Names of the entries; those of one recording as `name[recording]`."""
+        own = [f"{row.name}[{recording}]" for recording in recordings for row in self.own]
+        return (*(row.name for row in self.shared), *own)
+
+    def places(self) -> Int[np.ndarray, "recordings entries"]:
+        """Where in the vector the entries that concern each recording stand."""
+        shared, own = len(self.shared), len(self.own)
+        of_recording = shared + own * np.arange(self.recordings)[:, None] + np.arange(own)
+        first = np.broadcast_to(np.arange(shared), (self.recordings, shared))
+        return np.concatenate([first, of_recording], axis=1)
+
+    def local_values(self, local: Float[Array, " entries"]) -> dict[str, Float[Array, ""]]:
+        """Name -> value in the parameter's unit, from the entries that concern one recording."""
+        rows = self.shared + self.own
+        return {row.name: _outward(row, local[n]) for n, row in enumerate(rows)}
+
+    def inner_entries(self, twin: Twin) -> list[int]:
+        """Which entries that concern a recording act on the network, not only on gains."""
+        outer = twin.wiring.gain_parameters
+        rows = self.shared + self.own
+        return [number for number, row in enumerate(rows) if row.name not in outer]
 
     def values(self, vector: Float[Array, " unknowns"]) -> list[dict[str, Float[Array, ""]]]:
         """Name -> value in the parameter's unit, for each recording."""
@@ -124,6 +173,11 @@ def choose_unknowns(
                 f"{name}: found the start value {value:g} {row.unit}, allowed by its bounds is "
                 f"{lower:g} to {upper:g}; move the start or the bounds"
             )
+        if row.prior_value is not None and not lower <= row.prior_value <= upper:
+            raise MatchError(
+                f"{name}: found bounds {lower:g} to {upper:g} {row.unit}, allowed are bounds that "
+                f"contain what is expected beforehand, {row.prior_value:g}"
+            )
         scope = "recording" if name in per_recording else "shared" if name in shared else row.scope
         rows.append(replace(row, value=value, lower=lower, upper=upper, free=True, scope=scope))
     if not rows:
@@ -138,14 +192,9 @@ def choose_unknowns(
     )
 
 
-def is_logarithmic(row: Parameter) -> bool:
-    """Whether a parameter enters the vector by its logarithm."""
-    return row.lower > 0 and row.offset == 0
-
-
 def _inward(row: Parameter, value: float) -> float:
-    return math.log(value) if is_logarithmic(row) else value
+    return math.log(value) if row.is_logarithmic else value
 
 
 def _outward(row: Parameter, entry: Float[Array, ""]) -> Float[Array, ""]:
-    return jnp.exp(entry) if is_logarithmic(row) else entry
+    return jnp.exp(entry) if row.is_logarithmic else entry

@@ -31,6 +31,7 @@ class Wiring:
     - `elements`: how many nodes are the plate's; they come first.
     - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_links`
       (elements, links): which links are an element's film; all None where losses are linear.
+    - `gain_parameters`: names of parameters that act on gains of channels alone.
     - `lag`, `delay` of the command as `Expressions`, or None.
     """
 
@@ -93,6 +94,11 @@ class Wiring:
         elements = channel_weights(rig)
         self.channel_weights = np.zeros((len(rig.channels), len(nodes)))
         self.channel_weights[:, : elements.shape[1]] = elements
+
+        tables = [part for part in vars(self).values() if isinstance(part, Expressions)]
+        used = {part: {n for v in part.products for n, _ in v.powers} for part in tables}
+        inner = set().union(*(names for part, names in used.items() if part is not self.gains))
+        self.gain_parameters = frozenset(used[self.gains] - inner)
 
         # Sizes too: a circuit given link by link does not show them, the channels' weights do.
         sizes = (rig.plate.columns, rig.plate.rows)

@@ -1,0 +1,90 @@
+r"""What a camera adds to all channels alike, as a sum of known shapes of unknown size.
+
+$$c(t) = b_0 + \text{drift}(t) + \sum_k \Big[b_{k0} + \sum_j b_{kj} e^{-(t - t_k) / \tau_j}\Big]
+\,[t \ge t_k]$$
+
+A constant, a line with corners at equal distances for the slow drift, and for every flat-field
+correction $t_k$ a step that stays and others that fade.
+The sizes $b$ enter the readings linearly, so that matching can solve for them in closed form
+(variable projection, Golub and Pereyra 2003) and the optimiser never sees them. Each has a
+standard deviation beforehand, without which they could imitate the plate.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from ..rig import CommonError
+
+BLOCK = 16
+"""Shapes are counted in blocks of this many, filled with zeros, so that another correction rarely
+means another compilation."""
+
+
+def camera_shapes(
+    error: CommonError, time: Float[np.ndarray, " times"], events: tuple[float, ...]
+) -> tuple[Float[np.ndarray, "times shapes"], Float[np.ndarray, " shapes"]]:
+    """The shapes of one recording and the standard deviation of the size of each, K.
+
+    **Arguments:**
+
+    - `error`: what is known beforehand.
+    - `time`: of the samples, s.
+    - `events`: times of the corrections, s; a jump shows from the first sample at or after it.
+    """
+    shapes, spreads = [np.ones_like(time)], [error.offset]
+    corners = time[0] + error.drift_time * np.arange(
+        np.ceil((time[-1] - time[0]) / error.drift_time) + 1
+    )
+    for number in range(len(corners)):
+        shapes.append(np.interp(time, corners, np.eye(len(corners))[number]))
+        spreads.append(error.drift)
+    for event in events:
+        after = time >= event
+        elapsed = np.where(after, time - event, 0.0)
+        shapes.append(after.astype(float))
+        shapes += [after * np.exp(-elapsed / tau) for tau in error.relaxation]
+        spreads += [error.jump] * (1 + len(error.relaxation))
+    empty = -len(shapes) % BLOCK
+    shapes += [np.zeros_like(time)] * empty
+    spreads += [1.0] * empty
+    return np.stack(shapes, axis=1), np.array(spreads)
+
+
+def detect_events(
+    time: Float[np.ndarray, " times"], common: Float[np.ndarray, " times"]
+) -> tuple[float, ...]:
+    """Times of flat-field corrections: jumps within a sample that all channels share.
+
+    The jump at a sample is what lies between a line through the ten seconds before it and one
+    through the ten seconds after it. What the plate does is smooth at that scale, and so is drift.
+    Jumps count that exceed `THRESHOLD` robust standard deviations of all such differences and are
+    the largest within `WINDOW` on either side.
+
+    **Arguments:**
+
+    - `time`: s.
+    - `common`: mean over the channels of recorded less simulated temperatures, K.
+    """
+    sample = float(np.median(np.diff(time)))
+    width = max(4, round(WINDOW / sample))
+    if len(time) < 4 * width:
+        return ()
+    line = np.stack([np.ones(width), np.arange(width) + 0.5], axis=1)
+    end = np.linalg.pinv(line)[0]
+    windows = np.lib.stride_tricks.sliding_window_view(common, width)
+    jumps = windows[width:] @ end - windows[:-width] @ end[::-1]
+    noise = 1.4826 * np.median(np.abs(jumps - np.median(jumps)))
+    events = []
+    for at in np.flatnonzero(np.abs(jumps) > THRESHOLD * noise):
+        near = np.abs(jumps[max(0, at - width) : at + width + 1])
+        if np.abs(jumps[at]) == near.max():
+            events.append(float(time[at + width]))
+    return tuple(events)
+
+
+THRESHOLD = 4.0
+"""A jump is one above this many standard deviations: about one false alarm in ten recordings of
+a thousand samples."""
+
+WINDOW = 10.0
+"""Of the lines on both sides of a jump, s."""

@@ -1,0 +1,63 @@
+"""What the residuals of a match are like: how large, for how long they keep their sign."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+
+@final
+@dataclass(frozen=True)
+class Noise:
+    """Residuals of one kind, over all recordings.
+
+    - `deviation`: their standard deviation, K.
+    - `correlated`: how many samples count as one, because they do not vary independently: one plus
+      twice the sum of the autocorrelations.
+    """
+
+    deviation: float
+    correlated: float
+
+    @property
+    def effective(self) -> float:
+        """Standard deviation that independent samples would need to tell as little, K."""
+        return self.deviation * float(np.sqrt(self.correlated))
+
+
+def noise_of(series: Sequence[Float[np.ndarray, "times channels"]]) -> Noise:
+    """Standard deviation and autocorrelation of several series of residuals about zero.
+
+    The sum of autocorrelations ends at the first lag that is five times what it amounts to until
+    then (Sokal 1997), because beyond it there is nothing but noise.
+
+    **Arguments:**
+
+    - `series`: of one recording each, equally weighted by sample.
+    """
+    longest = max(len(one) for one in series)
+    covariances = np.zeros(longest)
+    samples = 0
+    for one in series:
+        times = len(one)
+        padded = np.fft.rfft(one, 2 * times, axis=0)
+        covariances[:times] += np.fft.irfft(np.abs(padded) ** 2, axis=0)[:times].sum(axis=1)
+        samples += one.size
+    if covariances[0] <= 0:
+        return Noise(0.0, 1.0)
+    sums = 2 * np.cumsum(covariances / covariances[0]) - 1
+    far = np.flatnonzero(np.arange(longest) >= 5 * sums)
+    end = far[0] if far.size else longest - 1
+    return Noise(float(np.sqrt(covariances[0] / samples)), float(max(1.0, sums[end])))
+
+
+def huber_weights(
+    residuals: Float[np.ndarray, "*shape"], threshold: float
+) -> Float[np.ndarray, "*shape"]:
+    """Weights that turn least squares into Huber's loss (1964): 1 up to `threshold` robust standard
+    deviations, then falling as one over the residual."""
+    scale = 1.4826 * np.median(np.abs(residuals))
+    size = np.abs(residuals)
+    return np.minimum(1.0, threshold * scale / np.maximum(size, 1e-300))

@@ -1,0 +1,177 @@
+r"""How sure a match is: covariance, correlations, and what the recordings cannot tell.
+
+With the weighted residuals' Jacobian $J$ split into what channels have alone, what they share, and
+what is known beforehand ($P$), and $A = J^T J$,
+
+$$\operatorname{cov} = A^{-1} \Big(\sum_g f_g J_g^T J_g + P\Big) A^{-1}$$
+
+where $f_g$ is the variance that the weighted residuals of a part have when their autocorrelation is
+counted (their spectral density at frequency zero): residuals that keep their sign for a minute tell
+as much as one sample a minute.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+CLOSE = 0.95
+"""Correlations above this are reported."""
+
+
+@final
+@dataclass(frozen=True)
+class FlatDirection:
+    """A combination of parameters that the recordings leave open.
+
+    - `weights`: label -> share in the direction, largest first; each parameter measured by what is
+      known of it beforehand (relative for positive parameters without a prior).
+    - `told`: how much the recordings tell about it: below 1 they tell less than the prior.
+    """
+
+    weights: dict[str, float]
+    told: float
+
+    def __str__(self) -> str:
+        terms = " ".join(f"{weight:+.2f} {label}" for label, weight in self.weights.items())
+        return f"{terms} (told {self.told:.2g})"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """How sure the matched values are.
+
+    **Arguments:**
+
+    - `labels`: of the matched values; those of one recording as `name[recording]`.
+    - `covariance`: in physical units; NaN where a value was held at a bound, infinite variances
+      where nothing tells it.
+    - `correlation`: of the same.
+    - `told`: how many times narrower than the prior the recordings alone would leave each value, the
+      others being known; 0 for dead parameters.
+    - `singular_values`: of the recordings' sensitivity matrix, each column scaled by what is known
+      beforehand, largest first: below 1 a direction is the prior's.
+    - `flat`: those directions, spelled out.
+    - `dead`: labels that no sample depends on.
+    - `collinear`: pairs whose correlation is above 0.95 in size, with it.
+    - `entries`: covariance of the optimiser's vector, in which positive parameters are logarithms.
+    """
+
+    labels: tuple[str, ...]
+    covariance: Float[np.ndarray, "values values"]
+    correlation: Float[np.ndarray, "values values"]
+    told: Float[np.ndarray, " values"]
+    singular_values: Float[np.ndarray, " directions"]
+    flat: tuple[FlatDirection, ...]
+    dead: tuple[str, ...]
+    collinear: tuple[tuple[str, str, float], ...]
+    entries: Float[np.ndarray, "values values"]
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Label -> standard error in the parameter's unit."""
+        errors = np.sqrt(np.diag(self.covariance))
+        return dict(zip(self.labels, errors.tolist(), strict=True))
+
+    def report(self) -> str:
+        """What the recordings cannot tell, in words."""
+        lines = [
+            f"{len(self.singular_values)} directions, {len(self.flat)} told less by the recordings "
+            "than beforehand"
+        ]
+        lines += [f"dead: {', '.join(self.dead)}"] * bool(self.dead)
+        lines += [f"flat: {direction}" for direction in self.flat]
+        lines += [f"correlated: {a} and {b}, {value:.3f}" for a, b, value in self.collinear]
+        return "\n".join(lines)
+
+
+def uncertainty(
+    labels: Sequence[str],
+    parts: Sequence[tuple[Float[np.ndarray, "_ values"], float]],
+    precision: Float[np.ndarray, " values"],
+    scale: Float[np.ndarray, " values"],
+    slopes: Float[np.ndarray, " values"],
+    inside: Sequence[bool] | np.ndarray,
+) -> Uncertainty:
+    """The uncertainty of a match.
+
+    **Arguments:**
+
+    - `labels`: of the entries of the optimiser's vector.
+    - `parts`: the Jacobian's rows, part by part, each with its $f_g$.
+    - `precision`: one over the prior's standard deviation of each entry, 0 where there is none.
+    - `scale`: by which entries are measured: the prior's standard deviation, or what stands for it.
+    - `slopes`: of the physical values in the entries.
+    - `inside`: which entries are inside their bounds.
+    """
+    free = np.flatnonzero(inside)
+    n = len(labels)
+    prior = np.diag(precision[free] ** 2)
+    normal = sum(j[:, free].T @ j[:, free] for j, _ in parts) + prior
+    middle = sum(f * (j[:, free].T @ j[:, free]) for j, f in parts) + prior
+    spread, lost = _sandwich(normal, middle)
+    entries = np.full((n, n), np.nan)
+    entries[np.ix_(free, free)] = spread
+    covariance = entries * np.outer(slopes, slopes)
+    for number in free[lost]:
+        covariance[number, number] = np.inf
+    errors = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = covariance / np.outer(errors, errors)
+    # What the recordings alone tell, per unit of what is known beforehand.
+    rows = np.concatenate([j[:, free] * scale[free] / np.sqrt(max(f, 1e-300)) for j, f in parts])
+    lengths = np.linalg.norm(rows, axis=0)
+    singular, directions = np.linalg.eigh(rows.T @ rows)
+    singular = np.sqrt(np.maximum(singular, 0.0))
+    told = np.full(n, np.nan)
+    told[free] = lengths
+    names = [labels[number] for number in free]
+    flat = [
+        FlatDirection(_largest(names, direction), float(value))
+        for value, direction in zip(singular, directions.T, strict=True)
+        if value < 1
+    ]
+    pairs = [
+        (names[a], names[b], float(correlation[free[a], free[b]]))
+        for a in range(len(free))
+        for b in range(a)
+        if abs(correlation[free[a], free[b]]) > CLOSE
+    ]
+    return Uncertainty(
+        labels=tuple(labels),
+        covariance=covariance,
+        correlation=correlation,
+        told=told,
+        singular_values=singular[::-1],
+        flat=tuple(flat),
+        dead=tuple(name for name, length in zip(names, lengths, strict=True) if length < 1e-9),
+        collinear=tuple(sorted(pairs, key=lambda pair: -abs(pair[2]))),
+        entries=entries,
+    )
+
+
+def _sandwich(
+    normal: Float[np.ndarray, "n n"], middle: Float[np.ndarray, "n n"]
+) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
+    """$A^{-1} B A^{-1}$, and which entries lie along directions in which A is rounding alone."""
+    lengths = np.sqrt(np.diag(normal))
+    told = lengths > 0
+    unit = np.where(told, lengths, 1.0)
+    values, vectors = np.linalg.eigh(normal / np.outer(unit, unit))
+    open_ = values <= 1e-13 * values.max(initial=0.0)
+    inverse = (vectors * np.where(open_, 0.0, 1 / np.where(open_, 1.0, values))) @ vectors.T
+    inverse /= np.outer(unit, unit)
+    lost = np.any(np.abs(vectors[:, open_]) > 1e-3, axis=1) | ~told
+    return inverse @ middle @ inverse, lost
+
+
+def _largest(names: Sequence[str], direction: Float[np.ndarray, " values"]) -> dict[str, float]:
+    """The largest entries of a direction, until nine tenths of it are told."""
+    order = np.argsort(-np.abs(direction))
+    share = np.cumsum(direction[order] ** 2)
+    count = int(np.searchsorted(share, 0.9)) + 1
+    sign = np.sign(direction[order[0]])
+    return {names[n]: float(sign * direction[n]) for n in order[: min(count, 6)]}

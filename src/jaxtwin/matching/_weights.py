@@ -1,0 +1,88 @@
+"""How much each sample of a recording counts, and which common errors of the camera it allows."""
+
+from collections.abc import Sequence
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+Array_ = np.ndarray | Array
+
+
+@final
+class Weights(eqx.Module):
+    r"""Weights of one recording, or of several with a leading axis.
+
+    - `alone`: $\sqrt{w_{tc}} / \sigma_i$. `share`: $w_{tc} / \sum_c w_{tc}$.
+    - `common`: $\sqrt{w_t} / \sigma_m$.
+    - `shapes`: $\Phi$ of the camera's common error; `solve`: the matrix that gives their sizes $b$
+      for a common residual; `size_weight`: $1 / s_j$.
+    """
+
+    alone: Float[Array_, "*recordings times channels"]
+    share: Float[Array_, "*recordings times channels"]
+    common: Float[Array_, "*recordings times"]
+    shapes: Float[Array_, "*recordings times shapes"]
+    solve: Float[Array_, "*recordings shapes times"]
+    size_weight: Float[Array_, "*recordings shapes"]
+
+    def split(
+        self, difference: Float[Array, "times channels"]
+    ) -> tuple[
+        Float[Array, "times channels"], Float[Array, " times"], Float[Array, " shapes"]
+    ]:
+        """What channels have alone, what they share less the camera's error, and its sizes, K."""
+        shared = jnp.sum(self.share * difference, axis=1)
+        sizes = self.solve @ shared
+        return difference - shared[:, None], shared - self.shapes @ sizes, sizes
+
+    def weigh(
+        self,
+        alone: Float[Array, "times channels"],
+        common: Float[Array, " times"],
+        sizes: Float[Array, " shapes"],
+    ) -> tuple[
+        Float[Array, "times channels"], Float[Array, " times"], Float[Array, " shapes"]
+    ]:
+        """The three of them as residuals."""
+        return self.alone * alone, self.common * common, self.size_weight * sizes
+
+
+def make_weights(
+    samples: Float[np.ndarray, "times channels"],
+    moments: Float[np.ndarray, " times"],
+    alone: float,
+    common: float,
+    shapes: Float[np.ndarray, "times shapes"],
+    spreads: Float[np.ndarray, " shapes"],
+) -> Weights:
+    """The weights of one recording.
+
+    **Arguments:**
+
+    - `samples`: $w_{tc}$, 0 to 1. `moments`: factor on the common part of each time, 0 to 1.
+    - `alone`, `common`: standard deviations of what a channel has alone, and of the common part
+      times the root of the number of channels, K: equal ones weigh all samples alike.
+    - `shapes`, `spreads`: of the camera's common error.
+    """
+    total = samples.sum(axis=1, keepdims=True)
+    share = np.divide(samples, total, out=np.zeros_like(samples), where=total > 0)
+    weight = moments * total[:, 0] / common**2
+    weighted = shapes.T * weight
+    normal = weighted @ shapes + np.diag(1 / spreads**2)
+    return Weights(
+        alone=np.sqrt(samples) / alone,
+        share=share,
+        common=np.sqrt(weight),
+        shapes=shapes,
+        solve=np.linalg.solve(normal, weighted),
+        size_weight=1 / spreads,
+    )
+
+
+def stacked(weights: Sequence[Weights]) -> Weights:
+    """Several recordings' weights with a leading axis."""
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *weights)
