@@ -67,7 +67,7 @@ def build_schedule(
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
     steps, held = [], []
     for start, stop in pairwise(marks):
-        sizes = _graded(time[stop] - time[start], first_step, growth, largest_step)
+        sizes = _graded(float(time[stop] - time[start]), first_step, growth, largest_step)
         steps += sizes
         held += [start] * len(sizes)
     # Sums of steps and sample times differ by rounding; sizes that differ by no more are one.

@@ -42,8 +42,9 @@ def simulate(
     - `initial`: temperatures at the start. None: as the rig says. `"steady"`: at rest under the
       first input. A number: uniform, degC. An array `(nodes,)`: each node, degC.
     - `solver`: any diffrax solver, or None for the default.
-    - `stepsize_controller`, `dt0`: for that solver; by default a `PIDController` at 1e-7 where the
-      solver estimates its error, else constant steps of half a sample. Steps end at input changes.
+    - `stepsize_controller`, `dt0`: an adaptive controller for that solver and its first step, s.
+      By default a `PIDController` at 1e-7 where the solver estimates its error, else the steps that
+      the default solver takes. Steps always end at input changes.
 
     **Returns:** a `Run` at the experiment's times.
 
