@@ -174,7 +174,7 @@ def _reading(
     columns: Int[Array, " columns"],
 ) -> Float[Array, "times channels"]:
     """What the camera reads without its common error, degC."""
-    system = problem.twin.with_parameters(problem.unknowns.local_values(local)).system()
+    system = problem.twin.with_parameters(problem.unknowns.local_values(local)).system(lumped=True)
     base, rise = channel_rises(system, schedule, columns)
     return base + system.gain[columns] * rise - 273.15
 
@@ -188,7 +188,7 @@ def _weighted_jacobian(
 
     def system(part: Array, entries: np.ndarray) -> System:
         values = unknowns.local_values(local.at[entries].set(part))
-        return problem.twin.with_parameters(values).system()
+        return problem.twin.with_parameters(values).system(lumped=True)
 
     def plate(part: Array) -> tuple[Array, Array]:
         return channel_rises(system(part, inner), group.schedule, group.columns)

@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ._driver import Bridge, CellHeat
 from ._loss import NonlinearLoss
@@ -40,6 +40,7 @@ class System(eqx.Module):
     - `gain`: of the channels.
     - `loss`: what the plate loses beyond the network's links, None for nothing.
     - `lag`, `delay`: of the duty cycle that reaches the cells behind the command, s, or None.
+    - `physical`: whether all resistances and capacitances are above 0.
     """
 
     capacitance: Float[Array, " nodes"]
@@ -53,12 +54,14 @@ class System(eqx.Module):
     loss: NonlinearLoss | None
     lag: Float[Array, ""] | None
     delay: Float[Array, ""] | None
+    physical: Bool[Array, ""]
     wiring: Wiring = eqx.field(static=True)
 
     @classmethod
     def assemble(cls, wiring: Wiring, parameters_si: dict[str, Float[Array, ""]]) -> "System":
         """Puts numbers into a wiring."""
-        conductances = 1 / wiring.resistances(parameters_si)
+        resistances = wiring.resistances(parameters_si)
+        conductances = 1 / resistances
         dtype = conductances.dtype
         pairs = jnp.asarray(wiring.pair_links, dtype) @ conductances
         between = jnp.append(pairs, jnp.zeros((), dtype))[wiring.pair_of]
@@ -66,8 +69,10 @@ class System(eqx.Module):
         seebeck, electrical, thermal = wiring.module_constants(parameters_si).reshape(3, -1)
         voltage, supply, on = wiring.bridge_constants(parameters_si)
         lag, delay = (part and part(parameters_si)[0] for part in (wiring.lag, wiring.delay))
+        capacitance = wiring.capacitances(parameters_si)
+        positive = (resistances, capacitance, electrical, thermal, supply + on + electrical)
         return cls(
-            capacitance=wiring.capacitances(parameters_si),
+            capacitance=capacitance,
             conductance=jnp.diag(between.sum(axis=1) + ambient) - between,
             ambient_conductance=ambient,
             module=ThermoelectricModule(seebeck, electrical, thermal),
@@ -78,6 +83,7 @@ class System(eqx.Module):
             loss=_loss(wiring, parameters_si, conductances),
             lag=lag,
             delay=delay,
+            physical=jnp.stack([jnp.all(values > 0) for values in positive]).all(),
             wiring=wiring,
         )
 

@@ -8,11 +8,13 @@ from functools import lru_cache
 from typing import Literal, final
 
 import numpy as np
+from jaxtyping import Int
 
 from ..rig import AMBIENT, Rig, Value
 from ._assembly import build_netlist
 from ._camera import channel_weights
 from ._expressions import Expressions
+from ._lumping import lump
 from ._netlist import Netlist
 
 
@@ -33,10 +35,13 @@ class Wiring:
       (elements, links): which links are an element's film; all None where losses are linear.
     - `gain_parameters`: names of parameters that act on gains of channels alone.
     - `lag`, `delay` of the command as `Expressions`, or None.
+    - `position` (nodes of the rig,): which node here stands for each node of the rig, and
+      `rig_elements`, the same for the plate's elements, which come first.
     """
 
-    def __init__(self, rig: Rig, netlist: Netlist):
+    def __init__(self, rig: Rig, netlist: Netlist, position: Int[np.ndarray, " rig_nodes"]):
         self.netlist = netlist
+        self.position = position
         self.averaging: Literal["voltage", "on-off"] = rig.driver.averaging
         self.off_phase: Literal["brake", "open"] = rig.driver.off_phase
         self.channels = tuple(channel.name for channel in rig.channels)
@@ -92,8 +97,10 @@ class Wiring:
             )
 
         elements = channel_weights(rig)
+        self.rig_elements = position[: elements.shape[1]]
         self.channel_weights = np.zeros((len(rig.channels), len(nodes)))
-        self.channel_weights[:, : elements.shape[1]] = elements
+        for element in range(elements.shape[1]):
+            self.channel_weights[:, position[element]] += elements[:, element]
 
         tables = [part for part in vars(self).values() if isinstance(part, Expressions)]
         used = {part: {n for v in part.products for n, _ in v.powers} for part in tables}
@@ -112,7 +119,10 @@ class Wiring:
         return hash(self._key)
 
 
-@lru_cache(maxsize=32)
-def wiring_of(rig: Rig) -> Wiring:
-    """The wiring of a rig, made once."""
-    return Wiring(rig, build_netlist(rig))
+@lru_cache(maxsize=64)
+def wiring_of(rig: Rig, lumped: bool = False) -> Wiring:
+    """The wiring of a rig, made once; lumped: with nodes that are always equal made one."""
+    netlist = build_netlist(rig)
+    if lumped:
+        return Wiring(rig, *lump(netlist))
+    return Wiring(rig, netlist, np.arange(len(netlist.nodes), dtype=np.int32))

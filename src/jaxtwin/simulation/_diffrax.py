@@ -3,12 +3,13 @@
 import diffrax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
+from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import System
-from ._actuator import lagged_duty
 from ._schedule import Schedule
+from ._solver import HeldInputs, NetworkProblem, network_field
 
 
 def solve_with_diffrax(
@@ -40,33 +41,17 @@ def solve_with_diffrax(
     else:
         ambient = jnp.asarray(schedule.ambient_at[held]) - reference
 
-    def field(t: Float[Array, ""], deviation: Array, system: System) -> Float[Array, " nodes"]:
-        now = jnp.searchsorted(starts, t, side="right") - 1
-        given = duty[now]
-        if system.lag is not None:
-            given = lagged_duty(system.lag, system.delay, starts, duty, t, at_rest)
-        heat = system.heat_into_nodes(deviation, given, reference, ambient[now])
-        return heat / system.capacitance
-
-    if controller is None:
-        adaptive = isinstance(solver, diffrax.AbstractAdaptiveSolver)
-        controller = (
-            diffrax.PIDController(rtol=1e-7, atol=1e-7) if adaptive else diffrax.ConstantStepSize()
-        )
-    if dt0 is None and not isinstance(controller, diffrax.PIDController):
-        dt0 = 0.5 * float(np.median(np.diff(time)))
+    inputs = HeldInputs(starts, duty, ambient, system.lag, system.delay, at_rest)
     solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(field),
+        diffrax.ODETerm(network_field),
         solver,
         t0=0.0,
         t1=float(time[-1]),
         dt0=dt0,
         y0=initial - reference,
-        args=system,
+        args=NetworkProblem(system, inputs, reference),
         saveat=diffrax.SaveAt(ts=jnp.asarray(time)),
-        stepsize_controller=diffrax.ClipStepSizeController(
-            controller, jump_ts=jnp.asarray(time[changes])
-        ),
+        stepsize_controller=_clipped(solver, controller, schedule, time, changes),
         # Jacobians by forward mode; the twin is small and its step count unbounded beforehand.
         adjoint=diffrax.ForwardMode(),
         max_steps=None,
@@ -74,6 +59,32 @@ def solve_with_diffrax(
     )
     assert solution.ys is not None
     return solution.ys, solution.result
+
+
+def _clipped(
+    solver: diffrax.AbstractSolver,
+    controller: diffrax.AbstractStepSizeController | None,
+    schedule: Schedule,
+    time: Float[np.ndarray, " times"],
+    changes: Int[np.ndarray, " changes"],
+) -> diffrax.AbstractStepSizeController:
+    """A controller that ends a step just before each input change and starts one just behind."""
+    if controller is None and isinstance(solver, diffrax.AbstractAdaptiveSolver):
+        controller = diffrax.PIDController(rtol=1e-7, atol=1e-7)
+    if controller is not None:
+        if not isinstance(controller, diffrax.AbstractAdaptiveStepSizeController):
+            raise SimulationError(
+                f"stepsize_controller: found {type(controller).__name__}, allowed are adaptive "
+                "controllers, or None: others step over input changes"
+            )
+        return diffrax.ClipStepSizeController(controller, jump_ts=jnp.asarray(time[changes]))
+    # Without an error estimate: the steps of the default solver.
+    sizes = np.asarray(schedule.sizes)[np.asarray(schedule.size)]
+    ends = np.append(np.cumsum(sizes)[:-1], time[-1])
+    nearest = np.abs(ends[:, None] - time[changes][None, :]).min(axis=1, initial=np.inf)
+    around = [np.nextafter(time[changes], -np.inf), np.nextafter(time[changes], np.inf)]
+    steps = np.unique(np.concatenate([[0.0], ends[nearest > 1e-6], *around]))
+    return diffrax.StepTo(ts=jnp.asarray(steps))
 
 
 def _changes(experiment: Experiment) -> np.ndarray:

@@ -67,9 +67,7 @@ def build_schedule(
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
     steps, held = [], []
     for start, stop in pairwise(marks):
-        sizes = _graded(time[stop] - time[start], first_step, growth, largest_step)
-        if not steps:
-            sizes = _halved(sizes[0]) + sizes[1:]
+        sizes = _graded(float(time[stop] - time[start]), first_step, growth, largest_step)
         steps += sizes
         held += [start] * len(sizes)
     # Sums of steps and sample times differ by rounding; sizes that differ by no more are one.
@@ -91,10 +89,16 @@ def build_schedule(
 
 
 def _graded(duration: float, first: float, growth: float, largest: float) -> list[float]:
-    """Steps that fill a span, doubling as time goes by."""
-    steps, elapsed = [], 0.0
-    # A drive that changes at every sample never comes to rest: a step a sample is enough.
-    first = max(first, min(1.0, duration)) if duration <= 4 * first else first
+    """Steps that fill a span between two input changes, doubling as time goes by.
+
+    The first one comes in nine parts, each twice the last: right after a change the sides of a
+    cell may settle within milliseconds, which temperatures elsewhere forgive but derivatives with
+    respect to the resistances there do not.
+    A drive that changes at every sample never comes to rest: a step a sample is enough for it.
+    """
+    if duration <= 4 * first:
+        return [duration]
+    steps, elapsed = [first / 2**8] + [first / 2**k for k in range(8, 0, -1)], first
     while duration - elapsed > 1e-9:
         wanted = min(max(first, growth * elapsed), largest, duration - elapsed)
         size = first * 2.0 ** np.floor(np.log2(wanted / first) + 1e-9)
@@ -102,15 +106,6 @@ def _graded(duration: float, first: float, growth: float, largest: float) -> lis
         steps.append(float(size))
         elapsed += size
     return steps
-
-
-def _halved(size: float) -> list[float]:
-    """The first step of a run in nine parts, each twice the last.
-
-    A run may start far from what its cells want: their sides then meet within milliseconds, which
-    the values forgive but derivatives with respect to those resistances do not.
-    """
-    return [size / 2**8] + [size / 2**k for k in range(8, 0, -1)]
 
 
 def _hermite(part: np.ndarray, length: np.ndarray) -> np.ndarray:
