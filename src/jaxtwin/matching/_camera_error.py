@@ -15,9 +15,9 @@ from jaxtyping import Float
 
 from ..rig import CommonError
 
-BLOCK = 16
-"""Shapes are counted in blocks of this many, filled with zeros, so that another correction rarely
-means another compilation."""
+BLOCK = 64
+"""Shapes are counted in blocks of this many, filled with zeros, so that corrections found between
+two rounds of a match mean no compilation anew."""
 
 
 def camera_shapes(

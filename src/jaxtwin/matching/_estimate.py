@@ -1,7 +1,7 @@
 """Rounds of a match: descend, learn from the residuals what they are like, weigh anew."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import equinox as eqx
@@ -24,8 +24,8 @@ FIRST_NOISE = Noise(0.25, 64.0)
 """Before anything is known of the residuals: a quarter kelvin, a minute long."""
 
 ROUNDS = 3
-LOOSE = 1e-3
-"""Relative fall of the cost at which a round ends that is not the last."""
+LOOSE = (1e-2, 1e-3)
+"""Relative fall of the cost at which rounds end that are not the last."""
 
 
 @final
@@ -110,7 +110,10 @@ def estimate(
     attempt, steps = None, ()
     for number in range(rounds):
         last = number == rounds - 1
-        loose = solver if last else eqx.tree_at(lambda s: s.rtol, solver, LOOSE)
+        loose = solver if last else replace(solver, rtol=LOOSE[number])
+        if attempt is not None:
+            # The new weights change little: go on as carefully or boldly as before.
+            loose = replace(loose, damping=float(attempt.state.damping))
         problem = make_problem(setting, knowledge)
         left = max_iterations - max(0, len(steps) - 1)
         attempt = descend(problem, loose, start, left, steps, on_step)
@@ -236,6 +239,10 @@ def descend(
     lower, upper = box or (unknowns.lower(), unknowns.upper())
     found = list(steps)
     with jax.enable_x64(True):
+        # Plain floats would be constants of the compiled step: another tolerance, another program.
+        solver = eqx.tree_at(
+            lambda s: [s.rtol, s.atol, s.gtol, s.damping], solver, replace_fn=jnp.asarray
+        )
         bounds = (jnp.asarray(lower), jnp.asarray(upper))
         vector = jnp.asarray(start)
         mean_square = jax.ShapeDtypeStruct((), jnp.float64)

@@ -114,7 +114,8 @@ def match(
         )
     _checked_counts(starts=starts, max_iterations=max_iterations)
     setting = make_setting(twin, recordings, names, unknowns, events, masks, robust)
-    solver = solver or BoundedLevenbergMarquardt(rtol=1e-7)
+    # Weighted residuals are counted in standard deviations: a fall of a thousandth means nothing.
+    solver = solver or BoundedLevenbergMarquardt(rtol=1e-5 if setting.weighs else 1e-7)
 
     def listener(start: int) -> Callable[[Step], None] | None:
         if on_iteration is None:

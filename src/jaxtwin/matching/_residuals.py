@@ -186,15 +186,17 @@ def _weighted_jacobian(
     inner = np.array(unknowns.inner_entries(problem.twin), dtype=int)
     outer = np.setdiff1d(np.arange(local.size), inner)
 
-    def system(part: Array, entries: np.ndarray) -> System:
+    def twin(part: Array, entries: np.ndarray) -> Twin:
         values = unknowns.local_values(local.at[entries].set(part))
-        return problem.twin.with_parameters(values).system(lumped=True)
+        return problem.twin.with_parameters(values)
 
     def plate(part: Array) -> tuple[Array, Array]:
-        return channel_rises(system(part, inner), group.schedule, group.columns)
+        system = twin(part, inner).system(lumped=True)
+        return channel_rises(system, group.schedule, group.columns)
 
     def gain(part: Array, entries: np.ndarray) -> Array:
-        return system(part, entries).gain[group.columns]
+        one = twin(part, entries)
+        return one.wiring.gains(one.parameters_si)[group.columns]
 
     def forward(function: Any, part: Array) -> tuple[Any, Any]:
         basis = jnp.eye(part.size, dtype=part.dtype)
