@@ -124,7 +124,7 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
 
 
 def _exponential_states(
-    twin: Twin, schedule: Schedule, initial: str | Float[np.ndarray, " nodes"] | None
+    twin: Twin, schedule: Schedule, initial: str | Float[Array | np.ndarray, " starts"] | None
 ) -> tuple[Float[Array, "times nodes"], Float[Array, "times channels"]]:
     """Absolute temperatures of the rig's nodes and of its channels, K."""
     system = twin.system(lumped=keeps_symmetry(initial))
@@ -154,7 +154,7 @@ _run_exponential = eqx.filter_jit(_exponential_states)
 def _run_diffrax(
     twin: Twin,
     schedule: Schedule,
-    initial: str | Float[np.ndarray, " nodes"] | None,
+    initial: str | Float[Array | np.ndarray, " starts"] | None,
     experiment: Experiment,
     solver: "diffrax.AbstractSolver",
     controller: "diffrax.AbstractStepSizeController | None",
