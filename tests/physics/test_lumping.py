@@ -14,6 +14,8 @@ from jaxtwin.physics._wiring import wiring_of
 from jaxtwin.rig import Circuit, Rig
 
 assembled = eqx.filter_jit(Twin.system)
+lumped_of = eqx.filter_jit(lambda twin: twin.system(lumped=True))
+read = eqx.filter_jit(System.channel_temperatures)
 
 
 @eqx.filter_jit
@@ -45,7 +47,7 @@ def test_mirror_images_become_one(rig, nodes):
 def test_symmetric_states_change_and_read_as_they_do_unlumped(rig, float64):
     """In any state in which mirror images are equal."""
     twin = Twin(rig)
-    whole, lumped = twin.system(), twin.system(lumped=True)
+    whole, lumped = assembled(twin), lumped_of(twin)
     position = lumped.wiring.position
     rng = np.random.default_rng(2)
     for duty in ([0.5, 0.78], [-1.0, 0.3]):
@@ -54,16 +56,14 @@ def test_symmetric_states_change_and_read_as_they_do_unlumped(rig, float64):
         expected = rates(whole, deviation[position], jnp.asarray(duty))
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
         np.testing.assert_allclose(
-            lumped.channel_temperatures(deviation),
-            whole.channel_temperatures(deviation[position]),
-            rtol=1e-12,
+            read(lumped, deviation), read(whole, deviation[position]), rtol=1e-12
         )
 
 
 def test_capacitance_and_way_to_the_air_are_kept_in_sum(float64):
     """681.7 J/K and 4.604 W/K of the plate, and the cells."""
     twin = Twin("paper-2024")
-    whole, lumped = twin.system(), twin.system(lumped=True)
+    whole, lumped = assembled(twin), lumped_of(twin)
     for name in ("capacitance", "ambient_conductance"):
         total = float(getattr(whole, name).sum())
         assert float(getattr(lumped, name).sum()) == pytest.approx(total, rel=1e-13)
