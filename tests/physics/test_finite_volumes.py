@@ -43,6 +43,14 @@ def test_two_elements_by_hand(make_rig):
     )
 
 
+def test_single_element_by_hand(make_rig):
+    """4 cm x 5 cm: both edges of each direction in parallel, and one free face."""
+    netlist = build_netlist(make_rig(["4 cm"], ["5 cm"], [{"V11": "0.5 K/W"}]))
+    # 0.02 / (200 * 0.002 * 0.05) + 1 / (10 * 1e-4); 0.025 / (200 * 0.002 * 0.04) + 1 / (10 * 8e-5)
+    edges = [(1.0 + 1000.0) / 2, (1.5625 + 1250.0) / 2]
+    assert resistances(netlist)["V11", "ambient"] == pytest.approx([50.0025, *edges])
+
+
 def test_formulas_of_the_model_file_follow_from_its_sizes(make_rig):
     """With its own 5.08 mm and rows of 4 cm, the rule gives the file's numbers, those that it
     computes and never uses (R3x, R2y, R3y, Rxp3) included."""
@@ -141,6 +149,16 @@ def test_fine_fin_approaches_its_analytic_solution(network):
     assert fin_error(320, network) < 1e-4
 
 
+def steady_rise(twin: Twin, duty: list[float]) -> np.ndarray:
+    @jax.jit
+    def solve(twin: Twin, duty: jax.Array) -> jax.Array:
+        system = twin.system()
+        return system.steady_state(duty, system.ambient_temperature)
+
+    with jax.enable_x64(True):
+        return np.asarray(solve(twin, jnp.array(duty)))
+
+
 def test_symmetric_rig_has_symmetric_temperatures(make_rig):
     """Left and right, top and bottom, to rounding."""
     rig = make_rig(
@@ -148,9 +166,7 @@ def test_symmetric_rig_has_symmetric_temperatures(make_rig):
         ["2 cm", "4 cm", "2 cm"],
         [{"V22": "0.1 K/W"}, {"V24": "0.1 K/W"}],
     )
-    with jax.enable_x64(True):
-        system = Twin(rig).system()
-        rise = np.asarray(system.steady_state(jnp.array([0.6, 0.6]), system.ambient_temperature))
+    rise = steady_rise(Twin(rig), [0.6, 0.6])
     plate = rise[:15].reshape(3, 5)
     assert plate.max() - plate.min() > 1
     np.testing.assert_allclose(plate, plate[:, ::-1], rtol=1e-12)
@@ -159,7 +175,5 @@ def test_symmetric_rig_has_symmetric_temperatures(make_rig):
 
 def test_circuit_of_the_authors_is_symmetric_top_to_bottom():
     """Row 3 repeats row 1 in the model file, so T1j = T2j in simulation."""
-    with jax.enable_x64(True):
-        system = Twin("paper-2024").system()
-        rise = np.asarray(system.steady_state(jnp.array([0.5, 0.8]), system.ambient_temperature))
+    rise = steady_rise(Twin("paper-2024"), [0.5, 0.8])
     np.testing.assert_allclose(rise[:8], rise[16:24], rtol=1e-12)

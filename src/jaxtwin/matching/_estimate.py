@@ -28,6 +28,9 @@ LOOSE = (1e-2, 1e-3)
 """Relative fall of the cost at which rounds end that are not the last."""
 
 
+Box = tuple[Float[np.ndarray, " unknowns"], Float[np.ndarray, " unknowns"]]
+
+
 @final
 @dataclass(frozen=True)
 class Setting:
@@ -46,6 +49,11 @@ class Setting:
     events: tuple[tuple[float, ...], ...] | None
     common_error: CommonError | None
     robust: float | None
+
+    @property
+    def box(self) -> Box:
+        """Bounds of the vector."""
+        return self.unknowns.lower(), self.unknowns.upper()
 
     @property
     def weighs(self) -> bool:
@@ -116,7 +124,7 @@ def estimate(
             loose = replace(loose, damping=float(attempt.state.damping))
         problem = make_problem(setting, knowledge)
         left = max_iterations - max(0, len(steps) - 1)
-        attempt = descend(problem, loose, start, left, steps, on_step)
+        attempt = descend(problem, loose, start, left, setting.box, steps, on_step)
         steps, start = attempt.steps, attempt.vector
         if not np.isfinite(attempt.cost):
             break
@@ -224,19 +232,18 @@ def descend(
     solver: BoundedLevenbergMarquardt,
     start: Float[np.ndarray, " unknowns"],
     max_iterations: int,
+    box: Box,
     steps: tuple[Step, ...] = (),
     on_step: Callable[[Step], None] | None = None,
-    box: tuple[Float[np.ndarray, " unknowns"], Float[np.ndarray, " unknowns"]] | None = None,
 ) -> Attempt:
     """Steps the optimiser from here, so that every iteration can be kept and shown.
 
     **Arguments:**
 
+    - `box`: lower and upper bounds.
     - `steps`: those of earlier rounds, which these continue.
-    - `box`: other bounds than the unknowns'.
     """
-    unknowns = problem.unknowns
-    lower, upper = box or (unknowns.lower(), unknowns.upper())
+    lower, upper = box
     found = list(steps)
     with jax.enable_x64(True):
         # Plain floats would be constants of the compiled step: another tolerance, another program.

@@ -107,7 +107,7 @@ def match(
         per_recording=per_recording,
         bounds=bounds,
     )
-    samples = sum(np.size(experiment.temperatures) for experiment in recordings)
+    samples = sum(len(one.time) * len(one.channels) for one in recordings)
     if samples < unknowns.size:
         raise MatchError(
             f"found {samples} samples for {unknowns.size} unknowns, allowed is at least as many"
@@ -127,7 +127,7 @@ def match(
     # The others descend on the same cost, so that they can be compared.
     problem = make_problem(setting, knowledge)
     attempts = [first] + [
-        descend(problem, solver, vector, max_iterations, (), listener(number))
+        descend(problem, solver, vector, max_iterations, setting.box, (), listener(number))
         for number, vector in enumerate(vectors[1:], start=1)
     ]
     order = sorted(
@@ -208,7 +208,7 @@ def make_fit(
         for channel, value in _seen(run, camera[name].offset).fit_percent.items()
     }
     noise = residual_noise(alone, common, knowledge.alone_weights, knowledge.common_weights)
-    told = _uncertainty(attempt, knowledge, noise, names)
+    told = _uncertainty(attempt, unknowns, knowledge, noise, names)
     state = attempt.state
     return Fit(
         twin=twin.with_parameters(values[0]),
@@ -246,9 +246,13 @@ def _seen(run: Run, offset: Float[np.ndarray, " times"]) -> Run:
 
 
 def _uncertainty(
-    attempt: Attempt, knowledge: Knowledge, noise: tuple[Noise, Noise], names: tuple[str, ...]
+    attempt: Attempt,
+    unknowns: Unknowns,
+    knowledge: Knowledge,
+    noise: tuple[Noise, Noise],
+    names: tuple[str, ...],
 ) -> Uncertainty:
-    unknowns, problem = attempt.problem.unknowns, attempt.problem
+    problem = attempt.problem
     with jax.enable_x64(True):
         jacobian = np.asarray(_jacobian(jnp.asarray(attempt.vector), problem))
     alone, common, sizes, row = [], [], [], 0
@@ -297,9 +301,7 @@ def _iteration(step: Step, start: int, unknowns: Unknowns, names: tuple[str, ...
     )
 
 
-def _optimum(
-    attempt: Attempt, number: int, unknowns: Unknowns, names: tuple[str, ...]
-) -> Optimum:
+def _optimum(attempt: Attempt, number: int, unknowns: Unknowns, names: tuple[str, ...]) -> Optimum:
     return Optimum(
         start=number,
         rmse=float(np.sqrt(attempt.mean_square)),

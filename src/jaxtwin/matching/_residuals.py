@@ -25,7 +25,7 @@ from jaxtyping import Array, Float, Int
 from ..io import Experiment
 from ..physics import System, Twin
 from ..simulation import Schedule, build_schedule, reference_temperature, solve_schedule
-from ._unknowns import Unknowns
+from ._unknowns import Layout, Unknowns
 from ._weights import Weights, stacked
 
 
@@ -55,14 +55,14 @@ class Problem(eqx.Module):
     - `groups`: the recordings.
     - `centre`, `precision`: of what is known of the unknowns beforehand: expected entries of the
       vector, and one over their standard deviations, 0 where nothing is known.
-    - `unknowns`: the layout of the vector.
+    - `layout`: of the vector of unknowns.
     """
 
     twin: Twin
     groups: tuple[Recordings, ...]
     centre: Float[np.ndarray | Array, " unknowns"]
     precision: Float[np.ndarray | Array, " unknowns"]
-    unknowns: Unknowns = eqx.field(static=True)
+    layout: Layout = eqx.field(static=True)
 
 
 def build_problem(
@@ -96,7 +96,7 @@ def build_problem(
         groups=tuple(gathered),
         centre=unknowns.prior_centre(),
         precision=unknowns.prior_precision(),
-        unknowns=unknowns,
+        layout=unknowns.layout,
     )
 
 
@@ -147,7 +147,7 @@ def residual_jacobian(
     rows = []
     for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True):
         parts = jax.vmap(lambda one, g: _weighted_jacobian(one, problem, g))(local, group)
-        places = problem.unknowns.places()[list(group.positions)]
+        places = problem.layout.places()[list(group.positions)]
         for part in parts:
             recordings, entries = part.shape[0], part.shape[-1]
             flat = part.reshape(recordings, -1, entries)
@@ -163,7 +163,7 @@ def residual_jacobian(
 def _local_vectors(
     vector: Float[Array, " unknowns"], problem: Problem
 ) -> list[Float[Array, "recordings entries"]]:
-    places = problem.unknowns.places()
+    places = problem.layout.places()
     return [vector[places[list(group.positions)]] for group in problem.groups]
 
 
@@ -171,10 +171,10 @@ def _reading(
     local: Float[Array, " entries"],
     problem: Problem,
     schedule: Schedule,
-    columns: Int[Array, " columns"],
+    columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "times channels"]:
     """What the camera reads without its common error, degC."""
-    system = problem.twin.with_parameters(problem.unknowns.local_values(local)).system(lumped=True)
+    system = problem.twin.with_parameters(problem.layout.local_values(local)).system(lumped=True)
     base, rise = channel_rises(system, schedule, columns)
     return base + system.gain[columns] * rise - 273.15
 
@@ -182,12 +182,12 @@ def _reading(
 def _weighted_jacobian(
     local: Float[Array, " entries"], problem: Problem, group: Recordings
 ) -> tuple[Array, Array, Array]:
-    unknowns = problem.unknowns
-    inner = np.array(unknowns.inner_entries(problem.twin), dtype=int)
+    layout = problem.layout
+    inner = np.array(layout.inner_entries(problem.twin), dtype=int)
     outer = np.setdiff1d(np.arange(local.size), inner)
 
     def twin(part: Array, entries: np.ndarray) -> Twin:
-        values = unknowns.local_values(local.at[entries].set(part))
+        values = layout.local_values(local.at[entries].set(part))
         return problem.twin.with_parameters(values)
 
     def plate(part: Array) -> tuple[Array, Array]:
@@ -218,7 +218,7 @@ def _weighted_jacobian(
 
 
 def channel_rises(
-    system: System, schedule: Schedule, columns: Int[Array, " columns"]
+    system: System, schedule: Schedule, columns: Int[Array | np.ndarray, " columns"]
 ) -> tuple[Float[Array, "times #channels"], Float[Array, "times channels"]]:
     """From the rig's own start: the surroundings' temperature, K, and how far above it what each
     channel looks at is."""

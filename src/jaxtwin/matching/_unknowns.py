@@ -74,9 +74,7 @@ class Unknowns:
         plain = 0.1 * np.where(np.isfinite(ranges), ranges, np.abs(self.start()) + 1)
         return np.where([row.is_logarithmic for row in self.rows], 1.0, plain)
 
-    def slopes(
-        self, vector: Float[np.ndarray, " unknowns"]
-    ) -> Float[np.ndarray, " unknowns"]:
+    def slopes(self, vector: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " unknowns"]:
         """Derivatives of the parameters' values in the vector's entries."""
         pairs = zip(self.rows, vector, strict=True)
         return np.array([np.exp(entry) if row.is_logarithmic else 1.0 for row, entry in pairs])
@@ -85,6 +83,35 @@ class Unknowns:
         """Names of the entries; those of one recording as `name[recording]`."""
         own = [f"{row.name}[{recording}]" for recording in recordings for row in self.own]
         return (*(row.name for row in self.shared), *own)
+
+    @property
+    def layout(self) -> "Layout":
+        """Which entry is what."""
+        return Layout(
+            shared=tuple((row.name, row.is_logarithmic) for row in self.shared),
+            own=tuple((row.name, row.is_logarithmic) for row in self.own),
+            recordings=self.recordings,
+        )
+
+    def values(self, vector: Float[Array, " unknowns"]) -> list[dict[str, Float[Array, ""]]]:
+        """Name -> value in the parameter's unit, for each recording."""
+        return [self.layout.local_values(vector[one]) for one in self.layout.places()]
+
+
+@final
+@dataclass(frozen=True)
+class Layout:
+    """What compiled code knows of the unknowns: their order, not their values or bounds.
+
+    **Arguments:**
+
+    - `shared`, `own`: pairs (name, whether it enters by its logarithm).
+    - `recordings`: how many recordings there are.
+    """
+
+    shared: tuple[tuple[str, bool], ...]
+    own: tuple[tuple[str, bool], ...]
+    recordings: int
 
     def places(self) -> Int[np.ndarray, "recordings entries"]:
         """Where in the vector the entries that concern each recording stand."""
@@ -95,25 +122,16 @@ class Unknowns:
 
     def local_values(self, local: Float[Array, " entries"]) -> dict[str, Float[Array, ""]]:
         """Name -> value in the parameter's unit, from the entries that concern one recording."""
-        rows = self.shared + self.own
-        return {row.name: _outward(row, local[n]) for n, row in enumerate(rows)}
+        return {
+            name: jnp.exp(local[number]) if logarithmic else local[number]
+            for number, (name, logarithmic) in enumerate(self.shared + self.own)
+        }
 
     def inner_entries(self, twin: Twin) -> list[int]:
         """Which entries that concern a recording act on the network, not only on gains."""
         outer = twin.wiring.gain_parameters
-        rows = self.shared + self.own
-        return [number for number, row in enumerate(rows) if row.name not in outer]
-
-    def values(self, vector: Float[Array, " unknowns"]) -> list[dict[str, Float[Array, ""]]]:
-        """Name -> value in the parameter's unit, for each recording."""
-        at = len(self.shared)
-        shared = {row.name: _outward(row, vector[n]) for n, row in enumerate(self.shared)}
-        values = []
-        for _ in range(self.recordings):
-            own = {row.name: _outward(row, vector[at + n]) for n, row in enumerate(self.own)}
-            values.append(shared | own)
-            at += len(self.own)
-        return values
+        names = self.shared + self.own
+        return [number for number, (name, _) in enumerate(names) if name not in outer]
 
 
 def choose_unknowns(
@@ -194,7 +212,3 @@ def choose_unknowns(
 
 def _inward(row: Parameter, value: float) -> float:
     return math.log(value) if row.is_logarithmic else value
-
-
-def _outward(row: Parameter, entry: Float[Array, ""]) -> Float[Array, ""]:
-    return jnp.exp(entry) if row.is_logarithmic else entry

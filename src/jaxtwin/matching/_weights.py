@@ -31,9 +31,7 @@ class Weights(eqx.Module):
 
     def split(
         self, difference: Float[Array, "times channels"]
-    ) -> tuple[
-        Float[Array, "times channels"], Float[Array, " times"], Float[Array, " shapes"]
-    ]:
+    ) -> tuple[Float[Array, "times channels"], Float[Array, " times"], Float[Array, " shapes"]]:
         """What channels have alone, what they share less the camera's error, and its sizes, K."""
         shared = jnp.sum(self.share * difference, axis=1)
         sizes = self.solve @ shared
@@ -44,9 +42,7 @@ class Weights(eqx.Module):
         alone: Float[Array, "times channels"],
         common: Float[Array, " times"],
         sizes: Float[Array, " shapes"],
-    ) -> tuple[
-        Float[Array, "times channels"], Float[Array, " times"], Float[Array, " shapes"]
-    ]:
+    ) -> tuple[Float[Array, "times channels"], Float[Array, " times"], Float[Array, " shapes"]]:
         """The three of them as residuals."""
         return self.alone * alone, self.common * common, self.size_weight * sizes
 

@@ -190,13 +190,15 @@ def simulate_batch(
 @eqx.filter_jit
 def _prepare_chunk(
     twin: Twin,
-    draws: dict[str, Float[np.ndarray, " chunk"]],
+    draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
     schedule: Schedule,
-    initial: str | Float[np.ndarray, " nodes"] | None,
+    initial: str | Float[Array | np.ndarray, " starts"] | None,
 ) -> tuple[System, Modes, Float[Array, "chunk nodes"]]:
     """All linear algebra of a chunk: the draws' equations, modes and initial temperatures."""
 
-    def one(values: dict[str, Float[Array, ""]]) -> tuple[System, Modes, Float[Array, " nodes"]]:
+    def one(
+        values: Mapping[str, Float[Array | np.ndarray, ""]],
+    ) -> tuple[System, Modes, Float[Array, " nodes"]]:
         system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
         reference = reference_temperature(system, schedule)
         start = initial_temperatures(system, initial, schedule.duty[0], reference)

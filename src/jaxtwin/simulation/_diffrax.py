@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import System
-from ._schedule import Schedule
+from ._schedule import Schedule, build_schedule
 from ._solver import HeldInputs, NetworkProblem, network_field
 
 
@@ -51,7 +51,7 @@ def solve_with_diffrax(
         y0=initial - reference,
         args=NetworkProblem(system, inputs, reference),
         saveat=diffrax.SaveAt(ts=jnp.asarray(time)),
-        stepsize_controller=_clipped(solver, controller, schedule, time, changes),
+        stepsize_controller=_clipped(solver, controller, experiment, changes),
         # Jacobians by forward mode; the twin is small and its step count unbounded beforehand.
         adjoint=diffrax.ForwardMode(),
         max_steps=None,
@@ -64,11 +64,11 @@ def solve_with_diffrax(
 def _clipped(
     solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController | None,
-    schedule: Schedule,
-    time: Float[np.ndarray, " times"],
+    experiment: Experiment,
     changes: Int[np.ndarray, " changes"],
 ) -> diffrax.AbstractStepSizeController:
     """A controller that ends a step just before each input change and starts one just behind."""
+    time = experiment.time - experiment.time[0]
     if controller is None and isinstance(solver, diffrax.AbstractAdaptiveSolver):
         controller = diffrax.PIDController(rtol=1e-7, atol=1e-7)
     if controller is not None:
@@ -78,8 +78,10 @@ def _clipped(
                 "controllers, or None: others step over input changes"
             )
         return diffrax.ClipStepSizeController(controller, jump_ts=jnp.asarray(time[changes]))
-    # Without an error estimate: the steps of the default solver.
+    # Without an error estimate: the steps of the default solver, known before anything is traced.
+    schedule = build_schedule(experiment)
     sizes = np.asarray(schedule.sizes)[np.asarray(schedule.size)]
+    changes = changes[changes < len(time) - 1]  # one at the last sample is never felt
     ends = np.append(np.cumsum(sizes)[:-1], time[-1])
     nearest = np.abs(ends[:, None] - time[changes][None, :]).min(axis=1, initial=np.inf)
     around = [np.nextafter(time[changes], -np.inf), np.nextafter(time[changes], np.inf)]

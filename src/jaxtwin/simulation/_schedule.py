@@ -46,7 +46,7 @@ class Schedule(eqx.Module):
 def build_schedule(
     experiment: Experiment,
     first_step: float = 0.25,
-    growth: float = 0.2,
+    growth: float = 0.1,
     largest_step: float = 16.0,
 ) -> Schedule:
     """The schedule of an experiment.
