@@ -83,8 +83,7 @@ def detect_events(
 
 
 THRESHOLD = 4.0
-"""A jump is one above this many standard deviations: about one false alarm in ten recordings of
-a thousand samples."""
+"""A jump is one above this many robust standard deviations."""
 
 WINDOW = 10.0
 """Of the lines on both sides of a jump, s."""

@@ -15,7 +15,7 @@ from ..rig import Parameter, write_parameters
 from ..simulation import Run
 from ._estimate import Knowledge, Setting
 from ._noise import Noise
-from ._summary import summary_table
+from ._summary import Style, summary_table
 from ._uncertainty import Uncertainty
 
 
@@ -190,9 +190,15 @@ class Fit:
         rows = {row.name: row for row in self.parameters}
         return rows[name]
 
-    def summary(self) -> str:
-        """The parameters in the layout of Table 4 of the paper, and the fit of each channel."""
-        return summary_table(self)
+    def summary(self, style: Style = "text") -> str:
+        """The parameters in the layout of Table 4 of the paper with standard errors, priors and
+        warnings; in plain text also the fit of each channel and what the recordings cannot tell.
+
+        **Arguments:**
+
+        - `style`: `"text"`, `"markdown"` or `"latex"` (a `tabular` for the package booktabs).
+        """
+        return summary_table(self, style)
 
     def to_dict(self) -> dict[str, Any]:
         """The result in plain types for JSON; infinite and missing numbers become None."""

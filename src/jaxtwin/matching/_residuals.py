@@ -8,8 +8,8 @@ $$m_t = \sum_c w_{tc} D_{tc} \Big/ \sum_c w_{tc}, \qquad
 + \sum_t \frac{w_t (m_t - c_t)^2}{\sigma_m^2} + \sum_j \frac{b_j^2}{s_j^2}
 + \sum_p \frac{(u_p - \bar u_p)^2}{s_p^2}$$
 
-$c = \Phi b$ is the camera's common error, whose sizes $b$ are solved for in closed form, and the last
-sum is what is known of the parameters beforehand.
+$c = \Phi b$ is the camera's common error, whose sizes $b$ are solved for in closed form, and the
+last sum is what is known of the parameters beforehand.
 Without any of that, and with equal weights, it is eq. (11) of the paper.
 """
 

@@ -1,31 +1,59 @@
-"""A fit as text: the table that people paste."""
+"""A fit as a table that people paste: plain text, Markdown or LaTeX."""
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from ._fit import Fit, FittedParameter
 
-COLUMNS = ("parameter", "initial", "published", "ours", "std. error", "min", "max", "unit", "")
+Style = Literal["text", "markdown", "latex"]
+
+COLUMNS = (
+    "parameter",
+    "initial",
+    "published",
+    "ours",
+    "std. error",
+    "prior",
+    "min",
+    "max",
+    "unit",
+    "",
+)
+NUMBERS = slice(1, 8)
+"""Columns that are aligned to the right."""
 
 
-def summary_table(fit: "Fit") -> str:
-    """Table 4 of the paper with our column, then the fit of each channel."""
-    rows = [COLUMNS, *(_row(row) for row in fit.parameters if row.free)]
-    held = [row for row in fit.parameters if not row.free]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+def summary_table(fit: "Fit", style: Style = "text") -> str:
+    """Table 4 of the paper with our column, standard errors, priors and warnings.
+
+    In plain text the fit of each channel follows, and what the recordings cannot tell.
+    """
+    rows = [_row(row) for row in fit.parameters if row.free]
+    if style == "markdown":
+        return _markdown(rows)
+    if style == "latex":
+        return _latex(rows)
+    return _text(fit, rows)
+
+
+def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
+    table = [COLUMNS, *rows]
+    widths = [max(len(row[column]) for row in table) for column in range(len(COLUMNS))]
     lines = [
         f"{fit.twin.rig.name} matched to {', '.join(fit.recordings)}",
-        f"mean fit {fit.mean_fit_percent:.2f} %   RMSE {fit.rmse:.4f} K",
+        f"mean fit {fit.mean_fit_percent:.2f} %   RMSE {fit.rmse:.4f} K   "
         f"{len(fit.history) - 1} iterations in {fit.wall_time:.1f} s",
         f"status: {fit.status}",
         "",
     ]
-    for row in rows:
-        cells = [row[0].ljust(widths[0])]
-        cells += [cell.rjust(width) for cell, width in zip(row[1:7], widths[1:7], strict=True)]
-        cells += [cell.ljust(width) for cell, width in zip(row[7:], widths[7:], strict=True)]
+    for row in table:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
+        cells[NUMBERS] = [
+            cell.rjust(width) for cell, width in zip(row[NUMBERS], widths[NUMBERS], strict=True)
+        ]
         lines.append("  ".join(cells).rstrip())
+    held = [row for row in fit.parameters if not row.free]
     if held:
         values = ", ".join(f"{row.name} = {row.value:.4g} {row.unit}".rstrip() for row in held)
         lines += ["", f"held: {values}"]
@@ -33,6 +61,10 @@ def summary_table(fit: "Fit") -> str:
     for name, values in own.items():
         text = ", ".join(f"{key} = {value:.4g}" for key, value in values.items())
         lines.append(f"{name}: {text}")
+    for name, camera in fit.camera.items():
+        if camera.events:
+            times = ", ".join(f"{event:g}" for event in camera.events)
+            lines.append(f"{name}: corrections of the camera at {times} s")
     lines += ["", "fit of each channel, 100 (1 - |y - yhat| / |y - mean y|), %:"]
     for name in fit.recordings:
         channels = [
@@ -41,7 +73,29 @@ def summary_table(fit: "Fit") -> str:
             if recording == name
         ]
         lines.append(f"{name}: {', '.join(channels)}")
+    lines += ["", "what the recordings tell:", fit.uncertainty.report()]
     return "\n".join(lines)
+
+
+def _markdown(rows: list[tuple[str, ...]]) -> str:
+    rule = ["---"] + ["---:"] * (NUMBERS.stop - NUMBERS.start) + ["---", "---"]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (COLUMNS, rule, *rows))
+
+
+def _latex(rows: list[tuple[str, ...]]) -> str:
+    """For the package booktabs."""
+    lines = [r"\begin{tabular}{l" + "r" * (NUMBERS.stop - NUMBERS.start) + "ll}", r"\toprule"]
+    for number, row in enumerate((COLUMNS, *rows)):
+        cells = " & ".join(_escaped(cell) for cell in row)
+        lines.append(cells + r" \\")
+        lines += [r"\midrule"] * (number == 0)
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
+
+
+def _escaped(text: str) -> str:
+    for sign in "&%$#_{}":
+        text = text.replace(sign, f"\\{sign}")
+    return text.replace("^", r"\textasciicircum{}")
 
 
 def _row(row: "FittedParameter") -> tuple[str, ...]:
@@ -54,8 +108,17 @@ def _row(row: "FittedParameter") -> tuple[str, ...]:
         published,
         f"{row.value:.4g}",
         spread,
+        _prior(row),
         f"{row.lower:.3g}",
         f"{row.upper:.3g}",
         row.unit or "1",
-        "at bound" if row.at_bound else "",
+        ", ".join(row.warnings),
     )
+
+
+def _prior(row: "FittedParameter") -> str:
+    if row.prior_spread is None or row.prior_value is None:
+        return "-"
+    if row.lower > 0 and row.unit != "degC":
+        return f"{row.prior_value:.4g} (factor {math.exp(row.prior_spread):.3g})"
+    return f"{row.prior_value:.4g} (+- {row.prior_spread:.3g})"

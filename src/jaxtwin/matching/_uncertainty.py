@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 CLOSE = 0.95
 """Correlations above this are reported."""
@@ -50,8 +50,8 @@ class Uncertainty:
     - `covariance`: in physical units; NaN where a value was held at a bound, infinite variances
       where nothing tells it.
     - `correlation`: of the same.
-    - `told`: how many times narrower than the prior the recordings alone would leave each value, the
-      others being known; 0 for dead parameters.
+    - `told`: how many times narrower than the prior the recordings alone would leave each value,
+      the others being known; 0 for dead parameters.
     - `singular_values`: of the recordings' sensitivity matrix, each column scaled by what is known
       beforehand, largest first: below 1 a direction is the prior's.
     - `flat`: those directions, spelled out.
@@ -78,10 +78,8 @@ class Uncertainty:
 
     def report(self) -> str:
         """What the recordings cannot tell, in words."""
-        lines = [
-            f"{len(self.singular_values)} directions, {len(self.flat)} told less by the recordings "
-            "than beforehand"
-        ]
+        count = f"{len(self.singular_values)} directions, {len(self.flat)}"
+        lines = [f"{count} of them told less by the recordings than beforehand"]
         lines += [f"dead: {', '.join(self.dead)}"] * bool(self.dead)
         lines += [f"flat: {direction}" for direction in self.flat]
         lines += [f"correlated: {a} and {b}, {value:.3f}" for a, b, value in self.collinear]
@@ -103,7 +101,8 @@ def uncertainty(
     - `labels`: of the entries of the optimiser's vector.
     - `parts`: the Jacobian's rows, part by part, each with its $f_g$.
     - `precision`: one over the prior's standard deviation of each entry, 0 where there is none.
-    - `scale`: by which entries are measured: the prior's standard deviation, or what stands for it.
+    - `scale`: by which entries are measured: the prior's standard deviation, or what stands for
+      it.
     - `slopes`: of the physical values in the entries.
     - `inside`: which entries are inside their bounds.
     """
@@ -155,7 +154,7 @@ def uncertainty(
 
 def _sandwich(
     normal: Float[np.ndarray, "n n"], middle: Float[np.ndarray, "n n"]
-) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
+) -> tuple[Float[np.ndarray, "n n"], Bool[np.ndarray, " n"]]:
     """$A^{-1} B A^{-1}$, and which entries lie along directions in which A is rounding alone."""
     lengths = np.sqrt(np.diag(normal))
     told = lengths > 0

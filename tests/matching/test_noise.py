@@ -1,0 +1,70 @@
+"""What residuals are like: against processes whose statistics are known."""
+
+import numpy as np
+import pytest
+
+from jaxtwin.matching._camera_error import camera_shapes, detect_events
+from jaxtwin.matching._noise import huber_weights, noise_of
+from jaxtwin.rig import CommonError
+
+ERROR = CommonError(
+    offset=0.1, drift=0.2, drift_time=100.0, jump=0.5, relaxation=(10.0, 40.0), detect=True
+)
+
+
+def test_independent_residuals_count_one_by_one():
+    noise = noise_of([np.random.default_rng(0).normal(0, 0.3, (5000, 4))])
+    assert noise.deviation == pytest.approx(0.3, rel=0.02)
+    assert noise.correlated == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_first_order_process_counts_as_its_theory_says():
+    # The sum of autocorrelations of x_k = a x_{k-1} + e_k is (1 + a) / (1 - a).
+    rng, a = np.random.default_rng(1), 0.8
+    steps = rng.normal(size=(20000, 3))
+    series = np.zeros_like(steps)
+    for k in range(1, len(steps)):
+        series[k] = a * series[k - 1] + steps[k]
+    noise = noise_of([series])
+    assert noise.deviation == pytest.approx(1 / np.sqrt(1 - a**2), rel=0.05)
+    assert noise.correlated == pytest.approx((1 + a) / (1 - a), rel=0.15)
+
+
+def test_hubers_weights_fall_as_one_over_the_residual():
+    residuals = np.append(np.random.default_rng(2).normal(size=1000), [10.0, 20.0])
+    weights = huber_weights(residuals, 3.0)
+    assert weights[-1] == pytest.approx(weights[-2] / 2)
+    assert np.mean(weights[:-2] == 1.0) > 0.99
+
+
+def test_corrections_are_found_and_steps_of_the_plate_are_not():
+    rng, time = np.random.default_rng(3), np.arange(1000.0)
+    common = 0.08 * rng.standard_normal(1000) + 0.3 * np.sin(time / 150)
+    common += np.where(time > 500, 2 * (1 - np.exp(-np.maximum(time - 500, 0) / 60)), 0)
+    for event, jump in ((170, 0.8), (330, 1.0), (660, -0.7)):
+        common += np.where(time >= event, jump * np.exp(-np.maximum(time - event, 0) / 30), 0)
+    found = detect_events(time, common)
+    assert len(found) == 3
+    np.testing.assert_allclose(found, [170, 330, 660], atol=2)
+
+
+def test_nothing_is_found_in_noise():
+    time = np.arange(1000.0)
+    count = sum(
+        len(detect_events(time, np.random.default_rng(seed).standard_normal(1000)))
+        for seed in range(20)
+    )
+    assert count <= 10
+
+
+def test_shapes_begin_at_their_correction_and_fade():
+    time = np.arange(300.0)
+    shapes, spreads = camera_shapes(ERROR, time, (100.0,))
+    none, _ = camera_shapes(ERROR, time, ())
+    used = np.flatnonzero(np.abs(shapes - none).max(axis=0) > 0)
+    assert len(used) == 3  # one that stays, two that fade
+    for column, value in zip(shapes[:, used].T, (1.0, np.exp(-5.0), np.exp(-1.25)), strict=True):
+        assert np.all(column[:100] == 0)
+        assert column[100] == 1.0
+        assert column[150] == pytest.approx(value)
+    assert set(spreads[used]) == {0.5}
