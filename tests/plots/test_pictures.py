@@ -15,7 +15,7 @@ from small_results import analysis, fit, recordings
 
 from jaxtwin import Experiment, SimulationError, ThermoelectricModule, plots
 from jaxtwin.plots._labels import spread
-from jaxtwin.plots._parameters import _position
+from jaxtwin.plots._parameters import _number, _position
 from jaxtwin.plots._style import symbol
 
 
@@ -109,7 +109,7 @@ def test_parameters_stand_between_their_bounds_on_a_logarithmic_scale():
     assert _position(row.upper, row) == 1
     assert _position(0.01, row) == pytest.approx(0.5)
     table, _ = plots.plot_parameters(fit()).axes
-    assert f"{row.value:.4g}" in texts(table)
+    assert _number(row.value) in texts(table)
 
 
 def test_tornado_sorts_the_correlations_and_spans_their_intervals():
