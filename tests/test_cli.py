@@ -229,6 +229,8 @@ def test_simulate_compares_with_a_recording_under_its_own_ambient(capsys):
     assert numbers["rmse_K"] == pytest.approx(0.1, abs=0.003)
     stored, recorded = read_recording("run.csv"), read_recording(synthetic_recordings()[1])
     np.testing.assert_array_equal(stored.duty, recorded.duty)
+    assert stored.temperatures is not None
+    assert recorded.temperatures is not None
     assert np.std(stored.temperatures - recorded.temperatures) == pytest.approx(0.1, abs=0.003)
 
 
