@@ -62,8 +62,8 @@ def test_shapes_begin_at_their_correction_and_fade():
     shapes, spreads = camera_shapes(ERROR, time, (100.0,))
     none, _ = camera_shapes(ERROR, time, ())
     used = np.flatnonzero(np.abs(shapes - none).max(axis=0) > 0)
-    assert len(used) == 3  # one that stays, two that fade
-    for column, value in zip(shapes[:, used].T, (1.0, np.exp(-5.0), np.exp(-1.25)), strict=True):
+    assert len(used) == 2
+    for column, value in zip(shapes[:, used].T, (np.exp(-5.0), np.exp(-1.25)), strict=True):
         assert np.all(column[:100] == 0)
         assert column[100] == 1.0
         assert column[150] == pytest.approx(value)

@@ -1,10 +1,10 @@
 r"""What a camera adds to all channels alike, as a sum of known shapes of unknown size.
 
-$$c(t) = b_0 + \text{drift}(t) + \sum_k \Big[b_{k0} + \sum_j b_{kj} e^{-(t - t_k) / \tau_j}\Big]
-\,[t \ge t_k]$$
+$$c(t) = b_0 + \text{drift}(t) + \sum_{kj} b_{kj} e^{-(t - t_k) / \tau_j} \,[t \ge t_k]$$
 
 A constant, a line with corners at equal distances for the slow drift, and for every flat-field
-correction $t_k$ a step that stays and others that fade.
+correction $t_k$ steps that fade. A step that stays is not among them: a correction takes the camera
+back to where it should be, and a sum of lasting steps could imitate a plate that warms up.
 The sizes $b$ enter the readings linearly, so that matching can solve for them in closed form
 (variable projection, Golub and Pereyra 2003) and the optimiser never sees them. Each has a
 standard deviation beforehand, without which they could imitate the plate.
@@ -41,9 +41,8 @@ def camera_shapes(
     for event in events:
         after = time >= event
         elapsed = np.where(after, time - event, 0.0)
-        shapes.append(after.astype(float))
         shapes += [after * np.exp(-elapsed / tau) for tau in error.relaxation]
-        spreads += [error.jump] * (1 + len(error.relaxation))
+        spreads += [error.jump] * len(error.relaxation)
     empty = -len(shapes) % BLOCK
     shapes += [np.zeros_like(time)] * empty
     spreads += [1.0] * empty

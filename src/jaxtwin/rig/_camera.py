@@ -19,8 +19,8 @@ class CommonError:
 
     - `offset`: constant, K.
     - `drift`: slow changes about the offset, K; `drift_time`: between its corners, s.
-    - `jump`: at a correction, K, for each part of it: one that stays, and one that fades with each
-      time constant of `relaxation`, s.
+    - `jump`: at a correction, K, for each part of it: one that fades with each time constant of
+      `relaxation`, s.
     - `detect`: whether corrections are looked for in the residuals of a match.
     """
 
