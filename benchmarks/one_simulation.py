@@ -27,9 +27,7 @@ for name in jt.bundled_rigs():
         began = time.perf_counter()
         jt.simulate(twin, experiment)
         warm.append(time.perf_counter() - began)
-    reference = jt.simulate(
-        twin, experiment, solver=diffrax.Kvaerno5(), stepsize_controller=tight
-    )
+    reference = jt.simulate(twin, experiment, solver=diffrax.Kvaerno5(), stepsize_controller=tight)
     error = np.abs(run.temperatures - reference.temperatures).max()
     print(
         f"{name}: first call {first:.2f} s, warm {1e3 * statistics.median(warm):.2f} ms "

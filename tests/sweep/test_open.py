@@ -29,7 +29,7 @@ def test_results_stand_beside_the_draws_that_gave_them(tmp_path, twin, experimen
 
 
 def test_any_part_of_the_samples_is_the_same_as_of_the_whole(tmp_path, twin, experiment, engine):
-    sweep(twin, experiment, tmp_path, **ASKED | {"draws": 2500, "chunk_size": 1000})
+    sweep(twin, experiment, tmp_path, **dict(ASKED, draws=2500, chunk_size=1000))
     sample = open_sweep(tmp_path).sample
     whole = sample.values
     for key in (slice(3, 7), slice(1020, 1030), slice(2400, 3, -100), [7, 2, 2049], -1):
