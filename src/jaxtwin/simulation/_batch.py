@@ -17,10 +17,11 @@ from jaxtyping import Array, Float, Int
 from .._errors import ParameterError, SimulationError
 from ..io import Experiment
 from ..physics import System, Twin
-from ._exponential import Modes, network_modes, reference_temperature, solve_schedule
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
+from ._modes import Modes
 from ._schedule import Schedule, build_schedule
 from ._simulate import checked_channels
+from ._solve import reference_temperature, schedule_modes, solve_schedule
 
 Reduction = Literal["cost", "final", "minimum", "maximum", "spread", "deviation"]
 REDUCTIONS: tuple[Reduction, ...] = (
@@ -202,7 +203,7 @@ def _prepare_chunk(
         system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
         reference = reference_temperature(system, schedule)
         start = initial_temperatures(system, initial, schedule.duty[0], reference)
-        return system, network_modes(system), start
+        return system, schedule_modes(system, schedule), start
 
     return jax.vmap(one)(draws)
 

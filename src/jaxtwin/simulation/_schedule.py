@@ -8,11 +8,12 @@ of a few sizes serve the whole run.
 
 from functools import lru_cache
 from itertools import pairwise
-from typing import final
+from typing import Any, final
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..io import Experiment
 
@@ -23,22 +24,26 @@ class Schedule(eqx.Module):
 
     **Arguments:**
 
+    - `times`: of the samples, from the first one on, s.
     - `sizes`: the distinct step sizes, s.
     - `size`: which of them each step has.
+    - `fresh`: whether the inputs change at a step's start.
     - `duty`: held during each step, -1 to 1.
     - `ambient`: recorded ambient temperature held during each step, K; None where none is recorded.
     - `step_of`: in which step each sample of the experiment lies.
-    - `weights`: of the state and its slope at the start, then at the end of that step, in the
-      sample's temperature: cubic Hermite interpolation.
+    - `weights`: in the sample's temperature, of value and slope at the start of that step, at its
+      end and one step before: see `hermite_weights`.
     - `ambient_at`: recorded ambient temperature at each sample, K, or None.
     """
 
+    times: Float[Array | np.ndarray, " times"]
     sizes: Float[Array | np.ndarray, " sizes"]
     size: Int[Array | np.ndarray, " steps"]
+    fresh: Bool[Array | np.ndarray, " steps"]
     duty: Float[Array | np.ndarray, "steps cells"]
     ambient: Float[Array | np.ndarray, " steps"] | None
     step_of: Int[Array | np.ndarray, " times"]
-    weights: Float[Array | np.ndarray, "times 4"]
+    weights: Float[Array | np.ndarray, "times 6"]
     ambient_at: Float[Array | np.ndarray, " times"] | None
 
 
@@ -46,8 +51,8 @@ class Schedule(eqx.Module):
 def build_schedule(
     experiment: Experiment,
     first_step: float = 0.25,
-    growth: float = 0.1,
-    largest_step: float = 16.0,
+    growth: float = 0.2,
+    largest_step: float = 64.0,
 ) -> Schedule:
     """The schedule of an experiment.
 
@@ -65,27 +70,71 @@ def build_schedule(
         changed |= ambient[1:] != ambient[:-1]
     switches = 1 + np.flatnonzero(changed)
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
-    steps, held = [], []
+    steps, held, fresh = [], [], []
     for start, stop in pairwise(marks):
         sizes = _graded(float(time[stop] - time[start]), first_step, growth, largest_step)
         steps += sizes
         held += [start] * len(sizes)
+        fresh += [True] + [False] * (len(sizes) - 1)
     # Sums of steps and sample times differ by rounding; sizes that differ by no more are one.
     sizes, size = np.unique(np.round(steps, 9), return_inverse=True)
     edges = time[0] + np.concatenate([[0.0], np.cumsum(sizes[size])])
     step_of = np.clip(np.searchsorted(edges, time - 1e-7) - 1, 0, len(size) - 1)
     length = sizes[size][step_of]
     part = np.clip((time - edges[step_of]) / length, 0.0, 1.0)
+    before = np.where(fresh, 0.0, np.roll(sizes[size], 1))[step_of]
     celsius = None if ambient is None else np.broadcast_to(ambient, time.shape) + 273.15
     return Schedule(
+        times=time - time[0],
         sizes=sizes,
         size=size.astype(np.int32),
+        fresh=np.array(fresh),
         duty=duty[held],
         ambient=None if celsius is None else celsius[held],
         step_of=step_of.astype(np.int32),
-        weights=_hermite(part, length),
+        weights=hermite_weights(part, length, before),
         ambient_at=celsius,
     )
+
+
+def hermite_weights(
+    part: Float[Array | np.ndarray, " times"],
+    length: Float[Array | np.ndarray, " times"],
+    before: Float[Array | np.ndarray, " times"],
+) -> Float[Array | np.ndarray, "times 6"]:
+    """Hermite interpolation between values and slopes at the ends of a step and of the one before.
+
+    **Arguments:**
+
+    - `part`: of the step's length that has gone by, 0 to 1.
+    - `length`: of the step, s.
+    - `before`: length of the step before, s; 0 where the inputs changed in between, which leaves
+      the step's own two ends.
+
+    **Returns:** weights of value and slope at the start, at the end, and one step before.
+    """
+    library = np if isinstance(part, np.ndarray) else jnp
+    alone = before == 0
+    r = library.where(alone, 1.0, before / length)
+    s = part
+
+    def value_and_slope(node: Any, lagrange: Any, slope_there: Any) -> tuple[Any, Any]:
+        square = lagrange**2
+        return (1 - 2 * slope_there * (s - node)) * square, (s - node) * square * length
+
+    three = [
+        *value_and_slope(0.0, (s + r) * (1 - s) / r, 1 / r - 1),
+        *value_and_slope(1.0, (s + r) * s / (1 + r), 1 / (1 + r) + 1),
+        *value_and_slope(-r, s * (s - 1) / (r * (1 + r)), -1 / r - 1 / (1 + r)),
+    ]
+    nothing = library.zeros_like(s)
+    two = [
+        *value_and_slope(0.0, 1 - s, -1.0),
+        *value_and_slope(1.0, s, 1.0),
+        *(nothing, nothing),
+    ]
+    weights = [library.where(alone, a, b) for a, b in zip(two, three, strict=True)]
+    return library.stack(weights, axis=1)
 
 
 def _graded(duration: float, first: float, growth: float, largest: float) -> list[float]:
@@ -106,16 +155,3 @@ def _graded(duration: float, first: float, growth: float, largest: float) -> lis
         steps.append(float(size))
         elapsed += size
     return steps
-
-
-def _hermite(part: np.ndarray, length: np.ndarray) -> np.ndarray:
-    rest = 1 - part
-    return np.stack(
-        [
-            (1 + 2 * part) * rest**2,
-            part * rest**2 * length,
-            part**2 * (3 - 2 * part),
-            -(part**2) * rest * length,
-        ],
-        axis=1,
-    )

@@ -13,10 +13,10 @@ from .._errors import ParameterError, SimulationError
 from ..io import Experiment
 from ..physics import System, Twin, build_netlist
 from ..rig import Rig, Value
-from ._exponential import reference_temperature, solve_schedule
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
 from ._run import Run
 from ._schedule import Schedule, build_schedule
+from ._solve import reference_temperature, solve_schedule
 
 if TYPE_CHECKING:
     import diffrax

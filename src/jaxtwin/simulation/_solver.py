@@ -11,14 +11,8 @@ from jaxtyping import Array, Float, Int
 
 from ..physics import System
 from ._actuator import lagged_duty
-from ._exponential import (
-    Inputs,
-    Modes,
-    StepFactors,
-    exponential_step,
-    network_modes,
-    step_factors,
-)
+from ._exponential import Inputs, ModalField, StepFactors, exponential_step, step_factors
+from ._modes import Modes, network_modes
 
 RealScalarLike: TypeAlias = float | int | Float[Array | np.ndarray, ""]
 
@@ -124,8 +118,11 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
         args: NetworkProblem,
     ) -> _State:
         """The modes of the network, kept for all steps."""
-        del terms, t0, t1, y0
-        return network_modes(args.system)
+        del terms, y0
+        inputs = args.inputs
+        ends = jnp.append(inputs.starts[1:], t1)
+        lengths = jnp.clip(ends, t0, t1) - jnp.clip(inputs.starts, t0, t1)
+        return network_modes(args.system, lengths @ inputs.duty / lengths.sum(), args.reference)
 
     def step(
         self,
@@ -139,23 +136,21 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
     ) -> tuple[Any, Any, dict[str, Any], _State, Any]:
         """One step; inputs are held as they are at its start."""
         del terms, made_jump
-        modes, system = solver_state, args.system
+        modes = solver_state
         size = jnp.asarray(t1) - t0
         amplitudes = modes.amplitudes(y0)
         factors = step_factors(modes.rates, size)
         inputs = args.inputs.over(t0, size)
-        end, slope_0, slope_1 = exponential_step(
-            amplitudes, factors, system, modes, inputs, args.reference
-        )
-        force_0 = slope_0 + modes.rates * amplitudes
-        force_1 = slope_1 + modes.rates * end
+        field = ModalField.of(args.system, modes, args.reference)
+        force_0 = field.force(amplitudes, inputs.at(0))
+        end, force_1 = exponential_step(amplitudes, force_0, factors, field, inputs)
         lower = _second_order(amplitudes, force_0, force_1, factors)
         y1 = modes.shapes @ end
         dense = {
             "y0": y0,
             "y1": y1,
-            "k0": size * (modes.shapes @ slope_0),
-            "k1": size * (modes.shapes @ slope_1),
+            "k0": size * (modes.shapes @ (force_0 - modes.rates * amplitudes)),
+            "k1": size * (modes.shapes @ (force_1 - modes.rates * end)),
         }
         return y1, modes.shapes @ (end - lower), dense, solver_state, diffrax.RESULTS.successful
 

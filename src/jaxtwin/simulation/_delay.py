@@ -1,0 +1,57 @@
+"""A schedule whose duty cycles reach the cells some time after their command.
+
+Nothing but the inputs depends on time itself, so the whole grid of steps moves with the inputs:
+steps stay fine behind every change, and temperatures are smooth in the delay.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ._schedule import Schedule, hermite_weights
+
+BEFORE = 2.0 ** -np.array([9, *range(9, 0, -1)])
+"""Steps before the first command arrives, as parts of the delay: fine at first, when a plate that
+did not start at rest changes fastest."""
+
+
+def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool) -> Schedule:
+    """The same samples of the same experiment with duty cycles that arrive late.
+
+    A recorded ambient is taken as it is at the start of each step.
+
+    **Arguments:**
+
+    - `delay`: s, above 0.
+    - `at_rest`: whether the first duty cycle has been held for ever, instead of none.
+    """
+    dtype = delay.dtype
+    before = len(BEFORE)
+    sizes = jnp.concatenate([delay * BEFORE, jnp.asarray(schedule.sizes, dtype)])
+    size = jnp.concatenate([jnp.arange(before), before + jnp.asarray(schedule.size)])
+    duty = jnp.asarray(schedule.duty, dtype)
+    first = duty[:1] if at_rest else jnp.zeros_like(duty[:1])
+    steps = sizes[size]
+    ends = jnp.cumsum(steps)
+    starts = ends - steps
+    times = jnp.asarray(schedule.times, dtype)
+    step_of = jnp.clip(jnp.searchsorted(ends, times), 0, size.size - 1)
+    part = (times - starts[step_of]) / steps[step_of]
+    ambient = schedule.ambient
+    if schedule.ambient_at is not None:
+        sample = jnp.searchsorted(times, starts, side="right") - 1
+        ambient = jnp.asarray(schedule.ambient_at, dtype)[sample]
+    fresh = jnp.concatenate([np.arange(before) == 0, jnp.asarray(schedule.fresh)])
+    previous = jnp.where(fresh, 0.0, jnp.roll(steps, 1))
+    return Schedule(
+        times=schedule.times,
+        sizes=sizes,
+        size=size.astype(np.int32),
+        fresh=fresh,
+        duty=jnp.concatenate([jnp.repeat(first, before, axis=0), duty]),
+        ambient=ambient,
+        step_of=step_of.astype(np.int32),
+        weights=hermite_weights(part, steps[step_of], previous[step_of]),
+        ambient_at=schedule.ambient_at,
+    )
