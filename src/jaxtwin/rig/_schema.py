@@ -128,6 +128,10 @@ class TemperatureTable(Table):
     temperature: Quantity
 
 
+class LimitsTable(Table):
+    temperature: Quantity
+
+
 class ParameterTable(Table):
     value: float
     unit: str
@@ -151,6 +155,7 @@ class RigTable(Table):
     channels: Annotated[list[ChannelTable], Field(min_length=1)]
     ambient: TemperatureTable
     initial: TemperatureTable
+    limits: LimitsTable | None = None
     parameters: dict[str, ParameterTable] = {}
     parameter_sets: dict[str, dict[str, float]] = {}
 
