@@ -8,9 +8,11 @@ from ._bench import Bench, View, connect
 from ._clock_map import ClockMap
 from ._drive import Guard, drive, switch_off
 from ._faults import Faults
+from ._follower import Follower
 from ._framing import deframe, encode_line, encode_packet
 from ._live_twin import LiveTwin
 from ._messages import encode, parse
+from ._recorder import Recorder
 from ._records import (
     Command,
     Event,
@@ -22,8 +24,8 @@ from ._records import (
     Record,
     Sample,
 )
-from ._recorder import Recorder
 from ._replay import Replay
+from ._report import report
 from ._serve import InProcess, PtyServer, TcpServer, serve
 from ._session import DeviceClock, Series, Session
 from ._time import Clock, SystemClock
@@ -38,6 +40,7 @@ __all__ = [
     "DeviceClock",
     "Event",
     "Faults",
+    "Follower",
     "Gap",
     "Greeting",
     "Guard",
@@ -66,6 +69,7 @@ __all__ = [
     "encode_packet",
     "opener",
     "parse",
+    "report",
     "serve",
     "switch_off",
 ]

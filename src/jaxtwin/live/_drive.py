@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import threading
 from collections.abc import Callable, Sequence
 from typing import final
 
@@ -93,6 +94,7 @@ def drive(
     *,
     duration: float,
     silence: float = 3.0,
+    stop: threading.Event | None = None,
     progress: Callable[[float, tuple[int, ...]], None] | None = None,
 ) -> None:
     """Runs a duty schedule on a live rig; the cells are off when it returns, however it returns.
@@ -104,6 +106,7 @@ def drive(
     - `schedule`: `"0:0.5,500:0.78"`, times in seconds of the rig; see `Experiment.schedule`.
     - `duration`: s of the rig.
     - `silence`: longest time without data, s.
+    - `stop`: ends it early when set.
     - `progress`: called with the time (s) and the counts after each command.
 
     **Raises:** `SafetyStop` when the rig's temperature limit is passed, data stop, or a link is
@@ -112,7 +115,7 @@ def drive(
     limit = rig.maximum_temperature
     if limit is None:
         raise JaxtwinError(
-            f'{rig.source}: limits.temperature: is missing; a rig is driven with a limit such as '
+            f"{rig.source}: limits.temperature: is missing; a rig is driven with a limit such as "
             'temperature = "90 degC" only'
         )
     plan = Experiment.schedule(schedule, duration=duration, cells=len(rig.cells))
@@ -127,7 +130,7 @@ def drive(
             if reason is not None:
                 raise SafetyStop(f"stopped, cells off: {reason}")
             elapsed = seconds(bench.clock.now() - begin)
-            if elapsed * rate >= duration:
+            if elapsed * rate >= duration or (stop is not None and stop.is_set()):
                 return
             if elapsed - commanded < INTERVAL:
                 continue

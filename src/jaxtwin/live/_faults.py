@@ -66,7 +66,9 @@ def loosened(system: System, cell: int, factor: float) -> System:
     """The equations with the contacts between one cell and the plate `factor` times worse."""
     with jax.enable_x64(True):
         side = int(system.wiring.cold[cell])
-        other = [n for n in range(len(system.capacitance)) if n not in (side, system.wiring.hot[cell])]
+        other = [
+            n for n in range(len(system.capacitance)) if n not in (side, system.wiring.hot[cell])
+        ]
         matrix = system.conductance
         change = matrix[side, jnp.array(other)] * (1 / factor - 1)  # of -G_ij, in W/K
         matrix = matrix.at[side, jnp.array(other)].add(change)
@@ -79,7 +81,7 @@ def loosened(system: System, cell: int, factor: float) -> System:
 def failed(system: System, cell: int) -> System:
     """The equations with one cell's circuit interrupted: heat flows through it, current does not."""
     with jax.enable_x64(True):
-        resistance = system.module.electrical_resistance.at[cell].set(1e9)
+        resistance = jnp.asarray(system.module.electrical_resistance).at[cell].set(1e9)
         return eqx.tree_at(lambda s: s.module.electrical_resistance, system, resistance)
 
 

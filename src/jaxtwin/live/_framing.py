@@ -56,10 +56,7 @@ def deframe(rest: bytes, data: bytes) -> Deframed:
     frames: list[str | bytes] = []
     discarded = start = 0
     while start < len(buffer):
-        if buffer[start] == 0:
-            found = _packet(buffer, start)
-        else:
-            found = _line(buffer, start)
+        found = _packet(buffer, start) if buffer[start] == 0 else _line(buffer, start)
         if found is None:
             break
         frame, end, lost = found
@@ -77,7 +74,9 @@ def encode_line(text: str) -> bytes:
     """
     content = text.encode("ascii")
     if not _is_text(content) or len(content) + 10 > LINE_BYTES:
-        raise ValueError(f"no line of at most {LINE_BYTES - 10} printable characters: {text[:40]!r}")
+        raise ValueError(
+            f"no line of at most {LINE_BYTES - 10} printable characters: {text[:40]!r}"
+        )
     return b"%s*%08X\n" % (content, zlib.crc32(content))
 
 

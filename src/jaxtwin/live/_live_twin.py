@@ -116,6 +116,9 @@ class LiveTwin:
             self._shapes = np.asarray(modes.shapes)
             self._capacitance = np.asarray(system.capacitance)
             gain = np.asarray(system.gain)
+            # Compiled now, not when the first data wait for it.
+            idle = np.zeros(len(self._duty) + 1)
+            advance(np.zeros(len(self._capacitance)), idle, 0).block_until_ready()
         self._advance = advance
         self._gain = gain
         self._channels = gain[:, None] * (system.wiring.channel_weights @ self._shapes)
@@ -123,6 +126,4 @@ class LiveTwin:
 
     def _offset(self) -> None:
         # reading = ambient + gain (T - ambient)
-        self._channel_offset = (
-            self._reference - ZERO_CELSIUS + (1 - self._gain) * self._ambient
-        )
+        self._channel_offset = self._reference - ZERO_CELSIUS + (1 - self._gain) * self._ambient

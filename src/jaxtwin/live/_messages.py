@@ -151,9 +151,7 @@ def encode(message: Message) -> bytes:
     """
     if isinstance(message, Image):
         height, width = message.pixels.shape
-        head = _HEADER.pack(
-            _IMAGE, 0, message.flags, message.seq, message.device_us, width, height
-        )
+        head = _HEADER.pack(_IMAGE, 0, message.flags, message.seq, message.device_us, width, height)
         return encode_packet(head + message.pixels.astype("<u2").tobytes())
     return encode_line(_text(message))
 

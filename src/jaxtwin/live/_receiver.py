@@ -193,9 +193,7 @@ class Receiver:
             case Image():
                 flag = bool(message.flags & RECALIBRATING)
                 values = self._identity.temperatures(message.pixels)
-                reading = Reading(
-                    link, boot, arrival, device_us, seq, values, flag, message.pixels
-                )
+                reading = Reading(link, boot, arrival, device_us, seq, values, flag, message.pixels)
                 if flag == self._recalibrating:
                     return [reading]
                 self._recalibrating = flag

@@ -108,7 +108,8 @@ class Replay:
         return self._upcoming is not None and self._until_due() <= 0
 
     def _until_due(self) -> float:
-        assert self._upcoming is not None and self._begin is not None
+        assert self._upcoming is not None
+        assert self._begin is not None
         if self._speed == float("inf"):
             return 0.0
         recorded = (self._upcoming.arrival - self._first) * 1e-9
@@ -129,7 +130,9 @@ class Replay:
             yield from sqlite3.Cursor(database).execute(query)
 
         def greetings() -> Iterator[Record]:
-            for link, arrival, hello in rows("SELECT link, arrival, hello FROM greetings ORDER BY id"):
+            for link, arrival, hello in rows(
+                "SELECT link, arrival, hello FROM greetings ORDER BY id"
+            ):
                 content = json.loads(hello)
                 for field in ("cells", "channels", "camera"):
                     content[field] = tuple(content[field]) if content[field] is not None else None
@@ -168,7 +171,13 @@ class Replay:
                 if content is not None:
                     pixels = np.frombuffer(content, "<u2").reshape(height, width).astype(np.uint16)
                 yield Reading(
-                    *devices[greeting], arrival, device_us, seq, np.array(values), bool(flag), pixels
+                    *devices[greeting],
+                    arrival,
+                    device_us,
+                    seq,
+                    np.array(values),
+                    bool(flag),
+                    pixels,
                 )
 
         # Of records that arrived together, greetings come first: the others refer to them.

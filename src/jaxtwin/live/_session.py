@@ -1,6 +1,5 @@
 """A recording of a live rig, read back: while it is being written, or afterwards."""
 
-import json
 import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,8 @@ from jaxtyping import Float
 
 from .._errors import RecordingError
 from ..io import Experiment
+from ..rig import Rig
+from ..rig._bundled import parse_toml
 from ._clock_map import ClockMap
 from ._grid import bin_means, held
 from ._lock import is_locked
@@ -88,6 +89,17 @@ class Session:
     def channels(self) -> tuple[str, ...]:
         """Names of the temperature channels."""
         return tuple(self.metadata["channels"])
+
+    @property
+    def rig(self) -> Rig:
+        """The rig, from the text of its file at the time of the recording.
+
+        **Raises:** `RigError` where this version of the program does not understand it.
+        """
+        from ..rig._build import build_rig  # with pydantic, which reading numbers does not need
+
+        source = f"{self.file}: rig file"
+        return build_rig(parse_toml(self.metadata["rig_file"].encode(), source), source)
 
     def clocks(self) -> list[DeviceClock]:
         """The clock of each start of each device.
@@ -206,12 +218,6 @@ class Session:
         # Two starts of a device may overlap by their clocks' uncertainty.
         order = np.argsort(time, kind="stable")
         return Series(time[order], values[order, 2:], columns)
-
-
-def hellos(session: Session) -> list[dict[str, Any]]:
-    """The greetings in a recording, as they were sent."""
-    rows = session.database.execute("SELECT hello FROM greetings ORDER BY id")
-    return [json.loads(hello) for (hello,) in rows]
 
 
 def _open(file: Path) -> sqlite3.Connection:

@@ -61,9 +61,7 @@ def opener(url: str, *, baud: int = 115_200) -> Opener:
             return lambda: MqttTransport(host, port or 1883, topic)
         if parts.scheme == "socket" and host and port:
             return lambda: SocketTransport(socket.create_connection((host, port), _CONNECT_SECONDS))
-        raise LinkError(
-            f"link {url!r}: allowed are socket://host:port and mqtt://host:port/topic"
-        )
+        raise LinkError(f"link {url!r}: allowed are socket://host:port and mqtt://host:port/topic")
     try:
         serial.serial_for_url(url, baud, do_not_open=True)
     except (ValueError, serial.SerialException) as error:
