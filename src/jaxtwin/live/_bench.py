@@ -3,7 +3,7 @@
 import queue
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Protocol, final
+from typing import Protocol, final, runtime_checkable
 
 from .._errors import LinkError
 from ..rig import Rig
@@ -22,6 +22,7 @@ ASK_AGAIN = 1.0
 """Pause between two questions for a greeting, s."""
 
 
+@runtime_checkable
 class Journal(Protocol):
     """Where records are kept; the recorder."""
 

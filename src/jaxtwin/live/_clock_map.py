@@ -48,7 +48,7 @@ class ClockMap:
         **Arguments:**
 
         - `device_us`: device time, microseconds.
-        - `arrival`: host time of the same messages, ns.
+        - `arrival`: host time of the same messages, ns, in order.
         - `rate`: nominal seconds of device time in a second.
         """
         device = device_us * 1e-6
@@ -56,27 +56,28 @@ class ClockMap:
         start = int(arrival[0])
         host = (arrival - start) * 1e-9
         offset = host - device / rate
-        length = float(np.clip(np.ptp(host) / BLOCKS, SHORTEST_BLOCK, LONGEST_BLOCK))
-        block = ((host - host.min()) / length).astype(np.int64)
+        span = float(host[-1]) or 1.0
+        length = np.clip(span / BLOCKS, SHORTEST_BLOCK, LONGEST_BLOCK)
+        # Whole blocks only: a short one at the end may hold no fast arrival.
+        blocks = max(1, int(span / length))
+        block = np.minimum((host / span * blocks).astype(np.int64), blocks - 1)
 
         knots = _earliest(block, offset)
         slope = _slope(device[knots], offset[knots])
         # Within a block the drift itself moves the offset: the earliest is looked for without it.
         knots = _earliest(block, offset - slope * device)
-        late = offset - np.interp(device, device[knots], offset[knots])
-        inside = (device >= device[knots[0]]) & (device <= device[knots[-1]])
-        late = np.where(inside, late, offset - slope * device - _ends(device, offset, knots, slope))
+        knots_device, knots_offset = device[knots], offset[knots]
+        late = offset - _offsets(device, knots_device, knots_offset, slope)
         late -= late.min()
         wait = (float(np.median(late)), float(np.quantile(late, 0.99)), float(late.max()))
-        return cls(rate, device[knots], offset[knots] + start * 1e-9, -slope * rate * 1e6, wait)
+        drift = -slope * rate * 1e6
+        return cls(rate, knots_device, knots_offset + start * 1e-9, drift, wait)
 
     def host_seconds(self, device_us: Int[np.ndarray, " stamps"]) -> Float[np.ndarray, " stamps"]:
         """Host time of device stamps, s since 1970 (float64 resolves 0.3 microseconds)."""
         device = device_us * 1e-6
         slope = -self.drift * 1e-6 / self.rate
-        inner = np.interp(device, self.device, self.offset)
-        beyond = device - np.clip(device, self.device[0], self.device[-1])
-        return device / self.rate + inner + slope * beyond
+        return device / self.rate + _offsets(device, self.device, self.offset, slope)
 
 
 def _earliest(block: np.ndarray, offset: np.ndarray) -> np.ndarray:
@@ -97,6 +98,9 @@ def _slope(x: np.ndarray, y: np.ndarray) -> float:
     return float(np.median((y[:, None] - y[None, :])[far] / dx[far]))
 
 
-def _ends(device: np.ndarray, offset: np.ndarray, knots: np.ndarray, slope: float) -> np.ndarray:
-    nearest = np.where(device < device[knots[0]], knots[0], knots[-1])
-    return offset[nearest] - slope * device[nearest]
+def _offsets(
+    device: np.ndarray, knots: np.ndarray, offsets: np.ndarray, slope: float
+) -> np.ndarray:
+    """Linear between the knots, and on with the mean slope before and behind them."""
+    beyond = device - np.clip(device, knots[0], knots[-1])
+    return np.interp(device, knots, offsets) + slope * beyond

@@ -79,7 +79,7 @@ def loosened(system: System, cell: int, factor: float) -> System:
 
 
 def failed(system: System, cell: int) -> System:
-    """The equations with one cell's circuit interrupted: heat flows through it, current does not."""
+    """The equations with one cell's circuit interrupted: no current flows through it."""
     with jax.enable_x64(True):
         resistance = jnp.asarray(system.module.electrical_resistance).at[cell].set(1e9)
         return eqx.tree_at(lambda s: s.module.electrical_resistance, system, resistance)

@@ -8,7 +8,7 @@ import selectors
 import socket
 import sys
 import threading
-from typing import Protocol, final
+from typing import Protocol, final, runtime_checkable
 
 from .._errors import LinkError
 from ._time import Clock
@@ -24,6 +24,7 @@ MOST_UNSENT = 2**20
 log = logging.getLogger("jaxtwin.live")
 
 
+@runtime_checkable
 class Server(Protocol):
     """Where a virtual rig is reached."""
 

@@ -2,9 +2,10 @@
 
 import threading
 import time
-from typing import Protocol, final
+from typing import Protocol, final, runtime_checkable
 
 
+@runtime_checkable
 class Clock(Protocol):
     """What the live parts ask for the time; tests pass one that they turn themselves."""
 

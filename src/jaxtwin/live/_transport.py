@@ -3,7 +3,7 @@
 import contextlib
 import socket
 from collections.abc import Callable
-from typing import Protocol, final
+from typing import Protocol, final, runtime_checkable
 from urllib.parse import urlsplit
 
 import serial
@@ -17,6 +17,7 @@ _MOST = 65_536  # bytes of one read
 _CONNECT_SECONDS = 3.0
 
 
+@runtime_checkable
 class Transport(Protocol):
     """An open connection. Its calls raise `OSError` once it is broken."""
 

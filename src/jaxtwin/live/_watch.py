@@ -16,7 +16,7 @@ from ..rig import Channel, Plate
 from ._follower import Follower
 from ._records import Event, Gap, LinkChange, LinkState, Reading, Record, Sample
 
-WIDTH, HEIGHT = 64, 12  # of the map, characters
+WIDTH, HEIGHT = 38, 12  # of the map, characters: with the table it fits into 80 columns
 _COLOURS = ((20, 11, 53), (101, 21, 110), (187, 55, 84), (249, 142, 9), (252, 255, 164))
 _LINK = {LinkState.LIVE: "green", LinkState.STALE: "yellow", LinkState.CONNECTING: "cyan"}
 _RATE_SECONDS = 5.0
@@ -137,17 +137,17 @@ def _channel_map(plate: Plate, channels: Sequence[Channel]) -> np.ndarray:
 
 def _labels(where: np.ndarray, texts: Sequence[str]) -> dict[tuple[int, int], str]:
     """Characters of the texts, each in the middle of its channel, where it has room."""
-    labels = {}
+    labels: dict[tuple[int, int], str] = {}
     for number, text in enumerate(texts):
         rows, columns = np.nonzero(where == number)
         if not len(rows):
             continue
-        row = int(np.median(rows))
-        inside = columns[rows == row]
-        first = int(np.median(inside)) - len(text) // 2
-        for place, character in enumerate(text):
-            if 0 <= first + place < WIDTH and where[row, first + place] == number:
-                labels[row, first + place] = character
+        # In its middle row, or the next one where another channel leaves room.
+        for row in sorted(set(rows), key=lambda row: abs(row - np.mean(rows))):
+            first = int(np.median(columns[rows == row])) - len(text) // 2
+            if first >= 0 and (where[row, first : first + len(text)] == number).all():
+                labels |= {(row, first + place): letter for place, letter in enumerate(text)}
+                break
     return labels
 
 
