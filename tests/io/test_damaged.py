@@ -20,7 +20,11 @@ FORMATS = ["packed SecA.mat", "plain SecA.mat", "run.csv", "run.nc"]
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory, experiment, two_cell_simout) -> dict[str, bytes]:
-    """Good files by name; `netCDF 4.nc` is the only one that a C library reads."""
+    """Good files by name.
+
+    `netCDF 4.nc` is only cut off here: its reader, the HDF5 library, can loop for ever on bytes
+    that were overwritten.
+    """
     folder = tmp_path_factory.mktemp("good")
     content = {}
     for name, compressed in {"packed SecA.mat": True, "plain SecA.mat": False}.items():

@@ -1,6 +1,8 @@
-"""What comes with the package: rig files, module datasheets and the tables of the paper."""
+"""What comes with the package: rigs, module datasheets, tables and synthetic recordings."""
 
+from ._synthetic import synthetic_recordings as synthetic_recordings
+from ._synthetic import synthetic_truth as synthetic_truth
 from ._tables import Table as Table
 from ._tables import table as table
 
-__all__ = ["Table", "table"]
+__all__ = ["Table", "synthetic_recordings", "synthetic_truth", "table"]

@@ -5,6 +5,7 @@ from ._camera import channel_weights, frame_to_channels, pixel_weights
 from ._dc_sweep import DCSweep
 from ._driver import Bridge, CellHeat
 from ._netlist import Link, Netlist, Node, ThermoelectricElement
+from ._spice import to_spice
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
 from ._twin import Twin
@@ -24,4 +25,5 @@ __all__ = [
     "channel_weights",
     "frame_to_channels",
     "pixel_weights",
+    "to_spice",
 ]

@@ -27,7 +27,7 @@ def frame_to_channels(
 
     A channel is the mean of the pixels under its rectangle of the plate, by overlapping area, so
     that a zone's edge may run through a pixel.
-    A channel given by nodes covers their elements.
+    A channel given by nodes is the plain mean over their elements, each the mean of its pixels.
 
     **Arguments:**
 
@@ -55,8 +55,8 @@ def pixel_weights(rig: Rig) -> Float[np.ndarray, "channels height width"]:
     weights = np.zeros((len(rig.channels), camera.height, camera.width))
     for number, channel in enumerate(rig.channels):
         for x0, x1, y0, y1 in _rectangles(channel, plate):
-            in_x, in_y = _covered(x, x0, x1), _covered(y, y0, y1)
-            weights[number] += in_y[:, None] * in_x[None, :]
+            area = np.outer(_covered(y, y0, y1), _covered(x, x0, x1))
+            weights[number] += area / area.sum()
     return weights / weights.sum(axis=(1, 2), keepdims=True)
 
 

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._errors import ParameterError
 from ..rig import load_module
 from ._dc_sweep import DCSweep
 
@@ -63,7 +64,7 @@ class ThermoelectricModule(eqx.Module):
           `hot_side_temperature` (K): $V_{max}$, $I_{max}$, $\Delta T_{max}$, $T_h$. Beside a name
           they replace what the datasheet says.
 
-        **Raises:** `RigError` where no datasheet has this name; `ValueError` where a number is
+        **Raises:** `RigError` where no datasheet has this name; `ParameterError` where a number is
         missing, not above 0, or the difference is not below the hot side temperature.
         """
         given = {
@@ -79,7 +80,7 @@ class ThermoelectricModule(eqx.Module):
         }
         V_max, I_max, dT_max, T_h = (_above_zero(field, n) for field, n in numbers.items())
         if dT_max >= T_h:
-            raise ValueError(
+            raise ParameterError(
                 f"maximum_temperature_difference: found {dT_max} K, allowed is below the "
                 f"hot_side_temperature of {T_h} K"
             )
@@ -149,12 +150,13 @@ class ThermoelectricModule(eqx.Module):
 
         **Returns:** a `DCSweep`.
 
-        **Raises:** `ValueError` where a difference is not below `T_hot` or a number is not finite.
+        **Raises:** `ParameterError` where a difference is not below `T_hot` or a number is not
+        finite.
         """
         I = np.atleast_1d(np.asarray(currents, float))  # noqa: E741
         dT = np.atleast_1d(np.asarray(delta_T, float))
         if not np.isfinite([*I, *dT, T_hot]).all() or (dT >= T_hot).any():
-            raise ValueError(
+            raise ParameterError(
                 f"dc_sweep: found T_hot = {T_hot} K, differences {dT} K and currents {I} A, "
                 "allowed are finite numbers and differences below T_hot"
             )
@@ -168,5 +170,5 @@ class ThermoelectricModule(eqx.Module):
 
 def _above_zero(field: str, value: float | None) -> float:
     if value is None or not 0 < value < np.inf:
-        raise ValueError(f"{field}: found {value}, allowed is a number above 0")
+        raise ParameterError(f"{field}: found {value}, allowed is a number above 0")
     return float(value)

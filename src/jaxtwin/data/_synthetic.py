@@ -1,0 +1,28 @@
+"""Recordings with known truth, made by a twin: what there is where the real ones are not at hand.
+
+`python -m jaxtwin.data._make_synthetic` makes them again.
+"""
+
+from importlib import resources
+from pathlib import Path
+
+SYNTHETIC = ("synthetic-A", "synthetic-B", "synthetic-C")
+"""Zones A, B and C of the two-cell plate, as the paper's recordings have them."""
+
+
+def synthetic_recordings() -> tuple[Path, ...]:
+    """The files of the synthetic recordings, for `read_recording`, in the order of the zones."""
+    return tuple(_file(f"{name}.csv") for name in SYNTHETIC)
+
+
+def synthetic_truth() -> Path:
+    """The parameters that they were made with, a file for `read_parameters`.
+
+    What differs between the recordings (ambient and start temperature) stands in it by the name of
+    the recording.
+    """
+    return _file("synthetic-truth.toml")
+
+
+def _file(name: str) -> Path:
+    return Path(str(resources.files("jaxtwin") / "data" / "recordings" / name))

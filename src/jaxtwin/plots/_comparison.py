@@ -1,0 +1,117 @@
+"""What a twin reads against what was recorded, Fig. 15 of the paper, and the difference."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from .._errors import SimulationError
+from ..simulation import Run
+from ._labels import label_ends
+from ._style import CYCLE, INK, MUTED, VERMILION, styled
+
+PANELS = 5  # in a row
+
+
+@styled
+def plot_comparison(runs: Sequence[Run]) -> Figure:
+    """Response against recording, a panel for each channel with its NRMSE fit.
+
+    **Arguments:**
+
+    - `runs`: of experiments that hold recorded temperatures; the runs of a match
+      are `list(fit.runs.values())`.
+
+    **Returns:** the figure.
+
+    **Raises:** `SimulationError` where a run has nothing recorded to compare with.
+    """
+    fits = [run.fit_percent for run in runs]
+    rows = [
+        (run, fit, run.channels[start : start + PANELS])
+        for run, fit in zip(runs, fits, strict=True)
+        for start in range(0, len(run.channels), PANELS)
+    ]
+    columns = max(len(channels) for _, _, channels in rows)
+    size = (1.0 + 2.35 * max(columns, 2), 0.8 + 1.95 * len(rows))
+    figure = pyplot.figure(figsize=size, layout="constrained")
+    grid = figure.subplots(len(rows), columns, sharex=True, sharey=True, squeeze=False)
+    for panels, (run, fit, channels) in zip(grid, rows, strict=True):
+        for axes, channel in zip(panels, channels, strict=False):
+            recorded = _recorded(run)[:, run.channels.index(channel)]
+            axes.plot(run.time, recorded, color=MUTED, lw=2.6, alpha=0.55)
+            axes.plot(run.time, run.channel(channel), color=VERMILION, lw=1.4)
+            axes.set_title(channel)
+            axes.set_title(f"{fit[channel]:.1f} %", loc="right", color=VERMILION)
+        for axes in panels[len(channels) :]:
+            axes.set_axis_off()
+        panels[0].set_ylabel("temperature, °C")
+        panels[0].annotate(
+            run.experiment.name, (0, 1), xycoords="axes fraction", xytext=(0, 18),
+            textcoords="offset points", color=MUTED, fontsize=9,
+        )  # fmt: skip
+    for axes in grid[-1]:
+        axes.set_xlabel("time, s")
+        axes.xaxis.set_major_locator(MaxNLocator(3))
+    grid[0, 0].set_xlim(min(run.time[0] for run in runs), max(run.time[-1] for run in runs))
+    mean = np.mean([value for fit in fits for value in fit.values()])
+    figure.legend(
+        handles=[
+            Line2D([], [], color=MUTED, lw=2.6, alpha=0.55, label="recorded"),
+            Line2D([], [], color=VERMILION, lw=1.4, label="twin, with its fit"),
+        ],
+        loc="outside upper right",
+        ncols=2,
+    )
+    figure.suptitle(f"{runs[0].rig}: mean fit {mean:.1f} %", x=0.01, ha="left")
+    return figure
+
+
+@styled
+def plot_residuals(runs: Sequence[Run]) -> Figure:
+    """Recorded less simulated temperature of every channel, and their mean.
+
+    What all channels share is the camera or the ambient; what one channel has alone is its place
+    on the plate.
+
+    **Arguments:**
+
+    - `runs`: one column each, of experiments that hold recorded temperatures.
+
+    **Returns:** the figure.
+
+    **Raises:** `SimulationError` where a run has nothing recorded to compare with.
+    """
+    figure = pyplot.figure(figsize=(0.9 + 3.7 * len(runs), 3.4), layout="constrained")
+    (row,) = figure.subplots(1, len(runs), sharey=True, squeeze=False)
+    ends = []
+    for axes, run in zip(row, runs, strict=True):
+        residual = _recorded(run) - run.temperatures
+        for number, part in enumerate(residual.T):
+            axes.plot(run.time, part, color=CYCLE[number % len(CYCLE)], lw=0.9)
+        axes.plot(run.time, residual.mean(axis=1), color=INK, lw=2.0)
+        axes.axhline(0.0, color=MUTED, lw=0.8, zorder=0)
+        axes.set(title=run.experiment.name or "recording", xlabel="time, s")
+        axes.set_title(f"RMSE {run.rmse:.2f} K", loc="right", fontsize=9, fontweight="normal")
+        axes.set_xlim(run.time[0], run.time[-1])
+        tail = residual[-max(1, len(run.time) // 20) :].mean(axis=0)
+        ends.append(list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
+    row[0].set_ylabel("recorded - twin, K")
+    for axes, labels in zip(row, ends, strict=True):
+        label_ends(axes, labels, spacing=0.08)
+    figure.legend(
+        handles=[Line2D([], [], color=INK, lw=2.0, label="mean of the channels")],
+        loc="outside lower right",
+    )
+    return figure
+
+
+def _recorded(run: Run) -> Float[np.ndarray, "times channels"]:
+    if run.experiment.temperatures is None:
+        label = run.experiment.name or "the experiment"
+        raise SimulationError(f"{label} holds no recorded temperatures to compare with")
+    return run.experiment.temperatures

@@ -1,0 +1,55 @@
+"""Labels at the ends of lines, in place of a legend that the eye has to go back to."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+
+
+def label_ends(
+    axes: Axes, ends: Sequence[tuple[float, str, str]], *, spacing: float = 0.055
+) -> None:
+    """Writes a label to the right of each line's end, moved up or down where two would overlap.
+
+    **Arguments:**
+
+    - `axes`: with the lines in it; its y limits are kept from here on.
+    - `ends`: of each line, the last value, the label, the colour.
+    - `spacing`: between two labels, in parts of the height of the axes.
+    """
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high)
+    heights = (np.array([value for value, _, _ in ends]) - low) / (high - low)
+    for (_, label, color), height in zip(ends, spread(heights, spacing), strict=True):
+        axes.annotate(
+            label,
+            (1.0, height),
+            xycoords="axes fraction",
+            xytext=(4, 0),
+            textcoords="offset points",
+            color=color,
+            fontsize=9,
+            va="center",
+            annotation_clip=False,
+        )
+
+
+def spread(positions: Float[np.ndarray, " n"], spacing: float) -> Float[np.ndarray, " n"]:
+    """Positions at least `spacing` apart, in order, as near to the given ones as can be.
+
+    Least squares under an order constraint: positions less their share of the spacing must not
+    decrease, which pooling neighbours that do achieves.
+    """
+    order = np.argsort(positions, kind="stable")
+    wanted = positions[order] - spacing * np.arange(len(positions))
+    pools: list[list[float]] = []
+    for value in wanted:
+        pools.append([value])
+        while len(pools) > 1 and np.mean(pools[-2]) > np.mean(pools[-1]):
+            last = pools.pop()
+            pools[-1] += last
+    level = np.concatenate([np.full(len(pool), np.mean(pool)) for pool in pools])
+    moved = np.empty_like(positions)
+    moved[order] = level + spacing * np.arange(len(positions))
+    return moved

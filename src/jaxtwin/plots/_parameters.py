@@ -1,0 +1,95 @@
+"""The matched parameters beside where they started and what was published, Table 4 of the paper."""
+
+import math
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..matching import Fit, FittedParameter
+from ._style import BLUE, FAINT, INK, MUTED, VERMILION, styled, symbol
+
+
+@styled
+def plot_parameters(fit: Fit) -> Figure:
+    """The free parameters as a table, and where each lies between its bounds.
+
+    The scale is logarithmic for parameters above 0. Where each recording has its own value, their
+    mean is shown.
+
+    **Arguments:**
+
+    - `fit`: the result of `jaxtwin.match`.
+
+    **Returns:** the figure.
+    """
+    free = [parameter for parameter in fit.parameters if parameter.free]
+    figure = pyplot.figure(figsize=(11.0, 1.3 + 0.3 * len(free)), layout="constrained")
+    table, scale = figure.subplots(1, 2, width_ratios=(1.0, 1.25), sharey=True)
+    _write_table(table, free)
+    for place, parameter in enumerate(free):
+        scale.plot([0, 1], [place, place], color=FAINT, lw=7, solid_capstyle="round", zorder=1)
+        ends = [_position(value, parameter) for value in (parameter.initial, parameter.value)]
+        scale.plot(ends, [place, place], color=MUTED, lw=1.0, zorder=2)
+        scale.plot(ends[0], place, "o", mfc="white", mec=INK, ms=6, zorder=3)
+        if parameter.published is not None:
+            at = _position(parameter.published, parameter)
+            scale.plot(at, place, "D", mfc="white", mec=BLUE, mew=1.4, ms=5.5, zorder=4)
+        scale.plot(ends[1], place, "o", color=VERMILION, ms=7, zorder=5)
+        if parameter.at_bound:
+            _write(scale, 1.04, place, "at bound", ha="left", color=VERMILION, fontsize=8.5)
+    scale.set_ylim(len(free) - 0.4, -1.2)
+    scale.set_xlim(-0.03, 1.18)
+    for text, at, ha in (("lower bound", 0, "left"), ("upper bound", 1, "right")):
+        scale.annotate(text, (at, -0.8), ha=ha, va="center", fontsize=9, color=MUTED)
+    scale.set_axis_off()
+    handles = [
+        scale.plot([], [], "o", mfc="white", mec=INK, ms=6, label="initial")[0],
+        scale.plot([], [], "D", mfc="white", mec=BLUE, mew=1.4, ms=5.5, label="published")[0],
+        scale.plot([], [], "o", color=VERMILION, ms=7, label="matched")[0],
+    ]
+    if all(parameter.published is None for parameter in free):
+        del handles[1]
+    figure.legend(handles=handles, loc="outside upper right", ncols=3)
+    figure.suptitle(
+        f"{fit.twin.rig.name}: mean fit {fit.mean_fit_percent:.1f} %, RMSE {fit.rmse:.2f} K",
+        x=0.01, ha="left",
+    )  # fmt: skip
+    return figure
+
+
+def _write_table(axes: Axes, free: list[FittedParameter]) -> None:
+    columns = {"initial": 0.40, "published": 0.60, "matched": 0.79}
+    for heading, at in columns.items():
+        axes.annotate(heading, (at, -0.8), ha="right", va="center", fontsize=9, color=MUTED)
+    for place, parameter in enumerate(free):
+        _write(axes, 0.0, place, symbol(parameter.name), ha="left")
+        _write(axes, columns["initial"], place, _number(parameter.initial))
+        _write(axes, columns["published"], place, _number(parameter.published), color=BLUE)
+        _write(
+            axes, columns["matched"], place, _number(parameter.value),
+            color=VERMILION, fontweight="bold",
+        )  # fmt: skip
+        unit = parameter.unit.replace("degC", "°C").replace("ohm", "Ω")
+        _write(axes, 0.81, place, unit, ha="left", color=MUTED, fontsize=8.5)
+    axes.set_xlim(0, 1)
+    axes.set_axis_off()
+
+
+def _write(axes: Axes, x: float, y: float, text: str, ha: str = "right", **look) -> None:
+    axes.text(x, y, text, ha=ha, va="center", **look)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}".replace("e-0", "e-").replace("e+0", "e")
+
+
+def _position(value: float, parameter: FittedParameter) -> float:
+    """0 at the lower bound, 1 at the upper one."""
+    lower, upper = parameter.lower, parameter.upper
+    if not (math.isfinite(lower) and math.isfinite(upper)):
+        lower, upper = min(parameter.initial, value) - 1, max(parameter.initial, value) + 1
+    if lower > 0:
+        value, lower, upper = math.log(value), math.log(lower), math.log(upper)
+    return float(np.clip((value - lower) / (upper - lower), 0, 1))

@@ -1,0 +1,69 @@
+"""Recorded responses and the drive behind them, Fig. 6 of the paper."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..io import Experiment
+from ._labels import label_ends
+from ._style import CYCLE, INK, styled
+
+
+@styled
+def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
+    """What was recorded: the channels' temperatures above the cells' duty cycles.
+
+    **Arguments:**
+
+    - `experiments`: one column each. Those without recorded temperatures show their drive only.
+
+    **Returns:** the figure.
+    """
+    columns = len(experiments)
+    figure = pyplot.figure(figsize=(0.9 + 3.7 * columns, 5.0), layout="constrained")
+    grid = figure.subplots(
+        2, columns, sharex="col", sharey="row", height_ratios=(4, 1), squeeze=False
+    )
+    for (above, below), experiment in zip(grid.T, experiments, strict=True):
+        above.set_title(experiment.name or "recording")
+        if experiment.temperatures is not None:
+            for number, temperature in enumerate(experiment.temperatures.T):
+                above.plot(experiment.time, temperature, color=CYCLE[number % len(CYCLE)], lw=1.1)
+        for duty in np.unique(experiment.duty, axis=1).T:
+            below.step(experiment.time, 100 * duty, where="post", lw=1.3, color=INK)
+        below.set_xlabel("time, s")
+        below.set_xlim(experiment.time[0], experiment.time[-1])
+    grid[0, 0].set_ylabel("temperature, °C")
+    grid[1, 0].set_ylabel("duty, %")
+    _fit_duty(grid[1, 0], experiments)
+    for (above, below), experiment in zip(grid.T, experiments, strict=True):
+        label_ends(below, _cells_by_drive(experiment), spacing=0.2)
+        if experiment.temperatures is not None:
+            tail = experiment.temperatures[-max(1, len(experiment.time) // 50) :].mean(axis=0)
+            colors = [CYCLE[number % len(CYCLE)] for number in range(len(tail))]
+            label_ends(above, list(zip(tail.tolist(), experiment.channels, colors, strict=True)))
+    return figure
+
+
+def _cells_by_drive(experiment: Experiment) -> list[tuple[float, str, str]]:
+    """The label of each different drive: the cells that are driven so."""
+    drives: dict[bytes, list[int]] = {}
+    for cell, duty in enumerate(experiment.duty.T):
+        drives.setdefault(duty.tobytes(), []).append(cell)
+    return [
+        (
+            100 * float(experiment.duty[-1, cells[0]]),
+            ", ".join(f"P{cell + 1}" for cell in cells),
+            INK,
+        )
+        for cells in drives.values()
+    ]
+
+
+def _fit_duty(axes: Axes, experiments: Sequence[Experiment]) -> None:
+    lowest = min(float(np.min(experiment.duty)) for experiment in experiments)
+    axes.set_ylim(-105 if lowest < 0 else -4, 105)
+    axes.set_yticks([-100, 0, 100] if lowest < 0 else [0, 50, 100])
