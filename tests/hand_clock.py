@@ -69,7 +69,7 @@ def stepped_bench(
     def stepped(timeout: float = 0.1) -> list[Any]:
         clock.turn(step)
         bench.step_links()
-        return poll(0)
+        return poll(0.0)
 
     bench.poll = stepped  # pyright: ignore[reportAttributeAccessIssue]
     return bench

@@ -55,7 +55,8 @@ def test_what_was_sent_comes_out_however_the_stream_is_cut(
 
 
 @given(
-    st.binary(max_size=400) | st.lists(st.sampled_from(list(b"\x00\x02\n*A")), max_size=400).map(bytes),
+    st.binary(max_size=400)
+    | st.lists(st.sampled_from(list(b"\x00\x02\n*A")), max_size=400).map(bytes),
     FRAMES,
     st.lists(st.integers(0, 5000), max_size=30),
 )
@@ -76,7 +77,9 @@ def test_after_garbage_the_second_line_and_the_second_packet_are_found(
 
 
 @given(LINES | PACKETS, st.data())
-def test_a_frame_with_changed_bytes_is_not_accepted(frame: str | bytes, data: st.DataObject) -> None:
+def test_a_frame_with_changed_bytes_is_not_accepted(
+    frame: str | bytes, data: st.DataObject
+) -> None:
     stream = bytearray(encoded(frame))
     for _ in range(data.draw(st.integers(1, 4))):
         stream[data.draw(st.integers(0, len(stream) - 1))] ^= data.draw(st.integers(1, 255))
@@ -110,7 +113,9 @@ def test_text_that_is_no_line_is_refused_on_sending(text: str) -> None:
         encode_line(text)
 
 
-@pytest.mark.parametrize("payload", [b"", b"\x01", b"\x00\x00x", b"\x01\x01x", b"\x01\x00" * 40_000])
+@pytest.mark.parametrize(
+    "payload", [b"", b"\x01", b"\x00\x00x", b"\x01\x01x", b"\x01\x00" * 40_000]
+)
 def test_a_payload_that_would_not_be_found_again_is_refused_on_sending(payload: bytes) -> None:
     with pytest.raises(ValueError, match="payload|packet"):
         encode_packet(payload)

@@ -128,7 +128,14 @@ def test_a_serial_port_reads_back_what_loop_sends() -> None:
 
 @pytest.mark.parametrize(
     "url",
-    ["socket://127.0.0.1", "socket://:70", "socket://h:99999", "nonsense://x", "mqtt://h", "mqtt:///t"],
+    [
+        "socket://127.0.0.1",
+        "socket://:70",
+        "socket://h:99999",
+        "nonsense://x",
+        "mqtt://h",
+        "mqtt:///t",
+    ],
 )
 def test_a_link_that_cannot_exist_is_refused_with_what_is_allowed(url: str) -> None:
     with pytest.raises(JaxtwinError, match="allowed"):

@@ -58,7 +58,9 @@ def test_missing_numbers_become_one_gap_before_the_message_that_shows_it(
 
 
 def test_streams_are_counted_separately(receiver: Receiver) -> None:
-    records = heard(receiver, HELLO, data(5), image(90), Notice(2, 0, "watchdog"), data(6), image(91))
+    records = heard(
+        receiver, HELLO, data(5), image(90), Notice(2, 0, "watchdog"), data(6), image(91)
+    )
     assert of(records, Gap) == []
 
 

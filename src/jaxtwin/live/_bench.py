@@ -84,7 +84,7 @@ class Bench:
         *,
         journal: Journal | None = None,
         clock: Clock | None = None,
-        stale_after: float = 2.0,
+        stale_after: float | int = 2.0,
     ):
         self.clock: Clock = clock or SystemClock()
         identity = Identity.of(rig)
@@ -132,7 +132,7 @@ class Bench:
         for link in self._links.values():
             link.step()
 
-    def poll(self, timeout: float = 0.1) -> list[Record]:
+    def poll(self, timeout: float | int = 0.1) -> list[Record]:
         """What came since the last call, after waiting at most `timeout` seconds for it.
 
         **Returns:** records that are in the journal already.
@@ -179,7 +179,7 @@ class Bench:
         for link in self._links.values():
             link.close()
         while not self._inbox.empty() or self._commands:
-            self.poll(0)
+            self.poll(0.0)
 
     def _arrived(self, timeout: float) -> Iterator:
         try:

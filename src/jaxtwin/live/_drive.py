@@ -36,7 +36,7 @@ class Guard:
     - `silence`: longest time without a controller sample, or without temperatures, s.
     """
 
-    def __init__(self, channels: Sequence[str], hottest: float, silence: float):
+    def __init__(self, channels: Sequence[str], hottest: float | int, silence: float | int):
         self._channels = tuple(channels)
         self._hottest = hottest
         self._silence = silence
@@ -92,8 +92,8 @@ def drive(
     rig: Rig,
     schedule: str,
     *,
-    duration: float,
-    silence: float = 3.0,
+    duration: float | int,
+    silence: float | int = 3.0,
     stop: threading.Event | None = None,
     progress: Callable[[float, tuple[int, ...]], None] | None = None,
 ) -> None:

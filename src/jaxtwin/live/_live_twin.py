@@ -8,7 +8,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ..physics import System, Twin
-from ..simulation._exponential import Inputs, exponential_step, network_modes, step_factors
+from ..simulation._exponential import (
+    Inputs,
+    Modes,
+    StepFactors,
+    exponential_step,
+    network_modes,
+    step_factors,
+)
 
 ZERO_CELSIUS = 273.15
 
@@ -54,7 +61,9 @@ class LiveTwin:
         """What the camera should read now, degC."""
         return self._channels @ self._amplitudes + self._channel_offset
 
-    def start(self, time: float, nodes: Float[np.ndarray, " nodes"] | float | None = None) -> None:
+    def start(
+        self, time: float | int, nodes: Float[np.ndarray, " nodes"] | float | int | None = None
+    ) -> None:
         """Sets time (s) and node temperatures (degC, one for all, or `None`: the rig file's)."""
         self.time = time
         absolute = (
@@ -65,14 +74,14 @@ class LiveTwin:
         # V^T C V = 1, so V^T C is the inverse of the shapes V.
         self._amplitudes = self._shapes.T @ (self._capacitance * (absolute - self._reference))
 
-    def drive(self, duty: Float[np.ndarray, " cells"], ambient: float | None = None) -> None:
+    def drive(self, duty: Float[np.ndarray, " cells"], ambient: float | int | None = None) -> None:
         """Sets the duty cycles (-1 to 1) and, where it is known, the ambient (degC) from now on."""
         self._duty = np.asarray(duty, np.float64)
         if ambient is not None:
             self._ambient = ambient + ZERO_CELSIUS - self._reference
             self._offset()
 
-    def advance(self, time: float) -> Float[np.ndarray, " channels"]:
+    def advance(self, time: float | int) -> Float[np.ndarray, " channels"]:
         """Steps to a time, s, but for what is less than one step of the solver.
 
         **Returns:** the channels there, degC.
@@ -81,7 +90,8 @@ class LiveTwin:
         if steps > 0:
             inputs = np.append(self._duty, self._ambient)
             with jax.enable_x64(True):
-                self._amplitudes = np.asarray(self._advance(self._amplitudes, inputs, steps))
+                stepped = _advance(self._amplitudes, inputs, steps, self._equations)
+                self._amplitudes = np.asarray(stepped)
             self.time += steps * STEP_SECONDS
         return self.temperatures
 
@@ -104,22 +114,13 @@ class LiveTwin:
             factors = step_factors(modes.rates, jnp.asarray(STEP_SECONDS))
             at_reference = jnp.asarray(reference)
 
-            @jax.jit  # the network is a constant of it: nothing to unpack at each call
-            def advance(amplitudes: jax.Array, inputs: jax.Array, steps: int) -> jax.Array:
-                now = Inputs(inputs[:-1], inputs[-1])
-
-                def step(_: int, z: jax.Array) -> jax.Array:
-                    return exponential_step(z, factors, system, modes, now, at_reference)[0]
-
-                return jax.lax.fori_loop(0, steps, step, amplitudes)
-
             self._shapes = np.asarray(modes.shapes)
             self._capacitance = np.asarray(system.capacitance)
             gain = np.asarray(system.gain)
+            self._equations = (factors, system, modes, at_reference)
             # Compiled now, not when the first data wait for it.
             idle = np.zeros(len(self._duty) + 1)
-            advance(np.zeros(len(self._capacitance)), idle, 0).block_until_ready()
-        self._advance = advance
+            _advance(np.zeros(len(self._capacitance)), idle, 0, self._equations)
         self._gain = gain
         self._channels = gain[:, None] * (system.wiring.channel_weights @ self._shapes)
         self._offset()
@@ -127,3 +128,20 @@ class LiveTwin:
     def _offset(self) -> None:
         # reading = ambient + gain (T - ambient)
         self._channel_offset = self._reference - ZERO_CELSIUS + (1 - self._gain) * self._ambient
+
+
+@jax.jit
+def _advance(
+    amplitudes: jax.Array | np.ndarray,
+    inputs: jax.Array | np.ndarray,
+    steps: jax.Array | int,
+    equations: tuple[StepFactors, System, Modes, jax.Array],
+) -> jax.Array:
+    """`steps` steps under duty and ambient `(cells + 1,)`; compiled once for a rig."""
+    factors, system, modes, reference = equations
+    now = Inputs(inputs[:-1], inputs[-1])
+
+    def step(_: jax.Array, z: jax.Array) -> jax.Array:
+        return exponential_step(z, factors, system, modes, now, reference)[0]
+
+    return jax.lax.fori_loop(0, steps, step, amplitudes)

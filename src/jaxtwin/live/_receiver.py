@@ -52,7 +52,7 @@ class Receiver:
         dropped, since a dead peer and a silent one look the same.
     """
 
-    def __init__(self, link: str, identity: Identity, *, stale_after: float = 2.0):
+    def __init__(self, link: str, identity: Identity, *, stale_after: float | int = 2.0):
         self.state = LinkState.DOWN
         self.hello: Hello | None = None
         self.verdict: str | None = None

@@ -46,7 +46,7 @@ class Replay:
     **Raises:** `RecordingError` where it is no recording.
     """
 
-    def __init__(self, file: str | Path, *, speed: float = 1.0, clock: Clock | None = None):
+    def __init__(self, file: str | Path, *, speed: float | int = 1.0, clock: Clock | None = None):
         self.clock: Clock = clock or SystemClock()
         self.states: dict[str, LinkState] = {}
         self.session = Session(file)
@@ -80,7 +80,7 @@ class Replay:
         self._views.append(view)
         return view
 
-    def poll(self, timeout: float = 0.1) -> list[Record]:
+    def poll(self, timeout: float | int = 0.1) -> list[Record]:
         """What is due by now, after waiting at most `timeout` seconds for it."""
         if self._begin is None:
             self._begin = self.clock.now()

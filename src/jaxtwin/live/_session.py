@@ -141,7 +141,11 @@ class Session:
         return self._series("samples", ("ambient_degC",), where, clocks)
 
     def experiment(
-        self, *, step: float = 1.0, start: float | None = None, end: float | None = None
+        self,
+        *,
+        step: float | int = 1.0,
+        start: float | int | None = None,
+        end: float | int | None = None,
     ) -> Experiment:
         """The recording on an even grid, by the rule of `_grid`: nothing is filled in.
 
@@ -222,22 +226,27 @@ class Session:
 
 def _open(file: Path) -> sqlite3.Connection:
     """Opened for reading: a recorder is never held up, and nothing is changed."""
-    location = f"file:{quote(str(file.absolute()))}"
-    database = sqlite3.connect(f"{location}?mode=ro", uri=True, isolation_level=None)
     try:
-        database.execute("PRAGMA user_version").fetchone()
-        return database
+        return _connect(file, "ro", "NORMAL")
     except sqlite3.DatabaseError as error:
-        database.close()
         if is_locked(file):
             raise RecordingError(f"{file}: cannot be read: {error}") from None
     # Read-only, SQLite needs room for a small index beside the file. Where a full disk or a
     # folder without write access denies that, the index is kept in memory; that needs the file
     # for itself, and so nobody recording into it.
     try:
-        database = sqlite3.connect(f"{location}?mode=rw", uri=True, isolation_level=None)
-        database.execute("PRAGMA locking_mode = EXCLUSIVE")
-        database.execute("PRAGMA user_version").fetchone()
-        return database
+        return _connect(file, "rw", "EXCLUSIVE")
     except sqlite3.DatabaseError as error:
         raise RecordingError(f"{file}: cannot be read: {error}") from None
+
+
+def _connect(file: Path, mode: str, locking: str) -> sqlite3.Connection:
+    location = f"file:{quote(str(file.absolute()))}?mode={mode}"
+    database = sqlite3.connect(location, uri=True, isolation_level=None)
+    try:
+        database.execute(f"PRAGMA locking_mode = {locking}")
+        database.execute("PRAGMA user_version").fetchone()
+    except sqlite3.DatabaseError:
+        database.close()
+        raise
+    return database

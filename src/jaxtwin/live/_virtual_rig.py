@@ -59,12 +59,12 @@ class VirtualRig:
         self,
         twin: Twin,
         *,
-        speed: float = 1.0,
+        speed: float | int = 1.0,
         seed: int = 0,
-        camera_hz: float = 9.0,
-        controller_hz: float = 10.0,
+        camera_hz: float | int = 9.0,
+        controller_hz: float | int = 10.0,
         faults: Faults | None = None,
-        watchdog: float = 2.0,
+        watchdog: float | int = 2.0,
     ):
         rig = twin.rig
         self.faults = faults or Faults()
@@ -77,7 +77,7 @@ class VirtualRig:
         self._random = np.random.default_rng(seed)
         self._picture = Picture(twin, np.asarray(self.twin.system.gain))
         self._periods = {"data": 1 / controller_hz, "image": 1 / camera_hz}
-        self._next = {"data": 0.0, "image": 0.0}
+        self._made = {"data": 0, "image": 0}
         self._seq = {"data": 0, "image": 0, "event": 0}
         self._start: int | None = None
         self._commanded = 0.0
@@ -94,8 +94,8 @@ class VirtualRig:
             cells=tuple(wire_name(cell) for cell in self._cells),
             camera=(rig.camera.width, rig.camera.height),
             counts=rig.driver.counts,
-            watchdog=watchdog,
-            rate=speed,
+            watchdog=float(watchdog),
+            rate=float(speed),
         )
 
     def connected(self) -> bytes:
@@ -125,14 +125,16 @@ class VirtualRig:
         rate = self.hello.rate
         until = (now - self._start) * 1e-9 * rate
         for stream, period in self._periods.items():
-            behind = until - self._next[stream] - MOST_BEHIND * rate
-            if behind > 0:
-                self._next[stream] += period * np.ceil(behind / period)
+            self._made[stream] = max(self._made[stream], int((until - MOST_BEHIND * rate) / period))
         sent, self._answer = [self._answer], b""
-        while min(self._next.values()) <= until:
-            stream = min(self._next, key=lambda name: self._next[name])
-            time = self._next[stream]
-            self._next[stream] += self._periods[stream]
+        while True:
+            # Multiples of the period: sums of it would drift.
+            due = {name: made * self._periods[name] for name, made in self._made.items()}
+            stream = min(due, key=lambda name: due[name])
+            time = due[stream]
+            if time > until:
+                break
+            self._made[stream] += 1
             sent += self._happens(time)
             sent.append(self._message(stream, time))
         return b"".join(sent)
