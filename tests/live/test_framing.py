@@ -1,6 +1,7 @@
 """Framing: the same frames whatever the chunking, nothing damaged accepted, nothing unbounded."""
 
 import zlib
+from itertools import pairwise
 
 import hypothesis.strategies as st
 import pytest
@@ -23,7 +24,7 @@ def deframed(stream: bytes, cuts: list[int]) -> tuple[list[str | bytes], int, by
     places = sorted({min(cut, len(stream)) for cut in cuts} | {0, len(stream)})
     frames: list[str | bytes] = []
     discarded, rest = 0, b""
-    for begin, end in zip(places, places[1:], strict=False):
+    for begin, end in pairwise(places):
         found = deframe(rest, stream[begin:end])
         frames += found.frames
         discarded += found.discarded
@@ -117,5 +118,5 @@ def test_text_that_is_no_line_is_refused_on_sending(text: str) -> None:
     "payload", [b"", b"\x01", b"\x00\x00x", b"\x01\x01x", b"\x01\x00" * 40_000]
 )
 def test_a_payload_that_would_not_be_found_again_is_refused_on_sending(payload: bytes) -> None:
-    with pytest.raises(ValueError, match="payload|packet"):
+    with pytest.raises(ValueError, match=r"payload|packet"):
         encode_packet(payload)

@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 from hand_clock import START
 
-from jaxtwin.live import Event, Gap, Greeting, LinkChange, LinkState, Reading, Sample, encode
-from jaxtwin.live import _receiver
+from jaxtwin.live import (
+    Event,
+    Gap,
+    Greeting,
+    LinkChange,
+    LinkState,
+    Reading,
+    Sample,
+    _receiver,
+    encode,
+)
 from jaxtwin.live._identity import Identity
 from jaxtwin.live._link import Arrived
 from jaxtwin.live._messages import Ask, Data, Hello, Image, Message, Notice

@@ -30,7 +30,7 @@ from jaxtwin.live import (
     report,
 )
 from jaxtwin.live._faults import failed, loosened
-from jaxtwin.live._messages import Duty, Image
+from jaxtwin.live._messages import Duty
 from jaxtwin.live._picture import Picture
 from jaxtwin.physics import Twin, frame_to_channels
 from jaxtwin.rig import Rig
@@ -158,7 +158,7 @@ def test_faults_happen_when_they_should(twin: Twin) -> None:
     ["drop=2", "drop", "burn=1", "loosen=P1", "stall=1", "fail=P2@x", "jumps=nan", "jumps=-1"],
 )
 def test_a_fault_that_is_none_is_quoted(text: str) -> None:
-    with pytest.raises(JaxtwinError, match="allowed are words like drop=0.01"):
+    with pytest.raises(JaxtwinError, match="allowed are words like drop="):
         Faults.parse(text)
 
 

@@ -4,7 +4,7 @@ import heapq
 import json
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any, final
 
@@ -26,6 +26,8 @@ from ._records import (
 from ._session import Session
 from ._tables import Columns
 from ._time import Clock, SystemClock
+
+Rows = Generator[Record, None, None]
 
 MOST_AT_ONCE = 1000
 """Records that one poll returns at most."""
@@ -51,7 +53,9 @@ class Replay:
         self.states: dict[str, LinkState] = {}
         self.session = Session(file)
         self._speed = speed
-        self._records = self._all()
+        self._tables = self._all()
+        # Of records that arrived together, greetings come first: the others refer to them.
+        self._records = heapq.merge(*self._tables, key=lambda record: record.arrival)
         self._upcoming: Record | None = next(self._records, None)
         self._views: list[View] = []
         self._begin: int | None = None
@@ -102,6 +106,8 @@ class Replay:
 
     def close(self) -> None:
         """Lets the file go."""
+        for table in self._tables:  # their cursors first
+            table.close()
         self.session.close()
 
     def _is_due(self) -> bool:
@@ -115,8 +121,8 @@ class Replay:
         recorded = (self._upcoming.arrival - self._first) * 1e-9
         return recorded / self._speed - (self.clock.now() - self._begin) * 1e-9
 
-    def _all(self) -> Iterator[Record]:
-        """All tables, merged by arrival; each is read as it is needed."""
+    def _all(self) -> tuple[Rows, ...]:
+        """The records of each table; read as they are needed."""
         database = self.session.database
         columns = Columns.of(self.session.metadata)
         height, width = self.session.metadata["camera"][::-1]
@@ -125,11 +131,11 @@ class Replay:
             for number, link, boot in database.execute("SELECT id, link, boot FROM greetings")
         }
 
-        def rows(query: str) -> Iterator[tuple[Any, ...]]:
+        def rows(query: str) -> Generator[tuple[Any, ...], None, None]:
             # A cursor of its own: five are read in turns.
             yield from sqlite3.Cursor(database).execute(query)
 
-        def greetings() -> Iterator[Record]:
+        def greetings() -> Rows:
             for link, arrival, hello in rows(
                 "SELECT link, arrival, hello FROM greetings ORDER BY id"
             ):
@@ -138,7 +144,7 @@ class Replay:
                     content[field] = tuple(content[field]) if content[field] is not None else None
                 yield Greeting(link, arrival, Hello(**content))
 
-        def changes_and_events() -> Iterator[Record]:
+        def changes_and_events() -> Rows:
             query = "SELECT link, arrival, device_us, kind, detail FROM events ORDER BY id"
             for link, arrival, device_us, kind, detail in rows(query):
                 if kind.startswith("link-"):
@@ -147,20 +153,20 @@ class Replay:
                 else:
                     yield Event(link, arrival, kind, detail, device_us)
 
-        def gaps() -> Iterator[Record]:
+        def gaps() -> Rows:
             for row in rows('SELECT link, arrival, stream, "first", count FROM gaps ORDER BY id'):
                 yield Gap(*row)
 
-        def commands() -> Iterator[Record]:
+        def commands() -> Rows:
             for _, _, link, arrival, number, *pwm in rows("SELECT * FROM commands ORDER BY id"):
                 yield Command(link, arrival, number, tuple(pwm))
 
-        def samples() -> Iterator[Record]:
+        def samples() -> Rows:
             for row in rows("SELECT * FROM samples ORDER BY id"):
                 _, greeting, arrival, device_us, seq, ambient, *pwm = row
                 yield Sample(*devices[greeting], arrival, device_us, seq, tuple(pwm), ambient)
 
-        def readings() -> Iterator[Record]:
+        def readings() -> Rows:
             names = ", ".join(f'"{name}"' for name in columns.temperatures)
             query = (
                 f"SELECT greeting, arrival, device_us, seq, recalibrating, pixels, {names} "
@@ -180,6 +186,4 @@ class Replay:
                     pixels,
                 )
 
-        # Of records that arrived together, greetings come first: the others refer to them.
-        order = (greetings(), changes_and_events(), gaps(), commands(), samples(), readings())
-        yield from heapq.merge(*order, key=lambda record: record.arrival)
+        return greetings(), changes_and_events(), gaps(), commands(), samples(), readings()

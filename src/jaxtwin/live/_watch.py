@@ -143,7 +143,7 @@ def _labels(where: np.ndarray, texts: Sequence[str]) -> dict[tuple[int, int], st
         if not len(rows):
             continue
         # In its middle row, or the next one where another channel leaves room.
-        for row in sorted(set(rows), key=lambda row: abs(row - np.mean(rows))):
+        for row in sorted(set(rows.tolist()), key=lambda row: abs(row - np.mean(rows))):
             first = int(np.median(columns[rows == row])) - len(text) // 2
             if first >= 0 and (where[row, first : first + len(text)] == number).all():
                 labels |= {(row, first + place): letter for place, letter in enumerate(text)}
