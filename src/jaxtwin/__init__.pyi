@@ -7,9 +7,28 @@ from ._errors import ParameterError as ParameterError
 from ._errors import RecordingError as RecordingError
 from ._errors import RigError as RigError
 from ._errors import SimulationError as SimulationError
+from .io import Experiment as Experiment  # inputs and recorded outputs of one run
+from .io import fetch_recordings as fetch_recordings  # the authors' recordings, by checksum
+from .io import find_recordings as find_recordings  # where they are on this machine
+from .io import read_recording as read_recording  # .mat, .csv or .nc -> Experiment
+from .io import write_recording as write_recording  # Experiment -> .csv or .nc
+from .matching import Fit as Fit  # what a match gives
+from .matching import match as match  # parameters from recordings
+from .physics import Netlist as Netlist  # nodes, links, cells: the common form of every rig
+from .physics import ThermoelectricModule as ThermoelectricModule  # a Peltier cell; DC sweeps
+from .physics import Twin as Twin  # a rig with values for its parameters
+from .physics import build_netlist as build_netlist  # Rig -> Netlist
+from .physics import frame_to_channels as frame_to_channels  # camera frame -> zone means
 from .rig import Rig as Rig  # a rig file, read and checked
 from .rig import bundled_rigs as bundled_rigs  # names of the rigs that come along
 from .rig import load_rig as load_rig  # a bundled rig, or one's own .toml
+from .rig import read_parameters as read_parameters  # values that a fit saved
+from .sensitivity import Sensitivity as Sensitivity  # what a sensitivity analysis gives
+from .sensitivity import sensitivity as sensitivity  # which parameters matter
+from .simulation import Run as Run  # what a simulation gives
+from .simulation import response as response  # the same as a pure JAX function
+from .simulation import simulate as simulate  # one run
+from .simulation import simulate_batch as simulate_batch  # many draws
 
 __all__: list[str]
 __version__: str

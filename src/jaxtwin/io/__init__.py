@@ -5,7 +5,7 @@ from ._fetch import fetch_recordings
 from ._locate import find_recordings
 from ._published import SINGLE_CELL, TWO_CELL, PublishedRecording
 from ._read import read_recording
-from ._write import write_recording
+from ._write import save_dataset, write_recording
 
 __all__ = [
     "SINGLE_CELL",
@@ -15,5 +15,6 @@ __all__ = [
     "fetch_recordings",
     "find_recordings",
     "read_recording",
+    "save_dataset",
     "write_recording",
 ]

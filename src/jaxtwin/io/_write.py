@@ -1,14 +1,18 @@
 """Writing a recording to a file, so that it is there as a whole or not at all."""
 
 import os
-import uuid
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .._errors import RecordingError
+from .._whole_file import write_whole_file
 from ._csv import format_csv
 from ._experiment import Experiment
 from ._netcdf import format_netcdf
 from ._read import check_no_gap
+
+if TYPE_CHECKING:
+    import xarray
 
 
 def write_recording(experiment: Experiment, path: str | Path) -> Path:
@@ -41,16 +45,19 @@ def write_recording(experiment: Experiment, path: str | Path) -> Path:
     except RecordingError as error:
         raise RecordingError(f"{file}: not written: {error}") from None
     content = format_netcdf(experiment) if ending == ".nc" else format_csv(experiment).encode()
-    # Beside the file, so that the last step is a rename on one disk: it happens or it does not.
-    part = file.with_name(f".{file.name}.{uuid.uuid4().hex}.part")
-    try:
-        with part.open("xb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.replace(file)
-    except OSError as error:
-        raise RecordingError(f"{file}: cannot be written: {error.strerror}") from None
-    finally:
-        part.unlink(missing_ok=True)
+    write_whole_file(file, content, RecordingError)
     return file
+
+
+def save_dataset(dataset: "xarray.Dataset", path: str | os.PathLike[str]) -> None:
+    """Writes labelled results as netCDF 3, which needs no extra library to write or read.
+
+    **Raises:** `RecordingError` where the file cannot be written.
+    """
+    plain = dataset.copy()
+    for name, variable in plain.variables.items():
+        # netCDF 3 has no booleans.
+        if variable.dtype == bool:
+            plain[name] = plain[name].astype("int8")
+    content = bytes(plain.to_netcdf(engine="scipy"))
+    write_whole_file(path, content, RecordingError)

@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ._driver import Bridge, CellHeat
 from ._thermoelectric import ThermoelectricModule
@@ -110,7 +110,7 @@ class System(eqx.Module):
         def residual(deviation: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
             return self.heat_into_nodes(deviation, duty, reference)
 
-        def newton(_: int, deviation: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
+        def newton(_: Int[Array, ""], deviation: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
             slope = jax.jacfwd(residual)(deviation)
             return deviation - jnp.linalg.solve(slope, residual(deviation))
 

@@ -19,6 +19,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 from jaxtyping import Array, ArrayLike, Float
 
 from .._errors import ParameterError
@@ -46,10 +47,10 @@ class ThermoelectricModule(eqx.Module):
         cls,
         name: str | None = None,
         *,
-        maximum_voltage: float | None = None,
-        maximum_current: float | None = None,
-        maximum_temperature_difference: float | None = None,
-        hot_side_temperature: float | None = None,
+        maximum_voltage: float | int | None = None,
+        maximum_current: float | int | None = None,
+        maximum_temperature_difference: float | int | None = None,
+        hot_side_temperature: float | int | None = None,
     ) -> "ThermoelectricModule":
         r"""A module from its datasheet, eq. (10) of the paper:
 
@@ -136,16 +137,16 @@ class ThermoelectricModule(eqx.Module):
 
     def dc_sweep(
         self,
-        currents: Float[ArrayLike, " currents"] | list[float],
-        delta_T: Float[ArrayLike, " differences"] | list[float],
-        T_hot: float,
+        currents: npt.ArrayLike,
+        delta_T: npt.ArrayLike,
+        T_hot: float | int,
     ) -> DCSweep:
         """Heat flow and coefficient of performance over the current, Fig. 11 of the paper.
 
         **Arguments:**
 
-        - `currents`: A.
-        - `delta_T`: differences hot - cold, one curve each, K.
+        - `currents`: `(currents,)`, A.
+        - `delta_T`: `(differences,)`, hot - cold, one curve each, K.
         - `T_hot`: hot side temperature, K; the cold side is at `T_hot - delta_T`.
 
         **Returns:** a `DCSweep`.
@@ -153,8 +154,8 @@ class ThermoelectricModule(eqx.Module):
         **Raises:** `ParameterError` where a difference is not below `T_hot` or a number is not
         finite.
         """
-        I = np.atleast_1d(np.asarray(currents, float))  # noqa: E741
-        dT = np.atleast_1d(np.asarray(delta_T, float))
+        I = np.ravel(np.asarray(currents, float))  # noqa: E741
+        dT = np.ravel(np.asarray(delta_T, float))
         if not np.isfinite([*I, *dT, T_hot]).all() or (dT >= T_hot).any():
             raise ParameterError(
                 f"dc_sweep: found T_hot = {T_hot} K, differences {dT} K and currents {I} A, "
@@ -168,7 +169,7 @@ class ThermoelectricModule(eqx.Module):
         return DCSweep(current=I, delta_T=dT, T_hot=float(T_hot), heat_flow=pumped, power=power)
 
 
-def _above_zero(field: str, value: float | None) -> float:
+def _above_zero(field: str, value: float | int | None) -> float:
     if value is None or not 0 < value < np.inf:
         raise ParameterError(f"{field}: found {value}, allowed is a number above 0")
     return float(value)

@@ -17,10 +17,10 @@ import reprlib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NoReturn
 
 from .._errors import ParameterError
+from .._whole_file import write_whole_file
 from ._bundled import read_toml
 from ._parameter import Parameter
 from ._problems import refuse, unknown
@@ -63,7 +63,7 @@ def write_parameters(
     for recording, values in (recordings or {}).items():
         text += f"\n[recordings.{_quoted(recording)}]\n"
         text += "".join(f"{name} = {float(value)!r}\n" for name, value in values.items())
-    _replace(source, text)
+    write_whole_file(source, text.encode("utf-8", "replace"), ParameterError)
 
 
 def parameters_toml(parameters: Iterable[Parameter]) -> str:
@@ -158,24 +158,6 @@ def _bounded(source: str, field: str, value: float, parameter: Parameter) -> flo
     if not (lower <= value <= upper and math.isfinite(value)):
         _refuse(source, field, f"found {value:g}, allowed is {lower:g} to {upper:g}")
     return value
-
-
-def _replace(source: str, text: str) -> None:
-    # Written beside its place and then moved there: a reader never sees half a file, and a full
-    # disk leaves the old one as it was.
-    path = Path(source)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        try:
-            with part.open("xb") as file:
-                file.write(text.encode("utf-8", "replace"))
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as problem:
-        _refuse(source, "", f"cannot be written ({problem.strerror or problem})")
 
 
 def _quoted(text: str) -> str:

@@ -4,20 +4,24 @@ The default solver is exponential time differencing in the modes of the thermal 
 grid that is fine after each input change; any diffrax solver can take its place.
 """
 
+from ._batch import Reductions, simulate_batch
 from ._exponential import reference_temperature, solve_schedule
 from ._measures import fit_percent, rmse
 from ._run import Run
 from ._schedule import Schedule, build_schedule
-from ._simulate import response, simulate
+from ._simulate import checked_channels, response, simulate
 
 __all__ = [
+    "Reductions",
     "Run",
     "Schedule",
     "build_schedule",
+    "checked_channels",
     "fit_percent",
     "reference_temperature",
     "response",
     "rmse",
     "simulate",
+    "simulate_batch",
     "solve_schedule",
 ]

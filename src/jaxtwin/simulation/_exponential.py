@@ -138,9 +138,7 @@ class StepFactors(eqx.Module):
     last: Float[Array, "*sizes modes"]
 
 
-def step_factors(
-    rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]
-) -> StepFactors:
+def step_factors(rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]) -> StepFactors:
     """The factors for one or several step sizes."""
     h = jnp.asarray(sizes, rates.dtype)[..., None]
     decay, phi1, phi2, phi3 = _phi(rates * h)
@@ -193,6 +191,7 @@ def solve_schedule(
     schedule: Schedule,
     initial: Float[Array, " nodes"],
     readout: Float[Array | np.ndarray, "outputs nodes"],
+    modes: Modes | None = None,
 ) -> Float[Array, "times outputs"]:
     """Runs a network through a schedule.
 
@@ -202,13 +201,14 @@ def solve_schedule(
     - `schedule`: steps, inputs and samples.
     - `initial`: absolute node temperatures at the start, K.
     - `readout`: which weighted sums of node temperatures to return.
+    - `modes`: of the system, where they are known already.
 
     **Returns:** the sums of the nodes' deviations from the reference at each sample, K.
     The reference is `reference_temperature(system, schedule)`.
     """
     dtype = system.capacitance.dtype
     reference = reference_temperature(system, schedule)
-    modes = network_modes(system)
+    modes = network_modes(system) if modes is None else modes
     # The inverse of the shapes is shapes^T C with the capacitances that made them.
     weighted = jax.lax.stop_gradient(system.capacitance) * (initial - reference)
     start = modes.shapes.T @ weighted
@@ -235,10 +235,7 @@ def solve_schedule(
     w = jnp.asarray(schedule.weights, dtype)[..., None]
     at = jnp.asarray(schedule.step_of)
     return (
-        w[:, 0] * starts[at]
-        + w[:, 1] * slopes_0[at]
-        + w[:, 2] * ends[at]
-        + w[:, 3] * slopes_1[at]
+        w[:, 0] * starts[at] + w[:, 1] * slopes_0[at] + w[:, 2] * ends[at] + w[:, 3] * slopes_1[at]
     )
 
 

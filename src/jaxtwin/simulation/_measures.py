@@ -19,8 +19,6 @@ def fit_percent(
         return 100 * (1 - error / spread)
 
 
-def rmse(
-    recorded: Float[np.ndarray, "*shape"], simulated: Float[np.ndarray, "*shape"]
-) -> float:
+def rmse(recorded: Float[np.ndarray, "*shape"], simulated: Float[np.ndarray, "*shape"]) -> float:
     """Root of the mean squared error over all samples and channels, K."""
     return float(np.sqrt(np.mean((recorded - simulated) ** 2)))

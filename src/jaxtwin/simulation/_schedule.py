@@ -89,10 +89,16 @@ def build_schedule(
 
 
 def _graded(duration: float, first: float, growth: float, largest: float) -> list[float]:
-    """Steps that fill a span, doubling as time goes by."""
-    steps, elapsed = [], 0.0
-    # A drive that changes at every sample never comes to rest: a step a sample is enough.
-    first = max(first, min(1.0, duration)) if duration <= 4 * first else first
+    """Steps that fill a span between two input changes, doubling as time goes by.
+
+    The first one comes in nine parts, each twice the last: right after a change the sides of a
+    cell may settle within milliseconds, which temperatures elsewhere forgive but derivatives with
+    respect to the resistances there do not.
+    A drive that changes at every sample never comes to rest: a step a sample is enough for it.
+    """
+    if duration <= 4 * first:
+        return [duration]
+    steps, elapsed = [first / 2**8] + [first / 2**k for k in range(8, 0, -1)], first
     while duration - elapsed > 1e-9:
         wanted = min(max(first, growth * elapsed), largest, duration - elapsed)
         size = first * 2.0 ** np.floor(np.log2(wanted / first) + 1e-9)

@@ -1,0 +1,216 @@
+"""What a match gives."""
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal, final
+
+import numpy as np
+
+from ..io import Experiment
+from ..physics import Twin
+from ..rig import Parameter, write_parameters
+from ..simulation import Run
+from ._summary import summary_table
+
+
+@final
+@dataclass(frozen=True)
+class FittedParameter:
+    """One row of Table 4 of the paper.
+
+    **Arguments:**
+
+    - `name`, `unit`, `description`, `free`, `scope`: as in the rig's parameter table.
+    - `initial`, `value`: before and after, in `unit`. Where each recording has its own, their mean.
+    - `published`: what the rig's parameter set `published` says, None where it says nothing.
+    - `lower`, `upper`: bounds of the match.
+    - `at_bound`: whether it ended on one: what the data would rather have lies outside.
+    - `standard_error`: in `unit`, from the curvature of the cost, residuals taken as independent;
+      infinite where the data do not tell, NaN where the parameter was held or ended at a bound.
+    """
+
+    name: str
+    unit: str
+    description: str
+    free: bool
+    scope: Literal["shared", "recording"]
+    initial: float
+    value: float
+    published: float | None
+    lower: float
+    upper: float
+    at_bound: bool
+    standard_error: float
+
+
+@final
+@dataclass(frozen=True)
+class Iteration:
+    """One step of the optimiser, for Fig. 14 of the paper.
+
+    - `number`: 0 is the start. `start`: of which of several starts.
+    - `cost`: mean squared error, eq. (11), K^2. `rmse`: its root, K.
+    - `gradient`: largest cosine between residual and Jacobian column, 0 at an optimum.
+    - `accepted`: whether the step was taken.
+    - `parameters`: name -> value; those with a value for each recording as `name[recording]`.
+    """
+
+    number: int
+    start: int
+    cost: float
+    rmse: float
+    gradient: float
+    accepted: bool
+    parameters: Mapping[str, float]
+
+
+@final
+@dataclass(frozen=True)
+class Optimum:
+    """Where one of several starts ended: `rmse` (K), `iterations`, `status`, `parameters`."""
+
+    start: int
+    rmse: float
+    iterations: int
+    status: str
+    converged: bool
+    parameters: Mapping[str, float]
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class Fit:
+    """A twin matched to recordings.
+
+    **Arguments:**
+
+    - `twin`: with the fitted values; those of the first recording where each has its own.
+    - `recordings`: names.
+    - `experiments`: the recordings.
+    - `parameters`: a row for every parameter of the rig.
+    - `recording_values`: recording -> name -> value, for parameters with one for each recording.
+    - `fit_percent`: (recording, channel) -> NRMSE fit, %.
+    - `rmse`: over all channels, K.
+    - `status`, `converged`: why the best start stopped, and whether at an optimum.
+    - `history`: all iterations of the best start. `optima`: where every start ended, best first.
+    - `wall_time`: s, with compilation.
+    - `runs`: recording -> the fitted twin's run.
+    """
+
+    twin: Twin
+    recordings: tuple[str, ...]
+    experiments: tuple[Experiment, ...]
+    parameters: tuple[FittedParameter, ...]
+    recording_values: Mapping[str, Mapping[str, float]]
+    fit_percent: Mapping[tuple[str, str], float]
+    rmse: float
+    status: str
+    converged: bool
+    history: tuple[Iteration, ...]
+    optima: tuple[Optimum, ...]
+    wall_time: float
+    runs: Mapping[str, Run]
+
+    @property
+    def mean_fit_percent(self) -> float:
+        """Mean of the fits of all channels of all recordings, %."""
+        return float(np.mean(list(self.fit_percent.values())))
+
+    @property
+    def twins(self) -> dict[str, Twin]:
+        """Recording -> twin with the values of that recording."""
+        return {
+            name: self.twin.with_parameters(values)
+            for name, values in self.recording_values.items()
+        }
+
+    def parameter(self, name: str) -> FittedParameter:
+        """The row of one parameter.
+
+        **Raises:** `KeyError` where the rig has none of this name.
+        """
+        rows = {row.name: row for row in self.parameters}
+        return rows[name]
+
+    def summary(self) -> str:
+        """The parameters in the layout of Table 4 of the paper, and the fit of each channel."""
+        return summary_table(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result in plain types for JSON; infinite and missing numbers become None."""
+        rows = [
+            {field: _plain(getattr(row, field)) for field in FittedParameter.__dataclass_fields__}
+            for row in self.parameters
+        ]
+        fits: dict[str, dict[str, float | None]] = {name: {} for name in self.recordings}
+        for (recording, channel), value in self.fit_percent.items():
+            fits[recording][channel] = _plain(value)
+        return {
+            "rig": self.twin.rig.name,
+            "mean_fit_percent": _plain(self.mean_fit_percent),
+            "rmse_K": self.rmse,
+            "status": self.status,
+            "converged": self.converged,
+            "iterations": len(self.history) - 1,
+            "wall_time_s": self.wall_time,
+            "parameters": rows,
+            "recordings": {name: dict(values) for name, values in self.recording_values.items()},
+            "fit_percent": fits,
+            "optima": [
+                {
+                    "start": one.start,
+                    "rmse_K": _plain(one.rmse),
+                    "iterations": one.iterations,
+                    "status": one.status,
+                    "converged": one.converged,
+                    "parameters": {name: _plain(v) for name, v in one.parameters.items()},
+                }
+                for one in self.optima
+            ],
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the fitted parameters in the form of a rig file's parameter table.
+
+        **Raises:** `ParameterError` where the file cannot be written.
+        """
+        write_parameters(
+            path,
+            fitted_table(self.twin.rig.parameters, self.parameters),
+            recordings={k: v for k, v in self.recording_values.items() if v} or None,
+            comment=(
+                f"{self.twin.rig.name} matched to {', '.join(self.recordings)}\n"
+                f"mean fit {self.mean_fit_percent:.2f} %, RMSE {self.rmse:.4f} K\n{self.status}"
+            ),
+        )
+
+    def __repr__(self) -> str:
+        return (
+            f"<Fit of {self.twin.rig.name} to {len(self.recordings)} recordings: "
+            f"{self.mean_fit_percent:.2f} %, RMSE {self.rmse:.3f} K, {self.status}>"
+        )
+
+
+def fitted_table(
+    table: Mapping[str, Parameter], rows: tuple[FittedParameter, ...]
+) -> list[Parameter]:
+    """The rig's parameter table with fitted values, bounds, free flags and scopes."""
+    return [
+        replace(
+            table[row.name],
+            value=row.value,
+            lower=row.lower,
+            upper=row.upper,
+            free=row.free,
+            scope=row.scope,
+        )
+        for row in rows
+    ]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

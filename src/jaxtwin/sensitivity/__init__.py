@@ -1,0 +1,8 @@
+"""Sensitivity analysis: which parameters matter, step 4 of the paper."""
+
+from ._indices import pearson, pearson_interval
+from ._monte_carlo import sensitivity
+from ._sampling import normal_draws
+from ._sensitivity import Sensitivity
+
+__all__ = ["Sensitivity", "normal_draws", "pearson", "pearson_interval", "sensitivity"]

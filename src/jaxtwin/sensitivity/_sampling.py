@@ -1,0 +1,44 @@
+"""Random draws of parameters, the same for a seed whatever part of them is asked for."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtr, ndtri
+
+BLOCK = 1024
+"""Draws made from one state of the generator; a part of a long sweep starts at its block."""
+
+
+def normal_draws(
+    values: Mapping[str, float], spread: float, seed: int, stop: int, start: int = 0
+) -> dict[str, Float[np.ndarray, " draws"]]:
+    """Independent normal draws around values, kept on the values' side of zero.
+
+    The normal distribution has its mean at the value and a standard deviation of `spread` times it,
+    and is cut off at zero: a resistance stays one.
+
+    **Arguments:**
+
+    - `values`: name -> mean.
+    - `spread`: standard deviation as a part of the mean.
+    - `seed`: the same seed gives the same draws, whatever `start` and `stop`.
+    - `stop`, `start`: draws start ... stop - 1 of the endless sequence.
+    """
+    first = start // BLOCK
+    blocks = range(first, -(-stop // BLOCK))
+    uniform = np.concatenate(
+        [
+            np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, block])).random(
+                (BLOCK, len(values))
+            )
+            for block in blocks
+        ]
+    )[start - first * BLOCK : stop - first * BLOCK]
+    # The part below zero, of the standard normal distribution.
+    below = ndtr(-1 / spread) if spread > 0 else 0.0
+    scores = ndtri(below + uniform * (1 - below))
+    return {
+        name: value * (1 + spread * scores[:, column])
+        for column, (name, value) in enumerate(values.items())
+    }

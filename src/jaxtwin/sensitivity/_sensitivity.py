@@ -1,0 +1,131 @@
+"""What a sensitivity analysis gives."""
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .._errors import ParameterError
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+
+MEAN = "mean"
+"""The mean cost of all channels, beside theirs."""
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class Sensitivity:
+    """Correlation of parameters with costs over random draws.
+
+    **Arguments:**
+
+    - `rig`: name. `names`, `values`: of the parameters that were drawn, and what around.
+    - `channels`: the recorded channels and "mean".
+    - `correlation`: Pearson's, `(channels, parameters)`; `interval`: its 95 % interval.
+    - `samples`: `(draws, parameters)`, in the parameters' units.
+    - `cost`: mean squared error of each channel and their mean, `(draws, channels)`, K^2.
+    - `failed`: draws that gave no finite temperatures; they do not count.
+    - `spread`, `seed`: of the draws. `wall_time`: s, with compilation.
+    """
+
+    rig: str
+    names: tuple[str, ...]
+    values: Float[np.ndarray, " parameters"]
+    channels: tuple[str, ...]
+    correlation: Float[np.ndarray, "channels parameters"]
+    interval: Float[np.ndarray, "channels parameters 2"]
+    samples: Float[np.ndarray, "draws parameters"]
+    cost: Float[np.ndarray, "draws channels"]
+    failed: Bool[np.ndarray, " draws"]
+    spread: float
+    seed: int
+    wall_time: float
+
+    def ranking(self, channel: str = MEAN) -> tuple[str, ...]:
+        """Parameters from the strongest to the weakest correlation.
+
+        **Raises:** `ParameterError` where there is no such channel.
+        """
+        strength = np.abs(self.correlation[self._row(channel)])
+        return tuple(self.names[column] for column in np.argsort(-strength, kind="stable"))
+
+    def tornado(self, channel: str = MEAN, ax: "Axes | None" = None) -> "Axes":
+        """Bars of the correlations, strongest on top, with their intervals: Fig. 16 of the paper.
+
+        **Raises:** `ParameterError` where there is no such channel.
+        """
+        from ..plots import plot_tornado
+
+        self._row(channel)
+        return plot_tornado(self, channel, ax=ax)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Everything with labels: dims draw, channel, parameter, bound."""
+        import xarray
+
+        return xarray.Dataset(
+            {
+                "correlation": (("channel", "parameter"), self.correlation, {"units": "1"}),
+                "interval": (("channel", "parameter", "bound"), self.interval, {"units": "1"}),
+                "sample": (("draw", "parameter"), self.samples),
+                "cost": (("draw", "channel"), self.cost, {"units": "K2"}),
+                "failed": ("draw", self.failed),
+                "value": ("parameter", self.values),
+            },
+            coords={
+                "channel": list(self.channels),
+                "parameter": list(self.names),
+                "bound": ["lower", "upper"],
+            },
+            attrs={"rig": self.rig, "spread": self.spread, "seed": self.seed},
+        )
+
+    def to_salib(self) -> dict[str, Any]:
+        """The problem in SALib's form, for its samplers and analysers: normal distributions."""
+        return {
+            "num_vars": len(self.names),
+            "names": list(self.names),
+            "bounds": [[value, self.spread * abs(value)] for value in self.values.tolist()],
+            "dists": ["norm"] * len(self.names),
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Correlations in plain types for JSON."""
+        return {
+            "rig": self.rig,
+            "draws": len(self.samples),
+            "failed": int(self.failed.sum()),
+            "spread": self.spread,
+            "seed": self.seed,
+            "wall_time_s": self.wall_time,
+            "correlation": {
+                channel: dict(zip(self.names, row.tolist(), strict=True))
+                for channel, row in zip(self.channels, self.correlation, strict=True)
+            },
+            "ranking": list(self.ranking()),
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes everything as netCDF, as a whole or not at all.
+
+        **Raises:** `RecordingError` where the file cannot be written.
+        """
+        from ..io import save_dataset
+
+        save_dataset(self.to_xarray(), path)
+
+    def _row(self, channel: str) -> int:
+        if channel not in self.channels:
+            raise ParameterError(
+                f"found channel {channel!r}, allowed are {', '.join(self.channels)}"
+            )
+        return self.channels.index(channel)
+
+    def __repr__(self) -> str:
+        strongest = ", ".join(self.ranking()[:3])
+        return f"<Sensitivity of {self.rig}: {len(self.samples)} draws, strongest {strongest}>"

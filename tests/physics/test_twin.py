@@ -1,0 +1,200 @@
+"""The twin: parameters in and out, transformations of JAX, derivatives, precision."""
+
+import dataclasses
+from collections.abc import Callable, Iterable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtwin import ParameterError, load_rig
+from jaxtwin.physics import Twin
+from jaxtwin.physics._wiring import wiring_of
+from jaxtwin.rig import Channel, Value
+
+
+def eager(twin: Twin) -> jax.Array:
+    """A number that every parameter moves: rates of change and readings of an uneven state."""
+    system = twin.system()
+    nodes = jnp.arange(len(twin.netlist.nodes))
+    ambient = system.ambient_temperature
+    deviation = system.initial_temperature - ambient + 10 * jnp.cos(nodes)
+    rate = system.heat_into_nodes(deviation, jnp.array([0.5, -0.3]), ambient) / system.capacitance
+    return jnp.sin(nodes) @ rate + 0.01 * system.channel_temperatures(deviation).sum()
+
+
+everything = eqx.filter_jit(eager)
+
+
+@eqx.filter_jit
+def rise_of_tam(twin: Twin) -> jax.Array:
+    """Steady rise of TAM at half duty, K."""
+    system = twin.system()
+    deviation = system.steady_state(jnp.full(2, 0.5), system.ambient_temperature)
+    return system.channel_temperatures(deviation)[twin.channels.index("TAM")]
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+    return Twin("dual-cell")
+
+
+def test_values_of_the_table_unless_others_are_given():
+    rig = load_rig("paper-2024")
+    twin = Twin(rig, {"R_E": 1.5, "C_esp": 1300})
+    assert list(twin.parameters) == list(rig.parameters)
+    assert float(twin.parameters["R_E"]) == 1.5
+    assert float(twin.parameters["C_esp"]) == 1300.0
+    assert float(twin.parameters["R_pc"]) == 0.09
+
+
+def test_new_values_leave_the_old_twin_alone(twin):
+    other = twin.with_parameters({"R_E": 2.5})
+    assert (float(other.parameters["R_E"]), float(twin.parameters["R_E"])) == (2.5, 1.97)
+    assert other.rig is twin.rig
+
+
+def test_parameter_sets_are_values_for_a_twin():
+    rig = load_rig("paper-2024")
+    published = Twin(rig, rig.parameter_sets["published"])
+    assert float(published.parameters["R_E"]) == 0.01
+    assert float(published.parameters["alpha"]) == pytest.approx(0.05077, abs=1e-5)
+
+
+def test_temperatures_are_given_in_the_unit_of_the_table():
+    with jax.enable_x64(True):
+        system = Twin("paper-2024", {"T_amb": 20.0}).system()
+        assert float(system.ambient_temperature) == pytest.approx(293.15, abs=1e-12)
+
+
+def test_unknown_parameter_is_refused_with_those_that_are_known():
+    with pytest.raises(ParameterError, match=r"dual-cell: unknown parameter 'R_e', .*R_E"):
+        Twin("dual-cell", {"R_e": 2.0})
+
+
+def test_unknown_parameter_of_a_changed_twin_is_refused(twin):
+    with pytest.raises(ParameterError, match="unknown parameter 'R_Tfx'"):
+        twin.with_parameters({"R_Tfx": 2.0})
+
+
+@pytest.mark.parametrize(
+    "value",
+    [np.nan, np.inf, -np.inf, np.array([1.0, np.nan]), jnp.array(jnp.inf), "2.0", None, 2j, True],
+    ids=repr,
+)
+def test_what_is_no_finite_number_is_refused(twin, value):
+    with pytest.raises(ParameterError, match=r"dual-cell: parameter R_E: found .* finite numbers"):
+        twin.with_parameters({"R_E": value})
+
+
+def test_unknown_cell_is_refused(twin):
+    with pytest.raises(ParameterError, match="found cell 'P3', allowed are P1, P2"):
+        twin.module("P3")
+
+
+def test_module_of_a_cell_has_the_twin_s_values(twin):
+    module = twin.with_parameters({"R_E": 2.25}).module("P2")
+    assert float(module.electrical_resistance) == 2.25
+    assert float(module.seebeck_coefficient) == 0.0508
+    assert module.optimum_current(290.0) == pytest.approx(0.0508 * 290 / 2.25)
+
+
+def test_compiled_and_plain_give_the_same(twin, float64):
+    assert float(everything(twin)) == pytest.approx(float(eager(twin)), rel=1e-12)
+
+
+def test_new_values_compile_nothing_anew(twin):
+    """The values are leaves, the rig is static."""
+    traces = []
+
+    @jax.jit
+    def traced(twin: Twin) -> jax.Array:
+        traces.append(twin)
+        return twin.system().capacitance
+
+    for value in (300.0, 400.0, 410):
+        traced(twin.with_parameters({"c_copper": value}))
+    traced(Twin("dual-cell"))  # read again: another rig object with the same contents
+    assert len(traces) == 1
+
+
+def test_draws_in_one_call_equal_draws_one_by_one(twin, float64):
+    """vmap over a twin whose parameters hold draws."""
+    draws = np.random.default_rng(0).uniform(1.5, 2.5, 5)
+    batch = jax.vmap(lambda R_E: everything(twin.with_parameters({"R_E": R_E})))(draws)
+    single = [float(everything(twin.with_parameters({"R_E": R_E}))) for R_E in draws]
+    np.testing.assert_allclose(batch, single, rtol=1e-12)
+    assert np.ptp(single) > 0.01
+
+
+def slopes(function: Callable[[Twin], jax.Array], twin: Twin, names: Iterable[str]) -> list[float]:
+    """Central differences, one parameter at a time."""
+    found = []
+    for name in names:
+        at = float(twin.parameters[name])
+        step = 1e-4 * abs(at)
+        above, below = (twin.with_parameters({name: at + way * step}) for way in (1, -1))
+        found.append(float(function(above) - function(below)) / (2 * step))
+    return found
+
+
+@pytest.mark.parametrize("name", ["paper-2024", "dual-cell"])
+def test_gradients_equal_finite_differences_in_every_parameter(name, float64):
+    """Forward and backward."""
+    twin = Twin(name)
+    values = {name: jnp.asarray(value) for name, value in twin.parameters.items()}
+
+    def of_values(values: dict[str, jax.Array]) -> jax.Array:
+        return everything(twin.with_parameters(values))
+
+    expected = slopes(everything, twin, values)
+    assert np.abs(expected).min() > 1e-8, "every parameter takes part"
+    for derivative in (jax.jacfwd, jax.grad):
+        found = jax.jit(derivative(of_values))(values)
+        np.testing.assert_allclose([found[name] for name in values], expected, rtol=1e-5, atol=1e-9)
+
+
+def test_gradient_of_a_steady_state_equals_finite_differences(float64):
+    """Newton's iterations are differentiated through, on a circuit whose symmetry gives it equal
+    eigenvalues."""
+    twin = Twin("paper-2024")
+    names = ("R_E", "R_pc", "R_Tez2", "R_ph", "alpha")
+    values = {name: jnp.asarray(twin.parameters[name]) for name in names}
+    found = jax.jit(jax.grad(lambda values: rise_of_tam(twin.with_parameters(values))))(values)
+    expected = slopes(rise_of_tam, twin, names)
+    np.testing.assert_allclose([found[name] for name in names], expected, rtol=1e-5)
+
+
+def test_precision_is_the_caller_s_and_values_keep_theirs(twin):
+    """Nothing switches float64 on behind one's back; float32 is good for the usual five digits."""
+    assert all(np.asarray(value).dtype == np.float64 for value in twin.parameters.values())
+    assert twin.system().conductance.dtype == jnp.float32
+    single = everything(twin)
+    assert single.dtype == jnp.float32
+    with jax.enable_x64(True):
+        double = everything(twin)
+        assert double.dtype == jnp.float64
+    assert float(single) == pytest.approx(float(double), rel=1e-5)
+
+
+def test_twin_prints_what_it_is(twin):
+    assert repr(twin) == "<Twin of dual-cell: 40 parameters>"
+
+
+def test_wiring_is_equal_for_rigs_of_equal_content_only():
+    """Compiled code is shared by equal wirings, so nothing that it depends on may be left out.
+
+    A circuit given link by link does not show how high its rows are, a zone's weights do.
+    """
+    rig = load_rig("paper-2024")
+    zone = Channel("zone", (), (0.0, 0.1), (0.0, 0.05), Value(1.0))
+    rig = dataclasses.replace(rig, channels=(zone,))
+    same = dataclasses.replace(rig, title="another title")
+    taller = dataclasses.replace(rig.plate, rows=(0.03, 0.05, 0.035))
+    other = dataclasses.replace(rig, plate=taller)
+    assert wiring_of(rig) == wiring_of(same)
+    assert hash(wiring_of(rig)) == hash(wiring_of(same))
+    assert wiring_of(rig) != wiring_of(other)
+    assert wiring_of(rig).channel_weights.tolist() != wiring_of(other).channel_weights.tolist()
