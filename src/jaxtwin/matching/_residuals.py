@@ -11,8 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from ..io import Experiment
 from ..physics import System, Twin
-from ..simulation import Schedule, build_schedule
-from ..simulation import reference_temperature, solve_schedule
+from ..simulation import Schedule, build_schedule, reference_temperature, solve_schedule
 from ._unknowns import Unknowns
 
 
@@ -87,7 +86,7 @@ def residuals(
         def simulated(
             values: dict[str, Float[Array, ""]], schedule: Schedule, columns: Int[Array, " columns"]
         ) -> Float[Array, "times channels"]:
-            system = problem.twin.with_parameters(values).system()
+            system = problem.twin.with_parameters(values).system(lumped=True)
             return channel_temperatures(system, schedule, columns) - 273.15
 
         readings = jax.vmap(simulated)(batched, group.schedule, group.columns)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import ParameterError, SimulationError
+from .._errors import SimulationError
 from ..io import Experiment
 from ..rig import AMBIENT, Rig, Value
 from ._netlist import Netlist, ThermoelectricElement
@@ -55,7 +55,7 @@ def to_spice(twin: Twin, experiment: Experiment, *, output: str = "temperatures.
             f"{experiment.name or 'the experiment'}: duty: found {experiment.n_cells} cells, "
             f"allowed are the {cells} of {twin.rig.name}"
         )
-    values = _values_si(twin)
+    values = twin.numbers_si
     ambient = experiment.ambient
     if ambient is None:
         ambient = twin.rig.ambient_temperature.evaluate(values) - 273.15
@@ -73,17 +73,6 @@ def to_spice(twin: Twin, experiment: Experiment, *, output: str = "temperatures.
             "",
         ]
     )
-
-
-def _values_si(twin: Twin) -> dict[str, float]:
-    values = {}
-    for name, value in twin.parameters.items():
-        if np.ndim(value) > 0:
-            raise ParameterError(
-                f"{twin.rig.name}: parameter {name}: found {np.size(value)} values, allowed is one"
-            )
-        values[name] = float(twin.rig.parameters[name].to_si(np.float64(value)))
-    return values
 
 
 def _head(twin: Twin, experiment: Experiment, values: Mapping[str, float]) -> list[str]:

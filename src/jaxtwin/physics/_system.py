@@ -16,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ._driver import Bridge, CellHeat
 from ._thermoelectric import ThermoelectricModule
@@ -36,6 +36,7 @@ class System(eqx.Module):
     - `bridge`: supply and switches.
     - `ambient_temperature`, `initial_temperature` of the nodes: absolute, K.
     - `gain`: of the channels.
+    - `physical`: whether all resistances and capacitances are above 0.
     """
 
     capacitance: Float[Array, " nodes"]
@@ -46,20 +47,24 @@ class System(eqx.Module):
     ambient_temperature: Float[Array, ""]
     initial_temperature: Float[Array, " nodes"]
     gain: Float[Array, " channels"]
+    physical: Bool[Array, ""]
     wiring: Wiring = eqx.field(static=True)
 
     @classmethod
     def assemble(cls, wiring: Wiring, parameters_si: dict[str, Float[Array, ""]]) -> "System":
         """Puts numbers into a wiring."""
-        conductances = 1 / wiring.resistances(parameters_si)
+        resistances = wiring.resistances(parameters_si)
+        conductances = 1 / resistances
         dtype = conductances.dtype
         pairs = jnp.asarray(wiring.pair_links, dtype) @ conductances
         between = jnp.append(pairs, jnp.zeros((), dtype))[wiring.pair_of]
         ambient = jnp.asarray(wiring.ambient_links, dtype) @ conductances
         seebeck, electrical, thermal = wiring.module_constants(parameters_si).reshape(3, -1)
         voltage, supply, on = wiring.bridge_constants(parameters_si)
+        capacitance = wiring.capacitances(parameters_si)
+        positive = (resistances, capacitance, electrical, thermal, supply + on + electrical)
         return cls(
-            capacitance=wiring.capacitances(parameters_si),
+            capacitance=capacitance,
             conductance=jnp.diag(between.sum(axis=1) + ambient) - between,
             ambient_conductance=ambient,
             module=ThermoelectricModule(seebeck, electrical, thermal),
@@ -67,6 +72,7 @@ class System(eqx.Module):
             ambient_temperature=wiring.ambient(parameters_si)[0],
             initial_temperature=wiring.initial(parameters_si),
             gain=wiring.gains(parameters_si),
+            physical=jnp.stack([jnp.all(values > 0) for values in positive]).all(),
             wiring=wiring,
         )
 

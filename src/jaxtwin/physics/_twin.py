@@ -78,25 +78,45 @@ class Twin(eqx.Module):
         table = self.rig.parameters
         return {name: table[name].to_si(jnp.asarray(v)) for name, v in self.parameters.items()}
 
-    def system(self) -> System:
-        """The equations with these values in them; a pure function of the parameters."""
-        return System.assemble(self.wiring, self.parameters_si)
+    @property
+    def numbers_si(self) -> dict[str, float]:
+        """All values in SI units as plain numbers.
+
+        **Raises:** `ParameterError` where a parameter holds more than one value.
+        """
+        numbers = {}
+        for name, value in self.parameters.items():
+            if np.ndim(value) > 0:
+                raise ParameterError(
+                    f"{self.rig.name}: parameter {name}: found {np.size(value)} values, allowed is "
+                    "one"
+                )
+            numbers[name] = float(self.rig.parameters[name].to_si(np.float64(value)))
+        return numbers
+
+    def system(self, *, lumped: bool = False) -> System:
+        """The equations with these values in them; a pure function of the parameters.
+
+        **Arguments:**
+
+        - `lumped`: with nodes that are always equal, such as mirror images on a symmetric plate,
+          made one. `system.wiring.position` says which one stands for which.
+        """
+        return System.assemble(wiring_of(self.rig, lumped), self.parameters_si)
 
     def module(self, cell: str) -> ThermoelectricModule:
         """The thermoelectric module of a cell, for a DC sweep, say.
 
-        **Raises:** `ParameterError` where the rig has no such cell.
+        **Raises:** `ParameterError` where the rig has no such cell, or a parameter holds more than
+        one value.
         """
         for element in self.netlist.cells:
             if element.name == cell:
-                values = {
-                    name: np.float64(self.rig.parameters[name].to_si(value))
-                    for name, value in self.parameters.items()
-                }
+                values = self.numbers_si
                 return ThermoelectricModule(
-                    np.float64(element.seebeck_coefficient.evaluate(values)),
-                    np.float64(element.electrical_resistance.evaluate(values)),
-                    np.float64(element.thermal_resistance.evaluate(values)),
+                    float(element.seebeck_coefficient.evaluate(values)),
+                    float(element.electrical_resistance.evaluate(values)),
+                    float(element.thermal_resistance.evaluate(values)),
                 )
         names = ", ".join(element.name for element in self.netlist.cells)
         raise ParameterError(f"{self.rig.name}: found cell {cell!r}, allowed are {names}")

@@ -8,11 +8,13 @@ from functools import lru_cache
 from typing import Literal, final
 
 import numpy as np
+from jaxtyping import Int
 
 from ..rig import AMBIENT, Rig
 from ._assembly import build_netlist
 from ._camera import channel_weights
 from ._expressions import Expressions
+from ._lumping import lump
 from ._netlist import Netlist
 
 
@@ -28,10 +30,13 @@ class Wiring:
     - `ambient_links` (nodes, links): which links lead from a node to the surroundings.
     - `cold`, `hot` (cells,): the nodes of the cells' two sides.
     - `channel_weights` (channels, nodes).
+    - `position` (nodes of the rig,): which node here stands for each node of the rig, and
+      `rig_elements`, the same for the plate's elements, which come first.
     """
 
-    def __init__(self, rig: Rig, netlist: Netlist):
+    def __init__(self, rig: Rig, netlist: Netlist, position: Int[np.ndarray, " rig_nodes"]):
         self.netlist = netlist
+        self.position = position
         self.averaging: Literal["voltage", "on-off"] = rig.driver.averaging
         self.off_phase: Literal["brake", "open"] = rig.driver.off_phase
         self.channels = tuple(channel.name for channel in rig.channels)
@@ -73,8 +78,10 @@ class Wiring:
                 self.ambient_links[index[link.a], number] = 1.0
 
         elements = channel_weights(rig)
+        self.rig_elements = position[: elements.shape[1]]
         self.channel_weights = np.zeros((len(rig.channels), len(nodes)))
-        self.channel_weights[:, : elements.shape[1]] = elements
+        for element in range(elements.shape[1]):
+            self.channel_weights[:, position[element]] += elements[:, element]
 
         # Sizes too: a circuit given link by link does not show them, the channels' weights do.
         sizes = (rig.plate.columns, rig.plate.rows)
@@ -88,7 +95,10 @@ class Wiring:
         return hash(self._key)
 
 
-@lru_cache(maxsize=32)
-def wiring_of(rig: Rig) -> Wiring:
-    """The wiring of a rig, made once."""
-    return Wiring(rig, build_netlist(rig))
+@lru_cache(maxsize=64)
+def wiring_of(rig: Rig, lumped: bool = False) -> Wiring:
+    """The wiring of a rig, made once; lumped: with nodes that are always equal made one."""
+    netlist = build_netlist(rig)
+    if lumped:
+        return Wiring(rig, *lump(netlist))
+    return Wiring(rig, netlist, np.arange(len(netlist.nodes), dtype=np.int32))

@@ -6,14 +6,26 @@ They are drawn with matplotlib in a style of their own; matplotlib's settings ar
 from ._comparison import plot_comparison, plot_residuals
 from ._dc_sweep import plot_dc_sweep
 from ._history import plot_history
+from ._netlist import plot_netlist
 from ._parameters import plot_parameters
+from ._plate_map import plot_plate_map
+from ._png import to_png
 from ._recordings import plot_recordings
+from ._sensitivity_matrix import plot_sensitivity_matrix
+from ._style import styled
+from ._tornado import plot_tornado
 
 __all__ = [
     "plot_comparison",
     "plot_dc_sweep",
     "plot_history",
+    "plot_netlist",
     "plot_parameters",
+    "plot_plate_map",
     "plot_recordings",
     "plot_residuals",
+    "plot_sensitivity_matrix",
+    "plot_tornado",
+    "styled",
+    "to_png",
 ]

@@ -56,7 +56,7 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
         )  # fmt: skip
     for axes in grid[-1]:
         axes.set_xlabel("time, s")
-        axes.xaxis.set_major_locator(MaxNLocator(3))
+        axes.xaxis.set_major_locator(MaxNLocator(2))
     grid[0, 0].set_xlim(min(run.time[0] for run in runs), max(run.time[-1] for run in runs))
     mean = np.mean([value for fit in fits for value in fit.values()])
     figure.legend(

@@ -18,7 +18,7 @@ from .._errors import ParameterError, SimulationError
 from ..io import Experiment
 from ..physics import System, Twin
 from ._exponential import Modes, network_modes, reference_temperature, solve_schedule
-from ._initial import Initial, checked_initial, initial_temperatures
+from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
 from ._schedule import Schedule, build_schedule
 from ._simulate import checked_channels
 
@@ -56,7 +56,8 @@ class Reductions:
     - `minimum`, `maximum`: over time, `(draws, channels)`, degC.
     - `spread`: largest minus smallest plate element at the end, `(draws,)`, K.
     - `deviation`: standard deviation over the plate's elements at the end, `(draws,)`, K.
-    - `failed`: draws whose temperatures are not finite, `(draws,)`; their other entries are NaN.
+    - `failed`: draws with a resistance or capacitance that is not above 0, or whose temperatures
+      do not stay finite, `(draws,)`; their other entries are NaN.
     """
 
     channels: tuple[str, ...]
@@ -195,7 +196,7 @@ def _prepare_chunk(
     """All linear algebra of a chunk: the draws' equations, modes and initial temperatures."""
 
     def one(values: dict[str, Float[Array, ""]]) -> tuple[System, Modes, Float[Array, " nodes"]]:
-        system = twin.with_parameters(values).system()
+        system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
         reference = reference_temperature(system, schedule)
         start = initial_temperatures(system, initial, schedule.duty[0], reference)
         return system, network_modes(system), start
@@ -214,8 +215,9 @@ def _solve_chunk(
     recorded: Float[Array | np.ndarray, "times channels"] | None,
     wanted: tuple[Reduction, ...] | None,
 ) -> dict[str, Array]:
-    nodes = systems.wiring.netlist.nodes
-    plate = np.eye(sum(node.kind == "plate" for node in nodes), len(nodes))
+    wiring = systems.wiring
+    # Every element of the rig's plate counts in its spread, also where one node stands for two.
+    plate = np.eye(len(wiring.netlist.nodes))[wiring.rig_elements]
     needs_plate = wanted is not None and ("spread" in wanted or "deviation" in wanted)
 
     def one(system: System, modes: Modes, start: Float[Array, " nodes"]) -> dict[str, Array]:
@@ -230,9 +232,9 @@ def _solve_chunk(
         gain = system.gain[columns]
         rise = ambient + gain * (deviation[:, : len(columns)] - ambient)
         offset = reference - 273.15
+        failed = ~(system.physical & jnp.all(jnp.isfinite(rise)))
         if wanted is None:
-            return {"temperatures": rise + offset}
-        failed = ~jnp.all(jnp.isfinite(rise))
+            return {"temperatures": jnp.where(failed, jnp.nan, rise + offset)}
         elements = deviation[-1, len(columns) :]
         results: dict[str, Callable[[], Array]] = {
             "cost": lambda: jnp.mean((rise - (recorded - offset)) ** 2, axis=0),

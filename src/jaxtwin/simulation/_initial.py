@@ -26,11 +26,11 @@ def initial_temperatures(
         return system.initial_temperature
     if isinstance(initial, str):
         return reference + system.steady_state(jnp.asarray(duty, reference.dtype), reference)
-    return jnp.asarray(initial, reference.dtype)
+    return jnp.broadcast_to(jnp.asarray(initial, reference.dtype), system.capacitance.shape)
 
 
 def checked_initial(twin: Twin, initial: Initial) -> str | Float[np.ndarray, " nodes"] | None:
-    """None, "steady", or one absolute temperature a node, K.
+    """None, "steady", or absolute temperatures, K: one a node, or a single one for all.
 
     **Raises:** `SimulationError` for another word, a wrong shape or numbers that are not finite.
     """
@@ -45,4 +45,9 @@ def checked_initial(twin: Twin, initial: Initial) -> str | Float[np.ndarray, " n
         raise SimulationError(
             f"initial: found shape {values.shape} with {values.tolist()}, allowed is {allowed}"
         )
-    return np.broadcast_to(values + 273.15, (nodes,)).copy()
+    return np.atleast_1d(values) + 273.15
+
+
+def keeps_symmetry(initial: str | Float[Array | np.ndarray, " nodes"] | None) -> bool:
+    """Whether nodes that are alike start alike, so that a lumped system will do."""
+    return initial is None or isinstance(initial, str) or initial.size == 1

@@ -10,9 +10,9 @@ from jaxtyping import Array, Float
 
 from .._errors import SimulationError
 from ..io import Experiment
-from ..physics import Twin
+from ..physics import System, Twin
 from ._exponential import reference_temperature, solve_schedule
-from ._initial import Initial, checked_initial, initial_temperatures
+from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
 from ._run import Run
 from ._schedule import Schedule, build_schedule
 
@@ -125,16 +125,25 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
 def _exponential_states(
     twin: Twin, schedule: Schedule, initial: str | Float[np.ndarray, " nodes"] | None
 ) -> tuple[Float[Array, "times nodes"], Float[Array, "times channels"]]:
-    """Absolute temperatures of nodes and channels, K."""
-    system = twin.system()
+    """Absolute temperatures of the rig's nodes and of its channels, K."""
+    system = twin.system(lumped=keeps_symmetry(initial))
     reference = reference_temperature(system, schedule)
     start = initial_temperatures(system, initial, schedule.duty[0], reference)
-    deviation = solve_schedule(system, schedule, start, np.eye(len(twin.netlist.nodes)))
+    deviation = solve_schedule(system, schedule, start, np.eye(start.size))
+    return _absolute(system, schedule, deviation, reference)
+
+
+def _absolute(
+    system: System,
+    schedule: Schedule,
+    deviation: Float[Array, "times nodes"],
+    reference: Float[Array, ""],
+) -> tuple[Float[Array, "times rig_nodes"], Float[Array, "times channels"]]:
     ambient = 0.0
     if schedule.ambient_at is not None:
         ambient = (jnp.asarray(schedule.ambient_at, deviation.dtype) - reference)[:, None]
     readings = system.channel_temperatures(deviation, ambient)
-    return deviation + reference, readings + reference
+    return deviation[:, system.wiring.position] + reference, readings + reference
 
 
 _run_exponential = eqx.filter_jit(_exponential_states)
@@ -154,15 +163,11 @@ def _run_diffrax(
 
     from ._diffrax import solve_with_diffrax
 
-    system = twin.system()
+    system = twin.system(lumped=keeps_symmetry(initial))
     reference = reference_temperature(system, schedule)
     start = initial_temperatures(system, initial, schedule.duty[0], reference)
     deviation, result = solve_with_diffrax(
         system, schedule, start, reference, experiment, solver, controller, dt0
     )
-    ambient = 0.0
-    if schedule.ambient_at is not None:
-        ambient = (jnp.asarray(schedule.ambient_at) - reference)[:, None]
-    readings = system.channel_temperatures(deviation, ambient)
-    ok = result == diffrax.RESULTS.successful
-    return deviation + reference, readings + reference, ok, result
+    states, readings = _absolute(system, schedule, deviation, reference)
+    return states, readings, result == diffrax.RESULTS.successful, result

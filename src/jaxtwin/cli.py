@@ -1,0 +1,151 @@
+"""The command line: `jaxtwin --help`.
+
+Exit codes: 0, or 2 with one line on standard error that says what was wrong.
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from ._errors import JaxtwinError
+from .commands import (
+    _data,
+    _dc_sweep,
+    _demo,
+    _doctor,
+    _match,
+    _netlist,
+    _rigs,
+    _sensitivity,
+    _simulate,
+)
+
+WRONG, STOPPED = 2, 130
+
+# typer brings click along under another name with every other release.
+UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]
+
+START = "Start here"
+RIGS = "Rigs"
+TWINS = "Twins"
+MACHINE = "This machine"
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Each command has an example: [bold]jaxtwin match --help[/]",
+)
+data = typer.Typer(no_args_is_help=True, help="List or fetch recordings.")
+
+
+def _example(*lines: str) -> str:
+    return "\n\n".join(["[dim]Example:[/]", *(f"[bold]  {line}[/]" for line in lines)])
+
+
+def _add(name: str, panel: str, function, *example: str) -> None:
+    app.command(name, rich_help_panel=panel, epilog=_example(*example))(function)
+
+
+_add("demo", START, _demo.demo, "jaxtwin demo --out report")
+_add("rigs", RIGS, _rigs.rigs, "jaxtwin rigs")
+_add("check", RIGS, _rigs.check, "jaxtwin check my-rig.toml")
+_add(
+    "netlist",
+    RIGS,
+    _netlist.netlist,
+    "jaxtwin netlist paper-2024 --out netlist.png --spice paper-2024.cir",
+)
+_add("dc-sweep", RIGS, _dc_sweep.dc_sweep, "jaxtwin dc-sweep TEC1-12706 --out sweep")
+_add(
+    "simulate",
+    TWINS,
+    _simulate.simulate,
+    "jaxtwin simulate paper-2024 --duty 0:0.5,500:0.78 --duration 1000 --out run.nc",
+    "jaxtwin simulate paper-2024 --recording synthetic-A --parameters fit.toml --out run.csv",
+)
+_add(
+    "match",
+    TWINS,
+    _match.match,
+    "jaxtwin match paper-2024 synthetic-A synthetic-B synthetic-C --set initial "
+    "--per-recording T_amb --per-recording T_start --out fit.toml",
+)
+_add(
+    "sensitivity",
+    TWINS,
+    _sensitivity.sensitivity,
+    "jaxtwin sensitivity paper-2024 synthetic-A --parameters fit.toml --draws 10000 --out sens.nc",
+)
+app.add_typer(data, name="data", rich_help_panel=MACHINE)
+data.command("list", epilog=_example("jaxtwin data list"))(_data.list_recordings)
+data.command("fetch", epilog=_example("jaxtwin data fetch --to recordings"))(_data.fetch)
+_add("doctor", MACHINE, _doctor.doctor, "jaxtwin doctor")
+
+
+@app.callback()
+def _jaxtwin(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Digital twins of multizone thermoelectric rigs: simulate, match to recordings, analyse."""
+    from . import __version__
+    from .doctor import use_compilation_cache
+
+    if version:
+        print(f"jaxtwin {__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand not in ("rigs", "data", "doctor"):
+        use_compilation_cache()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command line and exits.
+
+    **Arguments:**
+
+    - `arguments`: without the program's name; those of the process by default.
+    """
+    sys.exit(run(arguments))
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line.
+
+    **Arguments:**
+
+    - `arguments`: without the program's name; those of the process by default.
+
+    **Returns:** the exit code.
+    """
+    try:
+        app(None if arguments is None else list(arguments), standalone_mode=False)
+        sys.stdout.flush()
+    except JaxtwinError as error:
+        return _fail(str(error))
+    except UsageProblem as error:
+        command = context.command_path if (context := getattr(error, "ctx", None)) else "jaxtwin"
+        message = error.format_message().removeprefix("Invalid value: ").rstrip(".")
+        return _fail(f"{message} (see '{command} --help')")
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("stopped", STOPPED)
+    except BrokenPipeError:
+        # The reader of a pipe went away, as `head` does; that is its good right.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _fail(message: str, code: int = WRONG) -> int:
+    print(f"jaxtwin: {' '.join(message.split())}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""`jaxtwin dc-sweep`: what a thermoelectric module can do."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ._options import JsonOption
+from ._output import aligned, check_json, say, write_bytes, write_json
+
+
+def dc_sweep(
+    module: Annotated[
+        str, typer.Argument(metavar="MODULE", help="A bundled module, e.g. TEC1-12706.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="A folder for the curves: .nc and .png."),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Sweep the current of a module: heat pumped and coefficient of performance."""
+    from ..physics import ThermoelectricModule
+    from ..rig import load_module
+
+    check_json(json)
+    if out is not None and out.exists() and not out.is_dir():
+        raise typer.BadParameter(f"--out {out}: is a file, allowed is a folder")
+    sheet = load_module(module)
+    T_hot = sheet.hot_side_temperature
+    constants = ThermoelectricModule.from_datasheet(module)
+    numbers = _numbers(constants, T_hot)
+    if out is not None:
+        _save(constants, module, T_hot, out)
+    say(_table(module, constants, T_hot, numbers), json)
+    write_json(json, {"module": module, "T_hot_K": T_hot, "best_points": numbers})
+
+
+def _numbers(module: Any, T_hot: float) -> list[dict[str, float]]:
+    """Where most heat is pumped at each difference."""
+    rows = []
+    for difference in range(0, 80, 10):
+        best = module.optimum_current(T_hot - difference)
+        sweep = module.dc_sweep([best], [float(difference)], T_hot)
+        if (heat := sweep.heat_flow.item()) > 0:
+            rows.append(
+                {
+                    "delta_T_K": float(difference),
+                    "current_A": best,
+                    "heat_flow_W": heat,
+                    "cop": sweep.cop.item(),
+                }
+            )
+    return rows
+
+
+def _table(name: str, module: Any, T_hot: float, numbers: list[dict[str, float]]) -> str:
+    rows = [("delta T, K", "current, A", "heat pumped, W", "COP")]
+    rows += [tuple(f"{value:.3g}" for value in row.values()) for row in numbers]
+    return (
+        f"{name} at a hot side of {T_hot:g} K: {module.seebeck_coefficient:.4f} V/K, "
+        f"{module.electrical_resistance:.3f} ohm, {module.thermal_resistance:.3f} K/W\n"
+        f"where most heat is pumped:\n{aligned(rows)}"
+    )
+
+
+def _save(module: Any, name: str, T_hot: float, folder: Path) -> None:
+    import numpy as np
+
+    from ..io import save_dataset
+    from ..plots import plot_dc_sweep, to_png
+
+    picture = to_png(plot_dc_sweep(module, T_hot=T_hot, title=name))
+    currents = np.linspace(0.0, 1.12 * module.optimum_current(T_hot), 200)
+    sweep = module.dc_sweep(currents, np.arange(0.0, 80.0, 10.0), T_hot)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise typer.BadParameter(f"--out {folder}: {error.strerror}") from None
+    save_dataset(sweep.to_xarray(), folder / f"{name}.nc")
+    write_bytes(folder / f"{name}.png", picture)

@@ -1,0 +1,90 @@
+"""`jaxtwin match`: parameters from recordings."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ._options import (
+    JsonOption,
+    ParametersOption,
+    RecordingsArgument,
+    RigArgument,
+    SeedOption,
+    SetOption,
+)
+from ._output import check_json, check_output, say, write_json
+from ._progress import show_progress
+from ._sources import open_recordings, open_twin
+
+if TYPE_CHECKING:
+    from ..matching import Iteration
+    from ..rig import Rig
+
+
+def match(
+    rig: RigArgument,
+    recordings: RecordingsArgument,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="The matched parameters, .toml.")
+    ],
+    free: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Match this parameter too; may be repeated."),
+    ] = None,
+    fix: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Hold this parameter; may be repeated."),
+    ] = None,
+    per_recording: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="Match this parameter for each recording; may be repeated."
+        ),
+    ] = None,
+    starts: Annotated[int, typer.Option(min=1, help="Starting points; the best end counts.")] = 1,
+    seed: SeedOption = 0,
+    max_iterations: Annotated[int, typer.Option(min=1, help="Of each start.")] = 200,
+    parameters: ParametersOption = None,
+    set_name: SetOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Match the free parameters of a rig to recordings; start at its own or given values."""
+    from .. import matching
+    from ..rig import load_rig
+
+    check_output(out, ".toml")
+    check_json(json)
+    with show_progress() as progress:
+        progress.step("reading")
+        loaded = load_rig(rig)
+        experiments = open_recordings(loaded, recordings)
+        twin = open_twin(loaded, set_name, parameters)
+
+        def tell(iteration: "Iteration") -> None:
+            where = f"start {iteration.start + 1} of {starts}, " if starts > 1 else ""
+            progress.news(f"{where}iteration {iteration.number}: RMSE {iteration.rmse:.4f} K")
+
+        progress.step(f"matching {loaded.name} to {len(experiments)} recordings")
+        fit = matching.match(
+            twin,
+            experiments,
+            free=_free(loaded, free or [], per_recording or []),
+            fixed=fix or [],
+            per_recording=per_recording or [],
+            starts=starts,
+            seed=seed,
+            max_iterations=max_iterations,
+            on_iteration=tell,
+        )
+        progress.step(f"writing {out}")
+        fit.save(out)
+    say(fit.summary(), json)
+    write_json(json, fit.to_dict())
+
+
+def _free(rig: "Rig", more: list[str], per_recording: list[str]) -> list[str] | None:
+    """The rig's free parameters and those that were asked for."""
+    if not (more or per_recording):
+        return None
+    return [name for name, row in rig.parameters.items() if row.free] + more + per_recording

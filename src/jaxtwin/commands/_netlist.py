@@ -1,0 +1,48 @@
+"""`jaxtwin netlist`: the thermal network that a rig becomes."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ._options import JsonOption, ParametersOption, RigArgument, SetOption
+from ._output import check_json, check_output, say, write_bytes, write_json, write_text
+from ._rigs import network_line
+from ._sources import open_twin
+
+
+def netlist(
+    rig: RigArgument,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="A picture of it, .png.")
+    ] = None,
+    spice: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The circuit for ngspice, with a 1000 s step run."),
+    ] = None,
+    parameters: ParametersOption = None,
+    set_name: SetOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Turn a rig into its network: count, draw, or export to SPICE."""
+    from .._network_counts import network_counts
+    from ..io import Experiment
+    from ..rig import load_rig
+
+    check_output(out, ".png")
+    check_output(spice, option="--spice")
+    check_json(json)
+    loaded = load_rig(rig)
+    twin = open_twin(loaded, set_name, parameters)
+    numbers = network_counts(twin.netlist, loaded)
+    if out is not None:
+        from ..plots import plot_netlist, to_png
+
+        write_bytes(out, to_png(plot_netlist(twin)))
+    if spice is not None:
+        from ..physics import to_spice
+
+        step = Experiment.schedule("0:0.5,500:0.78", duration=1000.0, cells=len(loaded.cells))
+        write_text(spice, to_spice(twin, step))
+    say(f"{loaded.name}: {network_line(numbers)}", json)
+    write_json(json, {"rig": loaded.name, "network": numbers})

@@ -1,0 +1,34 @@
+"""Arguments and options that several commands have."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+RigArgument = Annotated[
+    str, typer.Argument(metavar="RIG", help="A bundled rig ('jaxtwin rigs') or a rig file.")
+]
+RecordingsArgument = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="RECORDING",
+        help="Files (.mat, .csv, .nc), or names of known recordings ('jaxtwin data list').",
+    ),
+]
+ParametersOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--parameters", metavar="FILE", help="Values from a parameter file, such as a saved fit."
+    ),
+]
+SetOption = Annotated[
+    str | None,
+    typer.Option(
+        "--set", metavar="NAME", help="Values from a parameter set of the rig, e.g. published."
+    ),
+]
+JsonOption = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", help="The numbers as JSON; - is standard output."),
+]
+SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")]

@@ -1,0 +1,88 @@
+"""Where results go: checked before the work starts, written as a whole or not at all."""
+
+import json
+import os
+import sys
+import uuid
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+
+STDOUT = Path("-")
+
+
+def check_output(path: Path | None, *endings: str, option: str = "--out") -> None:
+    """Refuses a file that could not be written in the end.
+
+    **Arguments:**
+
+    - `path`: the file, or None where none is wanted.
+    - `endings`: that are allowed; any, where none is given.
+    - `option`: which the path came from.
+
+    **Raises:** `typer.BadParameter` that says what is wrong.
+    """
+    if path is None:
+        return
+    if endings and path.suffix.lower() not in endings:
+        allowed = " or ".join(endings)
+        raise typer.BadParameter(
+            f"{option} {path}: found ending {path.suffix!r}, allowed: {allowed}"
+        )
+    if path.is_dir():
+        raise typer.BadParameter(f"{option} {path}: is a folder, allowed is a file")
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        raise typer.BadParameter(f"{option} {path}: there is no folder {folder}")
+    if not os.access(folder, os.W_OK):
+        raise typer.BadParameter(f"{option} {path}: the folder {folder} cannot be written to")
+
+
+def check_json(path: Path | None) -> None:
+    """The same for `--json`, where - is standard output."""
+    if path != STDOUT:
+        check_output(path, ".json", option="--json")
+
+
+def write_json(path: Path | None, numbers: Any) -> None:
+    """Writes numbers as JSON, to a file or to standard output; nothing where the path is None."""
+    if path is None:
+        return
+    text = json.dumps(numbers, indent=2, ensure_ascii=False) + "\n"
+    if path == STDOUT:
+        sys.stdout.write(text)
+    else:
+        write_text(path, text)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a text file so that it is there as a whole or not at all."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Writes a file so that it is there as a whole or not at all."""
+    part = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
+    try:
+        part.write_bytes(content)
+        part.replace(path)
+    except OSError as error:
+        raise typer.BadParameter(f"{path}: cannot be written: {error.strerror}") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def say(text: str, json_path: Path | None = None) -> None:
+    """Prints for a person; on standard error where standard output belongs to the JSON."""
+    print(text, file=sys.stderr if json_path == STDOUT else sys.stdout)
+
+
+def aligned(rows: Sequence[Sequence[str]], gap: str = "  ") -> str:
+    """Rows of text in columns, each as wide as its widest entry."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        gap.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )

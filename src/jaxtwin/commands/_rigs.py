@@ -1,0 +1,35 @@
+"""`jaxtwin rigs` and `jaxtwin check`: what rigs there are, and whether a rig file is in order."""
+
+from ._options import JsonOption, RigArgument
+from ._output import STDOUT, aligned, check_json, say, write_json
+
+
+def rigs(json: JsonOption = None) -> None:
+    """List the rigs that come along."""
+    from ..rig import bundled_rigs, load_rig
+
+    check_json(json)
+    found = [load_rig(name) for name in bundled_rigs()]
+    if json != STDOUT:
+        print(aligned([(rig.name, rig.title) for rig in found]))
+    write_json(json, {rig.name: {"title": rig.title} for rig in found})
+
+
+def check(rig: RigArgument, json: JsonOption = None) -> None:
+    """Check a rig file: say what is wrong, or what was understood."""
+    from .._network_counts import network_counts
+    from ..physics import build_netlist
+    from ..rig import load_rig
+
+    check_json(json)
+    loaded = load_rig(rig)
+    counts = network_counts(build_netlist(loaded), loaded)
+    say(str(loaded), json)
+    say(f"  network: {network_line(counts)}", json)
+    free = [name for name, row in loaded.parameters.items() if row.free]
+    write_json(json, {"rig": loaded.name, "free": free, "network": counts})
+
+
+def network_line(counts: dict[str, float]) -> str:
+    """The counts of a network for a person."""
+    return ", ".join(f"{value:.10g} {name.replace('_', ' ')}" for name, value in counts.items())

@@ -1,0 +1,75 @@
+"""`jaxtwin sensitivity`: which parameters matter."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ._options import (
+    JsonOption,
+    ParametersOption,
+    RecordingsArgument,
+    RigArgument,
+    SeedOption,
+    SetOption,
+)
+from ._output import aligned, check_json, check_output, say, write_json
+from ._progress import show_progress
+from ._sources import open_recordings, open_twin
+
+if TYPE_CHECKING:
+    from ..sensitivity import Sensitivity
+
+
+def sensitivity(
+    rig: RigArgument,
+    recordings: RecordingsArgument,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Draws, costs, indices: .nc.")],
+    draws: Annotated[int, typer.Option(min=3, help="How many; the paper takes 50.")] = 50,
+    spread: Annotated[
+        float, typer.Option(help="Standard deviation as a part of each value.")
+    ] = 0.25,
+    seed: SeedOption = 0,
+    parameters: ParametersOption = None,
+    set_name: SetOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Draw parameters around their values and correlate them with each channel's cost."""
+    from .. import sensitivity as analysis
+    from ..rig import load_rig
+
+    check_output(out, ".nc")
+    check_json(json)
+    with show_progress() as progress:
+        progress.step("reading")
+        loaded = load_rig(rig)
+        experiments = open_recordings(loaded, recordings)
+        twins = [open_twin(loaded, set_name, parameters, one.name) for one in experiments]
+        done, total = 0, draws * len(experiments)
+
+        def tell(finished: int) -> None:
+            nonlocal done
+            done += finished
+            progress.news(f"{done} of {total} simulations")
+
+        progress.step(f"{draws} draws on {len(experiments)} recordings")
+        result = analysis(
+            twins, experiments, draws=draws, spread=spread, seed=seed, on_progress=tell
+        )
+        progress.step(f"writing {out}")
+        result.save(out)
+    say(_table(result), json)
+    write_json(json, result.to_dict())
+
+
+def _table(result: "Sensitivity") -> str:
+    row = result.channels.index("mean")
+    rows = [("parameter", "correlation", "95 % interval")]
+    for name in result.ranking():
+        column = result.names.index(name)
+        low, high = result.interval[row, column]
+        index = result.correlation[row, column]
+        rows.append((name, f"{index:+.3f}", f"{low:+.3f} ... {high:+.3f}"))
+    failed = int(result.failed.sum())
+    tail = f"\n{failed} of {len(result.failed)} draws failed and do not count" if failed else ""
+    return f"correlation with the mean cost of all channels\n{aligned(rows)}{tail}"

@@ -1,0 +1,113 @@
+"""`jaxtwin simulate`: one run of a rig."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ._options import JsonOption, ParametersOption, RigArgument, SetOption
+from ._output import aligned, check_json, check_output, say, write_json
+from ._progress import show_progress
+from ._sources import open_recordings, open_twin
+
+if TYPE_CHECKING:
+    from ..io import Experiment
+    from ..rig import Rig
+    from ..simulation import Run
+
+
+def simulate(
+    rig: RigArgument,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="Where to: .nc (everything) or .csv.")
+    ],
+    recording: Annotated[
+        str | None,
+        typer.Option(metavar="RECORDING", help="Drive it as in a recording, and compare."),
+    ] = None,
+    duty: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCHEDULE",
+            help="Duty cycles from given times on, s: 0:0.5,500:0.78; for each cell: 0:0.5/0.3.",
+        ),
+    ] = None,
+    duration: Annotated[float, typer.Option(metavar="S", help="Of the schedule.")] = 1000.0,
+    parameters: ParametersOption = None,
+    set_name: SetOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Simulate a rig, driven by a schedule or as in a recording."""
+    from ..rig import load_rig
+
+    if (recording is None) == (duty is None):
+        raise typer.BadParameter("give either --recording or --duty")
+    check_output(out, ".nc", ".csv")
+    check_json(json)
+    with show_progress() as progress:
+        progress.step(f"reading {rig}")
+        loaded = load_rig(rig)
+        experiment = _experiment(loaded, recording, duty, duration)
+        twin = open_twin(loaded, set_name, parameters, experiment.name or None)
+        progress.step(f"simulating {experiment.duration:g} s")
+        began = time.perf_counter()
+        run = twin.simulate(experiment)
+        numbers = _numbers(run, time.perf_counter() - began)
+        progress.step(f"writing {out}")
+        _save(run, out)
+    say(_table(run, numbers), json)
+    write_json(json, numbers)
+
+
+def _experiment(
+    rig: "Rig", recording: str | None, duty: str | None, duration: float
+) -> "Experiment":
+    from ..io import Experiment
+
+    if recording is not None:
+        return open_recordings(rig, [recording])[0]
+    return Experiment.schedule(duty or "", duration=duration, cells=len(rig.cells))
+
+
+def _numbers(run: "Run", wall_time: float) -> dict[str, Any]:
+    numbers: dict[str, Any] = {
+        "rig": run.rig,
+        "wall_time_s": wall_time,
+        "final_degC": dict(zip(run.channels, run.temperatures[-1].tolist(), strict=True)),
+    }
+    if run.experiment.temperatures is not None:
+        fits = run.fit_percent
+        numbers["rmse_K"] = run.rmse
+        numbers["mean_fit_percent"] = sum(fits.values()) / len(fits)
+        numbers["fit_percent"] = fits
+    return numbers
+
+
+def _table(run: "Run", numbers: dict[str, Any]) -> str:
+    fits = numbers.get("fit_percent")
+    head = ["channel", f"degC at {run.time[-1]:g} s"] + (["fit, %"] if fits else [])
+    rows = [head]
+    for channel, final in numbers["final_degC"].items():
+        rows.append([channel, f"{final:.2f}"] + ([f"{fits[channel]:.1f}"] if fits else []))
+    text = aligned(rows)
+    if fits:
+        text += f"\nmean fit {numbers['mean_fit_percent']:.1f} %, RMSE {numbers['rmse_K']:.2f} K"
+    return text
+
+
+def _save(run: "Run", out: Path) -> None:
+    from ..io import Experiment, write_recording
+
+    if out.suffix.lower() == ".nc":
+        run.save(out)
+        return
+    experiment = run.experiment
+    simulated = Experiment(
+        experiment.time,
+        experiment.duty,
+        channels=run.channels,
+        temperatures=run.temperatures,
+        ambient=experiment.ambient,
+    )
+    write_recording(simulated, out)

@@ -1,0 +1,83 @@
+"""What commands start from: a twin with its values, and recordings."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..io import Experiment
+    from ..physics import Twin
+    from ..rig import Rig
+
+
+def open_twin(
+    rig: "Rig", set_name: str | None, parameters: Path | None, recording: str | None = None
+) -> "Twin":
+    """The twin of a rig, with the values of a parameter set and, over them, of a parameter file.
+
+    **Arguments:**
+
+    - `rig`: of which one.
+    - `set_name`: a parameter set of the rig, or None.
+    - `parameters`: a parameter file, or None.
+    - `recording`: whose own values to take where the file has some.
+
+    **Raises:** `ParameterError` for an unknown set or a file that does not fit the rig.
+    """
+    from .._errors import ParameterError
+    from ..physics import Twin
+    from ..rig import read_parameters
+
+    values: dict[str, float] = {}
+    if set_name is not None:
+        if set_name not in rig.parameter_sets:
+            allowed = ", ".join(rig.parameter_sets) or "none"
+            raise ParameterError(
+                f"{rig.source}: found no parameter set {set_name!r}, there are: {allowed}"
+            )
+        values |= rig.parameter_sets[set_name]
+    if parameters is not None:
+        values |= read_parameters(parameters, rig, recording)
+    return Twin(rig, values)
+
+
+def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":
+    """Reads recordings of a rig.
+
+    **Arguments:**
+
+    - `rig`: its driver says how PWM counts are meant.
+    - `names`: files, or what `jaxtwin data list` lists.
+
+    **Raises:** `RecordingError` for the first that is not found or cannot be read.
+    """
+    from ..io import read_recording
+
+    driver = rig.driver
+    return [
+        read_recording(find_recording(name), counts=driver.counts, polarity=driver.polarity)
+        for name in names
+    ]
+
+
+def find_recording(name: str) -> Path:
+    """A file, a synthetic recording by its name, or a published one wherever it lies.
+
+    **Raises:** `RecordingError` where it is none of them.
+    """
+    from .._errors import RecordingError
+    from ..data import synthetic_recordings
+    from ..io import SINGLE_CELL, TWO_CELL, find_recordings
+
+    path = Path(name)
+    if path.is_file():
+        return path
+    known = {file.stem: file for file in synthetic_recordings()}
+    if name in known:
+        return known[name]
+    published = {Path(one.name).stem: one.name for one in TWO_CELL + SINGLE_CELL}
+    if path.parent == Path() and path.stem in published and path.suffix in ("", ".mat"):
+        return find_recordings(names=[published[path.stem]])[0]
+    raise RecordingError(
+        f"{name}: no such file, and no known recording ('jaxtwin data list' lists them)"
+    )

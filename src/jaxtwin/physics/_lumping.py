@@ -1,0 +1,97 @@
+"""Nodes that always have the same temperature, made one.
+
+A symmetric plate has mirror images of nodes: same capacitance, same links to same neighbours. They
+stay equal for all parameter values and inputs, so one node with their summed capacitance and their
+links in parallel stands for all of them, exactly.
+"""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Int
+
+from ..rig import AMBIENT
+from ._netlist import Link, Netlist
+
+
+def lump(netlist: Netlist) -> tuple[Netlist, Int[np.ndarray, " nodes"]]:
+    """The netlist with equal nodes made one.
+
+    **Returns:** the smaller netlist, whose nodes keep the name of their first member, and for each
+    node of the given one its position in it.
+    """
+    classes = _equal_nodes(netlist)
+    first = {number: node for node, number in reversed(list(enumerate(classes)))}
+    sizes = Counter(classes)
+    nodes = tuple(
+        replace(netlist.nodes[first[c]], capacitance=netlist.nodes[first[c]].capacitance * sizes[c])
+        for c in range(len(sizes))
+    )
+    name = {node.name: nodes[c].name for node, c in zip(netlist.nodes, classes, strict=True)}
+    name[AMBIENT] = AMBIENT
+    parallel: Counter[Link] = Counter()
+    for link in netlist.links:
+        a, b = name[link.a], name[link.b]
+        if b != AMBIENT and a > b:
+            a, b = b, a
+        # No heat flows between equal nodes.
+        if a != b:
+            parallel[replace(link, a=a, b=b)] += 1
+    links = tuple(
+        replace(link, resistances=tuple(value / count for value in link.resistances))
+        for link, count in parallel.items()
+    )
+    return Netlist(nodes, links, netlist.cells), np.array(classes, dtype=np.int32)
+
+
+def _equal_nodes(netlist: Netlist) -> list[int]:
+    """The coarsest division into classes in which equal nodes have equal neighbours.
+
+    Colour refinement: start from what the nodes are, then tell apart what has different links to
+    classes, until nothing changes. Expressions are compared, not numbers, so the division holds
+    for every value of the parameters.
+    """
+    index = netlist.index
+    neighbours: list[list[tuple[int | None, str]]] = [[] for _ in netlist.nodes]
+    for link in netlist.links:
+        a, b = index[link.a], index.get(link.b)
+        resistance = repr(link.resistances)
+        neighbours[a].append((b, resistance))
+        if b is not None:
+            neighbours[b].append((a, resistance))
+    # The sides of the cells are driven apart.
+    sides = {side for cell in netlist.cells for side in (cell.cold, cell.hot)}
+    colours = _numbered(
+        [
+            repr(
+                (
+                    node.capacitance,
+                    node.initial_temperature,
+                    node.name if node.name in sides else "",
+                )
+            )
+            for node in netlist.nodes
+        ]
+    )
+    while True:
+        refined = _numbered(
+            [
+                repr(
+                    (
+                        colours[node],
+                        sorted((r, -1 if other is None else colours[other]) for other, r in links),
+                    )
+                )
+                for node, links in enumerate(neighbours)
+            ]
+        )
+        if max(refined) == max(colours):
+            return colours
+        colours = refined
+
+
+def _numbered(keys: list[str]) -> list[int]:
+    """Each key's number, in the order of first appearance."""
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    return [numbers[key] for key in keys]

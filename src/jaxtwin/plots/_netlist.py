@@ -1,0 +1,175 @@
+"""The network of a rig as a picture: the plate at its true size, its cells below it."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps, pyplot
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+from .._errors import ParameterError
+from ..physics import Twin
+from ..rig import AMBIENT, Plate
+from ._netlist_cells import draw_cells, outlined
+from ._style import BLUE, INK, VERMILION, styled
+
+_WIDEST = {"conduction": 7.0, "film": 5.0}  # line of the largest conductance of a kind, points
+_THINNEST = 0.7
+
+
+@styled
+def plot_netlist(
+    twin: Twin, temperatures: Float[np.ndarray, " nodes"] | None = None, *, ax: Axes | None = None
+) -> Axes:
+    """The twin's thermal network, Figs. 8 and 13a of the paper.
+
+    Plate elements are drawn at their true size. Lines between their centres are links, a stub with
+    a ring at its end stands for all links from an element to the air; both are as wide as they
+    conduct, each on a scale of its own that the legend gives. Below the plate stands what is behind
+    each cell, with the resistances between.
+
+    **Arguments:**
+
+    - `twin`: with one value for each parameter.
+    - `temperatures`: of all nodes, degC, in the order of `twin.netlist.nodes`: a row of
+      `run.states`, for example. They colour the plate. None: its heat capacities do.
+    - `ax`: axes to draw into, or None for a figure of their own.
+
+    **Returns:** the axes.
+
+    **Raises:** `ParameterError` where there is not one temperature for each node, or not one value
+    for each parameter.
+    """
+    values = twin.numbers_si
+    nodes = twin.netlist.nodes
+    if temperatures is None:
+        shown = np.array([node.capacitance.evaluate(values) for node in nodes])
+        colors, label, text, unit = "Greens", "heat capacity, J/K", "{:.3g}", " J/K"
+    else:
+        shown, unit = temperatures, " °C"
+        colors, label, text = "YlOrRd", "temperature, °C", "{:.1f}"
+    if np.shape(shown) != (len(nodes),):
+        raise ParameterError(
+            f"temperatures: found shape {np.shape(shown)}, allowed is one for each of the "
+            f"{len(nodes)} nodes of {twin.rig.name}"
+        )
+    figure = None
+    if ax is None:
+        figure = pyplot.figure(layout="constrained")
+        ax = figure.subplots()
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    ax.set_title(f"{twin.rig.name}: {len(nodes)} nodes, {len(twin.netlist.links)} links")
+
+    plate = twin.rig.plate
+    on_plate = shown[: len(plate.element_names)]
+    colormap = ListedColormap(colormaps[colors](np.linspace(0.06, 0.62, 256)))
+    scale = ScalarMappable(Normalize(*_limits(on_plate)), colormap)
+    for element, value, color in zip(
+        plate.element_names, on_plate, scale.to_rgba(on_plate), strict=True
+    ):
+        _draw_element(ax, plate, element, text.format(value), color)
+    handles = [*_draw_conduction(ax, twin, values), *_draw_air(ax, twin, values)]
+    texts = {node.name: text.format(value) + unit for node, value in zip(nodes, shown, strict=True)}
+    draw_cells(ax, twin, values, texts)
+    handles.append(Line2D([], [], color=VERMILION, lw=2, label="cells and sinks"))
+    ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=len(handles))
+    bar = ax.figure.colorbar(scale, ax=ax, shrink=0.5, aspect=24, pad=0.01)
+    bar.set_label(label)
+    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    if figure is not None:
+        width, height = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
+        inches = min(11.5 / width, 8.6 / height)
+        figure.set_size_inches(inches * width + 1.1, inches * height + 0.8)
+    return ax
+
+
+def _limits(values: Float[np.ndarray, " elements"]) -> tuple[float, float]:
+    """Lowest and highest, apart even where all are equal."""
+    low, high = float(values.min()), float(values.max())
+    return (low, high) if high - low > 1e-9 * abs(high) else (0.9 * low - 0.1, 1.1 * high + 0.1)
+
+
+def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color) -> None:
+    left, right, top, bottom = (100 * edge for edge in plate.extent(element))
+    ax.add_patch(
+        Rectangle((left, top), right - left, bottom - top, fc=color, ec="white", lw=1.5, zorder=1)
+    )
+    # Beside the links, which run through the middle; upright where the element is too narrow.
+    corner = {
+        "textcoords": "offset points",
+        "va": "top",
+        "color": INK,
+        "fontsize": 7.5,
+        "zorder": 6,
+    }
+    if right - left > 7 * plate.width:
+        ax.annotate(element, (left, top), (3, -3), fontweight="bold", **corner)
+        ax.annotate(value, (left, top), (3, -13), **corner)
+    else:
+        text = rf"$\bf{{{element.replace('_', chr(92) + '_')}}}$  {value}"
+        ax.annotate(text, (left, top), (1.5, -3), rotation=90, **corner)
+
+
+def _draw_conduction(ax: Axes, twin: Twin, values: Mapping[str, float]) -> list[Line2D]:
+    links = {
+        (link.a, link.b): 1 / link.resistance(values)
+        for link in twin.netlist.links
+        if link.role == "conduction"
+    }
+    for (a, b), width in zip(links, _widths(list(links.values()), "conduction"), strict=True):
+        (x0, y0), (x1, y1) = _centre(twin.rig.plate, a), _centre(twin.rig.plate, b)
+        ax.plot([x0, x1], [y0, y1], color=INK, lw=width, solid_capstyle="butt", zorder=2)
+    for element in twin.rig.plate.element_names:
+        ax.plot(
+            *_centre(twin.rig.plate, element), "o", color=INK, ms=5, mec="white", mew=1, zorder=5
+        )
+    return _legend_lines(list(links.values()), "conduction", "conduction", INK)
+
+
+def _draw_air(ax: Axes, twin: Twin, values: Mapping[str, float]) -> list[Line2D]:
+    plate = twin.rig.plate
+    conductances = dict.fromkeys(plate.element_names, 0.0)
+    for link in twin.netlist.links:
+        if link.b == AMBIENT and link.a in conductances:
+            conductances[link.a] += 1 / link.resistance(values)
+    for element, width in zip(
+        plate.element_names, _widths(list(conductances.values()), "film"), strict=True
+    ):
+        if conductances[element] == 0:
+            continue
+        left, right, top, bottom = (100 * edge for edge in plate.extent(element))
+        x, y = _centre(plate, element)
+        reach = 0.22 * min(right - left, bottom - top)
+        ax.plot(
+            [x, x + reach], [y, y + reach], color=BLUE, lw=width, solid_capstyle="butt", zorder=3,
+            path_effects=outlined(width),
+        )  # fmt: skip
+        ax.plot(x + reach, y + reach, "o", mfc="white", mec=BLUE, mew=1.3, ms=5.5, zorder=4)
+    return _legend_lines(list(conductances.values()), "film", "to the air", BLUE)
+
+
+def _widths(conductances: list[float], role: str) -> list[float]:
+    most = max(conductances, default=0.0)
+    return [max(_THINNEST, _WIDEST[role] * value / most) if most else 0.0 for value in conductances]
+
+
+def _legend_lines(conductances: list[float], role: str, label: str, color: str) -> list[Line2D]:
+    """The largest conductance, and a quarter of it."""
+    most = max(conductances, default=0.0)
+    return [
+        Line2D(
+            [], [], color=color, lw=_WIDEST[role] * part, label=f"{label}, {most * part:.2g} W/K"
+        )
+        for part in (1.0, 0.25)
+        if most > 0
+    ]
+
+
+def _centre(plate: Plate, element: str) -> tuple[float, float]:
+    left, right, top, bottom = plate.extent(element)
+    return 50 * (left + right), 50 * (top + bottom)

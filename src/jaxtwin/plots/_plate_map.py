@@ -1,0 +1,145 @@
+"""The plate as a map of temperatures at several times, Figs. 5 and 13b of the paper."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
+
+from .._errors import ParameterError
+from ..rig import Cell, Channel, Plate, Rig
+from ._style import BLUE, FAINT, INK, MUTED, VERMILION, styled
+
+_MAP_WIDTH, _ROOM_ABOVE = 4.3, 0.42  # of a panel, inches
+
+
+@styled
+def plot_plate_map(
+    rig: Rig,
+    temperatures: Float[np.ndarray, "maps elements"],
+    titles: Sequence[str],
+    *,
+    columns: int = 2,
+) -> Figure:
+    """Temperatures over the plate, one panel for each time, and a panel that names the channels.
+
+    Every element is drawn at its true size in one colour, as the twin has one temperature for it.
+    A dashed line runs around the elements that a cell touches.
+
+    **Arguments:**
+
+    - `rig`: its plate, cells and channels.
+    - `temperatures`: of the plate elements, degC, in the order of `rig.plate.element_names`:
+      `run.states[[100, 300, 500], :elements]`, for example.
+    - `titles`: of the maps, such as `"100 s"`.
+    - `columns`: of the figure.
+
+    **Returns:** the figure.
+
+    **Raises:** `ParameterError` where there is not one temperature for each element and one title
+    for each map.
+    """
+    shape = (len(titles), len(rig.plate.element_names))
+    if np.shape(temperatures) != shape:
+        raise ParameterError(
+            f"temperatures: found shape {np.shape(temperatures)}, allowed for {shape[0]} titles "
+            f"and the elements of {rig.name} is {shape}"
+        )
+    panels = len(titles) + 1
+    rows = -(-panels // columns)
+    height = _ROOM_ABOVE + _MAP_WIDTH * rig.plate.height / rig.plate.width
+    figure = pyplot.figure(figsize=(_MAP_WIDTH * columns + 1, height * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False)
+    norm = Normalize(float(np.min(temperatures)), float(np.max(temperatures)))
+    scale = ScalarMappable(norm, "inferno")
+    for axes in grid.flat:
+        axes.set_axis_off()
+    for axes, title, values in zip(grid.flat, titles, temperatures, strict=False):
+        _draw_map(axes, rig, title, values, scale)
+    _draw_channels(grid.flat[panels - 1], rig)
+    bar = figure.colorbar(scale, ax=grid, shrink=0.7, aspect=28, pad=0.02)
+    bar.set_label("temperature, °C")
+    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    return figure
+
+
+def _draw_map(
+    axes: Axes, rig: Rig, title: str, values: Float[np.ndarray, " elements"], scale: ScalarMappable
+) -> None:
+    _frame(axes, rig.plate)
+    for element, color in zip(rig.plate.element_names, scale.to_rgba(values), strict=True):
+        # A rim of its own colour closes the hairline between neighbours.
+        axes.add_patch(_rectangle(rig.plate.extent(element), fc=color, ec=color, lw=0.3))
+    for cell in rig.cells:
+        rim = [withStroke(linewidth=2.6, foreground=INK, alpha=0.7)]
+        look = {"fc": "none", "ec": "white", "lw": 1.2, "ls": (0, (4, 2)), "path_effects": rim}
+        _draw_cell(axes, rig.plate, cell, "white", INK, **look)
+    axes.set_title(title)
+    axes.set_title(
+        f"{values.min():.1f} … {values.max():.1f} °C",
+        loc="right", fontsize=9, fontweight="normal", color=MUTED,
+    )  # fmt: skip
+
+
+def _draw_channels(axes: Axes, rig: Rig) -> None:
+    _frame(axes, rig.plate)
+    extents = [(0.0, rig.plate.width, 0.0, rig.plate.height)]
+    axes.add_patch(_rectangle(extents[0], fc=FAINT, ec=MUTED, lw=1))
+    for channel in rig.channels:
+        for place in _places(channel, rig.plate):
+            axes.add_patch(_rectangle(place, fc="none", ec=BLUE, lw=1.2))
+    for cell in rig.cells:
+        look = {"fc": VERMILION, "alpha": 0.25, "lw": 0}
+        _draw_cell(axes, rig.plate, cell, VERMILION, FAINT, **look)
+    for channel in rig.channels:
+        _name_channel(axes, rig.plate, channel)
+    axes.set_title("channels and cells")
+
+
+def _name_channel(axes: Axes, plate: Plate, channel: Channel) -> None:
+    """In its middle, upright where it is narrow, or below it where it is small all round."""
+    places = np.array(_places(channel, plate))
+    x, y = places[:, :2].mean(), places[:, 2:].mean()
+    narrow = np.ptp(places[:, :2]) < 0.07 * plate.width
+    low = np.ptp(places[:, 2:]) < 0.07 * plate.width
+    axes.annotate(
+        channel.name, (100 * x, 100 * y), (0, -11 if narrow and low else 0),
+        textcoords="offset points", ha="center", va="center", fontsize=7.5, color=INK,
+        rotation=90 if narrow and not low else 0,
+        path_effects=[withStroke(linewidth=2.5, foreground=FAINT)],
+    )  # fmt: skip
+
+
+def _frame(axes: Axes, plate: Plate) -> None:
+    axes.set_aspect("equal")
+    axes.set_xlim(-0.3, 100 * plate.width + 0.3)
+    axes.set_ylim(100 * plate.height + 0.3, -0.3)
+
+
+def _draw_cell(axes: Axes, plate: Plate, cell: Cell, color: str, rim: str, **look) -> None:
+    """The elements that a cell touches, and its name in their corner."""
+    extents = np.array([plate.extent(element) for element, _ in cell.contacts])
+    left, right = extents[:, 0].min(), extents[:, 1].max()
+    top, bottom = extents[:, 2].min(), extents[:, 3].max()
+    axes.add_patch(_rectangle((left, right, top, bottom), **look))
+    axes.annotate(
+        cell.name, (100 * left, 100 * bottom), (4, 4), textcoords="offset points", fontsize=8,
+        color=color, fontweight="bold", path_effects=[withStroke(linewidth=2.2, foreground=rim)],
+    )  # fmt: skip
+
+
+def _places(channel: Channel, plate: Plate) -> list[tuple[float, float, float, float]]:
+    if channel.x is not None and channel.y is not None:
+        return [(*channel.x, *channel.y)]
+    return [plate.extent(node) for node in channel.nodes]
+
+
+def _rectangle(extent: tuple[float, float, float, float], **look) -> Rectangle:
+    left, right, top, bottom = (100 * edge for edge in extent)
+    return Rectangle((left, top), right - left, bottom - top, **look)

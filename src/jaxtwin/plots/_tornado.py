@@ -1,0 +1,57 @@
+"""Which parameters matter for one channel, Fig. 16 of the paper."""
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+
+from ..sensitivity import Sensitivity
+from ._style import BLUE, INK, MUTED, VERMILION, styled, symbol
+
+
+@styled
+def plot_tornado(
+    sensitivity: Sensitivity, channel: str = "mean", *, ax: Axes | None = None
+) -> Axes:
+    """Correlation of each parameter with a channel's cost, the strongest on top.
+
+    Lines span the 95 % interval: what reaches over 0 may be chance.
+
+    **Arguments:**
+
+    - `sensitivity`: the result of `jaxtwin.sensitivity`.
+    - `channel`: one of `sensitivity.channels`; `"mean"` is the mean cost of all.
+    - `ax`: axes to draw into, or None for a figure of their own.
+
+    **Returns:** the axes.
+    """
+    names = sensitivity.ranking(channel)
+    row = sensitivity.channels.index(channel)
+    order = [sensitivity.names.index(name) for name in names]
+    correlation = sensitivity.correlation[row, order]
+    shown = np.round(correlation, 2) + 0.0  # no -0.00
+    interval = sensitivity.interval[row, order]
+    places = np.arange(len(names))[::-1]
+    if ax is None:
+        size = (5.6, 1.2 + 0.29 * len(names))
+        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    colors = [BLUE if value < 0 else VERMILION for value in correlation]
+    ax.barh(places, correlation, color=colors, height=0.66, alpha=0.9)
+    ax.hlines(places, interval[:, 0], interval[:, 1], color=INK, lw=1.3)
+    ax.axvline(0.0, color=MUTED, lw=0.8)
+    for place, value, (low, high) in zip(places, shown, interval, strict=True):
+        right = value >= 0
+        ax.annotate(
+            f"{value:+.2f}", (max(high, 0.0) if right else min(low, 0.0), place),
+            xytext=(4 if right else -4, 0), textcoords="offset points",
+            ha="left" if right else "right", va="center", fontsize=8, color=MUTED,
+        )  # fmt: skip
+    ax.set_yticks(places, [symbol(name) for name in names], fontsize=10)
+    widest = min(1.12, 1.25 * float(np.abs(interval).max()) + 0.08)  # with room for the numbers
+    ax.set(xlim=(-widest, widest), xlabel="Pearson correlation with the cost", title=channel)
+    failed = int(np.count_nonzero(sensitivity.failed))
+    draws = f"{len(sensitivity.failed):,} draws".replace(",", " ")
+    note = f"{draws}, {failed} failed" if failed else draws
+    ax.set_title(note, loc="right", fontsize=9, fontweight="normal", color=MUTED)
+    ax.grid(visible=False, axis="y")
+    ax.tick_params(axis="y", length=0)
+    return ax

@@ -1,0 +1,54 @@
+"""What a report is made of, before it becomes a page."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+
+@final
+@dataclass(frozen=True)
+class Text:
+    """A paragraph. Words between `backticks` are set as code."""
+
+    text: str
+
+
+@final
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers that stand out: pairs of value and label."""
+
+    entries: tuple[tuple[str, str], ...]
+
+
+@final
+@dataclass(frozen=True)
+class Table:
+    """A table. Cells that begin with ! are marked, without the sign."""
+
+    caption: str
+    head: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+
+@final
+@dataclass(frozen=True)
+class Picture:
+    """A picture: its file name without ending, its content, and what it shows."""
+
+    name: str
+    png: bytes
+    caption: str
+
+
+Block = Text | Numbers | Table | Picture
+
+
+@final
+@dataclass(frozen=True)
+class Section:
+    """A part of the page: its title and what stands in it; `level` 3 is a part of a part."""
+
+    title: str
+    blocks: tuple[Block, ...]
+    level: int = 2

@@ -1,0 +1,70 @@
+"""A folder that is there as a whole or not at all."""
+
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from .._errors import JaxtwinError
+from ._page import GENERATOR
+
+PAGE = "index.html"
+
+
+def check_folder(folder: Path) -> None:
+    """Refuses a folder that a report must not replace, or that cannot be made.
+
+    **Raises:** `JaxtwinError` where something else lies there, or its parent cannot be written to.
+    """
+    if folder.exists() and not _replaceable(folder):
+        raise JaxtwinError(
+            f"{folder}: holds something that is no report of jaxtwin; allowed is a new or empty "
+            "folder, or an older report, which is replaced"
+        )
+    parent = folder.absolute().parent
+    if not (parent.is_dir() and os.access(parent, os.W_OK)):
+        raise JaxtwinError(f"{folder}: the folder {parent} is not there or cannot be written to")
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder to fill, which takes its place when the block ends without an error.
+
+    **Arguments:**
+
+    - `folder`: its place; an older report there is replaced.
+
+    **Raises:** `JaxtwinError` as `check_folder`.
+    """
+    check_folder(folder)
+    place = folder.absolute()
+    part = place.with_name(f".{place.name}.{uuid.uuid4().hex}.part")
+    old = part.with_suffix(".old")
+    try:
+        part.mkdir()
+        yield part
+        check_folder(folder)  # a while has passed
+        if place.exists():
+            place.rename(old)
+        part.rename(place)
+    except OSError as error:
+        raise JaxtwinError(f"{folder}: cannot be written: {error.strerror}") from None
+    finally:
+        if old.exists() and not place.exists():
+            old.rename(place)
+        for left in (part, old):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _replaceable(folder: Path) -> bool:
+    if folder.is_symlink() or not folder.is_dir():
+        return False
+    if not any(folder.iterdir()):
+        return True
+    try:
+        with (folder / PAGE).open(encoding="utf-8") as page:
+            return GENERATOR in page.read(2000)
+    except (OSError, UnicodeDecodeError):
+        return False

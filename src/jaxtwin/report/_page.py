@@ -1,0 +1,107 @@
+"""A report as one HTML page that needs nothing but itself."""
+
+import base64
+import re
+from collections.abc import Sequence
+from html import escape
+from importlib import resources
+
+from ._blocks import Block, Numbers, Picture, Section, Table, Text
+
+GENERATOR = '<meta name="generator" content="jaxtwin">'
+"""Stands in every page, by which a report of ours is known."""
+
+_NUMBER = re.compile(r"!?[-+−]?[\d  ]*\.?\d+(e[-+]?\d+)?( ?[%KsW])?|!?-|")
+
+
+def page_html(title: str, lead: Sequence[Block], sections: Sequence[Section], foot: str) -> str:
+    """The page.
+
+    **Arguments:**
+
+    - `title`: of the page.
+    - `lead`: what stands above the list of contents.
+    - `sections`: in their order.
+    - `foot`: the last line.
+
+    **Returns:** HTML with style and pictures inside.
+    """
+    style = (resources.files("jaxtwin") / "report" / "page.css").read_text(encoding="utf-8")
+    contents = "".join(
+        f'<li><a href="#{_anchor(section)}">{escape(section.title)}</a></li>'
+        for section in sections
+        if section.level == 2
+    )
+    parts = [
+        "<!doctype html>",
+        '<html lang="en"><head><meta charset="utf-8">',
+        GENERATOR,
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>{escape(title)}</title>",
+        f"<style>\n{style}</style></head><body><main>",
+        f"<h1>{escape(title)}</h1>",
+        *map(_block, lead),
+        f"<nav><ul>{contents}</ul></nav>",
+        *map(_section, sections),
+        f"<footer>{_inline(foot)}</footer></main></body></html>",
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _section(section: Section) -> str:
+    heading = f"<h{section.level}>{escape(section.title)}</h{section.level}>"
+    blocks = "\n".join(map(_block, section.blocks))
+    return f'<section id="{_anchor(section)}">{heading}\n{blocks}</section>'
+
+
+def _block(block: Block) -> str:
+    match block:
+        case Text():
+            return f"<p>{_inline(block.text)}</p>"
+        case Numbers():
+            entries = "".join(
+                f"<div><dt>{_inline(label)}</dt><dd>{escape(value)}</dd></div>"
+                for value, label in block.entries
+            )
+            return f"<dl>{entries}</dl>"
+        case Table():
+            return _table(block)
+        case Picture():
+            data = base64.b64encode(block.png).decode()
+            return (
+                f'<figure><img src="data:image/png;base64,{data}" alt="{escape(block.caption)}">'
+                f"<figcaption>{_inline(block.caption)}</figcaption></figure>"
+            )
+
+
+def _table(table: Table) -> str:
+    # A column of numbers is set to the right, its head too.
+    right = [
+        all(_NUMBER.fullmatch(row[column]) for row in table.rows)
+        for column in range(len(table.head))
+    ]
+    head = "".join(_cell("th", text, r) for text, r in zip(table.head, right, strict=True))
+    head = f"<thead><tr>{head}</tr></thead>" if any(table.head) else ""
+    rows = "".join(
+        "<tr>" + "".join(_cell("td", text, r) for text, r in zip(row, right, strict=True)) + "</tr>"
+        for row in table.rows
+    )
+    return (
+        f"<div class=table><table><caption>{_inline(table.caption)}</caption>"
+        f"{head}<tbody>{rows}</tbody></table></div>"
+    )
+
+
+def _cell(tag: str, text: str, right: bool) -> str:
+    style = " class=n" if right else ""
+    marked = text.startswith("!")
+    content = f"<mark>{_inline(text[1:])}</mark>" if marked else _inline(text)
+    return f"<{tag}{style}>{content}</{tag}>"
+
+
+def _inline(text: str) -> str:
+    return re.sub("`([^`]+)`", r"<code>\1</code>", escape(text))
+
+
+def _anchor(section: Section) -> str:
+    return re.sub(r"\W+", "-", section.title.lower()).strip("-")

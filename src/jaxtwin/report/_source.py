@@ -1,0 +1,75 @@
+"""The recordings that the demo works on: the authors', or the bundled synthetic ones."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import RecordingError
+from ..data import synthetic_recordings
+from ..io import Experiment, find_recordings, read_recording
+
+VARIABLE = "JAXTWIN_RECORDINGS"
+
+
+@final
+@dataclass(frozen=True)
+class Source:
+    """Recordings and where they come from.
+
+    **Arguments:**
+
+    - `experiments`: the recordings.
+    - `real`: whether a rig was measured.
+    - `note`: one sentence for the report.
+    """
+
+    experiments: tuple[Experiment, ...]
+    real: bool
+    note: str
+
+
+def find_source(folder: Path | None) -> Source:
+    """The authors' recordings where they are found, else the synthetic ones.
+
+    **Arguments:**
+
+    - `folder`: where they lie; None: looked for in the usual places.
+
+    **Raises:** `RecordingError` where a folder was asked for, here or by `JAXTWIN_RECORDINGS`, and
+    does not hold them: what was asked for is never silently replaced.
+    """
+    try:
+        paths = find_recordings(folder)
+    except RecordingError:
+        if folder is not None or os.environ.get(VARIABLE):
+            raise
+        return synthetic_source(
+            "The authors' recordings are not on this machine (`jaxtwin data fetch` downloads them, "
+            "`--recordings DIR` names their folder): what follows was done on the synthetic "
+            "recordings that come with jaxtwin. No rig was measured, and no number here can be "
+            "compared with the paper's."
+        )
+    return Source(
+        tuple(read_recording(path) for path in paths),
+        True,
+        f"The authors' recordings, found in `{paths[0].parent}`.",
+    )
+
+
+def synthetic_source(note: str = "") -> Source:
+    """The synthetic recordings that come with jaxtwin."""
+    return Source(tuple(read_recording(path) for path in synthetic_recordings()), False, note)
+
+
+def recorded(experiment: Experiment) -> Float[np.ndarray, "times channels"]:
+    """The temperatures of a recording, degC.
+
+    **Raises:** `RecordingError` where it holds none.
+    """
+    if experiment.temperatures is None:
+        raise RecordingError(f"{experiment.name}: holds no temperatures")
+    return experiment.temperatures
