@@ -46,7 +46,9 @@ def send(port_pipe, seconds: float, frame_rate: int, line_rate: int) -> None:
                 parts.append(encode(Data(lines, time.time_ns() // 1000, pwm, 16.0)))
                 lines += 1
             while frames < now * frame_rate:
-                parts.append(encode(Image(frames, time.time_ns() // 1000, 0, pictures[frames % 16])))
+                parts.append(
+                    encode(Image(frames, time.time_ns() // 1000, 0, pictures[frames % 16]))
+                )
                 frames += 1
             connection.sendall(b"".join(parts))
             time.sleep(max(0.0, begin + now + TICK - time.monotonic()))

@@ -1,5 +1,6 @@
 """A rig, its twin, and a clock that stands still."""
 
+import os
 import shutil
 from collections.abc import Iterator
 
@@ -9,6 +10,8 @@ from hand_clock import HandClock
 import jaxtwin as jt
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
+
+os.environ["PATH"] += os.pathsep + "/usr/sbin"  # where Debian puts mosquitto
 
 
 @pytest.fixture(scope="session")
@@ -27,12 +30,12 @@ def clock() -> HandClock:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leaves tests with a broker out where mosquitto is not installed; they count as deselected."""
-    if shutil.which("mosquitto"):
-        return
-    needs_broker = [item for item in items if item.get_closest_marker("mosquitto")]
-    config.hook.pytest_deselected(items=needs_broker)
-    items[:] = [item for item in items if item not in needs_broker]
+    """Leaves out what needs a program that is not installed; it counts as deselected."""
+    for marker, program in (("mosquitto", "mosquitto"), ("compiler", "c++")):
+        if shutil.which(program) is None:
+            left_out = [item for item in items if item.get_closest_marker(marker)]
+            config.hook.pytest_deselected(items=left_out)
+            items[:] = [item for item in items if item not in left_out]
 
 
 @pytest.fixture

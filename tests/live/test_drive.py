@@ -30,9 +30,10 @@ from jaxtwin.live import (
     TcpServer,
     VirtualRig,
     drive,
+    encode,
     serve,
 )
-from jaxtwin.live._messages import Hello
+from jaxtwin.live._messages import Ask, Hello
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 
@@ -65,7 +66,7 @@ def test_the_guard_stops_for_each_of_its_reasons(
     records: list, at: float, reason: str | None
 ) -> None:
     guard = Guard(("T11", "T12"), 90.0, 3.0)
-    guard.begin(START)
+    guard.begin(START, {"l": "b1"})
     assert guard.check([Greeting("l", START, Hello(1, "r", "b1"))], START) is None
     found = guard.check(records, START + round(at * 1e9))
     if reason is None:
@@ -120,6 +121,34 @@ def test_a_lost_link_stops_it_for_good(rig: Rig, twin: Twin, clock: HandClock) -
         clock.turn(0.1)
         device.due(clock.now())
     assert device.pwm == OFF
+
+
+def test_a_device_that_restarts_stops_it(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    device = VirtualRig(twin)
+
+    def restart(time: float, pwm: tuple[int, ...]) -> None:
+        if time > 2 and device.hello.boot != "another":
+            device.hello = replace(device.hello, boot="another")
+            device.receive(encode(Ask(1)))
+
+    with pytest.raises(SafetyStop, match="the device on rig has restarted"):
+        drive(virtual_bench(rig, device, clock), rig, "0:1", duration=60, progress=restart)
+    assert device.pwm == OFF
+
+
+def test_a_controller_that_does_not_obey_is_reported(
+    rig: Rig, twin: Twin, clock: HandClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = VirtualRig(twin)
+    stuck = device._set
+
+    def obeys_no_stop(pwm: tuple[int, ...]) -> None:
+        if any(pwm):
+            stuck(pwm)
+
+    monkeypatch.setattr(device, "_set", obeys_no_stop)
+    with pytest.raises(SafetyStop, match="does not report that the cells are off"):
+        drive(virtual_bench(rig, device, clock), rig, "0:1", duration=2)
 
 
 def test_an_exception_switches_off_before_it_goes_on(

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Protocol, final, runtime_checkable
 
-from .._errors import LinkError
+from .._errors import JaxtwinError, LinkError
 from ..rig import Rig
 from ._identity import Identity
 from ._link import INBOX, Arrived, Inbox, Link
@@ -108,8 +108,12 @@ class Bench:
             link.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            self.close()
+        except JaxtwinError:
+            if kind is None:  # else what went wrong first is what must be read
+                raise
 
     def __iter__(self) -> Iterator[Record]:
         """Records for ever."""

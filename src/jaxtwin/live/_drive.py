@@ -1,9 +1,10 @@
 """Driving a rig: duty commands with a guard that switches the cells off."""
 
 import contextlib
+import logging
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import final
 
 import numpy as np
@@ -24,6 +25,13 @@ PATIENCE = 10.0
 OFF_SECONDS = 2.0
 """How long a stop waits for the controller to report that the cells are off, s."""
 
+_UNCONFIRMED = (
+    "the controller does not report that the cells are off; its watchdog switches them off when "
+    "commands cease"
+)
+
+log = logging.getLogger("jaxtwin.live")
+
 
 @final
 class Guard:
@@ -40,7 +48,7 @@ class Guard:
         self._channels = tuple(channels)
         self._hottest = hottest
         self._silence = silence
-        self._boots: dict[str, str] = {}
+        self._boots: Mapping[str, str] = {}
         self._sample = self._reading = 0
 
     def check(self, records: Sequence[Record], now: int) -> str | None:
@@ -61,9 +69,10 @@ class Guard:
                 return f"no {what} for {silent:.1f} s"
         return None
 
-    def begin(self, now: int) -> None:
-        """Starts counting silence."""
+    def begin(self, now: int, boots: Mapping[str, str]) -> None:
+        """Starts counting silence; `boots` are the devices' present starts by link."""
         self._sample = self._reading = now
+        self._boots = boots
 
     def _reason(self, record: Record) -> str | None:
         match record:
@@ -79,8 +88,7 @@ class Guard:
             case LinkChange(state=LinkState.DOWN):
                 return f"link {record.link} is down: {record.detail}"
             case Greeting():
-                before = self._boots.setdefault(record.link, record.hello.boot)
-                if before != record.hello.boot:
+                if self._boots.get(record.link) != record.hello.boot:
                     return f"the device on {record.link} has restarted"
             case Event(kind="watchdog"):
                 return "the device's own watchdog has switched the cells off"
@@ -121,9 +129,9 @@ def drive(
     plan = Experiment.schedule(schedule, duration=duration, cells=len(rig.cells))
     guard = Guard([channel.name for channel in rig.channels], limit - 273.15, silence)
     try:
-        rate = _wait_until_live(bench, guard)
+        rate, boots = _wait_until_live(bench, guard)
         begin = bench.clock.now()
-        guard.begin(begin)
+        guard.begin(begin, boots)
         commanded = -math.inf
         while True:
             reason = guard.check(bench.poll(0.02), bench.clock.now())
@@ -131,7 +139,7 @@ def drive(
                 raise SafetyStop(f"stopped, cells off: {reason}")
             elapsed = seconds(bench.clock.now() - begin)
             if elapsed * rate >= duration or (stop is not None and stop.is_set()):
-                return
+                break
             if elapsed - commanded < INTERVAL:
                 continue
             commanded = elapsed
@@ -143,9 +151,11 @@ def drive(
                 progress(elapsed * rate, pwm)
     except BaseException as error:
         bench.note(Event("", bench.clock.now(), "drive-stop", f"{type(error).__name__}: {error}"))
+        if not switch_off(bench, len(rig.cells)):
+            log.warning(_UNCONFIRMED)
         raise
-    finally:
-        switch_off(bench, len(rig.cells))
+    if not switch_off(bench, len(rig.cells)):
+        raise SafetyStop(_UNCONFIRMED)
 
 
 def switch_off(bench: Bench, cells: int) -> bool:
@@ -173,17 +183,23 @@ def counts_of(rig: Rig, duty: Sequence[float] | np.ndarray) -> tuple[int, ...]:
     return tuple(round(float(part) * driver.counts) * driver.polarity for part in duty)
 
 
-def _wait_until_live(bench: Bench, guard: Guard) -> float:
-    """Waits for all links, temperatures and a controller. **Returns:** the device's rate."""
+def _wait_until_live(bench: Bench, guard: Guard) -> tuple[float, dict[str, str]]:
+    """Waits for all links, temperatures and a controller.
+
+    **Returns:** the controller's rate, and the present start of each device by link.
+    """
     begin = bench.clock.now()
     rate, driven, measured = 1.0, False, False
+    boots: dict[str, str] = {}
     while not (driven and measured and set(bench.states.values()) == {LinkState.LIVE}):
         records = bench.poll(0.05)
         for record in records:
-            if isinstance(record, Greeting) and record.hello.cells:
-                rate, driven = record.hello.rate, True
+            if isinstance(record, Greeting):
+                boots[record.link] = record.hello.boot
+                if record.hello.cells:
+                    rate, driven = record.hello.rate, True
             measured = measured or isinstance(record, Reading)
-        guard.begin(bench.clock.now())
+        guard.begin(bench.clock.now(), boots)
         # Links may come and go until the first command.
         reason = guard.check([r for r in records if isinstance(r, Reading)], bench.clock.now())
         if reason is not None:
@@ -193,4 +209,4 @@ def _wait_until_live(bench: Bench, guard: Guard) -> float:
             missing = "" if measured else "; no temperatures"
             missing += "" if driven else "; nobody who drives cells"
             raise SafetyStop(f"not started: after {PATIENCE:g} s: {states}{missing}")
-    return rate
+    return rate, boots

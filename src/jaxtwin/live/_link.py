@@ -56,7 +56,8 @@ class Link:
         self._transport: Transport | None = None
         self._retry = FIRST_RETRY
         self._drop: str | None = None
-        self._reason: str | None = None  # why it was down the last time
+        self._reason: str | None = None  # why it is down
+        self._logged: str | None = None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"link {name}", daemon=True)
 
@@ -103,6 +104,7 @@ class Link:
     def heard(self) -> None:
         """The other side is who it should be: the next loss is followed by a quick retry."""
         self._retry = FIRST_RETRY
+        self._logged = None
 
     def drop(self, reason: str) -> None:
         """Has the connection closed. The thread does it: nobody closes what another one reads."""
@@ -138,8 +140,9 @@ class Link:
         if reason == self._reason:
             return
         self._reason = reason
-        if not self._closing.is_set():
+        if reason != self._logged and not self._closing.is_set():
             log.warning("%s: down: %s", self.name, reason)
+            self._logged = reason
         self._put(LinkChange(self.name, self._clock.now(), LinkState.DOWN, reason))
 
     def _put(self, item: Arrived | LinkChange) -> None:

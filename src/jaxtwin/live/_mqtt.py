@@ -35,7 +35,7 @@ class MqttTransport:
         self._inbox: queue.Queue[bytes] = queue.Queue(WAITING)
         self._lost = False
         self._reads, self._writes = f"{topic}/{reads}", f"{topic}/{writes}"
-        self._client = _client()
+        self._client = _client(reconnect=False)  # the link does that
         ready = threading.Event()
 
         def on_connect(client: Any, *_: Any) -> None:
@@ -64,11 +64,16 @@ class MqttTransport:
         if self._lost:
             raise ConnectionResetError("the broker is gone")
         try:
-            parts = [self._inbox.get(timeout=READ_SECONDS)]
-            while not self._inbox.empty():
-                parts.append(self._inbox.get_nowait())
+            return self._inbox.get(timeout=READ_SECONDS) + self.waiting()
         except queue.Empty:
             return b""
+
+    def waiting(self) -> bytes:
+        """What is there already."""
+        parts = []
+        with contextlib.suppress(queue.Empty):
+            while True:
+                parts.append(self._inbox.get_nowait())
         return b"".join(parts)
 
     def write(self, data: bytes) -> None:
@@ -99,10 +104,12 @@ class MqttServer:
             raise LinkError(f"{url}: {error}") from None
 
     def tick(self, data: bytes, device: VirtualRig) -> None:
-        if data:
-            self._transport.write(data)
-        while not self._transport._inbox.empty():
-            device.receive(self._transport._inbox.get_nowait())
+        try:
+            if data:
+                self._transport.write(data)
+            device.receive(self._transport.waiting())
+        except OSError as error:
+            raise LinkError(f"{self.url}: {error}") from None
 
     def hang_up(self) -> None:
         """A broker keeps its connections; the fault is none here."""
@@ -128,7 +135,7 @@ class Publisher:
     def __init__(self, url: str, channels: Sequence[str], cells: Sequence[str]):
         host, port, self._topic = _parts(url)
         self._channels, self._cells = channels, cells
-        self._client = _client()
+        self._client = _client(reconnect=True)
         self._client.max_queued_messages_set(WAITING)
         try:
             self._client.connect(host, port, keepalive=10)
@@ -173,10 +180,10 @@ def _parts(url: str) -> tuple[str, int, str]:
     return parts.hostname, parts.port or 1883, parts.path.strip("/")
 
 
-def _client() -> Any:
+def _client(*, reconnect: bool) -> Any:
     try:
         from paho.mqtt.client import Client
         from paho.mqtt.enums import CallbackAPIVersion
     except ImportError:
         raise LinkError("mqtt:// needs paho-mqtt: pip install 'jaxtwin[mqtt]'") from None
-    return Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
+    return Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=reconnect)

@@ -50,16 +50,17 @@ def report(session: Session) -> dict[str, Any]:
             rows = execute(
                 f"SELECT device_us FROM {table} WHERE greeting IN ({marks}) ORDER BY id",
                 device.greetings,
-            ).fetchall()
-            if len(rows) < 2:
+            )
+            stamps = np.fromiter((stamp for (stamp,) in rows), np.int64)
+            if len(stamps) < 2:
                 continue
-            steps = np.diff(np.array(rows)[:, 0]) * 1e-6
+            steps = np.diff(stamps) * 1e-6
             streams.append(
                 StreamReport(
                     table,
                     device.link,
                     device.boot,
-                    len(rows),
+                    len(stamps),
                     float(np.median(steps)),
                     float(steps.max()),
                     device.clock.drift,

@@ -18,6 +18,9 @@ from ._grid import bin_means, held
 from ._lock import is_locked
 from ._tables import Columns, read_metadata
 
+MOST_STAMPS = 1_000_000
+"""Of each table that a clock is fitted to; of a longer recording every second, third, ... stamp."""
+
 LONGEST_HOLD = 3.0
 """Median intervals between controller samples for which one counts as still in force."""
 
@@ -102,25 +105,33 @@ class Session:
         return build_rig(parse_toml(self.metadata["rig_file"].encode(), source), source)
 
     def clocks(self) -> list[DeviceClock]:
-        """The clock of each start of each device.
+        """The clock of each start of each device, in each run of the recorder.
 
         A device that lost its connection and came back without a restart has one clock.
         """
-        starts: dict[tuple[str, str, float], list[int]] = {}
-        rows = self.database.execute("SELECT id, link, boot, rate FROM greetings ORDER BY id")
-        for number, link, boot, rate in rows:
-            starts.setdefault((link, boot, rate), []).append(number)
+        execute = self.database.execute
+        starts: dict[tuple[int, str, str, float], list[int]] = {}
+        for number, *start in execute(
+            "SELECT id, run, link, boot, rate FROM greetings ORDER BY id"
+        ):
+            starts.setdefault(tuple(start), []).append(number)
+        (newest,) = execute(
+            "SELECT max((SELECT max(id) FROM samples), (SELECT max(id) FROM readings))"
+        ).fetchone()
+        every = 1 + (newest or 0) // MOST_STAMPS
         clocks = []
-        for (link, boot, rate), numbers in starts.items():
-            marks = ",".join("?" * len(numbers))
-            stamps = self.database.execute(
-                f"SELECT device_us, arrival FROM samples WHERE greeting IN ({marks}) UNION ALL "
-                f"SELECT device_us, arrival FROM readings WHERE greeting IN ({marks}) ORDER BY 2",
-                (*numbers, *numbers),
-            ).fetchall()
-            if stamps:
-                device_us, arrival = np.array(stamps, np.int64).T
-                clock = ClockMap.fit(device_us, arrival, rate)
+        for (_, link, boot, rate), numbers in starts.items():
+            which = f"WHERE greeting IN ({','.join('?' * len(numbers))}) AND id % {every} = 0"
+            stamps = _array(
+                execute(
+                    f"SELECT device_us, arrival FROM samples {which} UNION ALL "
+                    f"SELECT device_us, arrival FROM readings {which} ORDER BY 2",
+                    (*numbers, *numbers),
+                ),
+                np.int64,
+            )
+            if len(stamps):
+                clock = ClockMap.fit(stamps[:, 0], stamps[:, 1], rate)
                 clocks.append(DeviceClock(link, boot, tuple(numbers), clock))
         return clocks
 
@@ -205,7 +216,7 @@ class Session:
     ) -> Series:
         names = ", ".join(f'"{name}"' for name in columns)
         rows = self.database.execute(f"SELECT greeting, device_us, {names} FROM {table} {where}")
-        values = np.array(rows.fetchall(), np.float64).reshape(-1, 2 + len(columns))
+        values = _array(rows, np.float64).reshape(-1, 2 + len(columns))
         time = np.zeros(len(values))
         rates = set()
         for device in self.clocks() if clocks is None else clocks:
@@ -222,6 +233,14 @@ class Session:
         # Two starts of a device may overlap by their clocks' uncertainty.
         order = np.argsort(time, kind="stable")
         return Series(time[order], values[order, 2:], columns)
+
+
+def _array(rows: sqlite3.Cursor, kind: type) -> np.ndarray:
+    """All rows, without ever holding them as Python objects: those take ten times the memory."""
+    parts = [np.zeros((0, len(rows.description)), kind)]
+    while part := rows.fetchmany(20_000):
+        parts.append(np.array(part, kind))
+    return np.concatenate(parts)
 
 
 def _open(file: Path) -> sqlite3.Connection:
