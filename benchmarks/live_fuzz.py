@@ -13,7 +13,7 @@ import zlib
 
 import atheris
 
-with atheris.instrument_imports(include=["jaxtwin.live"]):
+with atheris.instrument_imports(include=["jaxtwin.live"]):  # pyright: ignore
     import jaxtwin as jt
     from jaxtwin.live import LinkState, deframe, encode
     from jaxtwin.live._framing import PACKET_BYTES, encode_line, encode_packet
@@ -30,7 +30,7 @@ NOW = 1_700_000_000_000_000_000
 
 def feed(data: bytes) -> None:
     """One input: as raw bytes, as the text of a valid line, as the content of a valid packet."""
-    provider = atheris.FuzzedDataProvider(data)
+    provider = atheris.FuzzedDataProvider(data)  # pyright: ignore
     kind = provider.ConsumeIntInRange(0, 2)
     cut = provider.ConsumeIntInRange(0, 200)
     content = provider.ConsumeBytes(len(data))

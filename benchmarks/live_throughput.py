@@ -79,7 +79,7 @@ def main() -> None:
     follower = None if options.without_twin else Follower(Twin(rig))
     waits = []  # from the read of the bytes to the prediction, ns
     counts = {"samples": 0, "readings": 0, "gaps": 0}
-    sent = None
+    sent, sent_at = None, 0.0
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "session.db"
         url = f"socket://127.0.0.1:{ours.recv()}"

@@ -2,8 +2,10 @@
 
 import json
 import signal
+import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +16,21 @@ from typer.testing import CliRunner
 
 import jaxtwin as jt
 from jaxtwin.io import read_recording
-from jaxtwin.live import Greeting, Reading, Recorder, Sample
+from jaxtwin.live import (
+    Greeting,
+    Reading,
+    Recorder,
+    Sample,
+    Session,
+    SystemClock,
+    TcpServer,
+    VirtualRig,
+    deframe,
+    serve,
+)
 from jaxtwin.live._commands import add_commands
 from jaxtwin.live._messages import Hello
+from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 
 APP = typer.Typer()
@@ -77,25 +91,48 @@ def test_a_recording_is_watched_to_its_end(recording: Path) -> None:
     assert "22.0" in result.stdout
 
 
-def test_a_virtual_rig_is_recorded_until_a_polite_kill(tmp_path: Path) -> None:
-    def start(*words: str) -> subprocess.Popen:
-        command = [sys.executable, "-m", "jaxtwin.live", *words]
-        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
+def test_a_rig_is_recorded_until_a_polite_kill(twin: Twin, tmp_path: Path) -> None:
     out = tmp_path / "session.db"
-    with start("virtual-rig", "dual-cell", "--tcp", "127.0.0.1:0") as rig:
-        assert rig.stdout is not None
-        url = rig.stdout.readline().split()[-1]
-        with start("record", "dual-cell", "--link", url, "--out", str(out)) as recorder:
-            assert recorder.stderr is not None
-            seen = ""
-            while "live" not in seen:
-                seen += recorder.stderr.read(1)
-            recorder.send_signal(signal.SIGTERM)
-            assert recorder.wait() == 0
-        rig.send_signal(signal.SIGTERM)
-        assert rig.wait() == 0
-    with jt.live.Session(out) as session:
-        (ended,) = session.database.execute("SELECT ended FROM runs").fetchone()
-        assert ended == "stopped"
+    server, stop = TcpServer("127.0.0.1:0"), threading.Event()
+    serving = (VirtualRig(twin), server, SystemClock(), stop)
+    thread = threading.Thread(target=serve, args=serving)
+    thread.start()
+    command = [sys.executable, "-m", "jaxtwin.live", "record", "dual-cell"]
+    command += ["--link", server.url, "--out", str(out)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        assert process.stdout is not None
+        seen = ""
+        while "live" not in seen:
+            seen += process.stderr.read(1)
+        process.send_signal(signal.SIGTERM)
+        printed = process.stdout.read()
+    stop.set()
+    thread.join()
+    server.close()
+    assert process.returncode == 0
+    assert "samples from socket://" in printed
+    with Session(out) as session:
+        assert session.database.execute("SELECT ended FROM runs").fetchone() == ("stopped",)
         assert session.database.execute("SELECT count(*) FROM samples").fetchone()[0] > 0
+
+
+def test_a_virtual_rig_says_where_it_listens_and_serves(monkeypatch: pytest.MonkeyPatch) -> None:
+    served = []
+
+    def for_a_moment(device: VirtualRig, server: TcpServer, *_: object) -> None:
+        host, port = server.url.removeprefix("socket://").split(":")
+        with socket.create_connection((host, int(port))) as client:
+            for now in range(0, 10**9, 10**8):
+                server.tick(device.due(now), device)
+            served.extend(deframe(b"", client.recv(1000)).frames)
+
+    monkeypatch.setattr("jaxtwin.live._serve.serve", for_a_moment)
+    command = ["virtual-rig", "dual-cell", "--tcp", ":0", "--speed", "5", "--faults", "drop=0.1"]
+    result = CliRunner().invoke(APP, command)
+    assert result.exit_code == 0
+    assert "dual-cell at socket://127.0.0.1:" in result.stdout
+    assert served[0].startswith("hello version=1 rig=dual-cell")
+    assert "rate=5" in served[0]

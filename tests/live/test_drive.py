@@ -236,10 +236,7 @@ with connect(rig, sys.argv[1]) as bench:
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_after_the_death_of_the_driving_process_the_cells_go_off(
-    twin: Twin, how: signal.Signals
-) -> None:
+def test_after_the_death_of_the_driving_process_the_cells_go_off(twin: Twin) -> None:
     device = VirtualRig(twin, watchdog=0.5)
     server, stop = TcpServer("127.0.0.1:0"), threading.Event()
     thread = threading.Thread(target=serve, args=(device, server, SystemClock(), stop))
@@ -257,7 +254,7 @@ def test_after_the_death_of_the_driving_process_the_cells_go_off(
         while device.pwm == OFF and process.poll() is None:
             on.wait(0.01)
         assert device.pwm == (128, 128)
-        process.send_signal(how)
+        process.send_signal(signal.SIGKILL)
         process.wait()
         process.stdout.close()
         begin = SystemClock().now()

@@ -1,4 +1,4 @@
-"""The example sketch, compiled for this machine: what it sends is accepted, what it must it obeys."""
+"""The example sketch, compiled for this machine: what it sends is accepted, and it obeys."""
 
 import shutil
 import subprocess

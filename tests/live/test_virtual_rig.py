@@ -37,27 +37,15 @@ from jaxtwin.rig import Rig
 
 
 def test_the_twin_in_step_is_the_twin_simulated(twin: Twin) -> None:
-    experiment = Experiment.schedule("0:0.5,50:0.78/-0.4", duration=100, step=1.0, cells=2)
+    experiment = Experiment.schedule("0:0.5,50:0.78/-0.4", duration=100, cells=2, ambient=12.0)
     truth = twin.simulate(experiment)
     live = LiveTwin(twin)
     channels = []
     for time, duty in zip(experiment.time, experiment.duty, strict=True):
         channels.append(live.advance(float(time)))
-        live.drive(duty)
-    np.testing.assert_allclose(channels, truth.temperatures, atol=2e-4)
-
-
-def test_a_colder_room_is_followed(twin: Twin) -> None:
-    experiment = Experiment(
-        np.arange(0.0, 300.0, 1.0),
-        np.full((300, 2), 0.5),
-        channels=twin.channels,
-        ambient=12.0,
-    )
-    truth = twin.simulate(experiment)
-    live = LiveTwin(twin)
-    live.drive(np.array([0.5, 0.5]), ambient=12.0)
-    np.testing.assert_allclose(live.advance(299.0), truth.temperatures[-1], atol=2e-4)
+        live.drive(duty, ambient=12.0)
+    # At time 0 the twin in step has not been told yet that the room is colder.
+    np.testing.assert_allclose(channels[1:], truth.temperatures[1:], atol=2e-4)
 
 
 def test_a_frame_shows_each_channel_what_the_twin_says_it_reads(rig: Rig, twin: Twin) -> None:
@@ -263,7 +251,7 @@ def test_a_replay_is_the_records_once_more(recorded: tuple[Path, list]) -> None:
         one = [record for record in records if isinstance(record, kind)]
         two = [record for record in again if isinstance(record, kind)]
         for a, b in zip(one, two, strict=True):
-            if isinstance(a, Reading):
+            if isinstance(a, Reading) and isinstance(b, Reading):
                 np.testing.assert_array_equal(a.temperatures, b.temperatures)
                 np.testing.assert_array_equal(a.pixels, b.pixels)
                 a = replace(a, temperatures=np.zeros(15), pixels=None)

@@ -175,6 +175,13 @@ def virtual_rig(
         raise JaxtwinError(
             f"--parameters {parameters}: {loaded.name} has {', '.join(loaded.parameter_sets)}"
         )
+    server: Server
+    if mqtt:
+        from ._mqtt import MqttServer
+
+        server = MqttServer(mqtt)
+    else:
+        server = TcpServer(tcp) if tcp else PtyServer()
     device = VirtualRig(
         Twin(loaded, loaded.parameter_sets[parameters] if parameters else None),
         speed=speed,
@@ -183,13 +190,6 @@ def virtual_rig(
         controller_hz=controller_hz,
         faults=Faults.parse(faults),
     )
-    server: Server
-    if mqtt:
-        from ._mqtt import MqttServer
-
-        server = MqttServer(mqtt)
-    else:
-        server = TcpServer(tcp) if tcp else PtyServer()
     typer.echo(f"{loaded.name} at {server.url}")
     with _stop_signals() as stop:
         try:

@@ -139,7 +139,7 @@ def _advance(
 ) -> jax.Array:
     """`steps` steps under duty and ambient `(cells + 1,)`; compiled once for a rig."""
     factors, system, modes, reference = equations
-    now = Inputs(inputs[:-1], inputs[-1])
+    now = Inputs(jnp.asarray(inputs[:-1]), jnp.asarray(inputs[-1]))
 
     def step(_: jax.Array, z: jax.Array) -> jax.Array:
         return exponential_step(z, factors, system, modes, now, reference)[0]

@@ -111,14 +111,15 @@ class Session:
         """
         execute = self.database.execute
         starts: dict[tuple[int, str, str, float], list[int]] = {}
-        for number, *start in execute(
+        for number, run, link, boot, rate in execute(
             "SELECT id, run, link, boot, rate FROM greetings ORDER BY id"
         ):
-            starts.setdefault(tuple(start), []).append(number)
-        (newest,) = execute(
-            "SELECT max((SELECT max(id) FROM samples), (SELECT max(id) FROM readings))"
-        ).fetchone()
-        every = 1 + (newest or 0) // MOST_STAMPS
+            starts.setdefault((run, link, boot, rate), []).append(number)
+        newest = [
+            execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0]
+            for table in ("samples", "readings")
+        ]
+        every = 1 + max(newest) // MOST_STAMPS
         clocks = []
         for (_, link, boot, rate), numbers in starts.items():
             which = f"WHERE greeting IN ({','.join('?' * len(numbers))}) AND id % {every} = 0"
