@@ -131,6 +131,20 @@ def test_it_is_synced_to_the_disk_once_a_second_also_in_silence(
         assert clock.now() - alive < 1.1e9
 
 
+def test_a_step_of_the_system_clock_is_noted_and_changes_no_time(
+    rig: Rig, file: Path, clock: HandClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clock, "utc", lambda: clock.time - 3_600_000_000_000)
+    with Recorder(file, rig, clock=clock) as recorder:
+        for _ in range(700):
+            clock.turn(1.0)
+            recorder.write([])
+    with Session(file) as session:
+        query = "SELECT arrival, detail FROM events WHERE kind = 'host-clock'"
+        rows = session.database.execute(query).fetchall()
+    assert rows == [(START + 600 * 10**9, "system clock -3600.000000 s")]
+
+
 def test_a_file_that_is_there_is_not_overwritten(rig: Rig, file: Path) -> None:
     file.write_text("precious")
     with pytest.raises(RecordingError, match="is there already"):

@@ -33,6 +33,9 @@ from ._time import Clock, SystemClock, seconds
 SYNC_SECONDS = 1.0
 """The sync window: what is younger may be lost in a power failure."""
 
+COMPARE_SECONDS = 600.0
+"""How often is noted how far the system's clock and the recording's are apart."""
+
 WAL_BYTES = 64 * 2**20  # to which the journal shrinks again after a long reader held it
 
 # A number that no reader can hold back: SQLite's default is 1000 pages, 4 MB.
@@ -70,7 +73,7 @@ class Recorder:
         self._clock: Clock = clock or SystemClock()
         self._keep_frames = keep_frames
         self._greetings: dict[tuple[str, str], int] = {}
-        self._synced = 0
+        self._synced = self._compared = 0
         self._ended = False
         metadata = metadata_of(rig)
         columns = Columns.of(metadata)
@@ -114,6 +117,10 @@ class Recorder:
         sync = seconds(now - self._synced) >= SYNC_SECONDS
         if not records and not sync:
             return
+        if seconds(now - self._compared) >= COMPARE_SECONDS:
+            apart = seconds(self._clock.utc() - now)
+            records = [*records, Event("", now, "host-clock", f"system clock {apart:+.6f} s")]
+            self._compared = now
         try:
             self._transact(records, now if sync else None)
         except sqlite3.Error as error:
@@ -229,7 +236,7 @@ class Recorder:
             )
         execute("COMMIT")
         execute("PRAGMA synchronous = NORMAL")
-        self._synced = now
+        self._synced = self._compared = now
         return run
 
     def _give_up(self) -> None:
