@@ -4,7 +4,7 @@ from .physics import Netlist
 from .rig import Rig
 
 
-def network_counts(netlist: Netlist, rig: Rig) -> dict[str, float]:
+def network_counts(netlist: Netlist, rig: Rig) -> dict[str, float | int]:
     """Counts and sums of a network, with the values of the rig's own parameter table."""
     values = {name: row.to_si(row.value) for name, row in rig.parameters.items()}
     return {

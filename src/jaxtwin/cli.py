@@ -6,7 +6,7 @@ Exit codes: 0, or 2 with one line on standard error that says what was wrong.
 import os
 import sys
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -26,22 +26,23 @@ from .commands import (
 WRONG, STOPPED = 2, 130
 
 # typer brings click along under another name with every other release.
-UsageProblem: type[Exception] = typer.BadParameter.__mro__[1]
+UsageProblem: Any = typer.BadParameter.__mro__[1]
 
 START = "Start here"
 RIGS = "Rigs"
 TWINS = "Twins"
 MACHINE = "This machine"
 
+COMPILING = ("demo", "simulate", "match", "sensitivity")
+
 app = typer.Typer(
     add_completion=False,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Each command has an example: [bold]jaxtwin match --help[/]",
 )
-data = typer.Typer(no_args_is_help=True, help="List or fetch recordings.")
+data = typer.Typer()
 
 
 def _example(*lines: str) -> str:
@@ -88,7 +89,7 @@ data.command("fetch", epilog=_example("jaxtwin data fetch --to recordings"))(_da
 _add("doctor", MACHINE, _doctor.doctor, "jaxtwin doctor")
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _jaxtwin(
     context: typer.Context,
     version: Annotated[
@@ -96,14 +97,24 @@ def _jaxtwin(
     ] = False,
 ) -> None:
     """Digital twins of multizone thermoelectric rigs: simulate, match to recordings, analyse."""
-    from . import __version__
-    from .doctor import use_compilation_cache
-
     if version:
+        from . import __version__
+
         print(f"jaxtwin {__version__}")
         raise typer.Exit
-    if context.invoked_subcommand not in ("rigs", "data", "doctor"):
+    _help_without_command(context)
+    if context.invoked_subcommand in COMPILING:
+        from .doctor import use_compilation_cache
+
         use_compilation_cache()
+
+
+@data.callback(invoke_without_command=True)
+def _help_without_command(context: typer.Context) -> None:
+    """List or fetch recordings."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+        raise typer.Exit
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

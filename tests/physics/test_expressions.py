@@ -19,7 +19,7 @@ sums = st.lists(st.lists(values, max_size=3), min_size=1, max_size=5)
 parameters = st.fixed_dictionaries(dict.fromkeys(NAMES, st.floats(0.5, 2)))
 
 
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(sums, parameters)
 def test_equals_the_sum_of_single_values(sums, parameters):
     sums = [[Value(factor, tuple(powers)) for factor, powers in terms] for terms in sums]

@@ -141,6 +141,16 @@ def test_fine_fin_approaches_its_analytic_solution(network):
     assert fin_error(320, network) < 1e-4
 
 
+def steady_rise(twin: Twin, duty: list[float]) -> np.ndarray:
+    @jax.jit
+    def solve(twin: Twin, duty: jax.Array) -> jax.Array:
+        system = twin.system()
+        return system.steady_state(duty, system.ambient_temperature)
+
+    with jax.enable_x64(True):
+        return np.asarray(solve(twin, jnp.array(duty)))
+
+
 def test_symmetric_rig_has_symmetric_temperatures(make_rig):
     """Left and right, top and bottom, to rounding."""
     rig = make_rig(
@@ -148,9 +158,7 @@ def test_symmetric_rig_has_symmetric_temperatures(make_rig):
         ["2 cm", "4 cm", "2 cm"],
         [{"V22": "0.1 K/W"}, {"V24": "0.1 K/W"}],
     )
-    with jax.enable_x64(True):
-        system = Twin(rig).system()
-        rise = np.asarray(system.steady_state(jnp.array([0.6, 0.6]), system.ambient_temperature))
+    rise = steady_rise(Twin(rig), [0.6, 0.6])
     plate = rise[:15].reshape(3, 5)
     assert plate.max() - plate.min() > 1
     np.testing.assert_allclose(plate, plate[:, ::-1], rtol=1e-12)
@@ -159,7 +167,5 @@ def test_symmetric_rig_has_symmetric_temperatures(make_rig):
 
 def test_circuit_of_the_authors_is_symmetric_top_to_bottom():
     """Row 3 repeats row 1 in the model file, so T1j = T2j in simulation."""
-    with jax.enable_x64(True):
-        system = Twin("paper-2024").system()
-        rise = np.asarray(system.steady_state(jnp.array([0.5, 0.8]), system.ambient_temperature))
+    rise = steady_rise(Twin("paper-2024"), [0.5, 0.8])
     np.testing.assert_allclose(rise[:8], rise[16:24], rtol=1e-12)

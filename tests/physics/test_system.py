@@ -177,7 +177,7 @@ def test_conductance_is_symmetric_and_its_rows_sum_to_the_links_to_air(system):
 def test_channels_read_the_surroundings_and_part_of_the_rise(float64):
     """reading = ambient + gain (T - ambient), by hand for TAM with a gain of 0.8."""
     twin = Twin("dual-cell", {"g_TAM": 0.8})
-    system = twin.system()
+    system = assembled(twin)
     column = twin.channels.index("TAM")
     nodes = len(twin.netlist.nodes)
     uniform = system.channel_temperatures(jnp.full((1, nodes), 10.0), jnp.full((1, 1), 4.0))
@@ -189,10 +189,14 @@ def test_channels_read_the_surroundings_and_part_of_the_rise(float64):
 
 def test_stiff_shorted_cell_is_what_the_slope_of_the_heat_says(float64):
     """The conductance that solvers take out: d q_c / d(T_h - T_c) of a braked cell at rest."""
-    system = Twin("dual-cell").system()
-    reference = system.ambient_temperature
-    sides = jnp.full(4, reference)
-    slope = jax.jacfwd(lambda T: system.cell_heat(T, jnp.zeros(2)).cold)(sides)
-    expected = system.bridge.back_emf_conductance(system.module, float(reference))
+    system = assembled(Twin("dual-cell"))
+    reference = float(system.ambient_temperature)
+
+    @jax.jit
+    def both(sides: jax.Array) -> tuple[jax.Array, jax.Array]:
+        slope = jax.jacfwd(lambda T: system.cell_heat(T, jnp.zeros(2)).cold)(sides)
+        return slope, system.bridge.back_emf_conductance(system.module, reference)
+
+    slope, expected = both(jnp.full(4, reference))
     np.testing.assert_allclose(jnp.diag(slope[:, :2]), expected, rtol=1e-12)
     np.testing.assert_allclose(jnp.diag(slope[:, 2:]), -expected, rtol=1e-12)

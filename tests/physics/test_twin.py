@@ -15,7 +15,8 @@ from jaxtwin.physics._wiring import wiring_of
 from jaxtwin.rig import Channel, Value
 
 
-def eager(twin: Twin) -> jax.Array:
+@eqx.filter_jit
+def everything(twin: Twin) -> jax.Array:
     """A number that every parameter moves: rates of change and readings of an uneven state."""
     system = twin.system()
     nodes = jnp.arange(len(twin.netlist.nodes))
@@ -23,9 +24,6 @@ def eager(twin: Twin) -> jax.Array:
     deviation = system.initial_temperature - ambient + 10 * jnp.cos(nodes)
     rate = system.heat_into_nodes(deviation, jnp.array([0.5, -0.3]), ambient) / system.capacitance
     return jnp.sin(nodes) @ rate + 0.01 * system.channel_temperatures(deviation).sum()
-
-
-everything = eqx.filter_jit(eager)
 
 
 @eqx.filter_jit
@@ -64,9 +62,7 @@ def test_parameter_sets_are_values_for_a_twin():
 
 
 def test_temperatures_are_given_in_the_unit_of_the_table():
-    with jax.enable_x64(True):
-        system = Twin("paper-2024", {"T_amb": 20.0}).system()
-        assert float(system.ambient_temperature) == pytest.approx(293.15, abs=1e-12)
+    assert Twin("paper-2024", {"T_amb": 20.0}).numbers_si["T_amb"] == 293.15
 
 
 def test_unknown_parameter_is_refused_with_those_that_are_known():
@@ -99,10 +95,6 @@ def test_module_of_a_cell_has_the_twin_s_values(twin):
     assert float(module.electrical_resistance) == 2.25
     assert float(module.seebeck_coefficient) == 0.0508
     assert module.optimum_current(290.0) == pytest.approx(0.0508 * 290 / 2.25)
-
-
-def test_compiled_and_plain_give_the_same(twin, float64):
-    assert float(everything(twin)) == pytest.approx(float(eager(twin)), rel=1e-12)
 
 
 def test_new_values_compile_nothing_anew(twin):
@@ -140,9 +132,11 @@ def slopes(function: Callable[[Twin], jax.Array], twin: Twin, names: Iterable[st
     return found
 
 
-@pytest.mark.parametrize("name", ["paper-2024", "dual-cell"])
-def test_gradients_equal_finite_differences_in_every_parameter(name, float64):
-    """Forward and backward."""
+@pytest.mark.parametrize(
+    ("name", "derivative"), [("paper-2024", jax.grad), ("dual-cell", jax.jacfwd)]
+)
+def test_derivatives_equal_finite_differences_in_every_parameter(name, derivative, float64):
+    """Backward and forward."""
     twin = Twin(name)
     values = {name: jnp.asarray(value) for name, value in twin.parameters.items()}
 
@@ -151,18 +145,17 @@ def test_gradients_equal_finite_differences_in_every_parameter(name, float64):
 
     expected = slopes(everything, twin, values)
     assert np.abs(expected).min() > 1e-8, "every parameter takes part"
-    for derivative in (jax.jacfwd, jax.grad):
-        found = jax.jit(derivative(of_values))(values)
-        np.testing.assert_allclose([found[name] for name in values], expected, rtol=1e-5, atol=1e-9)
+    found = jax.jit(derivative(of_values))(values)
+    np.testing.assert_allclose([found[name] for name in values], expected, rtol=1e-5, atol=1e-9)
 
 
-def test_gradient_of_a_steady_state_equals_finite_differences(float64):
+def test_slopes_of_a_steady_state_equal_finite_differences(float64):
     """Newton's iterations are differentiated through, on a circuit whose symmetry gives it equal
     eigenvalues."""
     twin = Twin("paper-2024")
     names = ("R_E", "R_pc", "R_Tez2", "R_ph", "alpha")
     values = {name: jnp.asarray(twin.parameters[name]) for name in names}
-    found = jax.jit(jax.grad(lambda values: rise_of_tam(twin.with_parameters(values))))(values)
+    found = jax.jit(jax.jacfwd(lambda values: rise_of_tam(twin.with_parameters(values))))(values)
     expected = slopes(rise_of_tam, twin, names)
     np.testing.assert_allclose([found[name] for name in names], expected, rtol=1e-5)
 
@@ -170,7 +163,7 @@ def test_gradient_of_a_steady_state_equals_finite_differences(float64):
 def test_precision_is_the_caller_s_and_values_keep_theirs(twin):
     """Nothing switches float64 on behind one's back; float32 is good for the usual five digits."""
     assert all(np.asarray(value).dtype == np.float64 for value in twin.parameters.values())
-    assert twin.system().conductance.dtype == jnp.float32
+    assert eqx.filter_eval_shape(twin.system).conductance.dtype == jnp.float32
     single = everything(twin)
     assert single.dtype == jnp.float32
     with jax.enable_x64(True):

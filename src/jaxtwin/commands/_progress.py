@@ -10,22 +10,11 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
+
+from .._progress import Progress
 
 PATIENCE = 1.0  # s before a step is worth a plain line
 PAUSE = 10.0  # s between two plain lines of news
-
-
-class Progress(Protocol):
-    """What a step of work tells about itself."""
-
-    def step(self, text: str) -> None:
-        """A new step begins, and the one before is done."""
-        ...
-
-    def news(self, text: str) -> None:
-        """How far the step is."""
-        ...
 
 
 @contextmanager

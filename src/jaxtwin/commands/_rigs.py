@@ -30,6 +30,11 @@ def check(rig: RigArgument, json: JsonOption = None) -> None:
     write_json(json, {"rig": loaded.name, "free": free, "network": counts})
 
 
-def network_line(counts: dict[str, float]) -> str:
+def network_line(counts: dict[str, float | int]) -> str:
     """The counts of a network for a person."""
-    return ", ".join(f"{value:.10g} {name.replace('_', ' ')}" for name, value in counts.items())
+    return (
+        f"{counts['states']} states, {counts['plate_nodes']} plate elements, "
+        f"{counts['plate_resistances']} resistances on the plate, "
+        f"{counts['plate_capacitance_J_per_K']:.1f} J/K in the plate, "
+        f"{counts['plate_to_ambient_W_per_K']:.4g} W/K from the plate to ambient"
+    )

@@ -41,6 +41,10 @@ def use_compilation_cache() -> None:
     folder, _ = _chosen()
     if folder is None or os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return  # a cache is a convenience; `jaxtwin doctor` says that there is none
     import jax
 
     jax.config.update("jax_compilation_cache_dir", str(folder))
@@ -52,6 +56,8 @@ def cache_state() -> CacheState:
     """What `use_compilation_cache` does here and what the cache holds."""
     folder, reason = _chosen()
     sizes = []
+    if folder is not None and not os.access(_existing(folder), os.W_OK):
+        return CacheState(None, f"off, {folder} cannot be written to", 0, 0)
     if folder is not None and folder.is_dir():
         sizes = [file.stat().st_size for file in folder.rglob("*") if file.is_file()]
     return CacheState(folder, reason, len(sizes), sum(sizes))
@@ -69,3 +75,8 @@ def _chosen() -> tuple[Path | None, str]:
 
     folder = Path(pooch.os_cache("jaxtwin")) / "compiled"
     return folder, f"default; {VARIABLE}=off turns it off"
+
+
+def _existing(folder: Path) -> Path:
+    """The folder, or the nearest one above it that exists."""
+    return next(place for place in (folder, *folder.absolute().parents) if place.exists())

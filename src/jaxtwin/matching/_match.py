@@ -74,7 +74,7 @@ def match(
         per_recording=per_recording,
         bounds=bounds,
     )
-    samples = sum(np.size(experiment.temperatures) for experiment in recordings)
+    samples = sum(len(one.time) * len(one.channels) for one in recordings)
     if samples < unknowns.size:
         raise MatchError(
             f"found {samples} samples for {unknowns.size} unknowns, allowed is at least as many"

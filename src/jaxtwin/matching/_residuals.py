@@ -84,7 +84,9 @@ def residuals(
         batched = jax.tree.map(lambda *leaves: jnp.stack(leaves), *own)
 
         def simulated(
-            values: dict[str, Float[Array, ""]], schedule: Schedule, columns: Int[Array, " columns"]
+            values: dict[str, Float[Array, ""]],
+            schedule: Schedule,
+            columns: Int[Array | np.ndarray, " columns"],
         ) -> Float[Array, "times channels"]:
             system = problem.twin.with_parameters(values).system(lumped=True)
             return channel_temperatures(system, schedule, columns) - 273.15
@@ -95,7 +97,7 @@ def residuals(
 
 
 def channel_temperatures(
-    system: System, schedule: Schedule, columns: Int[Array, " columns"]
+    system: System, schedule: Schedule, columns: Int[Array | np.ndarray, " columns"]
 ) -> Float[Array, "times channels"]:
     """Readings of some channels from the rig's own start, K."""
     weights = jnp.asarray(system.wiring.channel_weights)[columns]

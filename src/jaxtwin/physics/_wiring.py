@@ -85,7 +85,7 @@ class Wiring:
 
         # Sizes too: a circuit given link by link does not show them, the channels' weights do.
         sizes = (rig.plate.columns, rig.plate.rows)
-        parts = (rig.driver, rig.channels, rig.ambient_temperature, sizes)
+        parts = (rig.driver, rig.channels, rig.ambient_temperature, sizes, position.tolist())
         self._key = netlist.fingerprint + repr(parts)
 
     def __eq__(self, other: object) -> bool:

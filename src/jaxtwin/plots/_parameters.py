@@ -77,7 +77,7 @@ def _write_table(axes: Axes, free: list[FittedParameter]) -> None:
     axes.set_axis_off()
 
 
-def _write(axes: Axes, x: float, y: float, text: str, ha: str = "right", **look) -> None:
+def _write(axes: Axes, x: float, y: int, text: str, ha: str = "right", **look) -> None:
     axes.text(x, y, text, ha=ha, va="center", **look)
 
 

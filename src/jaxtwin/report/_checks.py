@@ -19,7 +19,7 @@ EXPECTED_OF_RECORDINGS = {
 }
 
 
-def check_table(numbers: dict[str, float], real: bool) -> Table:
+def check_table(numbers: dict[str, float | int], real: bool) -> Table:
     """What was reached against what is known from elsewhere.
 
     **Arguments:**

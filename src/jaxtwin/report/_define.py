@@ -11,7 +11,7 @@ from ._blocks import Numbers, Picture, Section, Table, Text
 from ._source import Source, recorded
 
 
-def define(twin: Twin) -> tuple[Section, dict[str, float]]:
+def define(twin: Twin) -> tuple[Section, dict[str, float | int]]:
     """The rig and the network that it becomes.
 
     **Returns:** the section, and the network's numbers.

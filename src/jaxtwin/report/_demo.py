@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from .._progress import Progress, Silence
 from ..matching import Fit
 from ..physics import Twin
 from ..rig import load_rig
@@ -16,7 +17,6 @@ from ._deploy import deploy, environment
 from ._folder import PAGE, check_folder, new_folder
 from ._match import match_fixed, match_own, recover_truth
 from ._page import page_html
-from ._progress import Progress, Silence
 from ._sensitivity import analyse
 from ._simulate import dc_sweeps, plate_map, simulate_published
 from ._source import find_source

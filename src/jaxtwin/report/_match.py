@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from .._progress import Progress
 from ..data import synthetic_truth
 from ..matching import Fit, Iteration, match
 from ..physics import Twin
@@ -12,7 +13,6 @@ from ..plots import plot_comparison, plot_history, plot_parameters, plot_residua
 from ..rig import Rig, read_parameters
 from ..simulation import Run
 from ._blocks import Numbers, Picture, Section, Table, Text
-from ._progress import Progress
 from ._source import Source, recorded, synthetic_source
 
 STARTS = 3

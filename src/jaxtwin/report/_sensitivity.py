@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 
+from .._progress import Progress
 from ..matching import Fit
 from ..plots import plot_sensitivity_matrix, plot_tornado, styled, to_png
 from ..sensitivity import Sensitivity, sensitivity
 from ._blocks import Numbers, Picture, Section, Table, Text
-from ._progress import Progress
 
 FEW = 50
 """Draws in the paper."""

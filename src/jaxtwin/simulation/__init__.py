@@ -10,14 +10,19 @@ from ._measures import fit_percent, rmse
 from ._run import Run
 from ._schedule import Schedule, build_schedule
 from ._simulate import checked_channels, response, simulate
+from ._solver import HeldInputs, NetworkExponential, NetworkProblem, network_field
 
 __all__ = [
+    "HeldInputs",
+    "NetworkExponential",
+    "NetworkProblem",
     "Reductions",
     "Run",
     "Schedule",
     "build_schedule",
     "checked_channels",
     "fit_percent",
+    "network_field",
     "reference_temperature",
     "response",
     "rmse",

@@ -189,13 +189,15 @@ def simulate_batch(
 @eqx.filter_jit
 def _prepare_chunk(
     twin: Twin,
-    draws: dict[str, Float[Array, " chunk"]],
+    draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
     schedule: Schedule,
-    initial: str | Float[Array, " nodes"] | None,
+    initial: str | Float[Array | np.ndarray, " starts"] | None,
 ) -> tuple[System, Modes, Float[Array, "chunk nodes"]]:
     """All linear algebra of a chunk: the draws' equations, modes and initial temperatures."""
 
-    def one(values: dict[str, Float[Array, ""]]) -> tuple[System, Modes, Float[Array, " nodes"]]:
+    def one(
+        values: Mapping[str, Float[Array | np.ndarray, ""]],
+    ) -> tuple[System, Modes, Float[Array, " nodes"]]:
         system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
         reference = reference_temperature(system, schedule)
         start = initial_temperatures(system, initial, schedule.duty[0], reference)
@@ -237,7 +239,7 @@ def _solve_chunk(
             return {"temperatures": jnp.where(failed, jnp.nan, rise + offset)}
         elements = deviation[-1, len(columns) :]
         results: dict[str, Callable[[], Array]] = {
-            "cost": lambda: jnp.mean((rise - (recorded - offset)) ** 2, axis=0),
+            "cost": lambda: jnp.mean((rise - (jnp.asarray(recorded) - offset)) ** 2, axis=0),
             "final": lambda: rise[-1] + offset,
             "minimum": lambda: rise.min(axis=0) + offset,
             "maximum": lambda: rise.max(axis=0) + offset,
@@ -290,7 +292,7 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, Any]) -> dict[str, np.nd
 def _checked_reductions(
     reductions: Iterable[Reduction], experiment: Experiment
 ) -> tuple[Reduction, ...]:
-    wanted = (reductions,) if isinstance(reductions, str) else tuple(reductions)
+    wanted = tuple(reductions)
     unknown = [name for name in wanted if name not in REDUCTIONS]
     if unknown or not wanted:
         raise SimulationError(

@@ -3,11 +3,13 @@
 import diffrax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
+from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import System
-from ._schedule import Schedule
+from ._schedule import Schedule, build_schedule
+from ._solver import HeldInputs, NetworkProblem, network_field
 
 
 def solve_with_diffrax(
@@ -38,30 +40,16 @@ def solve_with_diffrax(
     else:
         ambient = jnp.asarray(schedule.ambient_at[held]) - reference
 
-    def field(t: Float[Array, ""], deviation: Array, system: System) -> Float[Array, " nodes"]:
-        now = jnp.searchsorted(starts, t, side="right") - 1
-        heat = system.heat_into_nodes(deviation, duty[now], reference, ambient[now])
-        return heat / system.capacitance
-
-    if controller is None:
-        adaptive = isinstance(solver, diffrax.AbstractAdaptiveSolver)
-        controller = (
-            diffrax.PIDController(rtol=1e-7, atol=1e-7) if adaptive else diffrax.ConstantStepSize()
-        )
-    if dt0 is None and not isinstance(controller, diffrax.PIDController):
-        dt0 = 0.5 * float(np.median(np.diff(time)))
     solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(field),
+        diffrax.ODETerm(network_field),
         solver,
         t0=0.0,
         t1=float(time[-1]),
         dt0=dt0,
         y0=initial - reference,
-        args=system,
+        args=NetworkProblem(system, HeldInputs(starts, duty, ambient), reference),
         saveat=diffrax.SaveAt(ts=jnp.asarray(time)),
-        stepsize_controller=diffrax.ClipStepSizeController(
-            controller, jump_ts=jnp.asarray(time[changes])
-        ),
+        stepsize_controller=_clipped(solver, controller, experiment, changes),
         # Jacobians by forward mode; the twin is small and its step count unbounded beforehand.
         adjoint=diffrax.ForwardMode(),
         max_steps=None,
@@ -69,6 +57,34 @@ def solve_with_diffrax(
     )
     assert solution.ys is not None
     return solution.ys, solution.result
+
+
+def _clipped(
+    solver: diffrax.AbstractSolver,
+    controller: diffrax.AbstractStepSizeController | None,
+    experiment: Experiment,
+    changes: Int[np.ndarray, " changes"],
+) -> diffrax.AbstractStepSizeController:
+    """A controller that ends a step just before each input change and starts one just behind."""
+    time = experiment.time - experiment.time[0]
+    if controller is None and isinstance(solver, diffrax.AbstractAdaptiveSolver):
+        controller = diffrax.PIDController(rtol=1e-7, atol=1e-7)
+    if controller is not None:
+        if not isinstance(controller, diffrax.AbstractAdaptiveStepSizeController):
+            raise SimulationError(
+                f"stepsize_controller: found {type(controller).__name__}, allowed are adaptive "
+                "controllers, or None: others step over input changes"
+            )
+        return diffrax.ClipStepSizeController(controller, jump_ts=jnp.asarray(time[changes]))
+    # Without an error estimate: the steps of the default solver, known before anything is traced.
+    schedule = build_schedule(experiment)
+    sizes = np.asarray(schedule.sizes)[np.asarray(schedule.size)]
+    changes = changes[changes < len(time) - 1]  # one at the last sample is never felt
+    ends = np.append(np.cumsum(sizes)[:-1], time[-1])
+    nearest = np.abs(ends[:, None] - time[changes][None, :]).min(axis=1, initial=np.inf)
+    around = [np.nextafter(time[changes], -np.inf), np.nextafter(time[changes], np.inf)]
+    steps = np.unique(np.concatenate([[0.0], ends[nearest > 1e-6], *around]))
+    return diffrax.StepTo(ts=jnp.asarray(steps))
 
 
 def _changes(experiment: Experiment) -> np.ndarray:

@@ -41,11 +41,20 @@ TYPICAL_TEMPERATURE = 330.0
 
 @final
 class Modes(eqx.Module):
-    """Modes of the network: `rates` (1/s) and `shapes`, temperatures = shapes @ amplitudes."""
+    """Modes of the network: `rates` (1/s) and `shapes`, temperatures = shapes @ amplitudes.
+
+    `capacitance` is what the shapes are normalised with; `relief` the conductance moved from the
+    cells into the network, W/K.
+    """
 
     rates: Float[Array, " modes"]
     shapes: Float[Array, "nodes modes"]
+    capacitance: Float[Array, " nodes"]
     relief: Float[Array, " cells"]
+
+    def amplitudes(self, deviation: Float[Array, " nodes"]) -> Float[Array, " modes"]:
+        """The modes' parts in given temperatures: the inverse of the shapes is shapes^T C."""
+        return self.shapes.T @ (self.capacitance * deviation)
 
 
 @final
@@ -75,7 +84,7 @@ def network_modes(system: System) -> Modes:
     )
     scale = 1 / jnp.sqrt(capacitance)
     rates, vectors = jnp.linalg.eigh(conductance * scale[:, None] * scale[None, :])
-    return Modes(rates, scale[:, None] * vectors, relief)
+    return Modes(rates, scale[:, None] * vectors, capacitance, relief)
 
 
 @eqx.filter_custom_jvp
@@ -209,9 +218,7 @@ def solve_schedule(
     dtype = system.capacitance.dtype
     reference = reference_temperature(system, schedule)
     modes = network_modes(system) if modes is None else modes
-    # The inverse of the shapes is shapes^T C with the capacitances that made them.
-    weighted = jax.lax.stop_gradient(system.capacitance) * (initial - reference)
-    start = modes.shapes.T @ weighted
+    start = modes.amplitudes(initial - reference)
     factors = step_factors(modes.rates, jnp.asarray(schedule.sizes, dtype))
     read = jnp.asarray(readout, dtype) @ modes.shapes
     duty = jnp.asarray(schedule.duty, dtype)

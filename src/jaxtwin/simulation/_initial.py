@@ -17,7 +17,7 @@ An array (nodes,): each node, in the order of `twin.netlist.nodes`, degC."""
 
 def initial_temperatures(
     system: System,
-    initial: str | Float[Array | np.ndarray, " nodes"] | None,
+    initial: str | Float[Array | np.ndarray, " starts"] | None,
     duty: Float[Array | np.ndarray, " cells"],
     reference: Float[Array, ""],
 ) -> Float[Array, " nodes"]:
@@ -29,7 +29,7 @@ def initial_temperatures(
     return jnp.broadcast_to(jnp.asarray(initial, reference.dtype), system.capacitance.shape)
 
 
-def checked_initial(twin: Twin, initial: Initial) -> str | Float[np.ndarray, " nodes"] | None:
+def checked_initial(twin: Twin, initial: Initial) -> str | Float[np.ndarray, " starts"] | None:
     """None, "steady", or absolute temperatures, K: one a node, or a single one for all.
 
     **Raises:** `SimulationError` for another word, a wrong shape or numbers that are not finite.
@@ -48,6 +48,6 @@ def checked_initial(twin: Twin, initial: Initial) -> str | Float[np.ndarray, " n
     return np.atleast_1d(values) + 273.15
 
 
-def keeps_symmetry(initial: str | Float[Array | np.ndarray, " nodes"] | None) -> bool:
+def keeps_symmetry(initial: str | Float[Array | np.ndarray, " starts"] | None) -> bool:
     """Whether nodes that are alike start alike, so that a lumped system will do."""
     return initial is None or isinstance(initial, str) or initial.size == 1

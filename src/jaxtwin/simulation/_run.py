@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from jaxtyping import Float
@@ -83,7 +83,7 @@ class Run:
 
         duty = self.experiment.duty
         celsius = {"units": "degC"}
-        variables = {
+        variables: dict[str, Any] = {
             "temperature": (("time", "channel"), self.temperatures, celsius),
             "state": (("time", "node"), self.states, celsius),
             "duty": (("time", "cell"), duty, {"units": "1"}),

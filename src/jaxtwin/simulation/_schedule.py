@@ -46,7 +46,7 @@ class Schedule(eqx.Module):
 def build_schedule(
     experiment: Experiment,
     first_step: float = 0.25,
-    growth: float = 0.2,
+    growth: float = 0.1,
     largest_step: float = 16.0,
 ) -> Schedule:
     """The schedule of an experiment.
@@ -67,7 +67,7 @@ def build_schedule(
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
     steps, held = [], []
     for start, stop in pairwise(marks):
-        sizes = _graded(time[stop] - time[start], first_step, growth, largest_step)
+        sizes = _graded(float(time[stop] - time[start]), first_step, growth, largest_step)
         steps += sizes
         held += [start] * len(sizes)
     # Sums of steps and sample times differ by rounding; sizes that differ by no more are one.

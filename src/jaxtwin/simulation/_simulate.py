@@ -42,8 +42,9 @@ def simulate(
     - `initial`: temperatures at the start. None: as the rig says. `"steady"`: at rest under the
       first input. A number: uniform, degC. An array `(nodes,)`: each node, degC.
     - `solver`: any diffrax solver, or None for the default.
-    - `stepsize_controller`, `dt0`: for that solver; by default a `PIDController` at 1e-7 where the
-      solver estimates its error, else constant steps of half a sample. Steps end at input changes.
+    - `stepsize_controller`, `dt0`: an adaptive controller for that solver and its first step, s.
+      By default a `PIDController` at 1e-7 where the solver estimates its error, else the steps that
+      the default solver takes. Steps always end at input changes.
 
     **Returns:** a `Run` at the experiment's times.
 
@@ -123,7 +124,7 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
 
 
 def _exponential_states(
-    twin: Twin, schedule: Schedule, initial: str | Float[np.ndarray, " nodes"] | None
+    twin: Twin, schedule: Schedule, initial: str | Float[Array | np.ndarray, " starts"] | None
 ) -> tuple[Float[Array, "times nodes"], Float[Array, "times channels"]]:
     """Absolute temperatures of the rig's nodes and of its channels, K."""
     system = twin.system(lumped=keeps_symmetry(initial))
@@ -153,7 +154,7 @@ _run_exponential = eqx.filter_jit(_exponential_states)
 def _run_diffrax(
     twin: Twin,
     schedule: Schedule,
-    initial: str | Float[np.ndarray, " nodes"] | None,
+    initial: str | Float[Array | np.ndarray, " starts"] | None,
     experiment: Experiment,
     solver: "diffrax.AbstractSolver",
     controller: "diffrax.AbstractStepSizeController | None",

@@ -1,8 +1,9 @@
 """What a long piece of work tells about itself."""
 
-from typing import Protocol, final
+from typing import Protocol, final, runtime_checkable
 
 
+@runtime_checkable
 class Progress(Protocol):
     """Someone who waits."""
 

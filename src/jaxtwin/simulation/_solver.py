@@ -1,0 +1,165 @@
+"""The exponential step as a diffrax solver."""
+
+from collections.abc import Callable
+from typing import Any, ClassVar, TypeAlias, final
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..physics import System
+from ._exponential import (
+    Inputs,
+    Modes,
+    StepFactors,
+    exponential_step,
+    network_modes,
+    step_factors,
+)
+
+RealScalarLike: TypeAlias = float | int | Float[Array | np.ndarray, ""]
+
+_State: TypeAlias = Modes
+
+
+@final
+class HeldInputs(eqx.Module):
+    """Inputs that are held from each of some times to the next: time -> `Inputs`.
+
+    - `starts`: `(spans,)`, s. `duty`: `(spans, cells)`. `ambient`: deviation, `(spans,)`, K.
+    """
+
+    starts: Float[Array, " spans"]
+    duty: Float[Array, "spans cells"]
+    ambient: Float[Array, " spans"]
+
+    def __call__(self, t: RealScalarLike) -> Inputs:
+        """What is held at a time."""
+        now = jnp.searchsorted(self.starts, t, side="right") - 1
+        return Inputs(self.duty[now], self.ambient[now])
+
+
+@final
+class NetworkProblem(eqx.Module):
+    """A twin's equations as diffrax sees them: `args` of a solve over `network_field`.
+
+    The state is the nodes' deviation from the `reference` temperature (K).
+    """
+
+    system: System
+    inputs: HeldInputs
+    reference: Float[Array, ""]
+
+
+def network_field(
+    t: RealScalarLike, deviation: Float[Array, " nodes"], problem: NetworkProblem
+) -> Float[Array, " nodes"]:
+    """The vector field of a twin for `diffrax.ODETerm`, K/s."""
+    now, system = problem.inputs(t), problem.system
+    heat = system.heat_into_nodes(deviation, now.duty, problem.reference, now.ambient)
+    return heat / system.capacitance
+
+
+@final
+class NetworkExponential(diffrax.AbstractAdaptiveSolver):
+    r"""ETDRK4 in the modes of a thermal network, as a diffrax solver.
+
+    The linear network is integrated exactly, the cells' heat flows to fourth order (see
+    `jaxtwin.simulation`, whose own loop drives the same step on a grid known beforehand).
+    Dense output is cubic Hermite interpolation.
+    The error estimate is the difference to the second-order ETD2 step from the same stages, so a
+    step size controller is on the safe side with it.
+
+    Pass it to `simulate(..., solver=NetworkExponential())`, or to `diffrax.diffeqsolve` with
+    `ODETerm(network_field)` and a `NetworkProblem` as `args`.
+
+    **Not for** cells whose remaining nonlinear coupling is stiff at the steps taken, that is where
+    step size times $|\alpha^2 (T - 330 K) / R + \alpha I|$ over the capacitance of a cell's side
+    passes about 1 (large cells of very low resistance far from room temperature, steps of many
+    seconds): the step is explicit in that part. An adaptive controller shortens the steps then;
+    a stiff solver such as `diffrax.Kvaerno5` takes longer ones.
+    """
+
+    term_structure: ClassVar = diffrax.ODETerm
+    interpolation_cls: ClassVar[Callable[..., Any]] = (
+        diffrax.ThirdOrderHermitePolynomialInterpolation
+    )
+
+    def order(self, terms: diffrax.AbstractTerm) -> int:
+        """Four."""
+        del terms
+        return 4
+
+    def error_order(self, terms: diffrax.AbstractTerm) -> int:
+        """Of the estimate: that of the embedded second-order step plus one."""
+        del terms
+        return 3
+
+    def init(
+        self,
+        terms: diffrax.AbstractTerm,
+        t0: RealScalarLike,
+        t1: RealScalarLike,
+        y0: Float[Array, " nodes"],
+        args: NetworkProblem,
+    ) -> _State:
+        """The modes of the network, kept for all steps."""
+        del terms, t0, t1, y0
+        return network_modes(args.system)
+
+    def step(
+        self,
+        terms: diffrax.AbstractTerm,
+        t0: RealScalarLike,
+        t1: RealScalarLike,
+        y0: Float[Array, " nodes"],
+        args: NetworkProblem,
+        solver_state: _State,
+        made_jump: Any,
+    ) -> tuple[Any, Any, dict[str, Any], _State, Any]:
+        """One step; inputs are those at its start."""
+        del terms, made_jump
+        modes, system = solver_state, args.system
+        size = jnp.asarray(t1) - t0
+        amplitudes = modes.amplitudes(y0)
+        factors = step_factors(modes.rates, size)
+        inputs = args.inputs(t0)
+        end, slope_0, slope_1 = exponential_step(
+            amplitudes, factors, system, modes, inputs, args.reference
+        )
+        force_0 = slope_0 + modes.rates * amplitudes
+        force_1 = slope_1 + modes.rates * end
+        lower = _second_order(amplitudes, force_0, force_1, factors)
+        y1 = modes.shapes @ end
+        dense = {
+            "y0": y0,
+            "y1": y1,
+            "k0": size * (modes.shapes @ slope_0),
+            "k1": size * (modes.shapes @ slope_1),
+        }
+        return y1, modes.shapes @ (end - lower), dense, solver_state, diffrax.RESULTS.successful
+
+    def func(
+        self,
+        terms: diffrax.AbstractTerm,
+        t0: RealScalarLike,
+        y0: Float[Array, " nodes"],
+        args: NetworkProblem,
+    ) -> Float[Array, " nodes"]:
+        """The vector field."""
+        return terms.vf(t0, y0, args)
+
+
+def _second_order(
+    amplitudes: Float[Array, " modes"],
+    force_0: Float[Array, " modes"],
+    force_1: Float[Array, " modes"],
+    factors: StepFactors,
+) -> Float[Array, " modes"]:
+    """ETD2: the force taken linear between its values at both ends."""
+    # first + 2 middle + last = h phi1 and middle + last = h phi2.
+    straight = factors.first + 2 * factors.middle + factors.last
+    bent = factors.middle + factors.last
+    return factors.decay * amplitudes + straight * force_0 + bent * (force_1 - force_0)

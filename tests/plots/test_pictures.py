@@ -1,0 +1,179 @@
+"""Pictures show the numbers that they are given; read back from matplotlib's own objects."""
+
+import io
+import re
+
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.image import imread
+from small_results import analysis, fit, recordings
+
+from jaxtwin import Experiment, SimulationError, ThermoelectricModule, plots
+from jaxtwin.plots._labels import spread
+from jaxtwin.plots._parameters import _position
+from jaxtwin.plots._style import symbol
+
+
+@pytest.fixture(autouse=True)
+def _closed_figures():
+    yield
+    pyplot.close("all")
+
+
+def texts(axes: Axes) -> list[str]:
+    titles = [axes.get_title(loc=loc) for loc in ("left", "center", "right")]
+    return [*titles, *(text.get_text() for text in axes.texts)]
+
+
+def test_recordings_are_drawn_as_they_are():
+    figure = plots.plot_recordings(recordings())
+    above, below = figure.axes[:2], figure.axes[2:]
+    for axes, experiment in zip(above, recordings(), strict=True):
+        drawn = np.column_stack([line.get_ydata() for line in axes.lines])
+        np.testing.assert_array_equal(drawn, experiment.temperatures)
+        assert set(experiment.channels) <= set(texts(axes))
+    for axes, experiment in zip(below, recordings(), strict=True):
+        np.testing.assert_array_equal(axes.lines[0].get_ydata(), 100 * experiment.duty[:, 0])
+
+
+def test_cells_with_the_same_drive_share_a_label():
+    time = np.arange(4.0)
+    same = Experiment(time, np.full((4, 2), 0.5))
+    other = Experiment(time, np.column_stack([np.full(4, 0.5), np.full(4, -0.2)]))
+    for experiment, labels in ((same, {"P1, P2"}), (other, {"P1", "P2"})):
+        axes = plots.plot_recordings([experiment]).axes[1]
+        assert {text.get_text() for text in axes.texts} == labels
+
+
+def test_each_panel_of_a_comparison_carries_its_fit():
+    """The numbers are `Run.fit_percent`, the definition of the paper's field."""
+    runs = list(fit().runs.values())
+    axes = plots.plot_comparison(runs).axes
+    shown = {panel.get_title(loc="left"): panel.get_title(loc="right") for panel in axes}
+    expected = {name: f"{value:.1f} %" for run in runs for name, value in run.fit_percent.items()}
+    assert shown == expected
+
+
+def test_residuals_and_their_mean_are_recorded_less_simulated():
+    run = fit().runs["synthetic-A"]
+    (axes,) = plots.plot_residuals([run]).axes
+    residual = run.experiment.temperatures - run.temperatures
+    drawn = [np.asarray(line.get_ydata()) for line in axes.lines]
+    np.testing.assert_array_equal(np.column_stack(drawn[:5]), residual)
+    np.testing.assert_allclose(drawn[5], residual.mean(axis=1))
+
+
+@pytest.mark.parametrize("plot", [plots.plot_comparison, plots.plot_residuals])
+def test_runs_without_a_recording_cannot_be_compared(plot):
+    run = fit().twin.simulate(Experiment.schedule("0:0.5", duration=10.0, cells=2))
+    with pytest.raises(SimulationError, match="no recorded temperatures"):
+        plot([run])
+
+
+def test_marks_of_a_dc_sweep_are_the_highest_points_of_its_curves():
+    """The closed forms against the drawn curves, for the datasheet of the paper's Table 2."""
+    module = ThermoelectricModule.from_datasheet("CP10-127-05")
+    heat, cop = plots.plot_dc_sweep(module, T_hot=300.0, delta_T=[20.0, 40.0]).axes
+    for axes in (heat, cop):
+        curves = [line for line in axes.lines if len(np.atleast_1d(line.get_xdata())) > 1]
+        marks = [line for line in axes.lines if len(np.atleast_1d(line.get_xdata())) == 1]
+        for curve, mark in zip(curves, marks, strict=True):
+            height = np.asarray(curve.get_ydata(), float)
+            top = np.nanargmax(height)
+            step = np.diff(np.asarray(curve.get_xdata(), float))[0]
+            assert mark.get_xdata()[0] == pytest.approx(curve.get_xdata()[top], abs=step)
+            assert mark.get_ydata()[0] == pytest.approx(height[top], rel=2e-3)
+            assert mark.get_ydata()[0] >= height[top]
+
+
+def test_history_ends_at_the_fits_rmse_and_shows_each_free_parameter():
+    figure = plots.plot_history(fit())
+    cost, *panels = figure.axes
+    assert cost.lines[0].get_ydata()[-1] == pytest.approx(fit().rmse)
+    shown = {panel.get_title(loc="left"): panel for panel in panels}
+    assert set(shown) == {symbol(row.name) for row in fit().parameters if row.free}
+    last = shown[symbol("R_E")].lines[0].get_ydata()[-1]
+    assert last == pytest.approx(fit().parameter("R_E").value)
+    own = [line.get_ydata()[-1] for line in shown[symbol("T_amb")].lines]
+    assert own == pytest.approx([values["T_amb"] for values in fit().recording_values.values()])
+
+
+def test_parameters_stand_between_their_bounds_on_a_logarithmic_scale():
+    row = fit().parameter("R_E")  # 1e-5 to 10 ohm
+    assert _position(row.lower, row) == 0
+    assert _position(row.upper, row) == 1
+    assert _position(0.01, row) == pytest.approx(0.5)
+    table, _ = plots.plot_parameters(fit()).axes
+    assert f"{row.value:.4g}" in texts(table)
+
+
+def test_tornado_sorts_the_correlations_and_spans_their_intervals():
+    axes = plots.plot_tornado(analysis(), "TAM")
+    labels = [label.get_text() for label in axes.get_yticklabels()]
+    assert labels == [symbol(name) for name in analysis().ranking("TAM")]
+    widths = [bar.get_width() for bar in axes.patches]
+    assert widths == sorted(widths, key=abs, reverse=True)
+    row = analysis().correlation[analysis().channels.index("TAM")]
+    assert sorted(widths) == pytest.approx(sorted(row))
+    spans = [segment[:, 0] for segment in axes.collections[0].get_segments()]
+    for (low, high), width in zip(spans, widths, strict=True):
+        assert low < width < high
+
+
+def test_tornado_draws_into_given_axes():
+    given_axes = pyplot.figure().subplots()
+    assert analysis().tornado("mean", ax=given_axes) is given_axes
+
+
+def test_matrix_writes_a_number_where_the_interval_leaves_zero_out():
+    axes = plots.plot_sensitivity_matrix(analysis())
+    interval = analysis().interval
+    told = (interval[..., 0] > 0) | (interval[..., 1] < 0)
+    numbers = [text for text in axes.texts if re.fullmatch(r"-?1?\.\d\d", text.get_text())]
+    assert len(numbers) == told.sum()
+
+
+def test_a_picture_becomes_a_png_of_the_size_asked_for():
+    figure = plots.plot_recordings(recordings())
+    width, height = figure.get_size_inches()
+    image = imread(io.BytesIO(plots.to_png(figure, dpi=50)))
+    assert image.shape[:2] == (int(50 * height), int(50 * width))
+    assert not pyplot.get_fignums()
+
+
+def test_drawing_leaves_matplotlibs_settings_alone():
+    before = dict(matplotlib.rcParams)
+    plots.plot_tornado(analysis())
+    plots.plot_recordings(recordings())
+    assert dict(matplotlib.rcParams) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("R_E", r"$R_\mathrm{E}$"),
+        ("R_Tfx1", r"$R_\mathrm{Tfx1}$"),
+        ("R_pc1_row2", r"$R_\mathrm{pc1\ row2}$"),
+        ("alpha", r"$\alpha$"),
+        ("mass", "mass"),
+    ],
+)
+def test_names_are_set_as_symbols(name, shown):
+    assert symbol(name) == shown
+
+
+@given(st.lists(st.floats(-2, 2), min_size=1, max_size=8), st.floats(0.01, 0.5))
+def test_labels_keep_their_order_and_distance_and_move_no_more_than_needed(positions, spacing):
+    """Least squares: labels already apart stay, and the mean of all does not move."""
+    given_positions = np.array(positions)
+    moved = spread(given_positions, spacing)
+    order = np.argsort(given_positions, kind="stable")
+    assert np.all(np.diff(moved[order]) >= spacing * (1 - 1e-9) - 1e-12)
+    assert moved.mean() == pytest.approx(given_positions.mean(), abs=1e-9)
+    if np.all(np.diff(given_positions[order]) >= spacing):
+        np.testing.assert_allclose(moved, given_positions, atol=1e-9)

@@ -1,0 +1,106 @@
+"""The demo's report holds what the computation gave; `make demo` does the whole computation."""
+
+import json
+import re
+import tomllib
+
+import pytest
+import xarray
+from small_results import analysis, fit, recordings
+
+import jaxtwin.report._match as report_match
+import jaxtwin.report._sensitivity as report_sensitivity
+from jaxtwin import RecordingError, load_rig
+from jaxtwin.report import _demo, write_demo
+from jaxtwin.report._checks import check_table
+from jaxtwin.report._source import Source, find_source
+
+PICTURES = {
+    "netlist",  # Figs. 8 and 13a of the paper
+    "recordings",  # Fig. 6
+    "dc-sweep-CP10-127-05",  # Fig. 11
+    "dc-sweep-TEC1-12706",
+    "published-response",
+    "plate-map",  # Figs. 5 and 13b
+    "history",  # Fig. 14
+    "parameters",  # Table 4
+    "response",  # Fig. 15
+    "residuals",
+    "tornado",  # Fig. 16
+    "sensitivity-matrix",
+}
+
+
+@pytest.fixture
+def nowhere(tmp_path, monkeypatch):
+    """A machine without recordings."""
+    monkeypatch.delenv("JAXTWIN_RECORDINGS", raising=False)
+    monkeypatch.setattr("jaxtwin.io._locate._usual_folders", lambda: [tmp_path / "none"])
+
+
+def test_without_recordings_the_synthetic_ones_are_taken_and_said_so(nowhere):
+    source = find_source(None)
+    assert not source.real
+    assert "not on this machine" in source.note
+    assert [experiment.name for experiment in source.experiments] == [
+        "synthetic-A",
+        "synthetic-B",
+        "synthetic-C",
+    ]
+
+
+def test_a_folder_that_was_asked_for_is_not_replaced_by_another(nowhere, tmp_path, monkeypatch):
+    with pytest.raises(RecordingError, match="no such folder"):
+        find_source(tmp_path / "asked")
+    monkeypatch.undo()
+    monkeypatch.setenv("JAXTWIN_RECORDINGS", str(tmp_path / "set"))
+    with pytest.raises(RecordingError, match="no such folder"):
+        find_source(None)
+
+
+def test_a_number_that_is_off_is_marked():
+    numbers = {
+        "plate_nodes": 24,
+        "plate_resistances": 83,
+        "states": 28,
+        "plate_capacitance_J_per_K": 681.66,
+        "plate_to_ambient_W_per_K": 4.7,
+    }
+    verdicts = {row[0]: row[-1] for row in check_table(numbers, real=False).rows}
+    assert verdicts.pop("plate to ambient, W/K") == "!differs"
+    assert set(verdicts.values()) == {"as it should be"}
+
+
+def test_the_report_holds_pictures_numbers_fits_and_says_what_it_was_done_on(tmp_path, monkeypatch):
+    source = Source(recordings(), False, "Done on a minute of the synthetic recordings.")
+    monkeypatch.setattr(_demo, "find_source", lambda folder: source)
+    monkeypatch.setattr(report_match, "synthetic_source", lambda: source)
+    monkeypatch.setattr(report_match, "match", lambda *args, **options: fit())
+    monkeypatch.setattr(report_sensitivity, "sensitivity", lambda *args, **options: analysis())
+    steps: list[str] = []
+
+    class Listener:
+        step = staticmethod(steps.append)
+
+        def news(self, text: str) -> None:
+            pass
+
+    page = write_demo(tmp_path / "report", draws=20, progress=Listener())
+    folder = page.parent
+    html = page.read_text(encoding="utf-8")
+    assert {path.stem for path in folder.glob("*.png")} == PICTURES
+    assert html.count("data:image/png") == len(PICTURES)
+    assert source.note in html
+    assert len(steps) > 5
+
+    numbers = json.loads((folder / "numbers.json").read_text())
+    shown = f"{numbers['match_ambient_fixed']['mean_fit_percent']:.1f} %"
+    assert re.search(rf"<dd>{re.escape(shown)}</dd>", html)
+    assert numbers["network"]["plate_resistances"] == 83
+    assert numbers["real_recordings"] is False
+
+    saved = tomllib.loads((folder / "fit-ambient-per-recording.toml").read_text())
+    assert set(saved["recordings"]) == {"synthetic-A", "synthetic-B"}
+    assert set(saved["parameters"]) == set(load_rig("paper-2024").parameters)
+    with xarray.open_dataset(folder / "sensitivity.nc") as stored:
+        assert stored.sizes["draw"] == 20

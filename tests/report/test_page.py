@@ -1,0 +1,92 @@
+"""The page needs nothing but itself, and shows what it was given."""
+
+import base64
+import re
+from html.parser import HTMLParser
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jaxtwin.report._blocks import Numbers, Picture, Section, Table, Text
+from jaxtwin.report._page import GENERATOR, page_html
+
+PNG = b"\x89PNG, or so"
+
+
+class Page(HTMLParser):
+    """Collects text, tags and addresses; complains where tags do not close in order."""
+
+    VOID = ("meta", "img", "br")
+
+    def __init__(self, html: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.seen: list[tuple[str, dict[str, str | None]]] = []
+        self.words = ""
+        self.feed(html)
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.seen.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words += data
+
+
+def page(*blocks, title: str = "A title") -> str:
+    return page_html(title, [], [Section("1 First part", tuple(blocks))], "the end")
+
+
+def test_nothing_is_loaded_from_elsewhere():
+    html = page(Picture("p", PNG, "a picture"), Text("words"))
+    addresses = [
+        value
+        for _, attributes in Page(html).seen
+        for name, value in attributes.items()
+        if name in ("src", "href") and value is not None
+    ]
+    assert addresses
+    assert all(re.match(r"data:image/png;base64,|#", address) for address in addresses)
+    assert "url(" not in html
+    assert "@import" not in html
+    assert "<script" not in html
+
+
+def test_pictures_are_inside():
+    assert base64.b64encode(PNG).decode() in page(Picture("p", PNG, "a picture"))
+
+
+def test_the_contents_lead_to_the_parts():
+    seen = Page(page(Text("words"))).seen
+    links = [attributes["href"] for tag, attributes in seen if tag == "a"]
+    parts = ["#" + str(attributes["id"]) for tag, attributes in seen if tag == "section"]
+    assert links == parts == ["#1-first-part"]
+
+
+def test_columns_of_numbers_are_set_to_the_right_and_marks_lose_their_sign():
+    html = page(Table("t", ("name", "value"), [("a", "-1.5e-5"), ("b", "!10 000"), ("c", "-")]))
+    assert "<td class=n>-1.5e-5</td>" in html
+    assert "<td class=n><mark>10 000</mark></td>" in html
+    assert "<td>a</td>" in html
+
+
+def test_words_between_backticks_are_code():
+    assert "<code>jaxtwin &lt;demo&gt;</code>" in page(Text("see `jaxtwin <demo>`"))
+
+
+@given(st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=30))
+def test_any_text_comes_out_as_it_went_in(text):
+    """Nothing that a file name or an error holds can become markup."""
+    html = page(
+        Text(text), Numbers(((text, text),)), Table(text, (text,), [(text,)]), title=f"a{text}"
+    )
+    parsed = Page(html)
+    shown = re.sub("`([^`]+)`", r"\1", text)
+    assert parsed.words.count(shown) >= 3
+    assert GENERATOR in html
+    assert [tag for tag, _ in parsed.seen].count("script") == 0

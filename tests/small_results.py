@@ -1,0 +1,27 @@
+"""A match and a sensitivity analysis that take seconds, for tests of what is made of them."""
+
+from functools import cache
+
+from jaxtwin import Experiment, Fit, Sensitivity, Twin, load_rig, match, read_recording, sensitivity
+from jaxtwin.data import synthetic_recordings
+
+
+@cache
+def recordings() -> tuple[Experiment, ...]:
+    """The first minute of zones A and B, synthetic."""
+    return tuple(read_recording(path).between(0, 60) for path in synthetic_recordings()[:2])
+
+
+@cache
+def fit() -> Fit:
+    """Three parameters, one of them with a value for each recording; a few iterations."""
+    rig = load_rig("paper-2024")
+    twin = Twin(rig, rig.parameter_sets["published"])
+    return match(twin, recordings(), free=["R_E", "R_pc", "T_amb"], max_iterations=6)
+
+
+@cache
+def analysis() -> Sensitivity:
+    """Twenty draws of four parameters."""
+    names = ["R_pc", "R_E", "R_Tez", "R_Tfx"]
+    return sensitivity(list(fit().twins.values()), recordings(), draws=20, parameters=names)
