@@ -30,8 +30,8 @@ class MatchError(JaxtwinError):
 
 
 class LinkError(JaxtwinError):
-    """A link that cannot be opened, or a peer that does not speak the protocol or is another rig."""
+    """A link that cannot be opened, or a peer that speaks something else or is another rig."""
 
 
-class SafetyStop(JaxtwinError):
+class SafetyStop(JaxtwinError):  # noqa: N818 (a decision, not a mistake)
     """Driving was stopped and the cells were switched off: a limit was passed or the link lost."""
