@@ -9,7 +9,9 @@ frames. A crash ends the run with a traceback and a file that repeats it.
 
 import struct
 import sys
+import tempfile
 import zlib
+from pathlib import Path
 
 import atheris
 
@@ -30,10 +32,9 @@ NOW = 1_700_000_000_000_000_000
 
 def feed(data: bytes) -> None:
     """One input: as raw bytes, as the text of a valid line, as the content of a valid packet."""
-    provider = atheris.FuzzedDataProvider(data)  # pyright: ignore
-    kind = provider.ConsumeIntInRange(0, 2)
-    cut = provider.ConsumeIntInRange(0, 200)
-    content = provider.ConsumeBytes(len(data))
+    if len(data) < 2:
+        return
+    kind, cut, content = data[0] % 3, data[1] * 40, data[2:]
     if kind == 1:
         text = bytes(32 + byte % 95 for byte in content[:1000])
         content = b"%s*%08X\n" % (text, zlib.crc32(text)) if text else b""
@@ -54,20 +55,23 @@ def feed(data: bytes) -> None:
 
 
 SEEDS = (
-    b"",
-    b"\x00" + HELLO,
-    b"\x01\x00data seq=1 t=2 pwm=1,2 ambient=3.5 temp=1",
+    b"\x00\x01" + HELLO,
+    b"\x00\x01" + encode_line("beat t=1") * 3 + encode_packet(b"\x01\x00x") + HELLO,
+    b"\x01\x00data seq=1 t=2 pwm=1,2 ambient=3.5",
+    b"\x01\x00data seq=1 t=2 pwm=1,2 temp=1.5,2.5",
     b"\x01\x00event seq=1 t=2 kind=watchdog",
-    b"\x02\x00" + struct.pack("<BxIQHH", 0, 1, 2, 80, 60) + bytes(9600),
-    b"\x00" + encode_line("beat t=1") * 3 + encode_packet(b"\x01\x00x"),
+    b"\x01\x00duty n=1 pwm=1,2",
+    b"\x01\x00" + HELLO[:-10],
+    b"\x02\x10" + struct.pack("<BxIQHH", 0, 1, 2, 80, 60) + bytes(9600),
 )
 
 
 def main() -> None:
-    for seed in SEEDS:
-        feed(seed)
-    atheris.Setup(sys.argv, feed)
-    atheris.Fuzz()
+    with tempfile.TemporaryDirectory() as folder:
+        for number, seed in enumerate(SEEDS):
+            Path(folder, str(number)).write_bytes(seed)
+        atheris.Setup([*sys.argv, "-max_len=12000", folder], feed)
+        atheris.Fuzz()
 
 
 if __name__ == "__main__":
