@@ -43,6 +43,14 @@ def test_two_elements_by_hand(make_rig):
     )
 
 
+def test_single_element_by_hand(make_rig):
+    """4 cm x 5 cm: both edges of each direction in parallel, and one free face."""
+    netlist = build_netlist(make_rig(["4 cm"], ["5 cm"], [{"V11": "0.5 K/W"}]))
+    # 0.02 / (200 * 0.002 * 0.05) + 1 / (10 * 1e-4); 0.025 / (200 * 0.002 * 0.04) + 1 / (10 * 8e-5)
+    edges = [(1.0 + 1000.0) / 2, (1.5625 + 1250.0) / 2]
+    assert resistances(netlist)["V11", "ambient"] == pytest.approx([50.0025, *edges])
+
+
 def test_formulas_of_the_model_file_follow_from_its_sizes(make_rig):
     """With its own 5.08 mm and rows of 4 cm, the rule gives the file's numbers, those that it
     computes and never uses (R3x, R2y, R3y, Rxp3) included."""

@@ -80,11 +80,21 @@ def match(
             f"found {samples} samples for {unknowns.size} unknowns, allowed is at least as many"
         )
     _checked_counts(starts=starts, max_iterations=max_iterations)
-    problem = build_problem(twin, recordings, unknowns)
+    problem = build_problem(twin, recordings, unknowns.layout)
     solver = solver or BoundedLevenbergMarquardt(rtol=1e-7)
     with jax.enable_x64(True):
         attempts = [
-            _descend(solver, problem, vector, number, max_iterations, samples, names, on_iteration)
+            _descend(
+                solver,
+                problem,
+                unknowns,
+                vector,
+                number,
+                max_iterations,
+                samples,
+                names,
+                on_iteration,
+            )
             for number, vector in enumerate(_starts(unknowns, starts, seed))
         ]
     finite = [attempt for attempt in attempts if np.isfinite(float(attempt[1].cost))]
@@ -138,6 +148,7 @@ Attempt = tuple[Float[np.ndarray, " unknowns"], LMState, tuple[Iteration, ...]]
 def _descend(
     solver: BoundedLevenbergMarquardt,
     problem: Problem,
+    unknowns: Unknowns,
     start: Float[np.ndarray, " unknowns"],
     number: int,
     max_iterations: int,
@@ -146,7 +157,6 @@ def _descend(
     on_iteration: Callable[[Iteration], None] | None,
 ) -> Attempt:
     """Steps the optimiser from here, so that every iteration can be kept and shown."""
-    unknowns = problem.unknowns
     options = {"lower": jnp.asarray(unknowns.lower()), "upper": jnp.asarray(unknowns.upper())}
     vector = jnp.asarray(start)
     state = solver.init(residuals, vector, problem, options, None, None, frozenset())

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from ..io import Experiment
 from ..physics import System, Twin
 from ..simulation import Schedule, build_schedule, reference_temperature, solve_schedule
-from ._unknowns import Unknowns
+from ._unknowns import Layout
 
 
 @final
@@ -37,15 +37,15 @@ class Problem(eqx.Module):
 
     - `twin`: values of the parameters that are held.
     - `groups`: the recordings.
-    - `unknowns`: the layout of the vector.
+    - `layout`: of the vector of unknowns.
     """
 
     twin: Twin
     groups: tuple[Recordings, ...]
-    unknowns: Unknowns = eqx.field(static=True)
+    layout: Layout = eqx.field(static=True)
 
 
-def build_problem(twin: Twin, experiments: Sequence[Experiment], unknowns: Unknowns) -> Problem:
+def build_problem(twin: Twin, experiments: Sequence[Experiment], layout: Layout) -> Problem:
     """Groups recordings by the shape of their schedules, so that compiled code is shared."""
     groups: dict[tuple, list[int]] = {}
     schedules = [build_schedule(experiment) for experiment in experiments]
@@ -67,7 +67,7 @@ def build_problem(twin: Twin, experiments: Sequence[Experiment], unknowns: Unkno
                 positions=tuple(positions),
             )
         )
-    return Problem(twin=twin, groups=tuple(stacked), unknowns=unknowns)
+    return Problem(twin=twin, groups=tuple(stacked), layout=layout)
 
 
 def residuals(
@@ -77,7 +77,7 @@ def residuals(
 
     **Returns:** one array for each group of recordings, and nothing else (optimistix's form).
     """
-    values = problem.unknowns.values(vector)
+    values = problem.layout.values(vector)
     differences = []
     for group in problem.groups:
         own = [values[position] for position in group.positions]

@@ -55,14 +55,42 @@ class Unknowns:
         """Upper bounds of the vector."""
         return np.array([_inward(row, row.upper) for row in self.rows])
 
+    @property
+    def layout(self) -> "Layout":
+        """Which entry is what."""
+        return Layout(
+            shared=tuple((row.name, is_logarithmic(row)) for row in self.shared),
+            own=tuple((row.name, is_logarithmic(row)) for row in self.own),
+            recordings=self.recordings,
+        )
+
+    def values(self, vector: Float[Array, " unknowns"]) -> list[dict[str, Float[Array, ""]]]:
+        """Name -> value in the parameter's unit, for each recording."""
+        return self.layout.values(vector)
+
+
+@final
+@dataclass(frozen=True)
+class Layout:
+    """What compiled code knows of the unknowns: their order, not their values or bounds.
+
+    **Arguments:**
+
+    - `shared`, `own`: pairs (name, whether it enters by its logarithm).
+    - `recordings`: how many recordings there are.
+    """
+
+    shared: tuple[tuple[str, bool], ...]
+    own: tuple[tuple[str, bool], ...]
+    recordings: int
+
     def values(self, vector: Float[Array, " unknowns"]) -> list[dict[str, Float[Array, ""]]]:
         """Name -> value in the parameter's unit, for each recording."""
         at = len(self.shared)
-        shared = {row.name: _outward(row, vector[n]) for n, row in enumerate(self.shared)}
+        shared = _outward(self.shared, vector[:at])
         values = []
         for _ in range(self.recordings):
-            own = {row.name: _outward(row, vector[at + n]) for n, row in enumerate(self.own)}
-            values.append(shared | own)
+            values.append(shared | _outward(self.own, vector[at : at + len(self.own)]))
             at += len(self.own)
         return values
 
@@ -147,5 +175,10 @@ def _inward(row: Parameter, value: float) -> float:
     return math.log(value) if is_logarithmic(row) else value
 
 
-def _outward(row: Parameter, entry: Float[Array, ""]) -> Float[Array, ""]:
-    return jnp.exp(entry) if is_logarithmic(row) else entry
+def _outward(
+    entries: tuple[tuple[str, bool], ...], vector: Float[Array, " entries"]
+) -> dict[str, Float[Array, ""]]:
+    return {
+        name: jnp.exp(vector[number]) if logarithmic else vector[number]
+        for number, (name, logarithmic) in enumerate(entries)
+    }

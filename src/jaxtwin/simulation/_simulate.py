@@ -1,5 +1,6 @@
 """One run of a twin."""
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import equinox as eqx
@@ -8,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._errors import SimulationError
+from .._errors import ParameterError, SimulationError
 from ..io import Experiment
-from ..physics import System, Twin
+from ..physics import System, Twin, build_netlist
+from ..rig import Rig, Value
 from ._exponential import reference_temperature, solve_schedule
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
 from ._run import Run
@@ -48,10 +50,12 @@ def simulate(
 
     **Returns:** a `Run` at the experiment's times.
 
-    **Raises:** `SimulationError` where experiment and rig do not belong together or the solve
-    does not reach its end.
+    **Raises:** `SimulationError` where experiment and rig do not belong together, or the solve
+    does not reach its end; `ParameterError` where a resistance or heat capacity is not above 0, or
+    a parameter holds more than one value.
     """
     channels = checked_channels(twin, experiment)
+    _check_values(twin)
     start = checked_initial(twin, initial)
     schedule = build_schedule(experiment)
     with jax.enable_x64(True):
@@ -121,6 +125,35 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
             f"{', '.join(twin.channels)}"
         )
     return experiment.channels or twin.channels
+
+
+def _check_values(twin: Twin) -> None:
+    """What has no meaning as a resistance or a heat capacity may still give finite temperatures."""
+    values = twin.numbers_si
+    for what, value in _positive_values(twin.rig):
+        found = value.evaluate(values)
+        if found <= 0:
+            raise ParameterError(
+                f"{twin.rig.name}: {what} ({value}): found {found:g} in SI units, allowed are values "
+                "above 0"
+            )
+
+
+@lru_cache(maxsize=32)
+def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
+    """Each distinct value of a rig that must be above 0, and what it is."""
+    netlist = build_netlist(rig)
+    named = [(f"capacitance of {node.name}", node.capacitance) for node in netlist.nodes]
+    for link in netlist.links:
+        named += [(f"resistance {link.a} - {link.b}", value) for value in link.resistances]
+    named += [
+        (f"electrical resistance of {c.name}", c.electrical_resistance) for c in netlist.cells
+    ]
+    first: dict[Value, str] = {}
+    for what, value in named:
+        if not value.is_constant:
+            first.setdefault(value, what)
+    return tuple((what, value) for value, what in first.items())
 
 
 def _exponential_states(

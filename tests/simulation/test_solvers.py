@@ -1,0 +1,130 @@
+"""The default solver: its order, and other solvers in its place."""
+
+import diffrax
+import jax
+import numpy as np
+import pytest
+from scipy.interpolate import interp1d
+
+from jaxtwin import Experiment, SimulationError, Twin
+from jaxtwin.simulation import NetworkExponential, Schedule, build_schedule, solve_schedule
+
+# One minute with both cells apart, reversed after a third.
+TIME = np.arange(61.0)
+STEPS = Experiment(TIME, np.where(TIME < 20, 1, -1)[:, None] * np.array([0.5, 0.8]))
+
+FIXED = diffrax.PIDController(rtol=1e-6, atol=1e-6, dtmax=0.1)
+
+
+@pytest.fixture(scope="module")
+def dual_cell() -> Twin:
+    return Twin("dual-cell")
+
+
+@pytest.mark.parametrize("values", ["startup", "initial"])
+def test_default_solver_is_of_fourth_order(values, circuits, twins, float64):
+    """Halving equal steps over 16 s lowers the error sixteenfold: ETDRK4 on the rig's equations."""
+    twin, circuit = twins[values], circuits[values]
+    time, duty = np.array([0.0, 16.0]), np.full((2, 2), 0.5)
+    exact = circuit.solve(time, duty)[-1]
+    errors = []
+    for steps in (16, 32, 64):
+        first_and_last = np.array([0, steps - 1], dtype=np.int32)
+        schedule = Schedule(
+            sizes=np.array([16.0 / steps]),
+            size=np.zeros(steps, dtype=np.int32),
+            duty=np.full((steps, 2), 0.5),
+            ambient=None,
+            step_of=first_and_last,
+            weights=np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0]]),  # start of one, end of the other
+            ambient_at=None,
+        )
+        system = twin.system()
+        deviation = solve_schedule(system, schedule, system.initial_temperature, np.eye(28))
+        errors.append(np.abs(np.asarray(deviation)[-1] + 15.0 - exact).max())
+    orders = np.log2(errors[:-1]) - np.log2(errors[1:])
+    np.testing.assert_allclose(orders, 4.0, atol=0.25)
+
+
+def largest_difference(twin: Twin, solver, **options) -> float:
+    other = twin.simulate(STEPS, solver=solver, **options)
+    return np.abs(twin.simulate(STEPS).states - other.states).max()
+
+
+def test_kvaerno5_gives_the_same_on_the_paper_s_circuit(twins):
+    """Voltage averaging; a stiff solver of diffrax's own."""
+    assert largest_difference(twins["startup"], diffrax.Kvaerno5()) < 1e-3
+
+
+def test_kvaerno5_gives_the_same_with_on_off_switching(dual_cell):
+    """Plate by geometry, cells braked while they are off, sinks with a mass."""
+    assert largest_difference(dual_cell, diffrax.Kvaerno5()) < 1e-3
+
+
+def test_explicit_solver_with_small_steps_gives_the_same(dual_cell):
+    """Tsit5 at 0.1 s, below every time constant of this twin's nodes."""
+    assert largest_difference(dual_cell, diffrax.Tsit5(), stepsize_controller=FIXED) < 1e-3
+
+
+def test_our_own_step_as_a_diffrax_solver_gives_the_same(dual_cell):
+    """With diffrax choosing the steps by the embedded error estimate."""
+    controller = diffrax.PIDController(rtol=1e-5, atol=1e-5)
+    difference = largest_difference(
+        dual_cell, NetworkExponential(), stepsize_controller=controller, dt0=0.01
+    )
+    assert difference < 1e-3
+
+
+def test_solver_without_an_error_estimate_takes_the_default_solver_s_steps(circuits, twins):
+    """Explicit Euler, step by step by hand; a change of input at the last sample is not felt."""
+    duty = np.vstack([STEPS.duty[:-1], [[0.0, 0.0]]])
+    experiment = Experiment(TIME, duty)
+    schedule, circuit = build_schedule(experiment), circuits["initial"]
+    times, states = [0.0], [circuit.start()]
+    for size, held in zip(schedule.sizes[schedule.size], schedule.duty, strict=True):
+        times.append(times[-1] + size)
+        states.append(states[-1] + size * circuit.rate(states[-1], held, 288.15))
+    by_hand = interp1d(times, np.array(states) - 273.15, axis=0)(np.minimum(TIME, times[-1]))
+    run = twins["initial"].simulate(experiment, solver=diffrax.Euler())
+    np.testing.assert_allclose(run.states, by_hand, atol=1e-6)
+
+
+def test_solver_that_leaves_the_finite_numbers_is_an_error(twins):
+    """Explicit Euler on a cell side that settles in a millisecond."""
+    with pytest.raises(SimulationError, match=r"paper-2024: .* do not stay finite"):
+        twins["published"].simulate(STEPS, solver=diffrax.Euler())
+
+
+def test_solver_that_gives_up_is_an_error(twins):
+    """The reason is diffrax's own."""
+    controller = diffrax.PIDController(rtol=1e-12, atol=1e-12, dtmin=0.5, force_dtmin=False)
+    with pytest.raises(SimulationError, match=r"paper-2024: Tsit5: .*minimum step size"):
+        twins["published"].simulate(
+            STEPS, solver=diffrax.Tsit5(), stepsize_controller=controller, dt0=1.0
+        )
+
+
+def test_controller_that_steps_over_input_changes_is_refused(twins):
+    with pytest.raises(SimulationError, match=r"stepsize_controller: found ConstantStepSize"):
+        twins["startup"].simulate(
+            STEPS,
+            solver=diffrax.Tsit5(),
+            stepsize_controller=diffrax.ConstantStepSize(),
+            dt0=0.1,
+        )
+
+
+def test_default_solver_compiles_once_for_all_parameter_values(twins, caplog):
+    """A second run with other values and other duty cycles of the same shape compiles nothing."""
+    twins["startup"].simulate(STEPS)
+    with jax.log_compiles():
+        caplog.clear()
+        twins["published"].simulate(Experiment(STEPS.time, -0.5 * STEPS.duty))
+        assert not compiled(caplog)
+        # The log does speak: an experiment of another length compiles.
+        Twin("paper-2024").simulate(Experiment(STEPS.time[:31], STEPS.duty[:31]))
+        assert compiled(caplog)
+
+
+def compiled(caplog) -> list[str]:
+    return [record.message for record in caplog.records if "Compiling" in record.message]
