@@ -31,6 +31,9 @@ from .simulation import Run as Run  # what a simulation gives
 from .simulation import response as response  # the same as a pure JAX function
 from .simulation import simulate as simulate  # one run
 from .simulation import simulate_batch as simulate_batch  # many draws
+from .sweep import Sweep as Sweep  # where a long sweep stands
+from .sweep import open_sweep as open_sweep  # its results, as an xarray data set
+from .sweep import sweep as sweep  # millions of draws into a folder, over many sittings
 
 __all__: list[str]
 __version__: str

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from . import __version__
 from ._errors import JaxtwinError
 from .commands import (
     _data,
@@ -21,6 +22,7 @@ from .commands import (
     _rigs,
     _sensitivity,
     _simulate,
+    _sweep,
 )
 
 WRONG, STOPPED = 2, 130
@@ -33,7 +35,7 @@ RIGS = "Rigs"
 TWINS = "Twins"
 MACHINE = "This machine"
 
-COMPILING = ("demo", "simulate", "match", "sensitivity")
+COMPILING = ("demo", "simulate", "match", "sensitivity", "sweep")
 
 app = typer.Typer(
     add_completion=False,
@@ -42,7 +44,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Each command has an example: [bold]jaxtwin match --help[/]",
 )
-data = typer.Typer()
+data = typer.Typer(help="List or fetch recordings.")
 
 
 def _example(*lines: str) -> str:
@@ -83,38 +85,36 @@ _add(
     _sensitivity.sensitivity,
     "jaxtwin sensitivity paper-2024 synthetic-A --parameters fit.toml --draws 10000 --out sens.nc",
 )
+_add(
+    "sweep",
+    TWINS,
+    _sweep.sweep,
+    "jaxtwin sweep paper-2024 synthetic-A --parameters fit.toml --draws 10000000 --out sweep",
+    "jaxtwin sweep paper-2024 --duty 0:0.5,500:0.78 --draws 1000000 --out sweep --process 0/2",
+)
 app.add_typer(data, name="data", rich_help_panel=MACHINE)
 data.command("list", epilog=_example("jaxtwin data list"))(_data.list_recordings)
 data.command("fetch", epilog=_example("jaxtwin data fetch --to recordings"))(_data.fetch)
 _add("doctor", MACHINE, _doctor.doctor, "jaxtwin doctor")
 
 
-@app.callback(invoke_without_command=True)
+def _show_version(wanted: bool) -> bool:
+    if wanted:
+        print(f"jaxtwin {__version__}")
+        raise typer.Exit
+    return wanted
+
+
+@app.callback()
 def _jaxtwin(
-    context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", is_eager=True, help="Show the version and exit.")
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_show_version, help="Show the version and exit."
+        ),
     ] = False,
 ) -> None:
     """Digital twins of multizone thermoelectric rigs: simulate, match to recordings, analyse."""
-    if version:
-        from . import __version__
-
-        print(f"jaxtwin {__version__}")
-        raise typer.Exit
-    _help_without_command(context)
-    if context.invoked_subcommand in COMPILING:
-        from .doctor import use_compilation_cache
-
-        use_compilation_cache()
-
-
-@data.callback(invoke_without_command=True)
-def _help_without_command(context: typer.Context) -> None:
-    """List or fetch recordings."""
-    if context.invoked_subcommand is None:
-        print(context.get_help())
-        raise typer.Exit
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -136,8 +136,15 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     **Returns:** the exit code.
     """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words in ([], ["data"]):
+        words.append("--help")
+    if words[0] in COMPILING and not {"-h", "--help"} & set(words):
+        from .doctor import use_compilation_cache
+
+        use_compilation_cache()
     try:
-        app(None if arguments is None else list(arguments), standalone_mode=False)
+        app(words, prog_name="jaxtwin", standalone_mode=False)
         sys.stdout.flush()
     except JaxtwinError as error:
         return _fail(str(error))

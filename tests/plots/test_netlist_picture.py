@@ -74,7 +74,9 @@ def test_links_are_as_wide_as_they_conduct():
     """0.307 K/W between columns 1 and 2, 0.491 between 2 and 3, 1.964 down column 1."""
     axes = plot_netlist(Twin("paper-2024"))
     widths = {
-        tuple(np.round(np.asarray(line.get_xydata(), float), 6).ravel().tolist()): line.get_linewidth()
+        tuple(
+            np.round(np.asarray(line.get_xydata(), float), 6).ravel().tolist()
+        ): line.get_linewidth()
         for line in axes.lines
         if len(np.atleast_1d(line.get_xdata())) == 2
     }

@@ -10,12 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib import pyplot
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.image import imread
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from small_results import analysis, fit, recordings
 
 from jaxtwin import Experiment, SimulationError, ThermoelectricModule, plots
 from jaxtwin.plots._labels import spread
-from jaxtwin.plots._parameters import _position
+from jaxtwin.plots._parameters import _number, _position
 from jaxtwin.plots._style import symbol
 
 
@@ -23,6 +26,14 @@ from jaxtwin.plots._style import symbol
 def _closed_figures():
     yield
     pyplot.close("all")
+
+
+def heights(line: Line2D) -> np.ndarray:
+    return np.atleast_1d(np.asarray(line.get_ydata(), float))
+
+
+def places(line: Line2D) -> np.ndarray:
+    return np.atleast_1d(np.asarray(line.get_xdata(), float))
 
 
 def texts(axes: Axes) -> list[str]:
@@ -34,11 +45,11 @@ def test_recordings_are_drawn_as_they_are():
     figure = plots.plot_recordings(recordings())
     above, below = figure.axes[:2], figure.axes[2:]
     for axes, experiment in zip(above, recordings(), strict=True):
-        drawn = np.column_stack([line.get_ydata() for line in axes.lines])
+        drawn = np.column_stack([heights(line) for line in axes.lines])
         np.testing.assert_array_equal(drawn, experiment.temperatures)
         assert set(experiment.channels) <= set(texts(axes))
     for axes, experiment in zip(below, recordings(), strict=True):
-        np.testing.assert_array_equal(axes.lines[0].get_ydata(), 100 * experiment.duty[:, 0])
+        np.testing.assert_array_equal(heights(axes.lines[0]), 100 * experiment.duty[:, 0])
 
 
 def test_cells_with_the_same_drive_share_a_label():
@@ -63,7 +74,7 @@ def test_residuals_and_their_mean_are_recorded_less_simulated():
     run = fit().runs["synthetic-A"]
     (axes,) = plots.plot_residuals([run]).axes
     residual = run.experiment.temperatures - run.temperatures
-    drawn = [np.asarray(line.get_ydata()) for line in axes.lines]
+    drawn = [heights(line) for line in axes.lines]
     np.testing.assert_array_equal(np.column_stack(drawn[:5]), residual)
     np.testing.assert_allclose(drawn[5], residual.mean(axis=1))
 
@@ -80,26 +91,25 @@ def test_marks_of_a_dc_sweep_are_the_highest_points_of_its_curves():
     module = ThermoelectricModule.from_datasheet("CP10-127-05")
     heat, cop = plots.plot_dc_sweep(module, T_hot=300.0, delta_T=[20.0, 40.0]).axes
     for axes in (heat, cop):
-        curves = [line for line in axes.lines if len(np.atleast_1d(line.get_xdata())) > 1]
-        marks = [line for line in axes.lines if len(np.atleast_1d(line.get_xdata())) == 1]
+        curves = [line for line in axes.lines if len(places(line)) > 1]
+        marks = [line for line in axes.lines if len(places(line)) == 1]
         for curve, mark in zip(curves, marks, strict=True):
-            height = np.asarray(curve.get_ydata(), float)
-            top = np.nanargmax(height)
-            step = np.diff(np.asarray(curve.get_xdata(), float))[0]
-            assert mark.get_xdata()[0] == pytest.approx(curve.get_xdata()[top], abs=step)
-            assert mark.get_ydata()[0] == pytest.approx(height[top], rel=2e-3)
-            assert mark.get_ydata()[0] >= height[top]
+            top = np.nanargmax(heights(curve))
+            step = np.diff(places(curve))[0]
+            assert places(mark)[0] == pytest.approx(places(curve)[top], abs=step)
+            assert heights(mark)[0] == pytest.approx(heights(curve)[top], rel=2e-3)
+            assert heights(mark)[0] >= heights(curve)[top]
 
 
 def test_history_ends_at_the_fits_rmse_and_shows_each_free_parameter():
     figure = plots.plot_history(fit())
     cost, *panels = figure.axes
-    assert cost.lines[0].get_ydata()[-1] == pytest.approx(fit().rmse)
+    assert heights(cost.lines[0])[-1] == pytest.approx(fit().rmse)
     shown = {panel.get_title(loc="left"): panel for panel in panels}
     assert set(shown) == {symbol(row.name) for row in fit().parameters if row.free}
-    last = shown[symbol("R_E")].lines[0].get_ydata()[-1]
+    last = heights(shown[symbol("R_E")].lines[0])[-1]
     assert last == pytest.approx(fit().parameter("R_E").value)
-    own = [line.get_ydata()[-1] for line in shown[symbol("T_amb")].lines]
+    own = [heights(line)[-1] for line in shown[symbol("T_amb")].lines]
     assert own == pytest.approx([values["T_amb"] for values in fit().recording_values.values()])
 
 
@@ -109,18 +119,19 @@ def test_parameters_stand_between_their_bounds_on_a_logarithmic_scale():
     assert _position(row.upper, row) == 1
     assert _position(0.01, row) == pytest.approx(0.5)
     table, _ = plots.plot_parameters(fit()).axes
-    assert f"{row.value:.4g}" in texts(table)
+    assert _number(row.value) in texts(table)
 
 
 def test_tornado_sorts_the_correlations_and_spans_their_intervals():
     axes = plots.plot_tornado(analysis(), "TAM")
     labels = [label.get_text() for label in axes.get_yticklabels()]
     assert labels == [symbol(name) for name in analysis().ranking("TAM")]
-    widths = [bar.get_width() for bar in axes.patches]
+    widths = [bar.get_width() for bar in axes.patches if isinstance(bar, Rectangle)]
     assert widths == sorted(widths, key=abs, reverse=True)
     row = analysis().correlation[analysis().channels.index("TAM")]
     assert sorted(widths) == pytest.approx(sorted(row))
-    spans = [segment[:, 0] for segment in axes.collections[0].get_segments()]
+    (lines,) = (lines for lines in axes.collections if isinstance(lines, LineCollection))
+    spans = [segment[:, 0] for segment in lines.get_segments()]
     for (low, high), width in zip(spans, widths, strict=True):
         assert low < width < high
 

@@ -80,7 +80,8 @@ def test_the_report_holds_pictures_numbers_fits_and_says_what_it_was_done_on(tmp
     steps: list[str] = []
 
     class Listener:
-        step = staticmethod(steps.append)
+        def step(self, text: str) -> None:
+            steps.append(text)
 
         def news(self, text: str) -> None:
             pass

@@ -72,7 +72,7 @@ def test_columns_of_numbers_are_set_to_the_right_and_marks_lose_their_sign():
     html = page(Table("t", ("name", "value"), [("a", "-1.5e-5"), ("b", "!10 000"), ("c", "-")]))
     assert "<td class=n>-1.5e-5</td>" in html
     assert "<td class=n><mark>10 000</mark></td>" in html
-    assert "<td>a</td>" in html
+    assert "<td class=short>a</td>" in html
 
 
 def test_words_between_backticks_are_code():

@@ -1,11 +1,13 @@
 """The authors' circuit as plain matrices for scipy, from their model file alone.
 
-Nothing in `Circuit` comes from the package: nodes and links from `circuit_facts.json`, equations of
-cells and driver as the model file connects them, values from the file and from Table 4 of the paper.
+Nothing in `Circuit` comes from the package: nodes and links from `circuit_facts.json`, equations
+of cells and driver as the model file connects them, values from the file and from Table 4 of the
+paper.
 """
 
 import json
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -152,10 +154,10 @@ class Circuit:
         changes = 1 + np.flatnonzero(np.any(inputs[1:] != inputs[:-1], axis=1))
         marks = [0, *changes, len(time) - 1]
         states = [self.start() if start is None else start]
-        for first, last in zip(marks[:-1], marks[1:], strict=True):
+        for first, last in pairwise(marks):
             if first == last:
                 continue
-            held, outside = duty[first], air[first]
+            held, outside = duty[first], float(air[first])
             part = solve_ivp(
                 lambda t, T, held=held, outside=outside: self.rate(T, held, outside),
                 (time[first], time[last]),

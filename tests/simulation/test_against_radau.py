@@ -1,8 +1,8 @@
 """Default settings against scipy's Radau at a relative tolerance of 1e-10 on `Circuit`.
 
 The two share no code: the circuit is built in conftest.py from the authors' model file.
-Start-up values: every node, the cells' sides too. Table 4's final values (0.01 ohm, a cell side that
-settles in a millisecond and swings by 400 K): every node of the plate, so every channel.
+Start-up values: every node, the cells' sides too. Table 4's final values (0.01 ohm, a cell side
+that settles in a millisecond and swings by 400 K): every node of the plate, so every channel.
 """
 
 import numpy as np

@@ -4,6 +4,8 @@ Between any two marks: electrical work + heat from the surroundings = heat store
 At every saved time, in each cell: q_h - q_c = I V.
 """
 
+from itertools import pairwise
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -36,9 +38,9 @@ def on_off(twin: Twin, T: np.ndarray, duty: np.ndarray) -> tuple[np.ndarray, ...
         return share * flow(on) + (1 - share) * flow(off)
 
     return (
-        mean(lambda I: alpha * I * cold - R_E * I**2 / 2),
-        mean(lambda I: alpha * I * hot + R_E * I**2 / 2),
-        mean(lambda I: I * (emf + R_E * I)),
+        mean(lambda current: alpha * current * cold - R_E * current**2 / 2),
+        mean(lambda current: alpha * current * hot + R_E * current**2 / 2),
+        mean(lambda current: current * (emf + R_E * current)),
     )
 
 
@@ -50,7 +52,7 @@ class Balance:
         marks = np.searchsorted(TIME, [0, 40, 80, 120])
         self.stored = np.diff(T[marks] @ C)
         self.given, self.exchanged = [], []
-        for duty, first, last in zip(DUTIES, marks[:-1], marks[1:], strict=True):
+        for duty, (first, last) in zip(DUTIES, pairwise(marks), strict=True):
             bend = np.searchsorted(TIME, TIME[first] + 10)
             spans = [slice(first, bend + 1), slice(bend, last + 1)]
             flows = [
@@ -139,5 +141,5 @@ def test_instantaneous_balance_at_every_saved_time(circuits, float64):
     given = (current * voltage).sum(axis=1) + from_air
     np.testing.assert_allclose(into.sum(axis=1), given, atol=1e-6 * np.abs(from_air).max())
     # And node by node, where the saved temperatures go next.
-    rates = [circuit.rate(state, duty, 288.15) for state, duty in zip(T, EXPERIMENT.duty)]
+    rates = [circuit.rate(*now, 288.15) for now in zip(T, EXPERIMENT.duty, strict=True)]
     np.testing.assert_allclose(into / circuit.C, rates, atol=1e-10)

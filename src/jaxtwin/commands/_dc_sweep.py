@@ -5,8 +5,10 @@ from typing import Annotated, Any
 
 import typer
 
+from .._errors import JaxtwinError
+from .._whole_file import write_whole_file
 from ._options import JsonOption
-from ._output import aligned, check_json, say, write_bytes, write_json
+from ._output import aligned, check_json, say, write_json
 
 
 def dc_sweep(
@@ -78,4 +80,4 @@ def _save(module: Any, name: str, T_hot: float, folder: Path) -> None:
     except OSError as error:
         raise typer.BadParameter(f"--out {folder}: {error.strerror}") from None
     save_dataset(sweep.to_xarray(), folder / f"{name}.nc")
-    write_bytes(folder / f"{name}.png", picture)
+    write_whole_file(folder / f"{name}.png", picture, JaxtwinError)

@@ -69,7 +69,7 @@ def match(
         fit = matching.match(
             twin,
             experiments,
-            free=_free(loaded, free or [], per_recording or []),
+            free=_free(loaded, {*(free or []), *(per_recording or [])}, set(fix or [])),
             fixed=fix or [],
             per_recording=per_recording or [],
             starts=starts,
@@ -83,8 +83,9 @@ def match(
     write_json(json, fit.to_dict())
 
 
-def _free(rig: "Rig", more: list[str], per_recording: list[str]) -> list[str] | None:
-    """The rig's free parameters and those that were asked for."""
-    if not (more or per_recording):
+def _free(rig: "Rig", more: set[str], fix: set[str]) -> list[str] | None:
+    """The rig's free parameters and those that were asked for; None where none was."""
+    if not more:
         return None
-    return [name for name, row in rig.parameters.items() if row.free] + more + per_recording
+    names = [name for name, row in rig.parameters.items() if row.free and name not in fix]
+    return [*names, *sorted(more - set(names))]

@@ -5,8 +5,10 @@ from typing import Annotated
 
 import typer
 
+from .._errors import JaxtwinError
+from .._whole_file import write_whole_file
 from ._options import JsonOption, ParametersOption, RigArgument, SetOption
-from ._output import check_json, check_output, say, write_bytes, write_json, write_text
+from ._output import check_json, check_output, say, write_json
 from ._rigs import network_line
 from ._sources import open_twin
 
@@ -38,11 +40,11 @@ def netlist(
     if out is not None:
         from ..plots import plot_netlist, to_png
 
-        write_bytes(out, to_png(plot_netlist(twin)))
+        write_whole_file(out, to_png(plot_netlist(twin)), JaxtwinError)
     if spice is not None:
         from ..physics import to_spice
 
         step = Experiment.schedule("0:0.5,500:0.78", duration=1000.0, cells=len(loaded.cells))
-        write_text(spice, to_spice(twin, step))
+        write_whole_file(spice, to_spice(twin, step).encode(), JaxtwinError)
     say(f"{loaded.name}: {network_line(numbers)}", json)
     write_json(json, {"rig": loaded.name, "network": numbers})

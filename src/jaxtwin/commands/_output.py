@@ -3,12 +3,14 @@
 import json
 import os
 import sys
-import uuid
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import typer
+
+from .._errors import JaxtwinError
+from .._whole_file import write_whole_file
 
 STDOUT = Path("-")
 
@@ -29,7 +31,7 @@ def check_output(path: Path | None, *endings: str, option: str = "--out") -> Non
     if endings and path.suffix.lower() not in endings:
         allowed = " or ".join(endings)
         raise typer.BadParameter(
-            f"{option} {path}: found ending {path.suffix!r}, allowed: {allowed}"
+            f"{option} {path}: found the ending {path.suffix!r}, allowed is {allowed}"
         )
     if path.is_dir():
         raise typer.BadParameter(f"{option} {path}: is a folder, allowed is a file")
@@ -54,24 +56,7 @@ def write_json(path: Path | None, numbers: Any) -> None:
     if path == STDOUT:
         sys.stdout.write(text)
     else:
-        write_text(path, text)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Writes a text file so that it is there as a whole or not at all."""
-    write_bytes(path, text.encode())
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Writes a file so that it is there as a whole or not at all."""
-    part = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
-    try:
-        part.write_bytes(content)
-        part.replace(path)
-    except OSError as error:
-        raise typer.BadParameter(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        part.unlink(missing_ok=True)
+        write_whole_file(path, text.encode(), JaxtwinError)
 
 
 def say(text: str, json_path: Path | None = None) -> None:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from ..io import Experiment
 from ..physics import Twin
@@ -53,22 +54,22 @@ TRUTH = {
 AMBIENT = {"synthetic-A": 15.3, "synthetic-B": 17.4, "synthetic-C": 16.1}
 
 
-def make_recording(name: str) -> Experiment:
+def make_recording(name: str) -> tuple[Experiment, Float[np.ndarray, "times channels"]]:
     """One synthetic recording.
 
     **Arguments:**
 
     - `name`: one of `SYNTHETIC`.
 
-    **Returns:** the experiment, with noise, at the camera's resolution.
+    **Returns:** the drive, and the temperatures with noise at the camera's resolution, degC.
     """
     twin = Twin(load_rig(RIG), TRUTH | {"T_amb": AMBIENT[name], "T_start": AMBIENT[name]})
     time = np.arange(DURATION + 1.0)
     duty = np.where(time < SWITCH, *LEVELS)[:, None] / COUNTS * np.ones(2)
-    exact = twin.simulate(Experiment(time, duty, channels=CHANNELS[name])).temperatures
+    experiment = Experiment(time, duty, channels=CHANNELS[name])
+    exact = twin.simulate(experiment).temperatures
     noise = np.random.default_rng([SEED, SYNTHETIC.index(name)]).normal(0.0, NOISE, exact.shape)
-    temperatures = np.round(exact + noise, RESOLUTION)
-    return Experiment(time, duty, channels=CHANNELS[name], temperatures=temperatures, name=name)
+    return experiment, np.round(exact + noise, RESOLUTION)
 
 
 def main(folder: Path) -> None:
@@ -79,7 +80,7 @@ def main(folder: Path) -> None:
     - `folder`: where to.
     """
     for name in SYNTHETIC:
-        _write_csv(folder / f"{name}.csv", make_recording(name))
+        _write_csv(folder / f"{name}.csv", *make_recording(name))
     table = load_rig(RIG).parameters
     write_parameters(
         folder / synthetic_truth().name,
@@ -95,7 +96,9 @@ def _recording_parameter(parameter: Parameter) -> Parameter:
     return replace(parameter, value=AMBIENT[SYNTHETIC[0]])
 
 
-def _write_csv(path: Path, experiment: Experiment) -> None:
+def _write_csv(
+    path: Path, experiment: Experiment, temperatures: Float[np.ndarray, "times channels"]
+) -> None:
     """As counts and hundredths of a degree, which is a third of the size of all digits."""
     titles = [f"{name}_degC" for name in experiment.channels]
     lines = [
@@ -104,7 +107,7 @@ def _write_csv(path: Path, experiment: Experiment) -> None:
         ",".join(["time_s", "pwm_P1", "pwm_P2", *titles]),
     ]
     counts = np.rint(COUNTS * experiment.duty).astype(int)
-    for time, pwm, row in zip(experiment.time, counts, experiment.temperatures, strict=True):
+    for time, pwm, row in zip(experiment.time, counts, temperatures, strict=True):
         readings = (f"{value:.{RESOLUTION}f}" for value in row)
         lines.append(",".join([f"{time:g}", *(f"{count}" for count in pwm), *readings]))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

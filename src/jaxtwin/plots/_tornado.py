@@ -5,6 +5,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from ..sensitivity import Sensitivity
+from ..sensitivity._sensitivity import MEAN
 from ._style import BLUE, INK, MUTED, VERMILION, styled, symbol
 
 
@@ -47,7 +48,8 @@ def plot_tornado(
         )  # fmt: skip
     ax.set_yticks(places, [symbol(name) for name in names], fontsize=10)
     widest = min(1.12, 1.25 * float(np.abs(interval).max()) + 0.08)  # with room for the numbers
-    ax.set(xlim=(-widest, widest), xlabel="Pearson correlation with the cost", title=channel)
+    ax.set(xlim=(-widest, widest), xlabel="Pearson correlation with the cost")
+    ax.set_title("mean of all channels" if channel == MEAN else channel)
     failed = int(np.count_nonzero(sensitivity.failed))
     draws = f"{len(sensitivity.failed):,} draws".replace(",", " ")
     note = f"{draws}, {failed} failed" if failed else draws

@@ -19,8 +19,8 @@ STARTS = 3
 AMBIENT, START = "T_amb", "T_start"
 
 EDGES = ("R_Tey", "R_Tex1", "R_Tey1", "R_Tey2", "R_Tey3")
-"""Edges of the plate to the air: a few per cent of what the faces lose, and partly in parallel with
-them, so that noise of 0.1 K hides them."""
+"""Edges of the plate to the air: in the synthetic truth 6 % of what the faces lose, and partly in
+parallel with them, so that noise of 0.1 K hides them."""
 
 
 def match_fixed(
@@ -154,7 +154,7 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
                 "The synthetic recordings were made by a twin with known parameters and camera "
                 "noise of 0.1 K. A match that starts at Table 4's initial values finds them again. "
                 "Held at their true values are the five resistances of the plate's edges: they "
-                "carry a few per cent of what the faces lose, and such noise hides them."
+                "carry 6 % of what the faces lose, and such noise hides them."
             ),
             Numbers(
                 (

@@ -11,6 +11,8 @@ from ._blocks import Block, Numbers, Picture, Section, Table, Text
 GENERATOR = '<meta name="generator" content="jaxtwin">'
 """Stands in every page, by which a report of ours is known."""
 
+SHORT = 16  # characters of a cell that is not broken into lines
+
 _NUMBER = re.compile(r"!?[-+−]?[\d  ]*\.?\d+(e[-+]?\d+)?( ?[%KsW])?|!?-|")
 
 
@@ -93,7 +95,7 @@ def _table(table: Table) -> str:
 
 
 def _cell(tag: str, text: str, right: bool) -> str:
-    style = " class=n" if right else ""
+    style = " class=n" if right else " class=short" if len(text) <= SHORT else ""
     marked = text.startswith("!")
     content = f"<mark>{_inline(text[1:])}</mark>" if marked else _inline(text)
     return f"<{tag}{style}>{content}</{tag}>"

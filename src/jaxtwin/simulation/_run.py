@@ -99,7 +99,7 @@ class Run:
                 "time": ("time", self.time, {"units": "s"}),
                 "channel": list(self.channels),
                 "node": list(self.nodes),
-                "cell": np.arange(1, duty.shape[1] + 1),
+                "cell": [f"P{cell + 1}" for cell in range(duty.shape[1])],
             },
             attrs={"rig": self.rig, "experiment": self.experiment.name},
         )
@@ -107,7 +107,7 @@ class Run:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the run as netCDF, as a whole or not at all.
 
-        **Raises:** `SimulationError` where the file cannot be written.
+        **Raises:** `RecordingError` where the file cannot be written.
         """
         from ..io import save_dataset
 

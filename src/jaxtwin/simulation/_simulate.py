@@ -134,8 +134,8 @@ def _check_values(twin: Twin) -> None:
         found = value.evaluate(values)
         if found <= 0:
             raise ParameterError(
-                f"{twin.rig.name}: {what} ({value}): found {found:g} in SI units, allowed are values "
-                "above 0"
+                f"{twin.rig.name}: {what} ({value}): found {found:g} in SI units, allowed are "
+                "values above 0"
             )
 
 

@@ -1,0 +1,146 @@
+"""`jaxtwin sweep`: millions of draws into a folder, over many sittings, processes and hosts."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from ._options import JsonOption, ParametersOption, RigArgument, SeedOption, SetOption
+from ._output import check_json, say, write_json
+from ._progress import show_progress
+from ._sources import open_recordings, open_twin
+
+if TYPE_CHECKING:
+    from ..io import Experiment
+    from ..rig import Rig
+    from ..sweep import Sweep
+
+
+def sweep(
+    rig: RigArgument,
+    draws: Annotated[int, typer.Option(min=1, help="How many.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="DIR", help="A new folder, or one of this sweep: then it goes on."
+        ),
+    ],
+    recordings: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="RECORDING", help="Drive it as in these, and compare."),
+    ] = None,
+    duty: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCHEDULE", help="Drive it by a schedule: 0:0.5,500:0.78; see simulate."
+        ),
+    ] = None,
+    duration: Annotated[float, typer.Option(metavar="S", help="Of the schedule.")] = 1000.0,
+    spread: Annotated[
+        float, typer.Option(help="Standard deviation as a part of each value.")
+    ] = 0.25,
+    seed: SeedOption = 0,
+    reductions: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="What to keep: cost,final,minimum,maximum,spread,deviation. Default: final, and "
+            "cost with recordings.",
+        ),
+    ] = None,
+    precision: Annotated[
+        Literal["float64", "float32"], typer.Option(help="Of the computation and what is kept.")
+    ] = "float64",
+    chunk: Annotated[
+        int, typer.Option(min=1, help="Draws that are written at a time; a kill costs these.")
+    ] = 65536,
+    process: Annotated[
+        str | None,
+        typer.Option(metavar="P/N", help="Do part P, counted from 0, of N; others do the rest."),
+    ] = None,
+    coordinator: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="Share by jax.distributed: where process 0 is."),
+    ] = None,
+    processes: Annotated[
+        int | None, typer.Option(min=1, help="With --coordinator: how many share.")
+    ] = None,
+    process_id: Annotated[
+        int | None, typer.Option(min=0, help="With --coordinator: which this one is.")
+    ] = None,
+    parameters: ParametersOption = None,
+    set_name: SetOption = None,
+    json: JsonOption = None,
+) -> None:
+    """Run millions of draws and keep what is wanted of each; killed and run again, it goes on."""
+    if bool(recordings) == (duty is not None):
+        raise typer.BadParameter("give either recordings or --duty")
+    part = _part(process, coordinator, processes, process_id)
+    check_json(json)
+    from .. import sweep as run
+    from ..rig import load_rig
+    from ..sweep import Advance, meet
+
+    with show_progress() as progress:
+        progress.step("reading")
+        loaded = load_rig(rig)
+        experiments = _experiments(loaded, recordings or [], duty, duration)
+        twins = [open_twin(loaded, set_name, parameters, one.name or None) for one in experiments]
+        if coordinator is not None:
+            progress.step(f"meeting at {coordinator}")
+            part = meet(coordinator, processes, process_id)
+
+        def tell(advance: Advance) -> None:
+            progress.news(str(advance))
+
+        progress.step(f"{draws} draws of {loaded.name} into {out}")
+        result = run(
+            twins,
+            experiments,
+            out,
+            draws=draws,
+            spread=spread,
+            seed=seed,
+            reductions=None if reductions is None else reductions.split(","),
+            precision=precision,
+            chunk_size=chunk,
+            process=part,
+            on_progress=tell,
+        )
+    say(_summary(result), json)
+    write_json(json, result.to_dict())
+
+
+def _part(
+    process: str | None, coordinator: str | None, processes: int | None, process_id: int | None
+) -> tuple[int, int] | None:
+    if coordinator is None and (processes, process_id) != (None, None):
+        raise typer.BadParameter("--processes and --process-id go with --coordinator")
+    if process is None:
+        return None
+    if coordinator is not None:
+        raise typer.BadParameter("give either --process or --coordinator")
+    number, slash, count = process.partition("/")
+    if not (slash and number.isdecimal() and count.isdecimal()):
+        raise typer.BadParameter(f"--process: found {process!r}, allowed is P/N such as 0/2")
+    return int(number), int(count)
+
+
+def _experiments(
+    rig: "Rig", recordings: list[str], duty: str | None, duration: float
+) -> "list[Experiment]":
+    from ..io import Experiment
+
+    if recordings:
+        return open_recordings(rig, recordings)
+    return [Experiment.schedule(duty or "", duration=duration, cells=len(rig.cells))]
+
+
+def _summary(result: "Sweep") -> str:
+    lines = [
+        f"{result.done} of {result.draws} draws are done, {result.failed} of them failed",
+        f"this run did {result.new} in {result.wall_time:.1f} s",
+    ]
+    if result.busy:
+        lines.append(f"{result.busy} chunks were left to another process that is at them")
+    return "\n".join(lines)

@@ -1,0 +1,213 @@
+"""What a sweep consists of: which draws, in which chunks, and what is kept of them."""
+
+import hashlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from .. import __version__
+from .._errors import SimulationError
+from ..io import Experiment
+from ..physics import Twin
+from ..rig import Rig
+from ..sensitivity import normal_draws
+from ..sensitivity._monte_carlo import _distinct as distinct_names
+from ..sensitivity._monte_carlo import _values as drawn_values
+from ..simulation import checked_channels, simulate_batch
+from ..simulation._batch import REDUCTIONS, Precision, Reduction
+
+FORMAT = 1
+"""Of the store; another number means other arrays or another order of draws."""
+
+ROLES = {
+    "failed": ("", ""),
+    "cost": ("channel", "K2"),
+    "final": ("channel", "degC"),
+    "minimum": ("channel", "degC"),
+    "maximum": ("channel", "degC"),
+    "spread": ("recording", "K"),
+    "deviation": ("recording", "K"),
+}
+"""Second dimension of each array of draws, and its unit."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A sweep, checked, before any work.
+
+    **Arguments:**
+
+    - `twins`, `experiments`: one twin for each experiment.
+    - `values`: name -> what that parameter is drawn around, in the rig's unit.
+    - `draws`, `spread`, `seed`: of `normal_draws`.
+    - `reductions`, `precision`: of `simulate_batch`.
+    - `chunk_size`: draws that are written at a time.
+    """
+
+    twins: tuple[Twin, ...]
+    experiments: tuple[Experiment, ...]
+    values: dict[str, float]
+    draws: int
+    spread: float
+    seed: int
+    reductions: tuple[Reduction, ...]
+    precision: Precision
+    chunk_size: int
+
+    @property
+    def chunks(self) -> int:
+        """How many there are; the last may be shorter."""
+        return -(-self.draws // self.chunk_size)
+
+    def span(self, chunk: int) -> tuple[int, int]:
+        """First draw of a chunk and the one behind its last."""
+        return chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, self.draws)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Of all experiments in a row; those that share a name are numbered."""
+        names = map(checked_channels, self.twins, self.experiments)
+        return tuple(distinct_names([name for own in names for name in own]))
+
+    @property
+    def recordings(self) -> tuple[str, ...]:
+        """Names of the experiments."""
+        names = [experiment.name or "experiment" for experiment in self.experiments]
+        return tuple(distinct_names(names))
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """Everything that the results depend on, in plain types for JSON."""
+        return {
+            "format": FORMAT,
+            "program": f"jaxtwin {__version__}",
+            "rig": self.twins[0].rig.name,
+            "rig_content": _content(self.twins[0].rig),
+            "recordings": list(self.recordings),
+            "experiments": [experiment.fingerprint for experiment in self.experiments],
+            "parameters": [
+                {name: float(value) for name, value in twin.parameters.items()}
+                for twin in self.twins
+            ],
+            "drawn": self.values,
+            "spread": self.spread,
+            "seed": self.seed,
+            "draws": self.draws,
+            "reductions": list(self.reductions),
+            "precision": self.precision,
+            "chunk_size": self.chunk_size,
+            "channels": list(self.channels),
+        }
+
+    def samples(self, start: int, stop: int) -> dict[str, Float[np.ndarray, " draws"]]:
+        """The parameters of some draws, around `values`."""
+        return normal_draws(self.values, self.spread, self.seed, stop, start)
+
+    def solve(
+        self, chunk: int, on_progress: Callable[[int], None]
+    ) -> dict[str, Shaped[np.ndarray, "draws *columns"]]:
+        """Runs a chunk: array name -> results of its draws."""
+        samples = self.samples(*self.span(chunk))
+        kept: dict[str, list[np.ndarray]] = {name: [] for name in self.reductions}
+        failed = np.zeros(len(next(iter(samples.values()))), dtype=bool)
+        for twin, experiment in zip(self.twins, self.experiments, strict=True):
+            # Draws are relative, so that twins with values of their own get the same ones.
+            own = {
+                name: float(twin.parameters[name]) / self.values[name] * sample
+                for name, sample in samples.items()
+            }
+            result = simulate_batch(
+                twin,
+                experiment,
+                own,
+                reductions=self.reductions,
+                precision=self.precision,
+                on_progress=on_progress,
+            )
+            failed |= result.failed
+            for name in self.reductions:
+                kept[name].append(getattr(result, name))
+        arrays = {name: np.column_stack(parts) for name, parts in kept.items()}
+        return {"failed": failed, **arrays}
+
+
+def plan_sweep(
+    twin: Twin | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment],
+    *,
+    draws: int,
+    spread: float | int,
+    seed: int,
+    parameters: Iterable[str] | None,
+    reductions: Iterable[str] | None,
+    precision: Precision,
+    chunk_size: int,
+) -> Plan:
+    """Checks what was asked for.
+
+    **Raises:** as `sweep`.
+    """
+    recordings = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    twins = [twin] * len(recordings) if isinstance(twin, Twin) else list(twin)
+    if not recordings or len(twins) != len(recordings):
+        raise SimulationError(
+            f"sweep: found {len(twins)} twins for {len(recordings)} experiments, allowed is one "
+            "for all or one each"
+        )
+    if any(one.rig != twins[0].rig for one in twins):
+        raise SimulationError("sweep: found twins of several rigs, allowed is one rig")
+    for name, number, least in (
+        ("draws", draws, 1),
+        ("chunk_size", chunk_size, 1),
+        ("seed", seed, 0),
+    ):
+        if number < least:
+            raise SimulationError(f"sweep: {name}: found {number}, allowed is at least {least}")
+    if not 0 < spread < 1:
+        raise SimulationError(f"sweep: spread: found {spread}, allowed is between 0 and 1")
+    plan = Plan(
+        twins=tuple(twins),
+        experiments=tuple(recordings),
+        values=drawn_values(twins[0], parameters),
+        draws=int(draws),
+        spread=float(spread),
+        seed=int(seed),
+        reductions=_checked_reductions(reductions, recordings),
+        precision=precision,
+        chunk_size=int(chunk_size),
+    )
+    plan.identity  # noqa: B018 - asks for channels, and so finds experiments of another rig
+    return plan
+
+
+def _checked_reductions(
+    reductions: Iterable[str] | None, experiments: Sequence[Experiment]
+) -> tuple[Reduction, ...]:
+    recorded = all(experiment.temperatures is not None for experiment in experiments)
+    if reductions is None:
+        return ("cost", "final") if recorded else ("final",)
+    asked = tuple(reductions)
+    unknown = [name for name in asked if name not in REDUCTIONS]
+    if unknown or not asked:
+        raise SimulationError(
+            f"reductions: found {', '.join(unknown) or 'none'}, allowed are {', '.join(REDUCTIONS)}"
+        )
+    if "cost" in asked and not recorded:
+        raise SimulationError(
+            'reductions: found "cost", allowed only for experiments with recorded temperatures'
+        )
+    return tuple(name for name in REDUCTIONS if name in asked)
+
+
+def _content(rig: Rig) -> str:
+    """Changes with everything in a rig that its temperatures depend on."""
+    words = ("name", "title", "description", "references", "source", "parameters", "parameter_sets")
+    parts = {field.name: getattr(rig, field.name) for field in fields(rig)}
+    equations = {name: part for name, part in parts.items() if name not in words}
+    units = {name: (row.scale, row.offset) for name, row in rig.parameters.items()}
+    return hashlib.sha256(repr((equations, units)).encode()).hexdigest()

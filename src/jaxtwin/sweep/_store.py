@@ -1,0 +1,175 @@
+"""A sweep's folder: a Zarr store whose chunks are written whole, marked, and never lost.
+
+A chunk of draws is one file in each array. Those are written first and forced to the disk; then a
+mark of one byte, the chunk's element of the array `done`, is moved to its place. Whatever stops the
+process in between leaves a chunk without its mark, which is done again and gives the same bytes:
+draws are a function of their number.
+"""
+
+import json
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Bool, Shaped
+
+from .._errors import SimulationError
+from ._disk import disk_errors, lock, put, to_disk
+from ._plan import ROLES, Plan
+
+KEY = "jaxtwin_sweep"
+"""Attribute of the store that says which sweep it holds."""
+
+KEYS: Any = {"name": "v2", "separator": "."}
+"""One folder an array: fewer names to force to the disk."""
+
+
+@final
+class Store:
+    """The folder of a sweep, opened for work.
+
+    **Arguments:**
+
+    - `folder`: made where it is missing or empty.
+    - `plan`: of the sweep.
+
+    **Raises:** `SimulationError` where the folder belongs to something else or cannot be made.
+    """
+
+    def __init__(self, folder: Path, plan: Plan):
+        self.folder = folder
+        self.plan = plan
+        self.arrays = ("failed", *plan.reductions)
+        with disk_errors(folder):
+            if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+                _create(folder, plan)
+        _refuse_other(folder, read_identity(folder), plan.identity)
+
+    def done(self) -> Bool[np.ndarray, " chunks"]:
+        """Which chunks are finished."""
+        return np.array([self.is_done(chunk) for chunk in range(self.plan.chunks)])
+
+    def is_done(self, chunk: int) -> bool:
+        """Whether a chunk is marked, and its files are still there."""
+        return all(self._file(name, chunk).exists() for name in ("done", *self.arrays))
+
+    def write(
+        self, chunk: int, results: Mapping[str, Shaped[np.ndarray, "draws *columns"]]
+    ) -> None:
+        """Writes a chunk's results, and then its mark.
+
+        **Raises:** `SimulationError` where the disk does not take them.
+        """
+        import zarr
+
+        start, stop = self.plan.span(chunk)
+        with disk_errors(self.folder), zarr.config.set({"array.write_empty_chunks": True}):
+            group = zarr.open_group(self.folder, mode="r+")
+            for name in self.arrays:
+                file = self._file(name, chunk)
+                for torn in file.parent.glob(f"{chunk}.*.partial"):
+                    torn.unlink()  # zarr's own, of a process that was killed here
+                array = group[name]
+                assert isinstance(array, zarr.Array)
+                array[start:stop] = results[name]
+                to_disk(file)
+            put(self._file("done", chunk), b"\x01")
+
+    @contextmanager
+    def claim(self, chunk: int) -> Iterator[bool]:
+        """Keeps other processes off a chunk while the block runs; False where one is at it."""
+        with disk_errors(self.folder):
+            file = (self.folder / "done" / "claims").open("ab")
+        with file:
+            yield lock(file, chunk)
+
+    def _file(self, name: str, chunk: int) -> Path:
+        """A chunk's file, by the key that the Zarr format gives it."""
+        return self.folder / name / (f"{chunk}" if name in ("done", "failed") else f"{chunk}.0")
+
+
+def read_identity(folder: Path) -> dict[str, Any]:
+    """What sweep a folder holds.
+
+    **Raises:** `SimulationError` where it holds none.
+    """
+    try:
+        identity = json.loads((folder / "zarr.json").read_bytes())["attributes"][KEY]
+        if not isinstance(identity, dict):
+            raise TypeError
+    except (OSError, ValueError, TypeError, KeyError):
+        raise SimulationError(
+            f"{folder}: is not the folder of a sweep, allowed is one, an empty or a new folder"
+        ) from None
+    return identity
+
+
+def _create(folder: Path, plan: Plan) -> None:
+    """Makes the store beside its place and moves it there, so that it is there as a whole."""
+    import zarr
+
+    part = folder.absolute().with_name(f".{folder.name}.{uuid.uuid4().hex}.part")
+    part.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        group = zarr.create_group(part, attributes={KEY: plan.identity})
+        for name in ("failed", *plan.reductions):
+            dim, units = ROLES[name]
+            columns = {"channel": (len(plan.channels),), "recording": (len(plan.recordings),)}
+            row = columns.get(dim, ())
+            group.create_array(
+                name,
+                shape=(plan.draws, *row),
+                chunks=(plan.chunk_size, *row),
+                dtype="bool" if name == "failed" else plan.precision,
+                fill_value=True if name == "failed" else float("nan"),
+                chunk_key_encoding=KEYS,
+                dimension_names=["draw", dim] if row else ["draw"],
+                attributes={"units": units} if units else {},
+            )
+        group.create_array(
+            "done",
+            shape=(plan.chunks,),
+            chunks=(1,),
+            dtype="uint8",
+            fill_value=0,
+            chunk_key_encoding=KEYS,
+            compressors=None,  # a mark is one byte
+            dimension_names=["chunk"],
+        )
+        for file in part.rglob("*"):
+            to_disk(file)
+        try:
+            part.rename(folder)
+            to_disk(folder)
+        except OSError:
+            if not (folder / "zarr.json").exists():
+                raise
+            # Another process was quicker; whether it does the same sweep is looked at next.
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _refuse_other(folder: Path, found: dict[str, Any], asked: dict[str, Any]) -> None:
+    for key in (*asked, *found):
+        if found.get(key) != asked.get(key):
+            before, now = _difference(found.get(key), asked.get(key))
+            raise SimulationError(
+                f"{folder}: holds another sweep: {key}: found {before}, asked for {now}; a sweep "
+                "goes on as it began, allowed is the same one or another folder"
+            )
+
+
+def _difference(found: Any, asked: Any) -> tuple[str, str]:
+    """Two values in short; of lists and tables, what differs first."""
+    if isinstance(found, list) and isinstance(asked, list) and len(found) == len(asked):
+        return _difference(
+            *next((one, other) for one, other in zip(found, asked, strict=True) if one != other)
+        )
+    if isinstance(found, dict) and isinstance(asked, dict):
+        name = next(name for name in (*asked, *found) if found.get(name) != asked.get(name))
+        return f"{name} = {found.get(name)}", f"{name} = {asked.get(name)}"
+    return str(found), str(asked)

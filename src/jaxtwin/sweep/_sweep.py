@@ -1,0 +1,156 @@
+"""Sweeps too long for one sitting."""
+
+import os
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from ..io import Experiment
+from ..physics import Twin
+from ..simulation._batch import Precision
+from ._open import count_failed, open_sweep
+from ._parts import own_part
+from ._plan import plan_sweep
+from ._progress import Advance, Meter
+from ._store import Store
+
+if TYPE_CHECKING:
+    import xarray
+
+CHUNK = 65536
+"""Draws that are written at a time: what a kill costs at most, some seconds of a CPU."""
+
+
+@final
+@dataclass(frozen=True)
+class Sweep:
+    """Where a sweep stands.
+
+    **Arguments:**
+
+    - `folder`: of the results.
+    - `rig`: name.
+    - `draws`: that were asked for; `done`: finished, by all processes and runs; `failed`: of those.
+    - `new`: draws that this run did, in `wall_time` seconds with compilation.
+    - `busy`: chunks of this process's part that another process was working on.
+    """
+
+    folder: Path
+    rig: str
+    draws: int
+    done: int
+    failed: int
+    new: int
+    wall_time: float
+    busy: int
+
+    @property
+    def complete(self) -> bool:
+        """Whether every draw is done."""
+        return self.done == self.draws
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The results of the draws that are done, see `open_sweep`."""
+        return open_sweep(self.folder)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The counts in plain types for JSON."""
+        return {
+            "folder": str(self.folder),
+            "rig": self.rig,
+            "draws": self.draws,
+            "done": self.done,
+            "failed": self.failed,
+            "complete": self.complete,
+            "new": self.new,
+            "wall_time_s": self.wall_time,
+            "draws_per_s": self.new / self.wall_time,
+        }
+
+
+def sweep(
+    twin: Twin | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment],
+    folder: str | os.PathLike[str],
+    *,
+    draws: int,
+    spread: float | int = 0.25,
+    seed: int = 0,
+    parameters: Iterable[str] | None = None,
+    reductions: Iterable[str] | None = None,
+    precision: Precision = "float64",
+    chunk_size: int = CHUNK,
+    process: tuple[int, int] | None = None,
+    on_progress: Callable[[Advance], None] | None = None,
+) -> Sweep:
+    """Runs many draws of a twin's parameters and writes what is wanted of them, chunk by chunk.
+
+    The same call goes on where an earlier one stopped, however it was stopped. Several processes
+    or hosts that see the same folder share the work. Draws and results are the same for any
+    number of stops and processes.
+
+    **Arguments:**
+
+    - `twin`: what the parameters are spread around; one, or one for each experiment with values of
+      its own.
+    - `experiments`: one or several, each run for every draw.
+    - `folder`: of the Zarr store. Missing or empty it is made; else it must hold this sweep.
+    - `draws`, `spread`, `seed`: as in `sensitivity`.
+    - `parameters`: which to draw; by default the free ones that all recordings share.
+    - `reductions`: what to keep, see `simulate_batch`; by default "final", and "cost" where every
+      experiment has recorded temperatures.
+    - `precision`: of the computation and of what is kept.
+    - `chunk_size`: draws that are written at a time.
+    - `process`: (number, how many) where several share the work, each the chunks of its number;
+      by default as `jax.distributed` says where it is initialised, else alone.
+    - `on_progress`: called with an `Advance` while it goes.
+
+    **Returns:** a `Sweep`, when this process's part is done.
+
+    **Raises:** `ParameterError` for unknown names or a value of zero; `SimulationError` for numbers
+    out of range, experiments that do not belong to the rig, a folder of another sweep or of
+    something else, or a disk that does not take the results.
+    """
+    began = time.perf_counter()
+    plan = plan_sweep(
+        twin,
+        experiments,
+        draws=draws,
+        spread=spread,
+        seed=seed,
+        parameters=parameters,
+        reductions=reductions,
+        precision=precision,
+        chunk_size=chunk_size,
+    )
+    number, processes = own_part(process)
+    store = Store(Path(folder), plan)
+    sizes = -np.subtract(*np.transpose([plan.span(chunk) for chunk in range(plan.chunks)]))
+    own = np.arange(plan.chunks) % processes == number
+    before = store.done()
+    meter = Meter(
+        int(sizes[own & before].sum()), int(sizes[own].sum()), len(plan.experiments), on_progress
+    )
+    new = busy = 0
+    for chunk in np.flatnonzero(own & ~before).tolist():
+        with store.claim(chunk) as mine:
+            if not mine:
+                busy += 1
+            elif not store.is_done(chunk):
+                store.write(chunk, plan.solve(chunk, meter))
+                new += int(sizes[chunk])
+    done = store.done()
+    return Sweep(
+        folder=store.folder,
+        rig=plan.twins[0].rig.name,
+        draws=plan.draws,
+        done=int(sizes[done].sum()),
+        failed=count_failed(store.folder, done, plan.chunk_size),
+        new=new,
+        wall_time=time.perf_counter() - began,
+        busy=busy,
+    )

@@ -1,0 +1,104 @@
+"""What a run tells: its numbers by name, its fit, and itself as a labelled data set."""
+
+import numpy as np
+import pytest
+import xarray
+
+from jaxtwin import Experiment, RecordingError, Run, SimulationError, Twin
+from jaxtwin.simulation import fit_percent, rmse
+
+TIME = np.arange(31.0)
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    """Against a recording that lies 0.5 K above it in T11 and is one flat line in TBM."""
+    twin = Twin("paper-2024")
+    duty = np.where(TIME < 10, 0.5, 0.8)[:, None] * np.ones(2)
+    inputs = {"channels": ("TBM", "T11"), "ambient": 15.0, "name": "zone-A"}
+    exact = twin.simulate(Experiment(TIME, duty, **inputs))
+    recorded = np.column_stack([np.full(31, 20.0), exact.channel("T11") + 0.5])
+    return twin.simulate(Experiment(TIME, duty, temperatures=recorded, **inputs))
+
+
+def test_fit_by_hand():
+    """100 (1 - |y - yhat| / |y - mean y|): design.md."""
+    recorded = np.array([[0.0], [3.0], [6.0], [3.0]])
+    simulated = np.array([[1.0], [3.0], [6.0], [2.0]])
+    expected = 100 * (1 - np.sqrt(2) / np.sqrt(18))
+    np.testing.assert_allclose(fit_percent(recorded, simulated), [expected])
+    np.testing.assert_allclose(fit_percent(recorded, recorded), [100.0])
+    np.testing.assert_allclose(fit_percent(recorded, np.full((4, 1), 3.0)), [0.0], atol=1e-12)
+
+
+def test_fit_of_a_channel_that_never_moves():
+    """Nothing to compare with: not a number where it is met exactly, else minus infinity."""
+    flat = np.full((5, 1), 20.0)
+    assert np.isnan(fit_percent(flat, flat)).all()
+    assert (fit_percent(flat, flat + 1) == -np.inf).all()
+
+
+def test_rmse_by_hand():
+    assert rmse(np.array([1.0, 2.0, 3.0]), np.array([1.0, 4.0, 2.0])) == pytest.approx(
+        np.sqrt(5 / 3)
+    )
+
+
+def test_fit_and_rmse_of_a_run(run):
+    """T11 is off by 0.5 K everywhere."""
+    recorded = run.experiment.temperatures
+    assert list(run.fit_percent) == ["TBM", "T11"]
+    spread = np.linalg.norm(recorded[:, 1] - recorded[:, 1].mean())
+    assert run.fit_percent["T11"] == pytest.approx(100 * (1 - 0.5 * np.sqrt(31) / spread))
+    expected = np.sqrt(np.mean((run.temperatures - recorded) ** 2))
+    assert run.rmse == pytest.approx(expected)
+
+
+def test_channels_and_nodes_by_name(run):
+    np.testing.assert_array_equal(run.channel("T11"), run.temperatures[:, 1])
+    np.testing.assert_allclose(run.node("V11"), run.channel("T11"), atol=1e-9)
+    np.testing.assert_array_equal(run.time, TIME)
+    with pytest.raises(SimulationError, match="found channel 'T12', allowed are TBM, T11"):
+        run.channel("T12")
+    with pytest.raises(SimulationError, match="found node 'V99', allowed are V11, V12"):
+        run.node("V99")
+
+
+def test_run_without_a_recording_has_no_fit():
+    bare = Twin("paper-2024").simulate(Experiment(TIME, np.zeros((31, 2))))
+    for measure in ("fit_percent", "rmse"):
+        with pytest.raises(SimulationError, match="no recorded temperatures"):
+            getattr(bare, measure)
+    assert "recorded" not in bare.to_xarray()
+    assert "ambient" not in bare.to_xarray()
+
+
+def test_labelled_data_set(run):
+    """design.md: dims (time, channel), degC; cells named as recordings name them."""
+    data = run.to_xarray()
+    assert data["temperature"].dims == ("time", "channel")
+    assert data["temperature"].attrs["units"] == "degC"
+    np.testing.assert_array_equal(data["temperature"].sel(channel="T11"), run.channel("T11"))
+    np.testing.assert_array_equal(data["recorded"], run.experiment.temperatures)
+    np.testing.assert_array_equal(data["state"].sel(node="P1.TC"), run.node("P1.TC"))
+    np.testing.assert_array_equal(data["ambient"], np.full(31, 15.0))
+    np.testing.assert_array_equal(data["cell"], run.experiment.to_xarray()["cell"])
+    assert data.attrs == {"rig": "paper-2024", "experiment": "zone-A"}
+
+
+def test_saved_data_set_reads_back_the_same(run, tmp_path):
+    run.save(tmp_path / "run.nc")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
+    with xarray.open_dataset(tmp_path / "run.nc", engine="scipy") as data:
+        xarray.testing.assert_identical(data.load(), run.to_xarray())
+
+
+def test_file_that_cannot_be_written_is_an_error(run, tmp_path):
+    with pytest.raises(RecordingError, match=r"nowhere.*run\.nc: cannot be written"):
+        run.save(tmp_path / "nowhere" / "run.nc")
+
+
+def test_run_prints_what_it_is(run):
+    low, high = run.temperatures.min(), run.temperatures.max()
+    text = f"<Run of paper-2024: 31 times, 2 channels, {low:.2f} to {high:.2f} degC>"
+    assert repr(run) == text

@@ -1,0 +1,59 @@
+"""`jaxtwin sweep`: what it takes, prints and refuses."""
+
+import json
+
+import pytest
+
+from jaxtwin import open_sweep
+from jaxtwin.cli import run
+
+DRIVE = ["--duty", "0:0.5", "--duration", "10"]
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "off")
+
+
+def test_a_sweep_goes_on_and_says_so(engine, capsys):
+    """Half of it by one part, the rest by the same command without parts."""
+    command = ["sweep", "paper-2024", *DRIVE, "--draws", "20", "--chunk", "5", "--out", "out"]
+    command += ["--reductions", "final,spread", "--seed", "7", "--set", "startup"]
+    assert run([*command, "--process", "1/2"]) == 0
+    assert "10 of 20 draws are done" in capsys.readouterr().out
+    assert run([*command, "--json", "-"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["done"], told["new"], told["complete"]) == (20, 10, True)
+    assert told["failed"] == int(open_sweep("out").failed.sum())
+
+
+def test_costs_are_kept_where_there_are_recordings(capsys):
+    """Real engine; the synthetic recording's first channel is T11 with a cost of its own."""
+    command = ["sweep", "paper-2024", "synthetic-A", "--draws", "2", "--out", "out"]
+    assert run(command) == 0
+    table = open_sweep("out")
+    assert table.cost.dims == ("draw", "channel")
+    assert (table.cost > 0).all()
+    assert list(table.recording) == ["synthetic-A"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "give either recordings or --duty"),
+        (["synthetic-A", *DRIVE], "give either recordings or --duty"),
+        ([*DRIVE, "--process", "half"], "--process: found 'half', allowed is P/N"),
+        ([*DRIVE, "--process", "2/2"], "process: found 2 of 2"),
+        ([*DRIVE, "--processes", "2"], "go with --coordinator"),
+        ([*DRIVE, "--process", "0/2", "--coordinator", "a:1"], "either --process or --coordinator"),
+        ([*DRIVE, "--reductions", "mean"], "reductions: found mean, allowed are cost"),
+        (["nowhere.csv"], "nowhere.csv"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_no_folder(tmp_path, engine, capsys, options, message):
+    assert run(["sweep", "paper-2024", *options, "--draws", "5", "--out", "out"]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()

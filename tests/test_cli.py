@@ -1,0 +1,302 @@
+"""The command line: what it prints, what it writes, and how it refuses."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+from small_results import recordings
+
+from jaxtwin import Experiment, bundled_rigs, load_rig, read_recording, write_recording
+from jaxtwin.cli import app, run
+from jaxtwin.commands._sources import find_recording
+from jaxtwin.data import synthetic_recordings, synthetic_truth
+
+COMMANDS = [
+    [],
+    ["demo"],
+    ["rigs"],
+    ["check"],
+    ["netlist"],
+    ["dc-sweep"],
+    ["simulate"],
+    ["match"],
+    ["sensitivity"],
+    ["sweep"],
+    ["data"],
+    ["data", "list"],
+    ["data", "fetch"],
+    ["doctor"],
+]
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path, monkeypatch):
+    """Each test in a folder of its own, with JAX's settings left alone."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "off")
+
+
+@pytest.fixture
+def minute(tmp_path) -> str:
+    """A minute of a synthetic recording as a file."""
+    return write_recording(recordings()[0], tmp_path / "minute.csv").name
+
+
+def written() -> list[str]:
+    return sorted(path.name for path in Path.cwd().iterdir())
+
+
+def printed(capsys) -> str:
+    return capsys.readouterr().out
+
+
+def fresh(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "jaxtwin.cli", *arguments]
+    return subprocess.run(
+        command, capture_output=True, text=True, env=os.environ | environment, check=False
+    )
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_every_command_has_help_with_an_example(command, capsys):
+    assert run([*command, "--help"]) == 0
+    text = printed(capsys)
+    if command not in ([], ["data"]):
+        assert "Example:" in text
+        assert f"jaxtwin {' '.join(command)}" in text
+
+
+def test_help_comes_without_loading_jax_or_another_heavy_library():
+    """Quick: nothing that takes long to import is imported."""
+    code = (
+        "import sys\nfrom jaxtwin.cli import run\nrun(['--help'])\n"
+        "print({'jax', 'numpy', 'matplotlib', 'pydantic', 'pint', 'xarray'} & set(sys.modules))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.endswith("set()\n")
+
+
+@pytest.mark.parametrize("arguments", [[], ["data"]], ids=["jaxtwin", "data"])
+def test_without_a_command_the_help_is_shown(arguments, capsys):
+    assert run(arguments) == 0
+    assert "Usage:" in printed(capsys)
+
+
+def test_version(capsys):
+    assert run(["--version"]) == 0
+    assert re.fullmatch(r"jaxtwin \d+\.\d+\.\d+\n", printed(capsys))
+
+
+WRONG = {
+    "unknown command": (["simulat"], "No such command 'simulat'"),
+    "unknown option": (["rigs", "--jsn", "x"], "No such option: --jsn"),
+    "missing argument": (["match", "paper-2024"], "Missing argument 'RECORDING'"),
+    "no rig": (["check", "paper-2042"], "unknown bundled rig 'paper-2042'"),
+    "no module": (["dc-sweep", "TEC9"], "TEC9"),
+    "no drive": (["simulate", "paper-2024", "--out", "r.nc"], "either --recording or --duty"),
+    "wrong ending": (
+        ["simulate", "paper-2024", "--duty", "0:1", "--out", "r.txt"],
+        "found the ending '.txt', allowed is .nc or .csv",
+    ),
+    "no folder": (
+        ["simulate", "paper-2024", "--duty", "0:1", "--out", "none/r.nc"],
+        "there is no folder",
+    ),
+    "a folder": (["netlist", "paper-2024", "--spice", "."], "is a folder, allowed is a file"),
+    "duty out of range": (
+        ["simulate", "paper-2024", "--duty", "0:1.5", "--out", "r.nc"],
+        "a duty cycle must lie in -1 to 1",
+    ),
+    "no parameter set": (
+        ["simulate", "paper-2024", "--duty", "0:1", "--set", "final", "--out", "r.nc"],
+        "found no parameter set 'final', there are: startup, initial, published",
+    ),
+    "no parameter file": (
+        ["simulate", "paper-2024", "--duty", "0:1", "--parameters", "f.toml", "--out", "r.nc"],
+        "f.toml",
+    ),
+    "no recording": (
+        ["match", "paper-2024", "zone-D", "--out", "fit.toml"],
+        "zone-D: no such file, and no known recording",
+    ),
+    "recording of another rig": (
+        ["match", "paper-2024", "other.csv", "--out", "fit.toml"],
+        "found 1 cells, allowed are the 2 of paper-2024",
+    ),
+    "parameter unknown": (
+        ["match", "paper-2024", "synthetic-A", "--fix", "R_x", "--out", "fit.toml"],
+        "unknown parameter R_x",
+    ),
+    "nothing free": (
+        ["match", "paper-2024", "synthetic-A", "--out", "fit.toml"]
+        + [
+            word
+            for name, row in load_rig("paper-2024").parameters.items()
+            if row.free
+            for word in ("--fix", name)
+        ],
+        "no free parameter",
+    ),
+    "too few draws": (
+        ["sensitivity", "paper-2024", "synthetic-A", "--draws", "2", "--out", "s.nc"],
+        "--draws",
+    ),
+    "folder of something else": (["demo", "--out", "."], "no report of jaxtwin"),
+    "recordings not there": (
+        ["demo", "--out", "report", "--recordings", "none"],
+        "no such folder",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_is_said_in_one_line_and_nothing_is_written(case, capsys):
+    write_recording(
+        Experiment([0.0, 1.0], [0.5, 0.5], channels=["T"], temperatures=[20.0, 21.0]),
+        Path("other.csv"),
+    )
+    arguments, message = WRONG[case]
+    assert run(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"jaxtwin: .+\n", err)
+    assert message in err
+    assert written() == ["other.csv"]
+
+
+def test_rigs_are_listed(capsys):
+    assert run(["rigs", "--json", "-"]) == 0
+    assert set(json.loads(printed(capsys))) == set(bundled_rigs())
+
+
+def test_check_counts_the_network_as_the_model_file_has_it(capsys):
+    """circuit.md, section 3: 24 elements, 83 resistances, 681.7 J/K, 4.604 W/K."""
+    assert run(["check", "paper-2024", "--json", "-"]) == 0
+    network = json.loads(printed(capsys))["network"]
+    assert network["plate_resistances"] == 83
+    assert network["states"] == 28
+    assert network["plate_capacitance_J_per_K"] == pytest.approx(681.7, abs=0.05)
+    assert network["plate_to_ambient_W_per_K"] == pytest.approx(4.604, abs=5e-4)
+
+
+def test_check_names_the_mistake_in_a_rig_file(capsys):
+    Path("my.toml").write_text('format = 1\nname = "x"\n')
+    assert run(["check", "my.toml"]) == 2
+    assert "my.toml: " in capsys.readouterr().err
+
+
+def test_netlist_is_drawn_and_exported():
+    assert run(["netlist", "paper-2024", "--out", "n.png", "--spice", "n.cir"]) == 0
+    assert Path("n.png").read_bytes().startswith(b"\x89PNG")
+    assert ".end" in Path("n.cir").read_text().lower()
+
+
+def test_dc_sweep_gives_the_datasheets_constants(capsys):
+    """Eq. (10) of the paper at 323 K: 0.0508 V/K, 1.967 ohm, 1.861 K/W."""
+    assert run(["dc-sweep", "TEC1-12706", "--out", "sweep", "--json", "s.json"]) == 0
+    assert "0.0508 V/K, 1.967 ohm, 1.861 K/W" in printed(capsys)
+    points = json.loads(Path("s.json").read_text())["best_points"]
+    assert points[0]["current_A"] == pytest.approx(0.050774 * 323 / 1.96749, rel=1e-4)
+    assert sorted(path.name for path in Path("sweep").iterdir()) == [
+        "TEC1-12706.nc",
+        "TEC1-12706.png",
+    ]
+
+
+def test_simulate_writes_a_run_with_labels():
+    arguments = ["--duty", "0:0.5,30:0.78", "--duration", "60", "--out", "run.nc"]
+    assert run(["simulate", "paper-2024", *arguments]) == 0
+    with xarray.open_dataset("run.nc") as stored:
+        assert stored["temperature"].sizes == {"time": 61, "channel": 15}
+        assert stored["duty"].values[[29, 30], 0].tolist() == [0.5, 0.78]
+
+
+def test_simulate_compares_with_a_recording_under_its_own_ambient(capsys):
+    """The synthetic recording's truth leaves its noise, 0.1 K."""
+    truth = ["--parameters", str(synthetic_truth())]
+    arguments = ["--recording", "synthetic-B", *truth, "--out", "run.csv", "--json", "-"]
+    assert run(["simulate", "paper-2024", *arguments]) == 0
+    numbers = json.loads(printed(capsys))
+    assert numbers["rmse_K"] == pytest.approx(0.1, abs=0.003)
+    stored, recorded = read_recording("run.csv"), read_recording(synthetic_recordings()[1])
+    np.testing.assert_array_equal(stored.duty, recorded.duty)
+    assert stored.temperatures is not None
+    assert recorded.temperatures is not None
+    assert np.std(stored.temperatures - recorded.temperatures) == pytest.approx(0.1, abs=0.003)
+
+
+def test_match_saves_what_the_other_commands_take(minute, capsys):
+    held = [name for name, row in load_rig("paper-2024").parameters.items() if row.free]
+    held.remove("R_pc")
+    fixed = [word for name in held for word in ("--fix", name)]
+    more = ["--per-recording", "T_amb", "--set", "published", "--max-iterations", "4"]
+    files = ["--out", "fit.toml", "--json", "fit.json"]
+    assert run(["match", "paper-2024", minute, *fixed, *more, *files]) == 0
+    assert "parameter  initial" in printed(capsys)
+    saved = tomllib.loads(Path("fit.toml").read_text())
+    numbers = json.loads(Path("fit.json").read_text())
+    free = [row["name"] for row in numbers["parameters"] if row["free"]]
+    assert free == ["R_pc", "T_amb"]
+    assert saved["recordings"]["minute"] == numbers["recordings"]["minute"]
+
+    arguments = ["--parameters", "fit.toml", "--json", "-"]
+    assert run(["simulate", "paper-2024", "--recording", minute, "--out", "r.nc", *arguments]) == 0
+    simulated = json.loads(printed(capsys))
+    assert simulated["rmse_K"] == pytest.approx(numbers["rmse_K"], rel=1e-6)
+
+    few = ["--draws", "8", "--seed", "3", "--out", "s.nc"]
+    assert run(["sensitivity", "paper-2024", minute, *few, *arguments]) == 0
+    assert len(json.loads(printed(capsys))["ranking"]) == 16
+    with xarray.open_dataset("s.nc") as stored:
+        assert stored.sizes["draw"] == 8
+
+
+def test_known_recordings_are_found_by_name(tmp_path, monkeypatch):
+    (tmp_path / "peltierMIMOStepSecB.mat").touch()
+    monkeypatch.setenv("JAXTWIN_RECORDINGS", str(tmp_path))
+    assert find_recording("peltierMIMOStepSecB") == tmp_path / "peltierMIMOStepSecB.mat"
+    assert find_recording("synthetic-C") == synthetic_recordings()[2]
+
+
+def test_data_list_says_what_is_missing(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("JAXTWIN_RECORDINGS", str(tmp_path))
+    assert run(["data", "list", "--json", "-"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["peltierMIMOStepSecA"]["path"] is None
+    assert "jaxtwin data fetch" in err
+
+
+def test_a_reader_that_goes_away_gets_no_traceback():
+    code = "import sys; from jaxtwin.cli import run; sys.exit(run(['rigs']))"
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.stderr is not None
+        assert process.stderr.read() == ""
+
+
+def test_every_command_is_tested_for_help():
+    names = {command.name for command in app.registered_commands}
+    assert names | {"data"} == {command[0] for command in COMMANDS if command}
+
+
+def test_the_command_line_keeps_compiled_programs_unless_told_not_to(tmp_path):
+    """README: the cache is the command line's own, and JAXTWIN_COMPILATION_CACHE rules it."""
+    arguments = ["simulate", "paper-2024", "--duty", "0:0.5", "--duration", "10", "--out", "r.nc"]
+    folder = tmp_path / "compiled"
+    for setting, kept in (("off", False), (str(folder), True)):
+        result = fresh(*arguments, JAXTWIN_COMPILATION_CACHE=setting)
+        assert result.returncode == 0, result.stderr
+        assert folder.exists() == kept
+    assert any(folder.iterdir())

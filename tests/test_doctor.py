@@ -1,0 +1,48 @@
+"""What `jaxtwin doctor` finds is what is there."""
+
+import jax
+import numpy as np
+
+import jaxtwin
+from jaxtwin.cli import run
+from jaxtwin.doctor import cache_state, examine
+
+
+def test_versions_are_those_of_the_libraries():
+    versions = examine()["versions"]
+    assert versions["jaxtwin"] == jaxtwin.__version__
+    assert versions["jax"] == jax.__version__
+    assert versions["numpy"] == np.__version__
+
+
+def test_it_says_which_devices_jax_has_and_who_turns_float64_on():
+    found = examine()["jax"]
+    assert found["devices"].startswith(jax.devices()[0].platform)
+    assert found["float64 by default"].startswith("off")
+
+
+def test_recordings_are_named_or_it_says_where_they_were_looked_for(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAXTWIN_RECORDINGS", str(tmp_path))
+    assert f"looked in: {tmp_path}" in examine()["recordings"]["two cells"]
+
+
+def test_the_cache_is_counted(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", str(tmp_path))
+    (tmp_path / "program").write_bytes(b"12345")
+    state = cache_state()
+    assert (state.folder, state.files, state.size) == (tmp_path, 1, 5)
+
+
+def test_the_cache_can_be_turned_off(monkeypatch):
+    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "off")
+    assert cache_state().folder is None
+    found = examine()["compilation cache of the command line"]
+    assert found == {"state": "off by JAXTWIN_COMPILATION_CACHE"}
+
+
+def test_it_prints_every_finding(capsys):
+    assert run(["doctor"]) == 0
+    text = capsys.readouterr().out
+    for section, entries in examine().items():
+        assert section in text
+        assert all(name in text for name in entries)
