@@ -24,6 +24,7 @@ from .commands import (
     _simulate,
     _sweep,
 )
+from .live._commands import add_commands
 
 WRONG, STOPPED = 2, 130
 
@@ -96,6 +97,7 @@ app.add_typer(data, name="data", rich_help_panel=MACHINE)
 data.command("list", epilog=_example("jaxtwin data list"))(_data.list_recordings)
 data.command("fetch", epilog=_example("jaxtwin data fetch --to recordings"))(_data.fetch)
 _add("doctor", MACHINE, _doctor.doctor, "jaxtwin doctor")
+add_commands(app)
 
 
 def _show_version(wanted: bool) -> bool:

@@ -97,7 +97,7 @@ def test_a_rig_is_recorded_until_a_polite_kill(twin: Twin, tmp_path: Path) -> No
     serving = (VirtualRig(twin), server, SystemClock(), stop)
     thread = threading.Thread(target=serve, args=serving)
     thread.start()
-    command = [sys.executable, "-m", "jaxtwin.live", "record", "dual-cell"]
+    command = [sys.executable, "-m", "jaxtwin.cli", "record", "dual-cell"]
     command += ["--link", server.url, "--out", str(out)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -1,6 +1,6 @@
 """Commands of the live rig: record, export, drive, virtual-rig, watch.
 
-`add_commands` hangs them into a command line; `python -m jaxtwin.live` is one of their own.
+`add_commands` hangs them into the command line. What they need is imported when they run.
 """
 
 import contextlib
@@ -31,11 +31,20 @@ RigName = Annotated[str, typer.Argument(help="A bundled rig, or a rig file.")]
 
 def add_commands(app: typer.Typer) -> None:
     """Adds all commands of this module to a command line."""
-    app.command("record")(record)
-    app.command("export")(export)
-    app.command("drive")(drive_command)
-    app.command("virtual-rig")(virtual_rig)
-    app.command("watch")(watch)
+    tcp = "socket://127.0.0.1:7000"
+    for name, function, example in (
+        ("virtual-rig", virtual_rig, "dual-cell --tcp 127.0.0.1:7000 --speed 60"),
+        ("record", record, f"dual-cell --link {tcp} --out session.db"),
+        (
+            "drive",
+            drive_command,
+            'dual-cell --link /dev/ttyACM0 --duty "0:0.5,500:0.78" --duration 1000',
+        ),
+        ("watch", watch, f"dual-cell --link {tcp}"),
+        ("export", export, "session.db run.nc --start 10 --end 1000"),
+    ):
+        epilog = f"[dim]Example:[/]\n\n[bold]  jaxtwin {name} {example}[/]"
+        app.command(name, rich_help_panel="A live rig", epilog=epilog)(function)
 
 
 def record(
@@ -49,10 +58,7 @@ def record(
     baud: Baud = 115_200,
     as_json: AsJson = False,
 ) -> None:
-    """Records a live rig until Ctrl-C.
-
-    Example: jaxtwin record dual-cell --link socket://127.0.0.1:7000 --out session.db
-    """
+    """Records a live rig until Ctrl-C."""
     from ..rig import load_rig
     from ._bench import connect
     from ._recorder import Recorder
@@ -88,10 +94,7 @@ def export(
     end: Annotated[float | None, typer.Option(help="Leave out what came after, s.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Puts a recording on an even time grid, as .nc or .csv.
-
-    Example: jaxtwin export session.db run.nc --start 10 --end 1000
-    """
+    """Puts a recording on an even time grid, as .nc or .csv."""
     from ..io import write_recording
     from ._session import Session
 
@@ -114,10 +117,7 @@ def drive_command(
     silence: Annotated[float, typer.Option(help="Longest time without data, s.")] = 3.0,
     baud: Baud = 115_200,
 ) -> None:
-    """Runs a duty schedule; the cells are off afterwards, whatever happens.
-
-    Example: jaxtwin drive dual-cell --link /dev/ttyACM0 --duty "0:0.5,500:0.78" --duration 1000
-    """
+    """Runs a duty schedule; the cells are off afterwards, whatever happens."""
     from ..rig import load_rig
     from ._bench import connect
     from ._drive import drive
@@ -157,10 +157,7 @@ def virtual_rig(
     ] = "",
     parameters: Annotated[str, typer.Option(help="A parameter set of the rig file.")] = "",
 ) -> None:
-    """Simulates a rig behind the same protocol, until Ctrl-C.
-
-    Example: jaxtwin virtual-rig dual-cell --tcp 127.0.0.1:7000 --speed 60
-    """
+    """Simulates a rig behind the same protocol, until Ctrl-C."""
     from ..physics import Twin
     from ..rig import load_rig
     from ._faults import Faults
@@ -206,10 +203,7 @@ def watch(
     parameters: Annotated[str, typer.Option(help="A parameter set of the rig file.")] = "",
     baud: Baud = 115_200,
 ) -> None:
-    """Shows a live rig or a recording, and the twin's prediction beside it.
-
-    Example: jaxtwin watch dual-cell --link socket://127.0.0.1:7000
-    """
+    """Shows a live rig or a recording, and the twin's prediction beside it."""
     from rich.live import Live
 
     from ..physics import Twin
