@@ -45,7 +45,7 @@ def test_correlation_is_that_of_costs_and_samples(result: jt.Sensitivity):
     assert result.channels == ("T11", "TAM", "mean")
     for row in range(3):
         for column in range(len(NAMES)):
-            theirs = pearsonr(result.cost[:, row], result.samples[:, column]).statistic
+            theirs, _ = pearsonr(result.cost[:, row], result.samples[:, column])
             assert result.correlation[row, column] == pytest.approx(theirs, abs=1e-10)
     assert result.ranking("TAM")[0] == NAMES[np.argmax(np.abs(result.correlation[1]))]
 

@@ -109,7 +109,8 @@ def match_own(
                 "What is left. What all channels of a recording share (black) jumps within a "
                 "second, which a plate cannot do: the camera recalibrates itself."
                 if source.real
-                else "What is left: the noise that was put in.",
+                else "What is left: the noise that was put in, and the start temperatures, which "
+                "differ between the recordings and are held at 15 °C here.",
             ),
             Table(
                 "Ambient temperatures of this match, °C. They are what the circuit needs to fit, "
