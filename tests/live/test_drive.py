@@ -14,6 +14,7 @@ from hand_clock import START, HandClock, stepped_bench, virtual_bench
 import jaxtwin as jt
 from jaxtwin import JaxtwinError
 from jaxtwin._errors import SafetyStop
+from jaxtwin.io import Experiment
 from jaxtwin.live import (
     Event,
     Faults,
@@ -38,6 +39,10 @@ from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 
 OFF = (0, 0)
+
+
+def plan(schedule: str, duration: float) -> Experiment:
+    return Experiment.schedule(schedule, duration=duration, cells=2)
 
 
 def reading(seconds: float, hottest: float) -> Reading:
@@ -85,8 +90,7 @@ def test_a_schedule_is_driven_in_rig_time_and_ends_with_the_cells_off(
     drive(
         bench,
         rig,
-        "0:0.5,30:0.78/-0.2",
-        duration=60,
+        plan("0:0.5,30:0.78/-0.2", 60),
         progress=lambda time, pwm: applied.append((time, pwm)),
     )
     assert {pwm for time, pwm in applied if time < 30} == {(128, 128)}
@@ -99,7 +103,7 @@ def test_a_zone_above_the_limit_stops_it(rig: Rig, twin: Twin, clock: HandClock)
     cautious = replace(rig, maximum_temperature=273.15 + 25)
     device = VirtualRig(twin, speed=10)
     with pytest.raises(SafetyStop, match="the rig's limit is 25"):
-        drive(virtual_bench(rig, device, clock), cautious, "0:1", duration=1000)
+        drive(virtual_bench(rig, device, clock), cautious, plan("0:1", 1000))
     assert device.pwm == OFF
     assert device.twin.temperatures.max() < 27
 
@@ -109,14 +113,14 @@ def test_silence_stops_it_and_the_device_stops_itself(
 ) -> None:
     device = VirtualRig(twin, faults=Faults.parse("stall=8/7"))
     with pytest.raises(SafetyStop, match=r"no controller sample for 3\.\d s|is down"):
-        drive(virtual_bench(rig, device, clock), rig, "0:1", duration=60)
+        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60))
     assert device.pwm == OFF
 
 
 def test_a_lost_link_stops_it_for_good(rig: Rig, twin: Twin, clock: HandClock) -> None:
     device = VirtualRig(twin, faults=Faults.parse("disconnect=8"))
     with pytest.raises(SafetyStop, match="is down: cut by a fault"):
-        drive(virtual_bench(rig, device, clock), rig, "0:1", duration=60)
+        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60))
     for _ in range(30):
         clock.turn(0.1)
         device.due(clock.now())
@@ -132,7 +136,7 @@ def test_a_device_that_restarts_stops_it(rig: Rig, twin: Twin, clock: HandClock)
             device.receive(encode(Ask(1)))
 
     with pytest.raises(SafetyStop, match="the device on rig has restarted"):
-        drive(virtual_bench(rig, device, clock), rig, "0:1", duration=60, progress=restart)
+        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), progress=restart)
     assert device.pwm == OFF
 
 
@@ -148,7 +152,7 @@ def test_a_controller_that_does_not_obey_is_reported(
 
     monkeypatch.setattr(device, "_set", obeys_no_stop)
     with pytest.raises(SafetyStop, match="does not report that the cells are off"):
-        drive(virtual_bench(rig, device, clock), rig, "0:1", duration=2)
+        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 2))
 
 
 def test_an_exception_switches_off_before_it_goes_on(
@@ -163,7 +167,7 @@ def test_an_exception_switches_off_before_it_goes_on(
     with Recorder(tmp_path / "session.db", rig, clock=clock) as recorder:
         bench = virtual_bench(rig, device, clock, journal=recorder)
         with pytest.raises(ZeroDivisionError):
-            drive(bench, rig, "0:1", duration=60, progress=fails)
+            drive(bench, rig, plan("0:1", 60), progress=fails)
     assert device.pwm == OFF
     with Session(tmp_path / "session.db") as session:
         query = "SELECT detail FROM events WHERE kind = 'drive-stop'"
@@ -182,7 +186,7 @@ def test_a_journal_that_fails_does_not_keep_the_cells_on(
             recorder.close()  # from now on every write fails, as on a full disk
 
     with pytest.raises(JaxtwinError, match="closed"):
-        drive(bench, rig, "0:1", duration=60, progress=closes)
+        drive(bench, rig, plan("0:1", 60), progress=closes)
     assert device.pwm == OFF
 
 
@@ -195,7 +199,7 @@ def test_a_set_stop_ends_it_politely(rig: Rig, twin: Twin, clock: HandClock) -> 
         if time > 5:
             stop.set()
 
-    drive(virtual_bench(rig, device, clock), rig, "0:1", duration=60, stop=stop, progress=progress)
+    drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), stop=stop, progress=progress)
     assert 5 < seen[-1] < 6
     assert device.pwm == OFF
 
@@ -204,7 +208,7 @@ def test_a_rig_without_a_limit_is_not_driven(rig: Rig, twin: Twin, clock: HandCl
     device = VirtualRig(twin)
     unlimited = replace(rig, maximum_temperature=None)
     with pytest.raises(JaxtwinError, match=r"limits\.temperature: is missing"):
-        drive(virtual_bench(rig, device, clock), unlimited, "0:1", duration=60)
+        drive(virtual_bench(rig, device, clock), unlimited, plan("0:1", 60))
 
 
 def test_a_rig_that_does_not_come_up_is_not_driven(rig: Rig, clock: HandClock) -> None:
@@ -213,7 +217,7 @@ def test_a_rig_that_does_not_come_up_is_not_driven(rig: Rig, clock: HandClock) -
 
     bench = stepped_bench(rig, {"link": refused}, clock)
     with pytest.raises(SafetyStop, match="not started: after 10 s: link down"):
-        drive(bench, rig, "0:1", duration=60)
+        drive(bench, rig, plan("0:1", 60))
 
 
 def test_a_limit_in_a_rig_file_is_a_temperature(tmp_path: Path, rig: Rig) -> None:
@@ -232,7 +236,8 @@ import jaxtwin as jt
 from jaxtwin.live import connect, drive
 rig = jt.load_rig("dual-cell")
 with connect(rig, sys.argv[1]) as bench:
-    drive(bench, rig, "0:0.5", duration=1000, progress=lambda *_: print("on", flush=True))
+    plan = jt.Experiment.schedule("0:0.5", duration=1000, cells=2)
+    drive(bench, rig, plan, progress=lambda *_: print("on", flush=True))
 """
 
 

@@ -96,9 +96,7 @@ def _session_experiment(file: Path, zone: str | None) -> Experiment:
     from ..live import Session  # which depends on recordings, not the other way round
 
     if zone is not None:
-        raise RecordingError(
-            f"{file}: zone = {zone!r} applies to two-cell .mat recordings only"
-        )
+        raise RecordingError(f"{file}: zone = {zone!r} applies to two-cell .mat recordings only")
     with Session(file) as session:
         experiment = session.experiment()
     try:

@@ -1,5 +1,5 @@
-# The public names of jaxtwin.live. `__init__.py` reads this file at run time and imports a name when
-# it is first used: the command line takes its commands from here without loading JAX.
+# The public names of jaxtwin.live. `__init__.py` reads this file at run time and imports a name
+# when it is first used: the command line takes its commands from here without loading JAX.
 
 from ._bench import Bench as Bench
 from ._bench import View as View
@@ -16,6 +16,8 @@ from ._framing import encode_packet as encode_packet
 from ._live_twin import LiveTwin as LiveTwin
 from ._messages import encode as encode
 from ._messages import parse as parse
+from ._mqtt import MqttServer as MqttServer
+from ._mqtt import Publisher as Publisher
 from ._recorder import Recorder as Recorder
 from ._records import Command as Command
 from ._records import Event as Event
@@ -30,6 +32,7 @@ from ._replay import Replay as Replay
 from ._report import report as report
 from ._serve import InProcess as InProcess
 from ._serve import PtyServer as PtyServer
+from ._serve import Server as Server
 from ._serve import TcpServer as TcpServer
 from ._serve import serve as serve
 from ._session import DeviceClock as DeviceClock
@@ -40,5 +43,6 @@ from ._time import SystemClock as SystemClock
 from ._transport import Transport as Transport
 from ._transport import opener as opener
 from ._virtual_rig import VirtualRig as VirtualRig
+from ._watch import Screen as Screen
 
 __all__: list[str]

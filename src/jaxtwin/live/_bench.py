@@ -102,6 +102,8 @@ class Bench:
         self._views: list[View] = []
         self._commands: list[Record] = []
         self._number = 0
+        self.ended = False
+        """Whether it has been closed; a replay also ends by itself."""
 
     def __enter__(self) -> "Bench":
         for link in self._links.values():
@@ -116,8 +118,8 @@ class Bench:
                 raise
 
     def __iter__(self) -> Iterator[Record]:
-        """Records for ever."""
-        while True:
+        """Records, until it is closed."""
+        while not self.ended:
             yield from self.poll()
 
     @property
@@ -180,6 +182,7 @@ class Bench:
 
     def close(self) -> None:
         """Ends the links; what had arrived is journalled."""
+        self.ended = True
         for link in self._links.values():
             link.close()
         while not self._inbox.empty() or self._commands:

@@ -98,27 +98,27 @@ class Guard:
 def drive(
     bench: Bench,
     rig: Rig,
-    schedule: str,
+    plan: Experiment,
     *,
-    duration: float | int,
     silence: float | int = 3.0,
     stop: threading.Event | None = None,
     progress: Callable[[float, tuple[int, ...]], None] | None = None,
 ) -> None:
-    """Runs a duty schedule on a live rig; the cells are off when it returns, however it returns.
+    """Runs a plan's duty on a live rig; the cells are off when it returns, however it returns.
 
     **Arguments:**
 
     - `bench`: its links, started.
     - `rig`: its file, which must state `limits.temperature`.
-    - `schedule`: `"0:0.5,500:0.78"`, times in seconds of the rig; see `Experiment.schedule`.
-    - `duration`: s of the rig.
+    - `plan`: its duty is applied, in the time of the rig: a recording's, or a schedule's
+        (`Experiment.schedule`).
     - `silence`: longest time without data, s.
     - `stop`: ends it early when set.
     - `progress`: called with the time (s) and the counts after each command.
 
     **Raises:** `SafetyStop` when the rig's temperature limit is passed, data stop, or a link is
-    lost; `JaxtwinError` where the rig states no limit or does not come up.
+    lost, and where it does not come up; `JaxtwinError` where the rig states no limit or the plan is
+    for another number of cells.
     """
     limit = rig.maximum_temperature
     if limit is None:
@@ -126,7 +126,8 @@ def drive(
             f"{rig.source}: limits.temperature: is missing; a rig is driven with a limit such as "
             'temperature = "90 degC" only'
         )
-    plan = Experiment.schedule(schedule, duration=duration, cells=len(rig.cells))
+    if plan.n_cells != len(rig.cells):
+        raise JaxtwinError(f"a plan for {plan.n_cells} cells; {rig.name} has {len(rig.cells)}")
     guard = Guard([channel.name for channel in rig.channels], limit - 273.15, silence)
     try:
         rate, boots = _wait_until_live(bench, guard)
@@ -138,13 +139,14 @@ def drive(
             if reason is not None:
                 raise SafetyStop(f"stopped, cells off: {reason}")
             elapsed = seconds(bench.clock.now() - begin)
-            if elapsed * rate >= duration or (stop is not None and stop.is_set()):
+            if elapsed * rate >= plan.duration or (stop is not None and stop.is_set()):
                 break
             if elapsed - commanded < INTERVAL:
                 continue
             commanded = elapsed
-            duty = plan.duty[np.searchsorted(plan.time, elapsed * rate, side="right") - 1]
-            pwm = counts_of(rig, duty)
+            since = plan.time[0] + elapsed * rate
+            held = np.searchsorted(plan.time, since, side="right") - 1
+            pwm = counts_of(rig, plan.duty[held])
             if not bench.send_duty(pwm):
                 raise SafetyStop("stopped: a command could not be sent; the watchdog takes over")
             if progress is not None:

@@ -84,17 +84,22 @@ class Recorder:
         self._lock = lock(self.file)
         try:
             self._database = sqlite3.connect(self.file, isolation_level=None)
+        except sqlite3.Error as error:
+            unlock(self._lock)
+            self._ended = True
+            raise self._failure(error) from None
+        try:
             self._database.execute("PRAGMA journal_mode = WAL")
             self._database.execute(f"PRAGMA journal_size_limit = {WAL_BYTES}")
             self._database.execute(f"PRAGMA wal_autocheckpoint = {_CHECKPOINT_PAGES}")
             if existed:
                 self._check_rig(metadata)
             self._run = self._begin(None if existed else metadata)
-        except (sqlite3.Error, RecordingError) as error:
-            unlock(self._lock)
-            self._ended = True
-            if isinstance(error, RecordingError):
-                raise
+        except RecordingError:
+            self._give_up()
+            raise
+        except sqlite3.Error as error:
+            self._give_up()
             raise self._failure(error) from None
 
     def __enter__(self) -> "Recorder":

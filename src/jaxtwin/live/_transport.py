@@ -109,7 +109,11 @@ class SerialTransport:
     """An open serial port."""
 
     def __init__(self, url: str, baud: int):
-        self._port = serial.serial_for_url(url, baud, timeout=READ_SECONDS, write_timeout=1.0)
+        # pyserial's RFC 2217 client refuses any write timeout; its socket has one of its own.
+        write_timeout = None if url.startswith("rfc2217:") else 1.0
+        self._port = serial.serial_for_url(
+            url, baud, timeout=READ_SECONDS, write_timeout=write_timeout
+        )
 
     def read(self) -> bytes:
         # One byte is waited for, the rest is there already: no waiting for a full buffer.
@@ -120,7 +124,10 @@ class SerialTransport:
             raise OSError("the port is gone") from None
 
     def write(self, data: bytes) -> None:
-        self._port.write(data)
+        try:
+            self._port.write(data)
+        except TypeError:  # closed by the link's thread during the call
+            raise OSError("the port is gone") from None
 
     def close(self) -> None:
         with contextlib.suppress(OSError):
