@@ -6,7 +6,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +30,6 @@ from jaxtwin.live import (
 from jaxtwin.live._messages import Hello
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
-
-LONGEST = 120.0
-"""A process that is not up after so many seconds never will be."""
 
 
 @pytest.fixture(autouse=True)
@@ -127,9 +123,7 @@ def test_a_rig_is_recorded_until_a_polite_kill(twin: Twin, tmp_path: Path) -> No
     command += ["--link", server.url, "--out", str(out)]
     try:
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-            begin = time.monotonic()
             while samples_in(out) == 0 and process.poll() is None:
-                assert time.monotonic() - begin < LONGEST
                 stop.wait(0.05)
             process.send_signal(signal.SIGTERM)
             printed, _ = process.communicate()

@@ -1,12 +1,15 @@
 """Links: opened again for ever, nothing that came is lost, nothing waits without a limit."""
 
+import contextlib
 import logging
 import queue
 import socket
 import threading
 
 import pytest
+import serial
 from hand_clock import HandClock, ScriptedTransport
+from serial.rfc2217 import PortManager
 
 from jaxtwin import JaxtwinError
 from jaxtwin.live import LinkChange, LinkState, opener
@@ -118,6 +121,49 @@ def test_a_socket_that_is_silent_is_no_error() -> None:
     assert transport.read() == b"late"
     transport.close()
     far.close()
+
+
+class Rfc2217Server:
+    """A serial port behind a TCP port, by pyserial's own server side; what is sent comes back."""
+
+    def __init__(self) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"rfc2217://127.0.0.1:{self._listener.getsockname()[1]}"
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def write(self, data: bytes) -> None:
+        self._client.sendall(data)
+
+    def close(self) -> None:
+        self._listener.close()
+        self._thread.join()
+
+    def _serve(self) -> None:
+        try:
+            self._client, _ = self._listener.accept()
+        except OSError:  # closed, and nobody came
+            return
+        port = serial.serial_for_url("loop://", timeout=0)
+        manager = PortManager(port, self)
+        with self._client:
+            while received := self._client.recv(1024):
+                port.write(b"".join(manager.filter(received)))
+                self.write(b"".join(manager.escape(port.read(port.in_waiting))))
+        port.close()
+
+
+@pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")  # in pyserial 3.5
+def test_a_serial_port_behind_rfc_2217_is_a_link_like_any_other() -> None:
+    with (
+        contextlib.closing(Rfc2217Server()) as server,
+        contextlib.closing(opener(server.url)()) as transport,
+    ):
+        transport.write(b"beat t=1\xff")
+        received = b""
+        while len(received) < 9:
+            received += transport.read()
+    assert received == b"beat t=1\xff"  # 255 begins a command of Telnet and is sent twice
 
 
 def test_a_serial_port_reads_back_what_loop_sends() -> None:

@@ -36,16 +36,21 @@ from jaxtwin.physics import Twin, frame_to_channels
 from jaxtwin.rig import Rig
 
 
-def test_the_twin_in_step_is_the_twin_simulated(twin: Twin) -> None:
-    experiment = Experiment.schedule("0:0.5,50:0.78/-0.4", duration=100, cells=2, ambient=12.0)
-    truth = twin.simulate(experiment)
+def in_step(twin: Twin, experiment: Experiment) -> np.ndarray:
+    """Channels of a twin that is stepped through an experiment, `(times, channels)`."""
     live = LiveTwin(twin)
     channels = []
     for time, duty in zip(experiment.time, experiment.duty, strict=True):
         channels.append(live.advance(float(time)))
-        live.drive(duty, ambient=12.0)
+        live.drive(duty, ambient=experiment.ambient)
+    return np.array(channels)
+
+
+def test_the_twin_in_step_is_the_twin_simulated(twin: Twin) -> None:
+    experiment = Experiment.schedule("0:0.5,50:0.78/-0.4", duration=100, cells=2, ambient=12.0)
+    truth = twin.simulate(experiment)
     # At time 0 the twin in step has not been told yet that the room is colder.
-    np.testing.assert_allclose(channels[1:], truth.temperatures[1:], atol=2e-4)
+    np.testing.assert_allclose(in_step(twin, experiment)[1:], truth.temperatures[1:], atol=2e-4)
 
 
 def test_a_frame_shows_each_channel_what_the_twin_says_it_reads(rig: Rig, twin: Twin) -> None:
@@ -207,8 +212,7 @@ def test_a_recording_read_back_is_what_the_twin_did(
     assert set(experiment.time) == set(range(int(experiment.time[-1]) + 1))
     assert experiment.duration > 110
     # The device's first second, before the first command, decides the node temperatures: equal.
-    simulated = twin.simulate(experiment)
-    error = np.asarray(experiment.temperatures) - simulated.temperatures
+    error = np.asarray(experiment.temperatures) - in_step(twin, experiment)
     # Half a step of a duty switch at 0.5 K/s, and noise of 0.1 K over pixels and frames.
     assert np.abs(error).max() < 0.3
     assert np.sqrt(np.mean(error**2)) < 0.1

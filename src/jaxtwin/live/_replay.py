@@ -1,4 +1,4 @@
-"""A recording once more: the same records in the same order, at any speed."""
+"""A recording once more: the same records in the order of their arrival, at any speed."""
 
 import heapq
 import json
@@ -37,7 +37,8 @@ MOST_AT_ONCE = 1000
 class Replay:
     """Yields what a bench yielded while it was recorded; used like a `Bench`.
 
-    Records keep the times of the recording. Frames are there where the recorder kept them.
+    Records keep the times of the recording; those of one read, which arrived together, come by
+    kind. Frames are there where the recorder kept them.
 
     **Arguments:**
 
