@@ -145,7 +145,7 @@ class Rfc2217Server:
         except OSError:  # closed, and nobody came
             return
         port = serial.serial_for_url("loop://", timeout=0)
-        manager = PortManager(port, self)
+        manager = PortManager(port, self)  # pyright: ignore[reportArgumentType] (any such objects)
         with self._client:
             while received := self._client.recv(1024):
                 port.write(b"".join(manager.filter(received)))

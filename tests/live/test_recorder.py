@@ -22,6 +22,7 @@ from jaxtwin.live import (
     Recorder,
     Sample,
     Session,
+    _session,
     connect,
     encode,
 )
@@ -136,8 +137,8 @@ def test_a_step_of_the_system_clock_is_noted_and_changes_no_time(
 ) -> None:
     monkeypatch.setattr(clock, "utc", lambda: clock.time - 3_600_000_000_000)
     with Recorder(file, rig, clock=clock) as recorder:
-        for _ in range(700):
-            clock.turn(1.0)
+        for _ in range(7):
+            clock.turn(100.0)
             recorder.write([])
     with Session(file) as session:
         query = "SELECT arrival, detail FROM events WHERE kind = 'host-clock'"
@@ -222,31 +223,63 @@ def test_a_full_disk_stops_with_a_clear_error_and_all_before_can_be_read(
         recorder.write([reading(1)])
 
 
-def test_a_recording_in_a_folder_without_write_access_can_be_read(
-    rig: Rig, file: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("refused", "journal"),
+    [
+        (["mode=rw NORMAL"], True),  # a full disk: no room for the index
+        (["mode=rw NORMAL", "mode=rw EXCLUSIVE"], False),  # a write-protected folder
+    ],
+)
+def test_a_recording_can_be_read_where_nothing_can_be_written(
+    rig: Rig, file: Path, monkeypatch: pytest.MonkeyPatch, refused: list[str], journal: bool
 ) -> None:
     recorder = Recorder(file, rig)
     recorder.write([GREETING, sample(1)])
     left = file.with_name("left.db")
-    shutil.copy(file, left)
-    shutil.copy(f"{file}-wal", f"{left}-wal")
+    if journal:
+        shutil.copy(file, left)
+        shutil.copy(f"{file}-wal", f"{left}-wal")
     recorder.close()
-    real = sqlite3.connect
+    if not journal:
+        shutil.copy(file, left)
+    real = _session._connect
 
-    def connect(location: str, **options: object) -> sqlite3.Connection:
-        # As where the index beside the file cannot be made (a full disk, no write access).
-        if "mode=ro" in location:
+    def connect(file: Path, access: str, locking: str) -> sqlite3.Connection:
+        if f"{access} {locking}" in refused:
             raise sqlite3.OperationalError("unable to open database file")
-        return real(location, **options)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        return real(file, access, locking)
 
-    monkeypatch.setattr(sqlite3, "connect", connect)
+    monkeypatch.setattr(_session, "_connect", connect)
     assert count(left) == 1
 
 
-def test_other_databases_are_no_recordings(file: Path) -> None:
+def test_a_reader_leaves_nothing_behind_and_can_change_nothing(rig: Rig, file: Path) -> None:
+    with Recorder(file, rig) as recorder:
+        recorder.write([GREETING, sample(1)])
+    with Session(file) as session, pytest.raises(sqlite3.OperationalError, match="readonly"):
+        session.database.execute("DROP TABLE samples")
+    assert {path.name for path in file.parent.iterdir()} == {"session.db", "session.db-lock"}
+
+
+def test_a_reader_that_ends_first_takes_nothing_from_the_recorder(rig: Rig, file: Path) -> None:
+    with Recorder(file, rig) as recorder:
+        recorder.write([GREETING, sample(1)])
+        for number in range(2, 5):
+            assert count(file) == number - 1
+            recorder.write([sample(number)])
+    assert count(file) == 4
+
+
+def test_other_databases_are_no_recordings_and_are_left_alone(file: Path) -> None:
     sqlite3.connect(file).execute("CREATE TABLE t (x)").connection.close()
+    before = file.read_bytes()
     with pytest.raises(RecordingError, match="no recording of a live rig"):
         Session(file)
+    with pytest.raises(RecordingError, match="is no recording"):
+        jt.read_recording(file)
+    assert [(path.name, path.read_bytes()) for path in file.parent.iterdir()] == [
+        (file.name, before)
+    ]
 
 
 RECORDING = """

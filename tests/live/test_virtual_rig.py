@@ -38,6 +38,7 @@ from jaxtwin.rig import Rig
 
 def in_step(twin: Twin, experiment: Experiment) -> np.ndarray:
     """Channels of a twin that is stepped through an experiment, `(times, channels)`."""
+    assert isinstance(experiment.ambient, float)
     live = LiveTwin(twin)
     channels = []
     for time, duty in zip(experiment.time, experiment.duty, strict=True):

@@ -1,5 +1,6 @@
 """`jaxtwin virtual-rig`: a twin behind the protocol of a real rig."""
 
+import contextlib
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -52,21 +53,20 @@ def virtual_rig(
 
     if [tcp is not None, pty, mqtt is not None].count(True) > 1:
         raise typer.BadParameter("give one of --tcp, --pty and --mqtt")
-    with stop_signals() as stop:
+    with stop_signals() as stop, contextlib.ExitStack() as stack:
+        bad = Faults.parse(faults)
+        server = _server(tcp, pty, mqtt)
+        stack.callback(server.close)
         device = VirtualRig(
             open_twin(load_rig(rig), set_name, parameters),
             speed=speed,
             seed=seed,
             camera_hz=camera_hz,
             controller_hz=controller_hz,
-            faults=Faults.parse(faults),
+            faults=bad,
         )
-        server = _server(tcp, pty, mqtt)
-        try:
-            say(f"{rig} at {server.url}; look at it: jaxtwin watch {rig} --link {server.url}")
-            serve(device, server, SystemClock(), stop)
-        finally:
-            server.close()
+        say(f"{rig} at {server.url}; look at it: jaxtwin watch {rig} --link {server.url}")
+        serve(device, server, SystemClock(), stop)
 
 
 def _server(tcp: str | None, pty: bool, mqtt: str | None) -> "Server":

@@ -10,7 +10,6 @@ from ._matlab5 import is_matlab5
 from ._netcdf import parse_netcdf
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
-SQLITE = b"SQLite format 3\0"
 
 
 def read_recording(
@@ -50,7 +49,9 @@ def read_recording(
         raise RecordingError(f"counts = {counts}: allowed are positive whole numbers")
     if polarity not in (1, -1):
         raise RecordingError(f"polarity = {polarity}: allowed are 1 and -1")
-    if _is_session(file):
+    from ..live._recognise import is_recording  # which depends on recordings, not the reverse
+
+    if is_recording(file):
         return _session_experiment(file, zone)
     content = _content(file)
     kind = _kind(file, content)
@@ -84,16 +85,8 @@ def check_no_gap(experiment: Experiment) -> None:
     )
 
 
-def _is_session(file: Path) -> bool:
-    try:
-        with file.open("rb") as stream:
-            return stream.read(len(SQLITE)) == SQLITE
-    except OSError:
-        return False  # said by what reads it next
-
-
 def _session_experiment(file: Path, zone: str | None) -> Experiment:
-    from ..live import Session  # which depends on recordings, not the other way round
+    from ..live import Session
 
     if zone is not None:
         raise RecordingError(f"{file}: zone = {zone!r} applies to two-cell .mat recordings only")

@@ -27,7 +27,7 @@ from ._records import (
     Record,
     Sample,
 )
-from ._tables import Columns, create_tables, metadata_of, read_metadata, versions
+from ._tables import Columns, create_tables, mark, metadata_of, read_metadata, versions
 from ._time import Clock, SystemClock, seconds
 
 SYNC_SECONDS = 1.0
@@ -89,6 +89,8 @@ class Recorder:
             self._ended = True
             raise self._failure(error) from None
         try:
+            if not existed:
+                mark(self._database)
             self._database.execute("PRAGMA journal_mode = WAL")
             self._database.execute(f"PRAGMA journal_size_limit = {WAL_BYTES}")
             self._database.execute(f"PRAGMA wal_autocheckpoint = {_CHECKPOINT_PAGES}")

@@ -16,6 +16,7 @@ from ..rig._bundled import parse_toml
 from ._clock_map import ClockMap
 from ._grid import bin_means, held
 from ._lock import is_locked
+from ._recognise import is_recording
 from ._tables import Columns, read_metadata
 
 MOST_STAMPS = 1_000_000
@@ -70,6 +71,8 @@ class Session:
         self.file = Path(file)
         if not self.file.is_file():
             raise RecordingError(f"{self.file}: no such file")
+        if not is_recording(self.file):
+            raise RecordingError(f"{self.file}: is no recording of a live rig")
         self.database = _open(self.file)
         try:
             self.metadata: dict[str, Any] = read_metadata(self.database, self.file)
@@ -245,27 +248,34 @@ def _array(rows: sqlite3.Cursor, kind: type) -> np.ndarray:
 
 
 def _open(file: Path) -> sqlite3.Connection:
-    """Opened for reading: a recorder is never held up, and nothing is changed."""
-    try:
-        return _connect(file, "ro", "NORMAL")
-    except sqlite3.DatabaseError as error:
-        if is_locked(file):
-            raise RecordingError(f"{file}: cannot be read: {error}") from None
-    # Read-only, SQLite needs room for a small index beside the file. Where a full disk or a
-    # folder without write access denies that, the index is kept in memory; that needs the file
-    # for itself, and so nobody recording into it.
-    try:
-        return _connect(file, "rw", "EXCLUSIVE")
-    except sqlite3.DatabaseError as error:
-        raise RecordingError(f"{file}: cannot be read: {error}") from None
+    """Opened for reading: a recorder is never held up, and no row can be changed.
+
+    A reader that may write the file tidies up when it closes it last: SQLite then takes away its
+    journal and its index. Beside a recorder it must not; the lock says whether there is one.
+    """
+    attempts = [("mode=ro", "NORMAL")]
+    if not is_locked(file):
+        # The index needs room beside the file. A full disk denies that: it is kept in memory then.
+        attempts = [("mode=rw", "NORMAL"), ("mode=rw", "EXCLUSIVE")]
+        if not file.with_name(file.name + "-wal").exists():
+            # Nor is any needed where nothing waits in a journal: on a disk that is write-protected.
+            attempts.append(("mode=ro&immutable=1", "NORMAL"))
+    problem = ""
+    for access, locking in attempts:
+        try:
+            return _connect(file, access, locking)
+        except sqlite3.DatabaseError as error:
+            problem = problem or str(error)
+    raise RecordingError(f"{file}: cannot be read: {problem}")
 
 
-def _connect(file: Path, mode: str, locking: str) -> sqlite3.Connection:
-    location = f"file:{quote(str(file.absolute()))}?mode={mode}"
+def _connect(file: Path, access: str, locking: str) -> sqlite3.Connection:
+    location = f"file:{quote(str(file.absolute()))}?{access}"
     database = sqlite3.connect(location, uri=True, isolation_level=None)
     try:
+        database.execute("PRAGMA query_only = ON")
         database.execute(f"PRAGMA locking_mode = {locking}")
-        database.execute("PRAGMA user_version").fetchone()
+        database.execute("SELECT count(*) FROM sqlite_schema").fetchone()
     except sqlite3.DatabaseError:
         database.close()
         raise

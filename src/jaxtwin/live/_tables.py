@@ -12,11 +12,10 @@ from typing import Any, final
 from .._errors import RecordingError
 from ..rig import Rig
 from ._identity import Identity
+from ._recognise import APPLICATION
 
 FORMAT = 1
 """Version of the tables."""
-
-APPLICATION = 0x6A747731  # "jtw1", in the file's header: what `file` and SQLite tools show
 
 _APPEND_ONLY = ("greetings", "samples", "readings", "frames", "gaps", "events", "commands")
 
@@ -64,6 +63,11 @@ def versions() -> dict[str, str]:
     }
 
 
+def mark(database: sqlite3.Connection) -> None:
+    """Marks a new file as a recording. Before it has a journal: so the file itself says it."""
+    database.execute(f"PRAGMA application_id = {APPLICATION}")
+
+
 def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> None:
     """Makes the tables of a new recording, inside the caller's transaction."""
     columns = Columns.of(metadata)
@@ -94,7 +98,6 @@ def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> Non
         "INSERT INTO session VALUES (?, ?)",
         [(key, json.dumps(value)) for key, value in metadata.items()],
     )
-    database.execute(f"PRAGMA application_id = {APPLICATION}")
     database.execute(f"PRAGMA user_version = {FORMAT}")
 
 
