@@ -23,7 +23,8 @@ def everything(twin: Twin) -> jax.Array:
     ambient = system.ambient_temperature
     deviation = system.initial_temperature - ambient + 10 * jnp.cos(nodes)
     rate = system.heat_into_nodes(deviation, jnp.array([0.5, -0.3]), ambient) / system.capacitance
-    return jnp.sin(nodes) @ rate + 0.01 * system.channel_temperatures(deviation).sum()
+    late = sum(time for time in (system.lag, system.delay) if time is not None)
+    return jnp.sin(nodes) @ rate + 0.01 * system.channel_temperatures(deviation).sum() + late
 
 
 @eqx.filter_jit
@@ -173,7 +174,7 @@ def test_precision_is_the_caller_s_and_values_keep_theirs(twin):
 
 
 def test_twin_prints_what_it_is(twin):
-    assert repr(twin) == "<Twin of dual-cell: 40 parameters>"
+    assert repr(twin) == "<Twin of dual-cell: 42 parameters>"
 
 
 def test_wiring_is_equal_for_rigs_of_equal_content_only():
