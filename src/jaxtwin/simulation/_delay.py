@@ -4,12 +4,12 @@ Nothing but the inputs depends on time itself, so the whole grid of steps moves 
 steps stay fine behind every change, and temperatures are smooth in the delay.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._schedule import Schedule, hermite_weights
+from ._interpolation import POWERS, step_polynomials
+from ._schedule import Schedule
 
 BEFORE = 2.0 ** -np.array([9, *range(9, 0, -1)])
 """Steps before the first command arrives, as parts of the delay: fine at first, when a plate that
@@ -32,6 +32,12 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
     size = jnp.concatenate([jnp.arange(before), before + jnp.asarray(schedule.size)])
     duty = jnp.asarray(schedule.duty, dtype)
     first = duty[:1] if at_rest else jnp.zeros_like(duty[:1])
+    # Slopes, the odd ones, are per second.
+    wait = step_polynomials([BEFORE, np.ones(1)])[:before]
+    scale = jnp.stack([jnp.ones_like(delay), delay] * 3)
+    polynomials = jnp.concatenate(
+        [wait * scale[:, None], jnp.asarray(schedule.polynomials, dtype)], dtype=dtype
+    )
     steps = sizes[size]
     ends = jnp.cumsum(steps)
     starts = ends - steps
@@ -42,16 +48,16 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
     if schedule.ambient_at is not None:
         sample = jnp.searchsorted(times, starts, side="right") - 1
         ambient = jnp.asarray(schedule.ambient_at, dtype)[sample]
-    fresh = jnp.concatenate([np.arange(before) == 0, jnp.asarray(schedule.fresh)])
-    previous = jnp.where(fresh, 0.0, jnp.roll(steps, 1))
     return Schedule(
         times=schedule.times,
         sizes=sizes,
         size=size.astype(np.int32),
-        fresh=fresh,
         duty=jnp.concatenate([jnp.repeat(first, before, axis=0), duty]),
         ambient=ambient,
+        polynomials=polynomials,
         step_of=step_of.astype(np.int32),
-        weights=hermite_weights(part, steps[step_of], previous[step_of]),
+        weights=jnp.einsum(
+            "tdp,tp->td", polynomials[step_of], part[:, None] ** np.arange(POWERS)
+        ),
         ambient_at=schedule.ambient_at,
     )

@@ -8,14 +8,14 @@ of a few sizes serve the whole run.
 
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, final
+from typing import final
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..io import Experiment
+from ._interpolation import POWERS, step_polynomials
 
 
 @final
@@ -27,23 +27,23 @@ class Schedule(eqx.Module):
     - `times`: of the samples, from the first one on, s.
     - `sizes`: the distinct step sizes, s.
     - `size`: which of them each step has.
-    - `fresh`: whether the inputs change at a step's start.
     - `duty`: held during each step, -1 to 1.
     - `ambient`: recorded ambient temperature held during each step, K; None where none is recorded.
+    - `polynomials`: how temperatures run within each step, see `step_polynomials`.
     - `step_of`: in which step each sample of the experiment lies.
-    - `weights`: in the sample's temperature, of value and slope at the start of that step, at its
-      end and one step before: see `hermite_weights`.
+    - `weights`: of the values and slopes around that step in the sample's temperature: the
+      polynomials where the sample lies.
     - `ambient_at`: recorded ambient temperature at each sample, K, or None.
     """
 
     times: Float[Array | np.ndarray, " times"]
     sizes: Float[Array | np.ndarray, " sizes"]
     size: Int[Array | np.ndarray, " steps"]
-    fresh: Bool[Array | np.ndarray, " steps"]
     duty: Float[Array | np.ndarray, "steps cells"]
     ambient: Float[Array | np.ndarray, " steps"] | None
+    polynomials: Float[Array | np.ndarray, "steps data powers"]
     step_of: Int[Array | np.ndarray, " times"]
-    weights: Float[Array | np.ndarray, "times 6"]
+    weights: Float[Array | np.ndarray, "times data"]
     ambient_at: Float[Array | np.ndarray, " times"] | None
 
 
@@ -70,71 +70,30 @@ def build_schedule(
         changed |= ambient[1:] != ambient[:-1]
     switches = 1 + np.flatnonzero(changed)
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
-    steps, held, fresh = [], [], []
-    for start, stop in pairwise(marks):
-        sizes = _graded(float(time[stop] - time[start]), first_step, growth, largest_step)
-        steps += sizes
-        held += [start] * len(sizes)
-        fresh += [True] + [False] * (len(sizes) - 1)
+    spans = [
+        _graded(float(time[stop] - time[start]), first_step, growth, largest_step)
+        for start, stop in pairwise(marks)
+    ]
+    held = np.repeat(marks[:-1], [len(span) for span in spans])
     # Sums of steps and sample times differ by rounding; sizes that differ by no more are one.
-    sizes, size = np.unique(np.round(steps, 9), return_inverse=True)
-    edges = time[0] + np.concatenate([[0.0], np.cumsum(sizes[size])])
+    sizes, size = np.unique(np.round(np.concatenate(spans), 9), return_inverse=True)
+    lengths = sizes[size]
+    edges = time[0] + np.concatenate([[0.0], np.cumsum(lengths)])
     step_of = np.clip(np.searchsorted(edges, time - 1e-7) - 1, 0, len(size) - 1)
-    length = sizes[size][step_of]
-    part = np.clip((time - edges[step_of]) / length, 0.0, 1.0)
-    before = np.where(fresh, 0.0, np.roll(sizes[size], 1))[step_of]
+    part = np.clip((time - edges[step_of]) / lengths[step_of], 0.0, 1.0)
+    polynomials = step_polynomials([np.asarray(span) for span in spans])
     celsius = None if ambient is None else np.broadcast_to(ambient, time.shape) + 273.15
     return Schedule(
         times=time - time[0],
         sizes=sizes,
         size=size.astype(np.int32),
-        fresh=np.array(fresh),
         duty=duty[held],
         ambient=None if celsius is None else celsius[held],
+        polynomials=polynomials,
         step_of=step_of.astype(np.int32),
-        weights=hermite_weights(part, length, before),
+        weights=np.einsum("tdp,tp->td", polynomials[step_of], part[:, None] ** np.arange(POWERS)),
         ambient_at=celsius,
     )
-
-
-def hermite_weights(
-    part: Float[Array | np.ndarray, " times"],
-    length: Float[Array | np.ndarray, " times"],
-    before: Float[Array | np.ndarray, " times"],
-) -> Float[Array | np.ndarray, "times 6"]:
-    """Hermite interpolation between values and slopes at the ends of a step and of the one before.
-
-    **Arguments:**
-
-    - `part`: of the step's length that has gone by, 0 to 1.
-    - `length`: of the step, s.
-    - `before`: length of the step before, s; 0 where the inputs changed in between, which leaves
-      the step's own two ends.
-
-    **Returns:** weights of value and slope at the start, at the end, and one step before.
-    """
-    library = np if isinstance(part, np.ndarray) else jnp
-    alone = before == 0
-    r = library.where(alone, 1.0, before / length)
-    s = part
-
-    def value_and_slope(node: Any, lagrange: Any, slope_there: Any) -> tuple[Any, Any]:
-        square = lagrange**2
-        return (1 - 2 * slope_there * (s - node)) * square, (s - node) * square * length
-
-    three = [
-        *value_and_slope(0.0, (s + r) * (1 - s) / r, 1 / r - 1),
-        *value_and_slope(1.0, (s + r) * s / (1 + r), 1 / (1 + r) + 1),
-        *value_and_slope(-r, s * (s - 1) / (r * (1 + r)), -1 / r - 1 / (1 + r)),
-    ]
-    nothing = library.zeros_like(s)
-    two = [
-        *value_and_slope(0.0, 1 - s, -1.0),
-        *value_and_slope(1.0, s, 1.0),
-        *(nothing, nothing),
-    ]
-    weights = [library.where(alone, a, b) for a, b in zip(two, three, strict=True)]
-    return library.stack(weights, axis=1)
 
 
 def _graded(duration: float, first: float, growth: float, largest: float) -> list[float]:

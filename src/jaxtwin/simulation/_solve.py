@@ -57,32 +57,35 @@ def solve_schedule(
         ambient = jnp.asarray(schedule.ambient, dtype) - reference
 
     def advance(state: tuple[Array, Array], step: Any) -> tuple[tuple[Array, Array], Any]:
-        amplitudes, force = state
-        size, fresh, duty, ambient = step
-        inputs = Inputs(duty, ambient)
-        force = jax.lax.cond(fresh, lambda: field.force(amplitudes, inputs.at(0)), lambda: force)
+        size, inputs, following = step
         of_size = jax.tree.map(lambda table: table[size], factors)
-        state = exponential_step(amplitudes, force, of_size, field, inputs)
-        return state, (force, *state)
+        amplitudes = exponential_step(*state, of_size, field, inputs)
+        # The force that starts the next step, under its inputs.
+        after = amplitudes, field.force(amplitudes, following)
+        return after, after
 
+    inputs = Inputs(duty, ambient)
+    at_starts = inputs if duty.ndim == 2 else Inputs(duty[:, 0], ambient)
+    at_ends = inputs if duty.ndim == 2 else Inputs(duty[:, 2], ambient)
+    following = jax.tree.map(lambda a, b: jnp.append(a[1:], b[-1:], axis=0), at_starts, at_ends)
     start = modes.amplitudes(initial - reference)
-    steps = (jnp.asarray(schedule.size), jnp.asarray(schedule.fresh), duty, ambient)
-    _, (forces_0, ends, forces_1) = jax.lax.scan(advance, (start, jnp.zeros_like(start)), steps)
-    starts = jnp.concatenate([start[None], ends[:-1]])
+    state = start, field.force(start, jax.tree.map(lambda rows: rows[0], at_starts))
+    _, after = jax.lax.scan(advance, state, (jnp.asarray(schedule.size), inputs, following))
+    amplitudes, forces = jax.tree.map(lambda a, b: jnp.append(a[None], b, axis=0), state, after)
     read = (jnp.asarray(readout, dtype) @ modes.shapes).T
-    values = jnp.concatenate([start[None], ends]) @ read
-    slopes_0 = (forces_0 - modes.rates * starts) @ read
-    slopes_1 = (forces_1 - modes.rates * ends) @ read
+    values, slopes = amplitudes @ read, (forces - modes.rates * amplitudes) @ read
+    # Without the barrier XLA computes these products once for every sample.
+    values, slopes = jax.lax.optimization_barrier((values, slopes))
     w = jnp.asarray(schedule.weights, dtype)[..., None]
     at = jnp.asarray(schedule.step_of)
     before = jnp.maximum(at - 1, 0)
     return (
         w[:, 0] * values[at]
-        + w[:, 1] * slopes_0[at]
+        + w[:, 1] * slopes[at]
         + w[:, 2] * values[at + 1]
-        + w[:, 3] * slopes_1[at]
+        + w[:, 3] * slopes[at + 1]
         + w[:, 4] * values[before]
-        + w[:, 5] * slopes_0[before]
+        + w[:, 5] * slopes[before]
     )
 
 
