@@ -9,6 +9,7 @@ is a small heat flow that is not stiff.
 from typing import final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -58,3 +59,9 @@ class NonlinearLoss(eqx.Module):
         hot = ambient + rise
         radiation = rise * (hot + ambient) * (hot**2 + ambient**2)
         return convection + STEFAN_BOLTZMANN * self.radiating * radiation
+
+    def slope(
+        self, rise: Float[Array, " elements"], ambient: Float[Array, ""]
+    ) -> Float[Array, " elements"]:
+        """Derivative of `heat` with respect to the rise, W/K."""
+        return jax.jvp(lambda rise: self.heat(rise, ambient), (rise,), (jnp.ones_like(rise),))[1]

@@ -74,10 +74,11 @@ class ModalField(eqx.Module):
         heat = system.cell_heat(deviation + self.reference, inputs.duty)
         flow = jnp.concatenate([-heat.cold, heat.hot]) + modes.relief @ deviation
         force = sides.T @ flow
-        if system.loss is not None:
+        if system.loss is not None and modes.film is not None:
             plate = modes.shapes[: wiring.elements]
             rise = plate @ amplitudes - inputs.ambient
-            force = force - plate.T @ system.loss.heat(rise, self.reference + inputs.ambient)
+            heat = system.loss.heat(rise, self.reference + inputs.ambient)
+            force = force - plate.T @ (heat - modes.film * (plate @ amplitudes))
         force = force + modes.shapes.T @ (system.ambient_conductance * inputs.ambient)
         # Twice, since the change of C acts on a slope that has the changes in it: exact up to
         # second derivatives.

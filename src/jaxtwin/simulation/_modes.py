@@ -35,13 +35,17 @@ class Modes(eqx.Module):
     """Modes of the network: `rates` (1/s) and `shapes`, temperatures = shapes @ amplitudes.
 
     `capacitance` is what the shapes are normalised with, `relief` the heat flow out of the cells'
-    sides (all cold, then all hot) per kelvin that has joined the network, W/K.
+    sides (all cold, then all hot) per kelvin that has joined the network, W/K,
+    `film` the same for what the plate loses beyond its linear film, None for nothing, and
+    `operating_point` where that was taken: the sides' deviations, K.
     """
 
     rates: Float[Array, " modes"]
     shapes: Float[Array, "nodes modes"]
     capacitance: Float[Array, " nodes"]
     relief: Float[Array, "sides sides"]
+    film: Float[Array, " elements"] | None
+    operating_point: Float[Array, " sides"]
 
     def amplitudes(self, deviation: Float[Array, " nodes"]) -> Float[Array, " modes"]:
         """The modes' parts in given temperatures: the inverse of the shapes is shapes^T C."""
@@ -60,36 +64,73 @@ def network_modes(
     """
     system, duty, reference = jax.lax.stop_gradient((system, duty, reference))
     sides = np.concatenate([system.wiring.cold, system.wiring.hot])
-    relief = _relief(system, duty, reference, sides)
+    rest = _at_rest(system, duty, reference, sides)
+    slope = _slope(system, rest[sides], duty, reference)
+    relief = -(slope + slope.T) / 2
     conductance = system.conductance.at[np.ix_(sides, sides)].add(relief)
+    film = None
+    if system.loss is not None:
+        plate = np.arange(system.wiring.elements)
+        film = system.loss.slope(rest[plate], reference)
+        conductance = conductance.at[plate, plate].add(film)
     scale = 1 / jnp.sqrt(system.capacitance)
     rates, vectors = jnp.linalg.eigh(conductance * scale[:, None] * scale[None, :])
-    return Modes(rates, scale[:, None] * vectors, system.capacitance, relief)
+    return Modes(rates, scale[:, None] * vectors, system.capacitance, relief, film, rest[sides])
 
 
-def _relief(
+def left_coupling(
     system: System,
-    duty: Float[Array, " cells"],
+    modes: Modes,
+    duty: Float[Array, "levels cells"],
     reference: Float[Array, ""],
-    sides: np.ndarray,
-) -> Float[Array, "sides sides"]:
-    """The symmetric part of -dq/dx where the rig comes to rest under a duty cycle.
+    step: Float[Array, ""],
+) -> Float[Array, ""]:
+    """How strongly the cells act on themselves beyond the modes, within one step.
 
-    Newton's method on the sides alone: x = Z q(x) with Z the network's thermal resistances seen
-    from them. A few kelvin are near enough.
+    The largest row sum of |what a heat flow at the sides does to their temperatures in a step| x
+    |what is left of -dq/dx| over some duty cycles: an explicit treatment of the rest is safe well
+    below 1.
     """
+    sides = np.concatenate([system.wiring.cold, system.wiring.hot])
+    shapes = modes.shapes[sides]
+    x = modes.rates * step
+    answer = jnp.where(jnp.abs(x) < 1e-6, 1.0, -jnp.expm1(-x) / jnp.where(x == 0, 1.0, x)) * step
+    warms = jnp.abs(shapes * answer @ shapes.T)
 
-    def heat(deviation: Array) -> Array:
-        flows = system.cell_heat(deviation + reference, duty)
-        return jnp.concatenate([-flows.cold, flows.hot])
+    def rest(duty: Array) -> Array:
+        slope = _slope(system, modes.operating_point, duty, reference)
+        return (warms @ jnp.abs(modes.relief + slope)).sum(axis=1).max()
 
-    seen = jnp.linalg.solve(system.conductance, jnp.eye(system.capacitance.size)[:, sides])[sides]
+    return jax.vmap(rest)(duty).max()
+
+
+def _at_rest(
+    system: System, duty: Float[Array, " cells"], reference: Float[Array, ""], sides: np.ndarray
+) -> Float[Array, " nodes"]:
+    """About where the rig comes to rest under a duty cycle: deviations.
+
+    Newton's method on the cells' sides alone: x = Z q(x) with Z the network's thermal resistances
+    seen from them. A few kelvin are near enough; losses are taken as linear.
+    """
+    warmed = jnp.linalg.solve(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
+    seen = warmed[sides]
     unit = jnp.eye(sides.size, dtype=seen.dtype)
     lowest, highest = (bound - reference for bound in BELIEVABLE)
     at = jnp.full(sides.size, TYPICAL_TEMPERATURE, seen.dtype) - reference
     for _ in range(NEWTON_STEPS):
-        flow, slope = heat(at), jax.jacfwd(heat)(at)
-        at = at - jnp.linalg.solve(unit - seen @ slope, at - seen @ flow)
-        at = jnp.clip(at, lowest, highest)
-    slope = jax.jacfwd(heat)(at)
-    return -(slope + slope.T) / 2
+        slope = _slope(system, at, duty, reference)
+        change = at - seen @ _flow(system, at, duty, reference)
+        at = jnp.clip(at - jnp.linalg.solve(unit - seen @ slope, change), lowest, highest)
+    return jnp.clip(warmed @ _flow(system, at, duty, reference), lowest, highest)
+
+
+def _flow(system: System, at: Array, duty: Array, reference: Array) -> Float[Array, " sides"]:
+    """q, the cells' heat into their sides, W."""
+    flows = system.cell_heat(at + reference, duty)
+    return jnp.concatenate([-flows.cold, flows.hot])
+
+
+def _slope(
+    system: System, at: Array, duty: Array, reference: Array
+) -> Float[Array, "sides sides"]:
+    return jax.jacfwd(lambda at: _flow(system, at, duty, reference))(at)

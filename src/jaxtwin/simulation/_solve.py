@@ -1,7 +1,8 @@
 """A network through a whole schedule: the loop over exponential steps and what is read from it."""
 
-from typing import Any
+from typing import Any, final
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,12 +16,39 @@ from ._modes import Modes, network_modes
 from ._schedule import Schedule
 
 
+@final
+class StepReadings(eqx.Module):
+    """What is read at the ends of steps: weighted sums of node temperatures and their slopes.
+
+    Deviations from the reference, K, and K/s. Row k belongs to the start of step k.
+    """
+
+    values: Float[Array, "ends outputs"]
+    slopes: Float[Array, "ends outputs"]
+
+    def at_samples(
+        self, schedule: Schedule, which: slice = slice(None)
+    ) -> Float[Array, "times outputs"]:
+        """Interpolated at the samples, or at some, of the schedule that was solved."""
+        values, slopes = self.values, self.slopes
+        w = jnp.asarray(schedule.weights, values.dtype)[which, :, None]
+        at = jnp.asarray(schedule.step_of)[which]
+        before = jnp.maximum(at - 1, 0)
+        return (
+            w[:, 0] * values[at]
+            + w[:, 1] * slopes[at]
+            + w[:, 2] * values[at + 1]
+            + w[:, 3] * slopes[at + 1]
+            + w[:, 4] * values[before]
+            + w[:, 5] * slopes[before]
+        )
+
+
 def solve_schedule(
     system: System,
     schedule: Schedule,
     initial: Float[Array, " nodes"],
     readout: Float[Array | np.ndarray, "outputs nodes"],
-    modes: Modes | None = None,
     at_rest: bool = False,
 ) -> Float[Array, "times outputs"]:
     """Runs a network through a schedule.
@@ -31,19 +59,42 @@ def solve_schedule(
     - `schedule`: steps, inputs and samples.
     - `initial`: absolute node temperatures at the start, K.
     - `readout`: which weighted sums of node temperatures to return.
-    - `modes`: of the system on this schedule, where they are known already.
     - `at_rest`: whether the first duty cycle has been held for ever, which a driver that lags
       behind its command remembers.
 
     **Returns:** the sums of the nodes' deviations from the reference at each sample, K.
     The reference is `reference_temperature(system, schedule)`.
     """
-    dtype = system.capacitance.dtype
+    modes = schedule_modes(system, schedule)
+    schedule = arriving(schedule, system, at_rest)
+    return solve_steps(system, schedule, modes, initial, readout, at_rest).at_samples(schedule)
+
+
+def arriving(schedule: Schedule, system: System, at_rest: bool) -> Schedule:
+    """A schedule as the system's cells see it: later than commanded where the driver has a delay.
+
+    See `solve_schedule` for `at_rest`.
+    """
+    if system.delay is None:
+        return schedule
+    return delayed_schedule(schedule, system.delay, at_rest)
+
+
+def solve_steps(
+    system: System,
+    schedule: Schedule,
+    modes: Modes,
+    initial: Float[Array, " nodes"],
+    readout: Float[Array | np.ndarray, "outputs nodes"],
+    at_rest: bool = False,
+) -> StepReadings:
+    """Runs a network through the steps of a schedule as the cells see it (`arriving`).
+
+    **Arguments:** as those of `solve_schedule`, and the system's `modes` (`schedule_modes`).
+    """
+    dtype = modes.rates.dtype
     reference = reference_temperature(system, schedule)
-    modes = schedule_modes(system, schedule) if modes is None else modes
     field = ModalField.of(system, modes, reference)
-    if system.delay is not None:
-        schedule = delayed_schedule(schedule, system.delay, at_rest)
     factors = step_factors(modes.rates, jnp.asarray(schedule.sizes, dtype))
     duty = jnp.asarray(schedule.duty, dtype)
     if system.lag is not None:
@@ -73,20 +124,7 @@ def solve_schedule(
     _, after = jax.lax.scan(advance, state, (jnp.asarray(schedule.size), inputs, following))
     amplitudes, forces = jax.tree.map(lambda a, b: jnp.append(a[None], b, axis=0), state, after)
     read = (jnp.asarray(readout, dtype) @ modes.shapes).T
-    values, slopes = amplitudes @ read, (forces - modes.rates * amplitudes) @ read
-    # Without the barrier XLA computes these products once for every sample.
-    values, slopes = jax.lax.optimization_barrier((values, slopes))
-    w = jnp.asarray(schedule.weights, dtype)[..., None]
-    at = jnp.asarray(schedule.step_of)
-    before = jnp.maximum(at - 1, 0)
-    return (
-        w[:, 0] * values[at]
-        + w[:, 1] * slopes[at]
-        + w[:, 2] * values[at + 1]
-        + w[:, 3] * slopes[at + 1]
-        + w[:, 4] * values[before]
-        + w[:, 5] * slopes[before]
-    )
+    return StepReadings(amplitudes @ read, (forces - modes.rates * amplitudes) @ read)
 
 
 def schedule_modes(system: System, schedule: Schedule) -> Modes:
