@@ -17,6 +17,7 @@ from jaxtwin.cli import run
 from jaxtwin.io import read_recording
 from jaxtwin.live import (
     Greeting,
+    Hello,
     Reading,
     Recorder,
     Sample,
@@ -27,7 +28,6 @@ from jaxtwin.live import (
     deframe,
     serve,
 )
-from jaxtwin.live._messages import Hello
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 

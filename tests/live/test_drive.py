@@ -16,10 +16,12 @@ from jaxtwin import JaxtwinError
 from jaxtwin._errors import SafetyStop
 from jaxtwin.io import Experiment
 from jaxtwin.live import (
+    Ask,
     Event,
     Faults,
     Greeting,
     Guard,
+    Hello,
     InProcess,
     LinkChange,
     LinkState,
@@ -34,7 +36,6 @@ from jaxtwin.live import (
     encode,
     serve,
 )
-from jaxtwin.live._messages import Ask, Hello
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 

@@ -6,8 +6,7 @@ import numpy as np
 from hand_clock import START
 from rich.console import Console
 
-from jaxtwin.live import Event, Gap, Greeting, LinkChange, LinkState, Reading, Sample
-from jaxtwin.live._messages import Hello
+from jaxtwin.live import Event, Gap, Greeting, Hello, LinkChange, LinkState, Reading, Sample
 from jaxtwin.live._watch import HEIGHT, WIDTH, Screen, _channel_map
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
