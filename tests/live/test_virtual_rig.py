@@ -11,6 +11,7 @@ from hand_clock import START, HandClock, virtual_bench
 from jaxtwin import JaxtwinError
 from jaxtwin.io import Experiment, read_recording
 from jaxtwin.live import (
+    Duty,
     Event,
     Faults,
     Follower,
@@ -30,7 +31,6 @@ from jaxtwin.live import (
     report,
 )
 from jaxtwin.live._faults import failed, loosened
-from jaxtwin.live._messages import Duty
 from jaxtwin.live._picture import Picture
 from jaxtwin.physics import Twin, frame_to_channels
 from jaxtwin.rig import Rig

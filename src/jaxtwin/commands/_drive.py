@@ -45,7 +45,7 @@ def drive(
         plan = Experiment.schedule(duty, duration=duration, cells=len(loaded.cells))
         recorder = stack.enter_context(Recorder(out, loaded)) if out else None
         bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
-        progress.step(f"driving {loaded.name} for {duration:g} s, or until Ctrl-C")
+        progress.step(f"driving {loaded.name} for {duration:g} s")
 
         def tell(time: float, pwm: tuple[int, ...]) -> None:
             parts = ", ".join(f"{100 * count / loaded.driver.counts:.0f} %" for count in pwm)

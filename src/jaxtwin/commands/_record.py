@@ -47,14 +47,14 @@ def record(
             names = [channel.name for channel in loaded.channels]
             publisher = Publisher(publish, names, [cell.name for cell in loaded.cells])
             stack.callback(publisher.close)
-        progress.step(f"recording into {out}, until Ctrl-C")
+        progress.step(f"recording into {out} until Ctrl-C")
         begin = time.monotonic()
         while not stop.is_set() and (duration is None or time.monotonic() - begin < duration):
             records = bench.poll()
             if publisher is not None:
                 publisher.publish(records)
-            states = ", ".join(f"{name} {state}" for name, state in bench.states.items())
-            progress.news(f"{recorder.written} records, {states}")
+            states = " and ".join(bench.states.values())
+            progress.news(f"{recorder.written} records, link {states}")
     with Session(out) as session:
         content = report(session)
     say(_table(out, content), json)

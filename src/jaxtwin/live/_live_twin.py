@@ -2,6 +2,7 @@
 
 from typing import final
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -39,7 +40,7 @@ class LiveTwin:
         self.time = 0.0
         """Up to where it has been stepped, s."""
         with jax.enable_x64(True):
-            self._system = twin.system()
+            self._system = _assembled(twin)
         self._reference = float(self._system.ambient_temperature)
         self._ambient = 0.0
         self._duty = np.zeros(len(twin.netlist.cells))
@@ -110,8 +111,7 @@ class LiveTwin:
     def _prepare(self) -> None:
         system, reference = self._system, self._reference
         with jax.enable_x64(True):
-            modes = network_modes(system)
-            factors = step_factors(modes.rates, jnp.asarray(STEP_SECONDS))
+            factors, modes = _solved(system)
             at_reference = jnp.asarray(reference)
 
             self._shapes = np.asarray(modes.shapes)
@@ -128,6 +128,17 @@ class LiveTwin:
     def _offset(self) -> None:
         # reading = ambient + gain (T - ambient)
         self._channel_offset = self._reference - ZERO_CELSIUS + (1 - self._gain) * self._ambient
+
+
+@eqx.filter_jit
+def _assembled(twin: Twin) -> System:
+    return twin.system()
+
+
+@eqx.filter_jit
+def _solved(system: System) -> tuple[StepFactors, Modes]:
+    modes = network_modes(system)
+    return step_factors(modes.rates, jnp.asarray(STEP_SECONDS)), modes
 
 
 @jax.jit
