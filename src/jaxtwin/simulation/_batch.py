@@ -5,25 +5,34 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Literal, final, overload
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .._errors import ParameterError, SimulationError
+from .._errors import JaxtwinError, ParameterError, SimulationError
 from ..io import Experiment
-from ..physics import System, Twin
-from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
-from ._modes import Modes
-from ._schedule import Schedule, build_schedule
-from ._simulate import checked_channels
-from ._solve import reference_temperature, schedule_modes, solve_schedule
+from ..physics import Twin
+from ._chunk import (
+    EXTREMES,
+    UNIFORMITY,
+    Prepared,
+    Reduction,
+    compressed_cost,
+    compressed_errors,
+    plate_chunk,
+    prepare_chunk,
+    sample_chunk,
+    sample_cost,
+    step_chunk,
+)
+from ._compressed import compress
+from ._initial import Initial, checked_initial
+from ._schedule import Schedule, twin_schedule
+from ._simulate import STIFF, checked_channels, simulate
 
-Reduction = Literal["cost", "final", "minimum", "maximum", "spread", "deviation"]
 REDUCTIONS: tuple[Reduction, ...] = (
     "cost",
     "final",
@@ -157,102 +166,118 @@ def simulate_batch(
     accelerated = jax.default_backend() != "cpu"
     count = len(next(iter(draws.values())))
     size = chunk_size or min(CHUNK_ACCELERATOR if accelerated else CHUNK_CPU, count)
-    schedule = build_schedule(experiment)
-    solve = partial(
-        _solve_chunk,
-        at_rest=isinstance(start, str),
-        schedule=schedule,
-        columns=np.array([twin.channels.index(name) for name in names]),
-        recorded=experiment.temperatures if wanted is not None and "cost" in wanted else None,
-        wanted=wanted,
-    )
+    schedule = twin_schedule(twin, experiment)
+    columns = np.array([twin.channels.index(name) for name in names])
+    reduce = _reducer(twin, schedule, experiment, columns, wanted, isinstance(start, str))
+    devices = jax.local_devices()
 
-    def work(first: int) -> dict[str, np.ndarray]:
+    def work(number: int) -> dict[str, np.ndarray]:
+        first = number * size
         chunk = {n: _padded(values[first : first + size], size) for n, values in draws.items()}
-        # Each thread has its own precision.
-        with jax.enable_x64(precision == "float64"):
-            with _LAPACK:
-                prepared = jax.block_until_ready(_prepare_chunk(twin, chunk, schedule, start))
-            result = jax.tree.map(np.asarray, solve(*prepared))
+        with jax.default_device(devices[number % len(devices)]):
+            # Each thread has its own precision. Eigenvalues that span nine decades need float64.
+            with jax.enable_x64(True), _LAPACK:
+                prepared = jax.block_until_ready(prepare_chunk(twin, chunk, schedule, start))
+                coupling = np.asarray(prepared.coupling)
+                if precision == "float32":
+                    numbers, rest = eqx.partition(prepared, eqx.is_inexact_array)
+                    numbers = jax.tree.map(lambda leaf: leaf.astype(precision), numbers)
+                    prepared = eqx.combine(numbers, rest)
+            with jax.enable_x64(precision == "float64"):
+                result = jax.tree.map(np.asarray, reduce(prepared))
         if on_progress is not None:
-            on_progress(min(first + size, count) - first)
+            on_progress(min(size, count - first))
+        result["stiff"] = coupling > STIFF
         return {name: values[: count - first] for name, values in result.items()}
 
-    threads = workers or (1 if accelerated else os.cpu_count() or 1)
-    firsts = range(0, count, size)
+    threads = workers or (len(devices) if accelerated else os.cpu_count() or 1)
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        parts = list(pool.map(work, firsts))
+        parts = list(pool.map(work, range(-(-count // size))))
     result = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    for draw in np.flatnonzero(result.pop("stiff")):
+        values = {name: float(array[draw]) for name, array in draws.items()}
+        one = _solve_stiff(twin.with_parameters(values), experiment, initial, names, wanted)
+        for name, value in one.items():
+            result[name][draw] = value
     if wanted is None:
         return result["temperatures"]
-    return Reductions(channels=names, failed=result.pop("failed"), **result)
+    return Reductions(channels=names, **result)
 
 
-@eqx.filter_jit
-def _prepare_chunk(
+def _reducer(
     twin: Twin,
-    draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
     schedule: Schedule,
-    initial: str | Float[Array | np.ndarray, " starts"] | None,
-) -> tuple[System, Modes, Float[Array, "chunk nodes"]]:
-    """All linear algebra of a chunk: the draws' equations, modes and initial temperatures."""
-
-    def one(
-        values: Mapping[str, Float[Array | np.ndarray, ""]],
-    ) -> tuple[System, Modes, Float[Array, " nodes"]]:
-        system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
-        reference = reference_temperature(system, schedule)
-        start = initial_temperatures(system, initial, schedule.duty[0], reference)
-        return system, schedule_modes(system, schedule), start
-
-    return jax.vmap(one)(draws)
-
-
-@eqx.filter_jit
-def _solve_chunk(
-    systems: System,
-    modes: Modes,
-    starts: Float[Array, "chunk nodes"],
-    *,
-    at_rest: bool,
-    schedule: Schedule,
-    columns: Int[Array | np.ndarray, " channels"],
-    recorded: Float[Array | np.ndarray, "times channels"] | None,
+    experiment: Experiment,
+    columns: Int[np.ndarray, " channels"],
     wanted: tuple[Reduction, ...] | None,
-) -> dict[str, Array]:
-    wiring = systems.wiring
-    # Every element of the rig's plate counts in its spread, also where one node stands for two.
-    plate = np.eye(len(wiring.netlist.nodes))[wiring.rig_elements]
-    needs_plate = wanted is not None and ("spread" in wanted or "deviation" in wanted)
+    at_rest: bool,
+) -> Callable[[Prepared], dict[str, Array]]:
+    """What is computed of each chunk, from its draws to the results that are kept."""
+    grid: dict[str, Any] = {"schedule": schedule, "at_rest": at_rest}
+    of_plate = [name for name in wanted or () if name in UNIFORMITY]
+    of_samples = [name for name in wanted or () if name in EXTREMES]
+    recorded = experiment.temperatures
+    with_cost = wanted is not None and "cost" in wanted
+    compressed = None
+    if with_cost and recorded is not None:
+        # Only where the same weights serve all draws, and nothing but the steps moves the readings.
+        if schedule.ambient_at is None and twin.wiring.delay is None:
+            compressed = compress(schedule, recorded)
+        else:
+            of_samples.append("cost")
 
-    def one(system: System, modes: Modes, start: Float[Array, " nodes"]) -> dict[str, Array]:
-        dtype = system.capacitance.dtype
-        reference = reference_temperature(system, schedule)
-        weights = jnp.asarray(system.wiring.channel_weights, dtype)[columns]
-        readout = jnp.concatenate([weights, plate]) if needs_plate else weights
-        deviation = solve_schedule(system, schedule, start, readout, modes, at_rest)
-        ambient = 0.0
-        if schedule.ambient_at is not None:
-            ambient = (jnp.asarray(schedule.ambient_at, dtype) - reference)[:, None]
-        gain = system.gain[columns]
-        rise = ambient + gain * (deviation[:, : len(columns)] - ambient)
-        offset = reference - 273.15
-        failed = ~(system.physical & jnp.all(jnp.isfinite(rise)))
+    def reduce(prepared: Prepared) -> dict[str, Array]:
+        stepped = step_chunk(prepared, columns=columns, with_plate=bool(of_plate), **grid)
         if wanted is None:
-            return {"temperatures": jnp.where(failed, jnp.nan, rise + offset)}
-        elements = deviation[-1, len(columns) :]
-        results: dict[str, Callable[[], Array]] = {
-            "cost": lambda: jnp.mean((rise - (jnp.asarray(recorded) - offset)) ** 2, axis=0),
-            "final": lambda: rise[-1] + offset,
-            "minimum": lambda: rise.min(axis=0) + offset,
-            "maximum": lambda: rise.max(axis=0) + offset,
-            "spread": lambda: elements.max() - elements.min(),
-            "deviation": lambda: elements.std(),
-        }
-        reduced = {name: jnp.where(failed, jnp.nan, results[name]()) for name in wanted}
-        return {"failed": failed, **reduced}
+            return {"temperatures": sample_chunk(prepared, stepped, columns=columns, **grid)}
+        result = {"failed": stepped.failed}
+        if compressed is not None:
+            errors = compressed_errors(prepared, stepped, compressed, columns)
+            result["cost"] = compressed_cost(errors, compressed)
+        if "final" in wanted:
+            last = sample_chunk(prepared, stepped, columns=columns, last=True, **grid)
+            result["final"] = last[:, 0]
+        if of_samples:
+            temperatures = sample_chunk(prepared, stepped, columns=columns, **grid)
+            for name in of_samples:
+                if name == "cost":
+                    assert recorded is not None
+                    result[name] = sample_cost(temperatures, recorded)
+                else:
+                    result[name] = EXTREMES[name](temperatures)
+        if of_plate:
+            elements = plate_chunk(prepared, stepped, **grid)
+            result |= {name: UNIFORMITY[name](elements) for name in of_plate}
+        return result
 
-    return jax.vmap(one)(systems, modes, starts)
+    return reduce
+
+
+def _solve_stiff(
+    twin: Twin,
+    experiment: Experiment,
+    initial: Initial,
+    names: tuple[str, ...],
+    wanted: tuple[Reduction, ...] | None,
+) -> dict[str, Any]:
+    """One draw by a stiff solver, reduced as the others."""
+    try:
+        run = simulate(twin, experiment, initial=initial)
+    except JaxtwinError:
+        return {} if wanted is None else {"failed": True}
+    if wanted is None:
+        return {"temperatures": run.temperatures}
+    elements = run.states[-1, : len(twin.wiring.rig_elements)]
+    recorded = experiment.temperatures
+    results: dict[str, Callable[[], Any]] = {
+        "cost": lambda: np.mean((run.temperatures - recorded) ** 2, axis=0),
+        "final": lambda: run.temperatures[-1],
+        "minimum": lambda: run.temperatures.min(axis=0),
+        "maximum": lambda: run.temperatures.max(axis=0),
+        "spread": lambda: np.ptp(elements),
+        "deviation": lambda: elements.std(),
+    }
+    return {"failed": False, **{name: results[name]() for name in wanted}}
 
 
 def _padded(values: np.ndarray, size: int) -> np.ndarray:

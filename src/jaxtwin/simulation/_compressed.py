@@ -1,78 +1,67 @@
-r"""Costs against a recording without a sample in between.
+r"""A recording with no more samples in a step than the step can tell apart.
 
-Temperatures at the samples are $W c$, with $c$ the values and slopes at the ends of steps. With
-$W = Q R$,
+Temperatures at the samples of one step are $W c$, with $c$ the six values and slopes around it.
+With $W = Q R$,
 
 $$\lVert W c - y \rVert^2 = \lVert R c - Q^T y \rVert^2 + \lVert y - Q Q^T y \rVert^2,$$
 
-where $R$ has as many rows as $c$, a fraction of the samples, and is banded as $W$ is.
+so that six combinations stand for all samples of a long step.
 """
 
 from typing import final
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ._interpolation import POWERS
 from ._schedule import Schedule
-from ._solve import StepReadings
 
 
 @final
 class CompressedRecording(eqx.Module):
-    """A recording as seen by the steps of its schedule: constants of a whole sweep.
+    """What is left of a recording for the sake of its mean squared error.
 
-    - `band`: the diagonals of R, row d the one d places above the main one.
-    - `target`: Q^T y, degC, and `ones`: Q^T 1.
-    - `beyond`: the mean square of what no temperatures at the ends of steps could follow, K^2.
-    - `samples`: how many.
+    - `schedule`: with combinations of samples for samples.
+    - `target`: the recorded temperatures combined alike, degC; `ones`: a constant 1 combined alike.
+    - `beyond`: the mean square of what no temperatures around the steps could follow, K^2.
+    - `samples`: how many there were.
     """
 
-    band: Float[Array | np.ndarray, "diagonals rows"]
+    schedule: Schedule
     target: Float[Array | np.ndarray, "rows channels"]
     ones: Float[Array | np.ndarray, " rows"]
     beyond: Float[Array | np.ndarray, " channels"]
     samples: int = eqx.field(static=True)
 
-    def mean_square(
-        self,
-        readings: StepReadings,
-        gain: Float[Array, " channels"],
-        offset: Float[Array, ""],
-    ) -> Float[Array, " channels"]:
-        """Mean squared difference of offset + gain times the readings to the recording, K^2."""
-        values, slopes = readings.values, readings.slopes
-        band = jnp.asarray(self.band, values.dtype)
-        count = band.shape[1]
-        ends = jnp.stack([values, slopes], axis=1).reshape(count, -1)
-        ends = jnp.pad(ends, ((0, len(band) - 1), (0, 0)))
-        seen = sum(band[d][:, None] * ends[d : d + count] for d in range(len(band)))
-        wanted = jnp.asarray(self.target, values.dtype) - offset * jnp.asarray(
-            self.ones, values.dtype
-        )[:, None]
-        left = jnp.sum((gain * seen - wanted) ** 2, axis=0) / self.samples
-        return left + jnp.asarray(self.beyond, values.dtype)
-
 
 def compress(
     schedule: Schedule, recorded: Float[np.ndarray, "times channels"]
 ) -> CompressedRecording:
-    """The recording of an experiment with a constant ambient, degC, on its schedule."""
-    ends = len(schedule.size) + 1
-    samples = len(schedule.times)
-    weights = np.zeros((samples, 2 * ends))
-    at, row = np.asarray(schedule.step_of), np.arange(samples)
-    places = [2 * at, 2 * at + 1, 2 * at + 2, 2 * at + 3]
-    places += [2 * np.maximum(at - 1, 0), 2 * np.maximum(at - 1, 0) + 1]
-    for column, place in enumerate(places):
-        weights[row, place] += np.asarray(schedule.weights)[:, column]
-    # More rows than columns, also where there are more ends of steps than samples.
-    weights = np.pad(weights, ((0, max(0, 2 * ends - samples)), (0, 0)))
-    q, r = np.linalg.qr(weights)
-    q = q[:samples]
-    band = np.stack([np.pad(np.diagonal(r, d), (0, d)) for d in range(POWERS)])
-    target = q.T @ recorded
-    beyond = np.mean((recorded - q @ target) ** 2, axis=0)
-    return CompressedRecording(band, target, q.T @ np.ones(samples), beyond, samples)
+    """The recording of an experiment on its schedule, degC."""
+    step_of, weights = np.asarray(schedule.step_of), np.asarray(schedule.weights)
+    beyond = np.zeros(recorded.shape[1])
+    steps, kept, targets, ones = [], [], [], []
+    for step in np.unique(step_of):
+        inside = step_of == step
+        w, y, one = weights[inside], recorded[inside], np.ones(inside.sum())
+        if len(w) > POWERS:
+            q, w = np.linalg.qr(w)
+            whole, y, one = y, q.T @ y, q.T @ one
+            beyond += np.sum((whole - q @ y) ** 2, axis=0)
+        steps += [step] * len(w)
+        kept.append(w)
+        targets.append(y)
+        ones.append(one)
+    combined = eqx.tree_at(
+        lambda s: (s.step_of, s.weights),
+        schedule,
+        (np.array(steps, dtype=np.int32), np.concatenate(kept)),
+    )
+    return CompressedRecording(
+        schedule=combined,
+        target=np.concatenate(targets),
+        ones=np.concatenate(ones),
+        beyond=beyond / len(step_of),
+        samples=len(step_of),
+    )

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..io import Experiment
+from ..physics import Twin
 from ._interpolation import POWERS, step_polynomials
 
 
@@ -45,6 +46,17 @@ class Schedule(eqx.Module):
     step_of: Int[Array | np.ndarray, " times"]
     weights: Float[Array | np.ndarray, "times data"]
     ambient_at: Float[Array | np.ndarray, " times"] | None
+
+
+def twin_schedule(twin: Twin, experiment: Experiment) -> Schedule:
+    """The schedule on which a twin is exact to a millikelvin over the bounds of its parameters.
+
+    Measured (`benchmarks/accuracy.py`): a driver that lags behind its command, or losses that are
+    not linear, go on changing between input changes and need steps half as long.
+    """
+    if twin.wiring.lag is None and twin.wiring.exponent is None:
+        return build_schedule(experiment)
+    return build_schedule(experiment, growth=0.1, largest_step=16.0)
 
 
 @lru_cache(maxsize=64)

@@ -15,11 +15,21 @@ from ..physics import System, Twin, build_netlist
 from ..rig import Rig, Value
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
 from ._run import Run
-from ._schedule import Schedule, build_schedule
-from ._solve import reference_temperature, solve_schedule
+from ._schedule import Schedule, twin_schedule
+from ._solve import (
+    arriving,
+    coupling_left,
+    reference_temperature,
+    schedule_modes,
+    solve_steps,
+)
 
 if TYPE_CHECKING:
     import diffrax
+
+
+STIFF = 1.0
+"""Of `coupling_left`: from here on `simulate` and `simulate_batch` take a stiff solver instead."""
 
 
 def simulate(
@@ -35,6 +45,8 @@ def simulate(
 
     The default solver integrates the linear network exactly and steps over the cells' heat flows
     (see `jaxtwin.simulation`); it is the fastest that was measured at errors below 1e-3 K.
+    Where the cells' heat flows are stiff in themselves (`coupling_left` above `STIFF`, which no
+    parameters within the bundled rigs' bounds reach) `diffrax.Kvaerno5` takes its place.
 
     **Arguments:**
 
@@ -57,11 +69,15 @@ def simulate(
     channels = checked_channels(twin, experiment)
     _check_values(twin)
     start = checked_initial(twin, initial)
-    schedule = build_schedule(experiment)
+    schedule = twin_schedule(twin, experiment)
     with jax.enable_x64(True):
         if solver is None:
-            states, readings = _run_exponential(twin, schedule, start)
-        else:
+            states, readings, coupling = _run_exponential(twin, schedule, start)
+            if coupling > STIFF:
+                import diffrax
+
+                solver = diffrax.Kvaerno5()
+        if solver is not None:
             states, readings, ok, message = _run_diffrax(
                 twin, schedule, start, experiment, solver, stepsize_controller, dt0
             )
@@ -91,6 +107,7 @@ def response(
     For one's own `jax.jit`, `jax.vmap`, `jax.jacfwd` or `jax.grad`; `simulate` is this with checks
     and labels.
     Its precision is that of the caller: wrap it in `jax.enable_x64(True)` for float64.
+    Always the default solver: only `simulate` looks whether a stiff one is needed.
 
     **Arguments:** as those of `simulate`.
 
@@ -101,7 +118,7 @@ def response(
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)
-    _, readings = _exponential_states(twin, build_schedule(experiment), start)
+    _, readings, _ = _exponential_states(twin, twin_schedule(twin, experiment), start)
     return readings[:, columns] - 273.15
 
 
@@ -158,14 +175,16 @@ def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
 
 def _exponential_states(
     twin: Twin, schedule: Schedule, initial: str | Float[Array | np.ndarray, " starts"] | None
-) -> tuple[Float[Array, "times nodes"], Float[Array, "times channels"]]:
-    """Absolute temperatures of the rig's nodes and of its channels, K."""
+) -> tuple[Float[Array, "times nodes"], Float[Array, "times channels"], Float[Array, ""]]:
+    """Absolute temperatures of the rig's nodes and of its channels, K, and `coupling_left`."""
     system = twin.system(lumped=keeps_symmetry(initial))
     reference = reference_temperature(system, schedule)
     start = initial_temperatures(system, initial, schedule.duty[0], reference)
     at_rest = isinstance(initial, str)
-    deviation = solve_schedule(system, schedule, start, np.eye(start.size), at_rest=at_rest)
-    return _absolute(system, schedule, deviation, reference)
+    modes, seen = schedule_modes(system, schedule), arriving(schedule, system, at_rest)
+    read = solve_steps(system, seen, modes, start, np.eye(start.size), at_rest)
+    states, readings = _absolute(system, schedule, read.at_samples(seen), reference)
+    return states, readings, coupling_left(system, modes, schedule)
 
 
 def _absolute(

@@ -12,7 +12,7 @@ from ..physics import System
 from ._actuator import lagged_duty
 from ._delay import delayed_schedule
 from ._exponential import Inputs, ModalField, exponential_step, step_factors
-from ._modes import Modes, network_modes
+from ._modes import Modes, left_coupling, network_modes
 from ._schedule import Schedule
 
 
@@ -133,6 +133,14 @@ def schedule_modes(system: System, schedule: Schedule) -> Modes:
     lengths = jnp.asarray(schedule.sizes, dtype)[schedule.size]
     duty = lengths @ jnp.asarray(schedule.duty, dtype) / lengths.sum()
     return network_modes(system, duty, reference_temperature(system, schedule))
+
+
+def coupling_left(system: System, modes: Modes, schedule: Schedule) -> Float[Array, ""]:
+    """`left_coupling` for the schedule's smallest and largest duty cycles and its longest step."""
+    duty = jnp.asarray(schedule.duty, modes.rates.dtype)
+    levels = jnp.stack([duty.min(axis=0), duty.max(axis=0)])
+    longest = jnp.max(jnp.asarray(schedule.sizes, modes.rates.dtype))
+    return left_coupling(system, modes, levels, reference_temperature(system, schedule), longest)
 
 
 def reference_temperature(system: System, schedule: Schedule) -> Float[Array, ""]:

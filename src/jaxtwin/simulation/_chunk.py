@@ -1,0 +1,193 @@
+"""Work on one chunk of draws, compiled once for its size: linear algebra, steps, reductions.
+
+Each part is a compiled function of its own. XLA would compute what one part makes once for every
+use in the next; and the batched LAPACK calls must not run twice at a time (see `_batch`).
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Literal, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..physics import System, Twin
+from ._compressed import CompressedRecording
+from ._initial import initial_temperatures, keeps_symmetry
+from ._modes import Modes
+from ._schedule import Schedule
+from ._solve import (
+    StepReadings,
+    arriving,
+    coupling_left,
+    reference_temperature,
+    schedule_modes,
+    solve_steps,
+)
+
+Reduction = Literal["cost", "final", "minimum", "maximum", "spread", "deviation"]
+
+
+@final
+class Prepared(eqx.Module):
+    """Draws ready to be stepped: equations, modes, initial temperatures (K), `left_coupling`."""
+
+    systems: System
+    modes: Modes
+    starts: Float[Array, "chunk nodes"]
+    coupling: Float[Array, " chunk"]
+
+
+@final
+class Stepped(eqx.Module):
+    """What was read from the channels' places and from the plate's elements at all steps."""
+
+    channels: StepReadings
+    elements: StepReadings | None
+    failed: Bool[Array, " chunk"]
+
+
+@eqx.filter_jit
+def prepare_chunk(
+    twin: Twin,
+    draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
+    schedule: Schedule,
+    initial: str | Float[Array | np.ndarray, " starts"] | None,
+) -> Prepared:
+    """All linear algebra of a chunk."""
+
+    def one(values: Mapping[str, Float[Array | np.ndarray, ""]]) -> Prepared:
+        system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
+        modes = schedule_modes(system, schedule)
+        coupling = coupling_left(system, modes, schedule)
+        # Through the rates: linear algebra after linear algebra, never two of them at once.
+        reference = reference_temperature(system, schedule) + 0 * modes.rates[0]
+        start = initial_temperatures(system, initial, schedule.duty[0], reference)
+        return Prepared(system, modes, start, coupling)
+
+    return jax.vmap(one)(draws)
+
+
+@eqx.filter_jit
+def step_chunk(
+    prepared: Prepared,
+    *,
+    schedule: Schedule,
+    columns: Int[Array | np.ndarray, " channels"],
+    with_plate: bool,
+    at_rest: bool,
+) -> Stepped:
+    """Solves all steps."""
+    wiring = prepared.systems.wiring
+    readout = jnp.asarray(wiring.channel_weights)[columns]
+    if with_plate:
+        # Every element of the rig's plate counts, also where one node stands for two.
+        plate = np.eye(len(wiring.netlist.nodes))[wiring.rig_elements]
+        readout = jnp.concatenate([readout, plate])
+
+    def one(draw: Prepared) -> Stepped:
+        system = draw.systems
+        seen = arriving(schedule, system, at_rest)
+        read = solve_steps(system, seen, draw.modes, draw.starts, readout, at_rest)
+        channels, elements = (
+            jax.tree.map(lambda rows, part=part: rows[:, part], read)
+            for part in (slice(len(columns)), slice(len(columns), None))
+        )
+        failed = ~(system.physical & jnp.all(jnp.isfinite(read.values)))
+        return Stepped(channels, elements if with_plate else None, failed)
+
+    return jax.vmap(one)(prepared)
+
+
+@eqx.filter_jit
+def sample_chunk(
+    prepared: Prepared,
+    stepped: Stepped,
+    *,
+    schedule: Schedule,
+    columns: Int[Array | np.ndarray, " channels"],
+    at_rest: bool,
+    last: bool = False,
+) -> Float[Array, "chunk times channels"]:
+    """Temperatures of the channels at the samples, or at the last alone, degC; NaN where failed."""
+    which = slice(-1, None) if last else slice(None)
+
+    def one(system: System, stepped: Stepped) -> Array:
+        seen = arriving(schedule, system, at_rest)
+        deviation = stepped.channels.at_samples(seen, which)
+        reference = reference_temperature(system, schedule)
+        ambient = 0.0
+        if schedule.ambient_at is not None:
+            at = jnp.asarray(schedule.ambient_at, deviation.dtype)[which]
+            ambient = (at - reference)[:, None]
+        gain = system.gain[columns]
+        reading = ambient + gain * (deviation - ambient) + (reference - 273.15)
+        return jnp.where(stepped.failed, jnp.nan, reading)
+
+    return jax.vmap(one)(prepared.systems, stepped)
+
+
+@eqx.filter_jit
+def plate_chunk(
+    prepared: Prepared, stepped: Stepped, *, schedule: Schedule, at_rest: bool
+) -> Float[Array, "chunk elements"]:
+    """Deviations of the plate's elements at the last sample, K; NaN where it failed."""
+
+    def one(system: System, stepped: Stepped) -> Array:
+        assert stepped.elements is not None
+        seen = arriving(schedule, system, at_rest)
+        elements = stepped.elements.at_samples(seen, slice(-1, None))[0]
+        return jnp.where(stepped.failed, jnp.nan, elements)
+
+    return jax.vmap(one)(prepared.systems, stepped)
+
+
+@eqx.filter_jit
+def compressed_errors(
+    prepared: Prepared,
+    stepped: Stepped,
+    recorded: CompressedRecording,
+    columns: Int[Array | np.ndarray, " channels"],
+) -> Float[Array, "chunk rows channels"]:
+    """Simulated less recorded in the recording's combinations, K; NaN where it failed."""
+
+    def one(system: System, stepped: Stepped) -> Array:
+        seen = system.gain[columns] * stepped.channels.at_samples(recorded.schedule)
+        offset = system.ambient_temperature - 273.15
+        target = jnp.asarray(recorded.target, seen.dtype)
+        error = seen + offset * jnp.asarray(recorded.ones, seen.dtype)[:, None] - target
+        return jnp.where(stepped.failed, jnp.nan, error)
+
+    return jax.vmap(one)(prepared.systems, stepped)
+
+
+@eqx.filter_jit
+def compressed_cost(
+    errors: Float[Array, "chunk rows channels"], recorded: CompressedRecording
+) -> Float[Array, "chunk channels"]:
+    """Mean squared error of each channel, K^2."""
+    return jnp.sum(errors**2, axis=1) / recorded.samples + jnp.asarray(recorded.beyond, errors.dtype)
+
+
+@eqx.filter_jit
+def sample_cost(
+    temperatures: Float[Array, "chunk times channels"],
+    recorded: Float[Array | np.ndarray, "times channels"],
+) -> Float[Array, "chunk channels"]:
+    """Mean squared error of each channel, K^2."""
+    return jnp.mean((temperatures - jnp.asarray(recorded, temperatures.dtype)) ** 2, axis=1)
+
+
+EXTREMES: dict[str, Callable[[Array], Array]] = {
+    "minimum": eqx.filter_jit(lambda temperatures: temperatures.min(axis=1)),
+    "maximum": eqx.filter_jit(lambda temperatures: temperatures.max(axis=1)),
+}
+"""Over time, of `(chunk, times, channels)`."""
+
+UNIFORMITY: dict[str, Callable[[Array], Array]] = {
+    "spread": eqx.filter_jit(lambda elements: elements.max(axis=1) - elements.min(axis=1)),
+    "deviation": eqx.filter_jit(lambda elements: elements.std(axis=1)),
+}
+"""Over the plate, of `(chunk, elements)`."""
