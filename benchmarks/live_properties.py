@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 import hypothesis
+from hypothesis import HealthCheck
 
 EXAMPLES = 2000
 """Of one property in one turn."""
@@ -31,7 +32,7 @@ def main() -> None:
         max_examples=EXAMPLES,
         deadline=None,
         database=None,
-        suppress_health_check=list(hypothesis.HealthCheck),
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     )
     properties = [
         many(function)
