@@ -77,7 +77,8 @@ LINK = ["--link", "socket://127.0.0.1:1"]
         (["virtual-rig", "dual-cell", "--faults", "burn=1"], "fault 'burn=1': allowed are"),
         (["record", "dual-cell", "--link", "x://y", "--out", "s.db"], "allowed are a serial port"),
         (["record", "dual-cell", *LINK, "--out", "no/s.db"], "there is no folder"),
-        (["drive", "dual-cell", *LINK, "--duty", "0:2"], "0:2"),
+        (["drive", "dual-cell", *LINK, "--duty", "0:2", "--out", "s.db"], "0:2"),
+        (["drive", "dual-cell", "--link", "x://y", "--duty", "0:1", "--out", "s.db"], "x://y"),
         (["watch", "missing.db"], "missing.db: no such recording"),
         (["watch", "dual-cell"], "a rig is watched with --link"),
     ],
@@ -93,6 +94,7 @@ def test_a_wrong_command_is_one_clear_line(
     assert run(arguments) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert message in line
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("address", ["nowhere", "127.0.0.1:", "127.0.0.1:99999", "no such host:1"])
