@@ -8,6 +8,7 @@ from scipy.interpolate import interp1d
 
 from jaxtwin import Experiment, SimulationError, Twin
 from jaxtwin.simulation import NetworkExponential, Schedule, build_schedule, solve_schedule
+from jaxtwin.simulation._interpolation import step_polynomials
 
 # One minute with both cells apart, reversed after a third.
 TIME = np.arange(61.0)
@@ -18,8 +19,8 @@ FIXED = diffrax.PIDController(rtol=1e-6, atol=1e-6, dtmax=0.1)
 
 @pytest.fixture(scope="module")
 def dual_cell() -> Twin:
-    """Hardly delayed: a delay ends inside a step of the default solver, see `test_spice.py`."""
-    return Twin("dual-cell", {"t_delay": 0.02})
+    """With a driver that lags and delays, and losses that are not linear."""
+    return Twin("dual-cell")
 
 
 @pytest.mark.parametrize("values", ["startup", "initial"])
@@ -32,12 +33,14 @@ def test_default_solver_is_of_fourth_order(values, circuits, twins, float64):
     for steps in (16, 32, 64):
         first_and_last = np.array([0, steps - 1], dtype=np.int32)
         schedule = Schedule(
+            times=time,
             sizes=np.array([16.0 / steps]),
             size=np.zeros(steps, dtype=np.int32),
             duty=np.full((steps, 2), 0.5),
             ambient=None,
+            polynomials=step_polynomials([np.full(steps, 16.0 / steps)]),
             step_of=first_and_last,
-            weights=np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0]]),  # start of one, end of the other
+            weights=np.eye(6)[[0, 2]],  # value at the start of one, at the end of the other
             ambient_at=None,
         )
         system = twin.system()

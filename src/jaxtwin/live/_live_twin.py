@@ -12,12 +12,12 @@ from jaxtyping import Float
 from ..physics import System, Twin
 from ..simulation._exponential import (
     Inputs,
-    Modes,
+    ModalField,
     StepFactors,
     exponential_step,
-    network_modes,
     step_factors,
 )
+from ..simulation._modes import network_modes
 
 ZERO_CELSIUS = 273.15
 
@@ -134,13 +134,10 @@ class LiveTwin:
     def _prepare(self) -> None:
         system, reference = self._system, self._reference
         with jax.enable_x64(True):
-            factors, modes = _solved(system)
-            at_reference = jnp.asarray(reference)
-
-            self._shapes = np.asarray(modes.shapes)
+            factors, field = self._equations = _solved(system, jnp.asarray(reference))
+            self._shapes = np.asarray(field.modes.shapes)
             self._capacitance = np.asarray(system.capacitance)
             gain = np.asarray(system.gain)
-            self._equations = (factors, system, modes, at_reference)
             # Compiled now, not when the first data wait for it.
             still, idle = np.zeros(len(self._capacitance)), np.zeros(len(self._command) + 1)
             _advance(still, idle[:-1], idle, 0, self._equations)
@@ -160,9 +157,11 @@ def _assembled(twin: Twin) -> System:
 
 
 @eqx.filter_jit
-def _solved(system: System) -> tuple[StepFactors, Modes]:
-    modes = network_modes(system)
-    return step_factors(modes.rates, jnp.asarray(STEP_SECONDS)), modes
+def _solved(system: System, reference: jax.Array) -> tuple[StepFactors, ModalField]:
+    at_rest = jnp.zeros(len(system.wiring.cold))
+    modes = network_modes(system, at_rest, reference)
+    field = ModalField.of(system, modes, reference)
+    return step_factors(modes.rates, jnp.asarray(STEP_SECONDS)), field
 
 
 @jax.jit
@@ -171,25 +170,25 @@ def _advance(
     duty: jax.Array | np.ndarray,
     inputs: jax.Array | np.ndarray,
     steps: jax.Array | int,
-    equations: tuple[StepFactors, System, Modes, jax.Array],
+    equations: tuple[StepFactors, ModalField],
 ) -> tuple[jax.Array, jax.Array]:
     """`steps` steps under a command and an ambient `(cells + 1,)`; compiled once for a rig.
 
     **Returns:** the amplitudes and the duty cycles at their end.
     """
-    factors, system, modes, reference = equations
+    factors, field = equations
+    lag = field.system.lag
     command, ambient = jnp.asarray(inputs[:-1]), jnp.asarray(inputs[-1])
 
     def step(_: jax.Array, state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         z, u = state
-        if system.lag is None:
-            return exponential_step(z, factors, system, modes, Inputs(command, ambient), reference)[
-                0
-            ], command
+        if lag is None:
+            now = Inputs(command, ambient)
+            return exponential_step(z, field.force(z, now), factors, field, now), command
         # du/dt = (command - u) / lag, at the start, in the middle and at the end of the step.
-        left = jnp.exp(-STEP_SECONDS * jnp.array([0.0, 0.5, 1.0]) / system.lag)[:, None]
+        left = jnp.exp(-STEP_SECONDS * jnp.array([0.0, 0.5, 1.0]) / lag)[:, None]
         stages = command + (u - command) * left
         now = Inputs(stages, ambient)
-        return exponential_step(z, factors, system, modes, now, reference)[0], stages[-1]
+        return exponential_step(z, field.force(z, now.at(0)), factors, field, now), stages[-1]
 
     return jax.lax.fori_loop(0, steps, step, (jnp.asarray(amplitudes), jnp.asarray(duty)))

@@ -168,7 +168,9 @@ def compressed_cost(
     errors: Float[Array, "chunk rows channels"], recorded: CompressedRecording
 ) -> Float[Array, "chunk channels"]:
     """Mean squared error of each channel, K^2."""
-    return jnp.sum(errors**2, axis=1) / recorded.samples + jnp.asarray(recorded.beyond, errors.dtype)
+    return jnp.sum(errors**2, axis=1) / recorded.samples + jnp.asarray(
+        recorded.beyond, errors.dtype
+    )
 
 
 @eqx.filter_jit

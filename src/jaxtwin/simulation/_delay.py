@@ -19,7 +19,7 @@ did not start at rest changes fastest."""
 def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool) -> Schedule:
     """The same samples of the same experiment with duty cycles that arrive late.
 
-    A recorded ambient is taken as it is at the start of each step.
+    A recorded ambient, which is not late, is averaged over each step.
 
     **Arguments:**
 
@@ -28,7 +28,9 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
     """
     dtype = delay.dtype
     before = len(BEFORE)
-    sizes = jnp.concatenate([delay * BEFORE, jnp.asarray(schedule.sizes, dtype)])
+    sizes = jnp.concatenate(
+        [delay * jnp.asarray(BEFORE, dtype), jnp.asarray(schedule.sizes, dtype)]
+    )
     size = jnp.concatenate([jnp.arange(before), before + jnp.asarray(schedule.size)])
     duty = jnp.asarray(schedule.duty, dtype)
     first = duty[:1] if at_rest else jnp.zeros_like(duty[:1])
@@ -36,7 +38,7 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
     wait = step_polynomials([BEFORE, np.ones(1)])[:before]
     scale = jnp.stack([jnp.ones_like(delay), delay] * 3)
     polynomials = jnp.concatenate(
-        [wait * scale[:, None], jnp.asarray(schedule.polynomials, dtype)], dtype=dtype
+        [jnp.asarray(wait, dtype) * scale[:, None], jnp.asarray(schedule.polynomials, dtype)]
     )
     steps = sizes[size]
     ends = jnp.cumsum(steps)
@@ -46,8 +48,11 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
     part = (times - starts[step_of]) / steps[step_of]
     ambient = schedule.ambient
     if schedule.ambient_at is not None:
-        sample = jnp.searchsorted(times, starts, side="right") - 1
-        ambient = jnp.asarray(schedule.ambient_at, dtype)[sample]
+        held = jnp.asarray(schedule.ambient_at, dtype)
+        summed = jnp.append(0.0, jnp.cumsum(held[:-1] * jnp.diff(times)))
+        ambient = (jnp.interp(ends, times, summed) - jnp.interp(starts, times, summed)) / steps
+        # Steps that end behind the last sample.
+        ambient = jnp.where(ends > times[-1], held[-1], ambient)
     return Schedule(
         times=schedule.times,
         sizes=sizes,
@@ -56,8 +61,6 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
         ambient=ambient,
         polynomials=polynomials,
         step_of=step_of.astype(np.int32),
-        weights=jnp.einsum(
-            "tdp,tp->td", polynomials[step_of], part[:, None] ** np.arange(POWERS)
-        ),
+        weights=jnp.einsum("tdp,tp->td", polynomials[step_of], part[:, None] ** jnp.arange(POWERS)),
         ambient_at=schedule.ambient_at,
     )

@@ -51,7 +51,7 @@ def solve_with_diffrax(
         y0=initial - reference,
         args=NetworkProblem(system, inputs, reference),
         saveat=diffrax.SaveAt(ts=jnp.asarray(time)),
-        stepsize_controller=_clipped(solver, controller, experiment, changes),
+        stepsize_controller=_clipped(solver, controller, experiment, changes, system.delay),
         # Jacobians by forward mode; the twin is small and its step count unbounded beforehand.
         adjoint=diffrax.ForwardMode(),
         max_steps=None,
@@ -66,6 +66,7 @@ def _clipped(
     controller: diffrax.AbstractStepSizeController | None,
     experiment: Experiment,
     changes: Int[np.ndarray, " changes"],
+    delay: Float[Array, ""] | None,
 ) -> diffrax.AbstractStepSizeController:
     """A controller that ends a step just before each input change and starts one just behind."""
     time = experiment.time - experiment.time[0]
@@ -77,7 +78,11 @@ def _clipped(
                 f"stepsize_controller: found {type(controller).__name__}, allowed are adaptive "
                 "controllers, or None: others step over input changes"
             )
-        return diffrax.ClipStepSizeController(controller, jump_ts=jnp.asarray(time[changes]))
+        jumps = jnp.asarray(time[changes])
+        if delay is not None:
+            # Commands arrive late, the ambient does not.
+            jumps = jnp.sort(jnp.concatenate([jumps, delay + jnp.append(jumps, 0.0)]))
+        return diffrax.ClipStepSizeController(controller, jump_ts=jumps)
     # Without an error estimate: the steps of the default solver, known before anything is traced.
     schedule = build_schedule(experiment)
     sizes = np.asarray(schedule.sizes)[np.asarray(schedule.size)]

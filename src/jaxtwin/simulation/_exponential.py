@@ -33,11 +33,12 @@ class Inputs(eqx.Module):
     """What drives the rig during a step: duty cycles and the ambient's deviation, K.
 
     Where the driver lags behind its command the duty cycles change within the step, and there is
-    one row each for its start, its middle and its end.
+    one row each for its start, its middle and its end. In a table of many steps both have a leading
+    axis for the steps.
     """
 
-    duty: Float[Array, "*stages cells"]
-    ambient: Float[Array, ""]
+    duty: Float[Array, "*steps_stages cells"]
+    ambient: Float[Array, "*steps"]
 
     def at(self, stage: int) -> "Inputs":
         """At the start (0), in the middle (1) or at the end (2) of the step."""

@@ -10,7 +10,7 @@ POWERS = 6
 
 
 def step_polynomials(
-    spans: Sequence[Float[np.ndarray, " steps"]],
+    spans: Sequence[np.ndarray],
 ) -> Float[np.ndarray, "all_steps 6 6"]:
     """How much each value and slope around a step counts within it.
 
@@ -20,7 +20,7 @@ def step_polynomials(
 
     **Arguments:**
 
-    - `spans`: the steps of each span, s.
+    - `spans`: the steps of each span, `(steps,)`, s.
 
     **Returns:** coefficients (value at start, slope at start, value at end, slope at end, value
     before, slope before) x (powers of the part of the step that has gone by, 0 to 1); those of

@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..physics import System
 
@@ -116,11 +116,14 @@ def _at_rest(
     seen = warmed[sides]
     unit = jnp.eye(sides.size, dtype=seen.dtype)
     lowest, highest = (bound - reference for bound in BELIEVABLE)
-    at = jnp.full(sides.size, TYPICAL_TEMPERATURE, seen.dtype) - reference
-    for _ in range(NEWTON_STEPS):
+
+    def newton(_: Int[Array, ""], at: Float[Array, " sides"]) -> Float[Array, " sides"]:
         slope = _slope(system, at, duty, reference)
         change = at - seen @ _flow(system, at, duty, reference)
-        at = jnp.clip(at - jnp.linalg.solve(unit - seen @ slope, change), lowest, highest)
+        return jnp.clip(at - jnp.linalg.solve(unit - seen @ slope, change), lowest, highest)
+
+    start = jnp.full(sides.size, TYPICAL_TEMPERATURE, seen.dtype) - reference
+    at = jax.lax.fori_loop(0, NEWTON_STEPS, newton, start)
     return jnp.clip(warmed @ _flow(system, at, duty, reference), lowest, highest)
 
 
@@ -130,7 +133,5 @@ def _flow(system: System, at: Array, duty: Array, reference: Array) -> Float[Arr
     return jnp.concatenate([-flows.cold, flows.hot])
 
 
-def _slope(
-    system: System, at: Array, duty: Array, reference: Array
-) -> Float[Array, "sides sides"]:
+def _slope(system: System, at: Array, duty: Array, reference: Array) -> Float[Array, "sides sides"]:
     return jax.jacfwd(lambda at: _flow(system, at, duty, reference))(at)

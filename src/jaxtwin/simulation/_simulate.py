@@ -71,18 +71,13 @@ def simulate(
     start = checked_initial(twin, initial)
     schedule = twin_schedule(twin, experiment)
     with jax.enable_x64(True):
+        states, readings, coupling = None, None, np.inf
         if solver is None:
             states, readings, coupling = _run_exponential(twin, schedule, start)
-            if coupling > STIFF:
-                import diffrax
-
-                solver = diffrax.Kvaerno5()
-        if solver is not None:
-            states, readings, ok, message = _run_diffrax(
+        if coupling > STIFF:
+            states, readings = _run_checked(
                 twin, schedule, start, experiment, solver, stepsize_controller, dt0
             )
-            if not ok:
-                raise SimulationError(f"{twin.rig.name}: {type(solver).__name__}: {message}")
         states, readings = np.asarray(states), np.asarray(readings)
     if not np.isfinite(states).all():
         raise SimulationError(
@@ -201,6 +196,28 @@ def _absolute(
 
 
 _run_exponential = eqx.filter_jit(_exponential_states)
+
+
+def _run_checked(
+    twin: Twin,
+    schedule: Schedule,
+    initial: str | Float[np.ndarray, " starts"] | None,
+    experiment: Experiment,
+    solver: "diffrax.AbstractSolver | None",
+    controller: "diffrax.AbstractStepSizeController | None",
+    dt0: float | None,
+) -> tuple[Array, Array]:
+    """By a diffrax solver; the stiff one of our choice where none is given."""
+    if solver is None:
+        import diffrax
+
+        solver = diffrax.Kvaerno5()
+    states, readings, ok, message = _run_diffrax(
+        twin, schedule, initial, experiment, solver, controller, dt0
+    )
+    if not ok:
+        raise SimulationError(f"{twin.rig.name}: {type(solver).__name__}: {message}")
+    return states, readings
 
 
 @eqx.filter_jit

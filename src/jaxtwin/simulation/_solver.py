@@ -87,11 +87,11 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
     Pass it to `simulate(..., solver=NetworkExponential())`, or to `diffrax.diffeqsolve` with
     `ODETerm(network_field)` and a `NetworkProblem` as `args`.
 
-    **Not for** cells whose remaining nonlinear coupling is stiff at the steps taken, that is where
-    step size times $|\alpha^2 (T - 330 K) / R + \alpha I|$ over the capacitance of a cell's side
-    passes about 1 (large cells of very low resistance far from room temperature, steps of many
-    seconds): the step is explicit in that part. An adaptive controller shortens the steps then;
-    a stiff solver such as `diffrax.Kvaerno5` takes longer ones.
+    **Not for** cells that act on themselves strongly beyond their linear part at rest under the
+    mean duty cycle, that is where `left_coupling` passes about 1 (cells of very low resistance far
+    from that point, steps of many seconds): the step is explicit in that part. An adaptive
+    controller shortens the steps then; a stiff solver such as `diffrax.Kvaerno5` takes longer
+    ones. `simulate` and `simulate_batch` look at it and change over by themselves.
     """
 
     term_structure: ClassVar = diffrax.ODETerm
