@@ -27,30 +27,32 @@ class Noise:
         return self.deviation * float(np.sqrt(self.correlated))
 
 
-def noise_of(series: Sequence[Float[np.ndarray, "times channels"]]) -> Noise:
+def noise_of(
+    series: Sequence[Float[np.ndarray, "times channels"]], samples: float | None = None
+) -> Noise:
     """Standard deviation and autocorrelation of several series of residuals about zero.
 
-    The sum of autocorrelations ends at the first lag that is five times what it amounts to until
-    then (Sokal 1997), because beyond it there is nothing but noise.
+    The sum of autocorrelations ends before the first two neighbours whose sum is not above 0
+    (Geyer 1992, initial positive sequence), because beyond them there is nothing but noise.
 
     **Arguments:**
 
-    - `series`: of one recording each, equally weighted by sample.
+    - `series`: of one recording each, times the roots of the samples' weights.
+    - `samples`: the sum of these weights; by default all are 1.
     """
     longest = max(len(one) for one in series)
     covariances = np.zeros(longest)
-    samples = 0
+    counted = sum(one.size for one in series) if samples is None else samples
     for one in series:
         times = len(one)
         padded = np.fft.rfft(one, 2 * times, axis=0)
         covariances[:times] += np.fft.irfft(np.abs(padded) ** 2, axis=0)[:times].sum(axis=1)
-        samples += one.size
     if covariances[0] <= 0:
         return Noise(0.0, 1.0)
-    sums = 2 * np.cumsum(covariances / covariances[0]) - 1
-    far = np.flatnonzero(np.arange(longest) >= 5 * sums)
-    end = far[0] if far.size else longest - 1
-    return Noise(float(np.sqrt(covariances[0] / samples)), float(max(1.0, sums[end])))
+    pairs = (covariances[: longest // 2 * 2] / covariances[0]).reshape(-1, 2).sum(axis=1)
+    ends = np.flatnonzero(pairs <= 0)
+    total = 2 * pairs[: ends[0] if ends.size else len(pairs)].sum() - 1
+    return Noise(float(np.sqrt(covariances[0] / counted)), float(max(1.0, total)))
 
 
 def huber_weights(
