@@ -36,8 +36,8 @@ class Prepared(eqx.Module):
 
     systems: System
     modes: Modes
-    starts: Float[Array, "chunk nodes"]
-    coupling: Float[Array, " chunk"]
+    starts: Float[Array, "*chunk nodes"]
+    coupling: Float[Array, "*chunk"]
 
 
 @final
@@ -46,7 +46,7 @@ class Stepped(eqx.Module):
 
     channels: StepReadings
     elements: StepReadings | None
-    failed: Bool[Array, " chunk"]
+    failed: Bool[Array, "*chunk"]
 
 
 @eqx.filter_jit

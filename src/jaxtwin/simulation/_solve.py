@@ -23,8 +23,8 @@ class StepReadings(eqx.Module):
     Deviations from the reference, K, and K/s. Row k belongs to the start of step k.
     """
 
-    values: Float[Array, "ends outputs"]
-    slopes: Float[Array, "ends outputs"]
+    values: Float[Array, "*chunk ends outputs"]
+    slopes: Float[Array, "*chunk ends outputs"]
 
     def at_samples(
         self, schedule: Schedule, which: slice = slice(None)

@@ -1,0 +1,128 @@
+"""Many draws at once: the same as one by one, whatever the chunks, workers and precision."""
+
+import numpy as np
+import pytest
+
+from jaxtwin import Experiment, Twin, load_rig, simulate_batch
+from jaxtwin.simulation import _simulate, build_schedule
+from jaxtwin.simulation._compressed import compress
+
+TIME = np.arange(201.0)
+DUTY = np.where(TIME < 100, 0.5, 0.78)[:, None] * np.ones(2)
+DRAWS = {"R_E": np.array([1.7, 1.9, 2.4, 2.0, 1.8]), "R_ph": np.array([6.9e-5, 0.1, 0.6, 1.0, 0.3])}
+ALL = ("cost", "final", "minimum", "maximum", "spread", "deviation")
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+    return Twin(load_rig("paper-2024"))
+
+
+@pytest.fixture(scope="module")
+def experiment(twin) -> Experiment:
+    """With noise about what the twin itself does, so that there is a cost."""
+    run = twin.simulate(Experiment(TIME, DUTY))
+    noise = np.random.default_rng(0).normal(0, 0.1, run.temperatures.shape)
+    return Experiment(TIME, DUTY, channels=run.channels, temperatures=run.temperatures + noise)
+
+
+@pytest.fixture(scope="module")
+def runs(twin, experiment):
+    """One by one."""
+    return [
+        twin.with_parameters({name: values[k] for name, values in DRAWS.items()}).simulate(
+            experiment
+        )
+        for k in range(5)
+    ]
+
+
+@pytest.fixture(scope="module")
+def whole(twin, experiment):
+    return simulate_batch(twin, experiment, DRAWS, chunk_size=2, workers=2)
+
+
+def test_draws_are_what_single_runs_are(runs, whole):
+    np.testing.assert_allclose(whole, [run.temperatures for run in runs], atol=1e-9)
+
+
+def test_reductions_are_those_of_the_whole_trajectories(twin, experiment, runs, whole):
+    """Costs too, which the engine finds without the samples."""
+    reduced = simulate_batch(twin, experiment, DRAWS, reductions=ALL, chunk_size=2)
+    error = np.mean((whole - experiment.temperatures) ** 2, axis=1)
+    np.testing.assert_allclose(reduced.cost, error, rtol=1e-9)
+    np.testing.assert_allclose(reduced.final, whole[:, -1], atol=1e-9)
+    np.testing.assert_allclose(reduced.minimum, whole.min(axis=1), atol=1e-9)
+    np.testing.assert_allclose(reduced.maximum, whole.max(axis=1), atol=1e-9)
+    plates = np.stack([run.states[-1, : len(twin.wiring.rig_elements)] for run in runs])
+    np.testing.assert_allclose(reduced.spread, np.ptp(plates, axis=1), atol=1e-9)
+    np.testing.assert_allclose(reduced.deviation, plates.std(axis=1), atol=1e-9)
+    assert not reduced.failed.any()
+
+
+def test_a_chunk_of_another_size_gives_the_same(twin, experiment, whole):
+    one_by_one = simulate_batch(twin, experiment, DRAWS, chunk_size=3, workers=1)
+    np.testing.assert_allclose(one_by_one, whole, atol=1e-9)
+
+
+def test_float32_is_good_to_a_few_millikelvin_also_where_the_circuit_is_stiff(
+    twin, experiment, whole
+):
+    """R_ph = 6.9e-5 K/W: rates from 1e-3 to 1e3 per second, which float32 alone cannot part."""
+    single = simulate_batch(twin, experiment, DRAWS, precision="float32", chunk_size=2)
+    assert single.dtype == np.float32
+    np.testing.assert_allclose(single, whole, atol=3e-3)
+
+
+def test_a_failed_draw_leaves_the_others_alone(twin, experiment, whole):
+    draws = {name: values.copy() for name, values in DRAWS.items()}
+    draws["R_E"][2] = -1.0
+    reduced = simulate_batch(twin, experiment, draws, reductions=["final"], chunk_size=2)
+    np.testing.assert_array_equal(reduced.failed, [False, False, True, False, False])
+    assert np.isnan(reduced.final[2]).all()
+    np.testing.assert_allclose(reduced.final[[0, 1, 3, 4]], whole[[0, 1, 3, 4], -1], atol=1e-9)
+
+
+def test_draws_with_stiff_cells_go_to_a_stiff_solver(twin, experiment, runs, monkeypatch):
+    """With the limit at nothing every draw is one: `simulate` and `simulate_batch` then give what
+    Kvaerno5 gives, to the error of both."""
+    monkeypatch.setattr(_simulate, "STIFF", -1.0)
+    monkeypatch.setattr("jaxtwin.simulation._batch.STIFF", -1.0)
+    two = {name: values[1:3] for name, values in DRAWS.items()}
+    whole = simulate_batch(twin, experiment, two, chunk_size=2)
+    final = simulate_batch(twin, experiment, two, reductions=["final", "cost"], chunk_size=2)
+    for k, run in enumerate(runs[1:3]):
+        difference = np.abs(whole[k] - run.temperatures).max()
+        assert 0 < difference < 1e-3
+        np.testing.assert_allclose(final.final[k], whole[k, -1], atol=1e-9)
+    np.testing.assert_allclose(
+        final.cost, np.mean((whole - experiment.temperatures) ** 2, axis=1), rtol=1e-9
+    )
+
+
+def test_a_compressed_recording_has_fewer_rows_and_the_same_norm(experiment):
+    """Of any temperatures that the steps can make, here a straight line."""
+    long = Experiment(np.arange(1001.0), np.full((1001, 2), 0.5))
+    schedule = build_schedule(long)
+    recorded = np.random.default_rng(1).normal(40, 5, (1001, 3))
+    compressed = compress(schedule, recorded)
+    assert len(compressed.target) < 500
+    weights, rows = np.asarray(schedule.weights), np.asarray(compressed.schedule.weights)
+    edges = np.concatenate([[0], np.cumsum(schedule.sizes[schedule.size])])
+
+    def line(step_of, w):
+        slope = np.full_like(edges, 0.02)
+        before = np.maximum(step_of - 1, 0)
+        data = [
+            (0.02 * edges, slope)[k % 2][(step_of, step_of + 1, before)[k // 2]] for k in range(6)
+        ]
+        return sum(w[:, k] * data[k] for k in range(6))
+
+    full = line(np.asarray(schedule.step_of), weights)
+    np.testing.assert_allclose(full, 0.02 * long.time, atol=1e-9)
+    combined = line(np.asarray(compressed.schedule.step_of), rows)
+    offset = 15.0
+    expected = np.mean((full[:, None] + offset - recorded) ** 2, axis=0)
+    errors = combined[:, None] + offset * compressed.ones[:, None] - compressed.target
+    found = np.sum(errors**2, axis=0) / compressed.samples + compressed.beyond
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
