@@ -32,6 +32,10 @@ from .simulation import simulate_batch as simulate_batch  # many draws
 from .sweep import Sweep as Sweep  # where a long sweep stands
 from .sweep import open_sweep as open_sweep  # its results, as an xarray data set
 from .sweep import sweep as sweep  # millions of draws into a folder, over many sittings
+from .validation import Validation as Validation  # predictions, and how good they are
+from .validation import leave_one_out as leave_one_out  # each recording from a match to the others
+from .validation import validate as validate  # recordings that the match has not seen
+from .validation import validate_split as validate_split  # the rest from a match to the first part
 
 __all__: list[str]
 __version__: str
