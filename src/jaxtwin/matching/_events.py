@@ -26,7 +26,7 @@ def span_weights(
     _check_names("masks", names, spans or {})
     weights = []
     for name, experiment in zip(names, experiments, strict=True):
-        weight = np.ones(np.shape(experiment.temperatures))
+        weight = np.ones((len(experiment.time), len(experiment.channels)))
         for span in (spans or {}).get(name, ()):
             if len(span) not in (2, 3):
                 raise MatchError(

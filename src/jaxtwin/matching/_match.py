@@ -117,10 +117,12 @@ def match(
     # Weighted residuals are counted in standard deviations: a fall of a thousandth means nothing.
     solver = solver or BoundedLevenbergMarquardt(rtol=1e-5 if setting.weighs else 1e-7)
 
-    def listener(start: int) -> Callable[[Step], None] | None:
-        if on_iteration is None:
-            return None
-        return lambda step: on_iteration(_iteration(step, start, unknowns, names))
+    def listener(start: int) -> Callable[[Step], None]:
+        def tell(step: Step) -> None:
+            if on_iteration is not None:
+                on_iteration(_iteration(step, start, unknowns, names))
+
+        return tell
 
     vectors = _starts(unknowns, starts, seed)
     first, knowledge = estimate(setting, solver, vectors[0], max_iterations, listener(0))

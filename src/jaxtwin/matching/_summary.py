@@ -42,8 +42,10 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
     widths = [max(len(row[column]) for row in table) for column in range(len(COLUMNS))]
     lines = [
         f"{fit.twin.rig.name} matched to {', '.join(fit.recordings)}",
-        f"mean fit {fit.mean_fit_percent:.2f} %   RMSE {fit.rmse:.4f} K   "
-        f"{len(fit.history) - 1} iterations in {fit.wall_time:.1f} s",
+        (
+            f"mean fit {fit.mean_fit_percent:.2f} %   RMSE {fit.rmse:.4f} K   "
+            f"{len(fit.history) - 1} iterations in {fit.wall_time:.1f} s"
+        ),
         f"status: {fit.status}",
         "",
     ]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 CLOSE = 0.95
 """Correlations above this are reported."""
@@ -106,7 +106,7 @@ def uncertainty(
     - `slopes`: of the physical values in the entries.
     - `inside`: which entries are inside their bounds.
     """
-    free = np.flatnonzero(inside)
+    free: Int[np.ndarray, " free"] = np.flatnonzero(inside)
     n = len(labels)
     prior = np.diag(precision[free] ** 2)
     normal = sum(j[:, free].T @ j[:, free] for j, _ in parts) + prior
@@ -127,7 +127,7 @@ def uncertainty(
     singular = np.sqrt(np.maximum(singular, 0.0))
     told = np.full(n, np.nan)
     told[free] = lengths
-    names = [labels[number] for number in free]
+    names = [labels[number] for number in free.tolist()]
     flat = [
         FlatDirection(_largest(names, direction), float(value))
         for value, direction in zip(singular, directions.T, strict=True)
@@ -173,4 +173,4 @@ def _largest(names: Sequence[str], direction: Float[np.ndarray, " values"]) -> d
     share = np.cumsum(direction[order] ** 2)
     count = int(np.searchsorted(share, 0.9)) + 1
     sign = np.sign(direction[order[0]])
-    return {names[n]: float(sign * direction[n]) for n in order[: min(count, 6)]}
+    return {names[n]: float(sign * direction[n]) for n in order[: min(count, 6)].tolist()}

@@ -34,8 +34,8 @@ class Weights(eqx.Module):
     ) -> tuple[Float[Array, "times channels"], Float[Array, " times"], Float[Array, " shapes"]]:
         """What channels have alone, what they share less the camera's error, and its sizes, K."""
         shared = jnp.sum(self.share * difference, axis=1)
-        sizes = self.solve @ shared
-        return difference - shared[:, None], shared - self.shapes @ sizes, sizes
+        sizes = jnp.asarray(self.solve) @ shared
+        return difference - shared[:, None], shared - jnp.asarray(self.shapes) @ sizes, sizes
 
     def weigh(
         self,
@@ -44,7 +44,11 @@ class Weights(eqx.Module):
         sizes: Float[Array, " shapes"],
     ) -> tuple[Float[Array, "times channels"], Float[Array, " times"], Float[Array, " shapes"]]:
         """The three of them as residuals."""
-        return self.alone * alone, self.common * common, self.size_weight * sizes
+        return (
+            jnp.asarray(self.alone) * alone,
+            jnp.asarray(self.common) * common,
+            jnp.asarray(self.size_weight) * sizes,
+        )
 
 
 def make_weights(

@@ -51,7 +51,7 @@ class HeldInputs(eqx.Module):
         if self.lag is None:
             return Inputs(self.duty[now], self.ambient[now])
         stages = t + size * jnp.array([0.0, 0.5, 1.0])
-        return Inputs(self._duty(stages, now), self.ambient[now])
+        return Inputs(self._duty(jnp.asarray(stages), now), self.ambient[now])
 
     def _duty(self, t: Float[Array, "*times"], now: Int[Array, ""]) -> Float[Array, "*times cells"]:
         if self.lag is None:
