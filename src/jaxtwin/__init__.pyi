@@ -19,6 +19,7 @@ from .physics import ThermoelectricModule as ThermoelectricModule  # a Peltier c
 from .physics import Twin as Twin  # a rig with values for its parameters
 from .physics import build_netlist as build_netlist  # Rig -> Netlist
 from .physics import frame_to_channels as frame_to_channels  # camera frame -> zone means
+from .physics import plate_map as plate_map  # element temperatures -> the plate as a picture
 from .rig import Rig as Rig  # a rig file, read and checked
 from .rig import bundled_rigs as bundled_rigs  # names of the rigs that come along
 from .rig import load_rig as load_rig  # a bundled rig, or one's own .toml

@@ -23,6 +23,7 @@ from .commands import (
     _sensitivity,
     _simulate,
     _sweep,
+    _validate,
 )
 
 WRONG, STOPPED = 2, 130
@@ -35,7 +36,7 @@ RIGS = "Rigs"
 TWINS = "Twins"
 MACHINE = "This machine"
 
-COMPILING = ("demo", "simulate", "match", "sensitivity", "sweep")
+COMPILING = ("demo", "simulate", "match", "sensitivity", "sweep", "validate")
 
 app = typer.Typer(
     add_completion=False,
@@ -78,6 +79,14 @@ _add(
     _match.match,
     "jaxtwin match paper-2024 synthetic-A synthetic-B synthetic-C --set initial "
     "--per-recording T_amb --per-recording T_start --out fit.toml",
+)
+_add(
+    "validate",
+    TWINS,
+    _validate.validate,
+    "jaxtwin validate dual-cell monday.csv --fit fit.toml --out validation",
+    "jaxtwin validate dual-cell monday.csv tuesday.csv --split 500 --json split.json",
+    "jaxtwin validate dual-cell monday.csv tuesday.csv --leave-one-out",
 )
 _add(
     "sensitivity",

@@ -11,6 +11,7 @@ from ._run import Run
 from ._schedule import Schedule, build_schedule
 from ._simulate import checked_channels, response, simulate
 from ._solver import HeldInputs, NetworkExponential, NetworkProblem, network_field
+from ._uniformity import Uniformity, uniformity
 
 __all__ = [
     "HeldInputs",
@@ -19,6 +20,7 @@ __all__ = [
     "Reductions",
     "Run",
     "Schedule",
+    "Uniformity",
     "build_schedule",
     "checked_channels",
     "fit_percent",
@@ -29,4 +31,5 @@ __all__ = [
     "simulate",
     "simulate_batch",
     "solve_schedule",
+    "uniformity",
 ]

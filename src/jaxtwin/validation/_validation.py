@@ -112,7 +112,7 @@ class Validation:
                         f"{np.sqrt(np.mean(error**2)):.3f}",
                         f"{error.mean():+.3f}",
                         f"{test.correlated * sample:.0f}",
-                        f"{'yes' if test.is_white else 'no'} (p = {test.p_value:.2g})",
+                        _verdict(test),
                     )
                 )
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -145,6 +145,11 @@ class Validation:
             f"<Validation of {self.rig}, {self.kind}: {self.mean_fit_percent:.2f} %, "
             f"RMSE {self.rmse:.3f} K>"
         )
+
+
+def _verdict(test: Whiteness) -> str:
+    p = f"p = {test.p_value:.2g}" if test.p_value > 1e-99 else "p below 1e-99"
+    return f"{'yes' if test.is_white else 'no'} ({p})"
 
 
 def _prediction(one: Prediction) -> dict[str, Any]:
