@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib import pyplot
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .._errors import SimulationError
@@ -49,7 +48,7 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
     return figure
 
 
-def _draw(row: Sequence[Axes], run: Run, channel: str, series: np.ndarray, color: str) -> None:
+def _draw(row: np.ndarray, run: Run, channel: str, series: np.ndarray, color: str) -> None:
     over_time, against_itself, against_normal = row
     over_time.plot(run.time, series, color=color, lw=0.9)
     sample = float(np.median(np.diff(run.time)))
@@ -64,7 +63,7 @@ def _draw(row: Sequence[Axes], run: Run, channel: str, series: np.ndarray, color
     )  # fmt: skip
 
 
-def _finish(row: Sequence[Axes], run: Run, residuals: np.ndarray) -> None:
+def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     over_time, against_itself, against_normal = row
     over_time.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
     over_time.set(ylabel="recorded - twin, K", xlim=(run.time[0], run.time[-1]))
