@@ -50,15 +50,23 @@ def test_twin_agrees_with_ngspice_on_the_paper_s_steps(rig, parameter_set, tmp_p
 
 
 @pytest.mark.ngspice
-@pytest.mark.parametrize("rig", ["paper-2024", "dual-cell"])
-def test_twin_agrees_with_ngspice_under_random_drive_and_ambient(rig, tmp_path):
+@pytest.mark.parametrize(
+    ("rig", "values", "allowed"),
+    [
+        ("paper-2024", {}, 2e-3),
+        ("dual-cell", {"t_delay": 0.02}, 2e-3),
+        # A delay ends inside a step of the default solver, which takes inputs to be smooth there.
+        ("dual-cell", {"t_delay": 2.0}, 5e-3),
+    ],
+)
+def test_twin_agrees_with_ngspice_under_random_drive_and_ambient(rig, values, allowed, tmp_path):
     """Both directions, both cells apart, uneven samples that do not start at 0, and an ambient
     temperature that changes with the samples: both averagings in full."""
     rng = np.random.default_rng(3)
     time = 7.5 + np.cumsum(rng.uniform(1, 5, 80))
     ambient = 16 + np.cumsum(rng.normal(0, 0.2, 80))
     experiment = Experiment(time, rng.uniform(-1, 1, (80, 2)), ambient=ambient)
-    assert largest_difference(Twin(rig), experiment, tmp_path) < 2e-3
+    assert largest_difference(Twin(rig, values), experiment, tmp_path) < allowed
 
 
 @pytest.mark.ngspice

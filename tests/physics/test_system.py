@@ -54,6 +54,25 @@ def cell_by_hand(rig: Rig, cell, values, duty, cold, hot) -> tuple[float, float,
     return q_c, q_h, sum(share * i * (emf + R_E * i) for share, i in phases)
 
 
+def plate_loss_by_hand(twin: Twin, values, rise: np.ndarray, air: float) -> np.ndarray:
+    """What each node loses beyond its links' film as it is at a rise of 20 K, W: natural convection
+    of an air that is never stiller than at 1 K, and radiation."""
+    loss, index = twin.netlist.loss, twin.netlist.index
+    lost = np.zeros(len(rise))
+    if loss is None:
+        return lost
+    exponent = 0.0 if loss.exponent is None else loss.exponent.evaluate(values)
+    for link in twin.netlist.links:
+        if link.role == "film":
+            node, film = index[link.a], 1 / sum(r.evaluate(values) for r in link.resistances)
+            factor = ((rise[node] ** 2 + 1) / (20.0**2 + 1)) ** (exponent / 2)
+            lost[node] += film * (factor - 1) * rise[node]
+    for name, areas in loss.radiators:
+        area, hot = sum(term.evaluate(values) for term in areas), air + rise[index[name]]
+        lost[index[name]] += 5.670374419e-8 * area * (hot**4 - air**4)
+    return lost
+
+
 @pytest.fixture(scope="module", params=CASES, ids=lambda case: "-".join(filter(None, case)))
 def twin(request) -> Twin:
     return twin_of(*request.param)
@@ -83,6 +102,7 @@ def test_heat_into_every_node_equals_a_direct_build(twin, system, network, float
     for duty in ([0.0, 0.0], [1.0, -1.0], [0.5, 0.78], [-0.3, 0.2]):
         deviation, drift, reference = rng.normal(0, 20, len(nodes)), 1.7, 289.0
         expected = -matrix @ deviation + ambient * drift
+        expected -= plate_loss_by_hand(twin, values, deviation - drift, reference + drift)
         for cell, d in zip(twin.netlist.cells, duty, strict=True):
             cold, hot = nodes.index(cell.cold), nodes.index(cell.hot)
             sides = deviation[[cold, hot]] + reference
@@ -135,6 +155,7 @@ def test_energy_is_conserved_in_every_state(case, duty, seed):
         for cell, d, temperatures in zip(twin.netlist.cells, duty, sides, strict=True)
     )
     given_by_ambient = -(conductance @ deviation)
+    given_by_ambient -= plate_loss_by_hand(twin, values, deviation, float(reference)).sum()
     scale = np.abs(into).sum() + conductance @ np.abs(deviation)
     assert into.sum() == pytest.approx(power + given_by_ambient, abs=1e-12 * scale)
 
@@ -142,11 +163,13 @@ def test_energy_is_conserved_in_every_state(case, duty, seed):
 @pytest.mark.parametrize(
     "duty", [[0.0, 0.0], [0.502, 0.502], [1.0, 1.0], [-1.0, -1.0], [0.8, -0.4]]
 )
-def test_nothing_changes_in_the_steady_state(system, duty, float64):
+def test_nothing_changes_in_the_steady_state(twin, system, duty, float64):
     """No net heat in any node, and the electrical power leaves to the surroundings."""
     deviation, into, power = steady_state(system, jnp.asarray(duty))
     assert float(jnp.abs(into).max()) < 1e-9
     lost = float(system.ambient_conductance @ deviation)
+    air = float(system.ambient_temperature)
+    lost += plate_loss_by_hand(twin, values_si(twin), np.asarray(deviation), air).sum()
     assert lost == pytest.approx(float(power), rel=1e-9, abs=1e-9)
 
 

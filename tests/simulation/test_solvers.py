@@ -18,7 +18,8 @@ FIXED = diffrax.PIDController(rtol=1e-6, atol=1e-6, dtmax=0.1)
 
 @pytest.fixture(scope="module")
 def dual_cell() -> Twin:
-    return Twin("dual-cell")
+    """Hardly delayed: a delay ends inside a step of the default solver, see `test_spice.py`."""
+    return Twin("dual-cell", {"t_delay": 0.02})
 
 
 @pytest.mark.parametrize("values", ["startup", "initial"])

@@ -127,7 +127,7 @@ def uncertainty(
     singular = np.sqrt(np.maximum(singular, 0.0))
     told = np.full(n, np.nan)
     told[free] = lengths
-    names = [labels[number] for number in free.tolist()]
+    names = [labels[int(number)] for number in free]
     flat = [
         FlatDirection(_largest(names, direction), float(value))
         for value, direction in zip(singular, directions.T, strict=True)
@@ -173,4 +173,4 @@ def _largest(names: Sequence[str], direction: Float[np.ndarray, " values"]) -> d
     share = np.cumsum(direction[order] ** 2)
     count = int(np.searchsorted(share, 0.9)) + 1
     sign = np.sign(direction[order[0]])
-    return {names[n]: float(sign * direction[n]) for n in order[: min(count, 6)].tolist()}
+    return {names[int(n)]: float(sign * direction[n]) for n in order[: min(count, 6)]}
