@@ -12,6 +12,8 @@ from jaxtyping import install_import_hook
 # Before the first import of jaxtwin: every annotated shape and type in the package is checked.
 install_import_hook("jaxtwin", "beartype.beartype")
 
+os.environ["PATH"] += os.pathsep + "/usr/sbin"  # where Debian puts mosquitto
+
 # Figures are drawn in memory, whatever the machine has for a screen.
 os.environ["MPLBACKEND"] = "Agg"
 
@@ -30,15 +32,23 @@ def float64() -> Iterator[None]:
         yield
 
 
+PROGRAMS = {"ngspice": "ngspice", "mosquitto": "mosquitto", "compiler": "c++"}
+"""Marker -> the program that its tests need."""
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leaves comparisons with ngspice out where it is not installed; they count as deselected."""
-    if shutil.which("ngspice"):
-        return
-    needs_ngspice = [item for item in items if item.get_closest_marker("ngspice")]
-    config.hook.pytest_deselected(items=needs_ngspice)
-    items[:] = [item for item in items if item not in needs_ngspice]
+    """Leaves out what needs a program that is not installed; it counts as deselected."""
+    for marker, program in PROGRAMS.items():
+        if shutil.which(program):
+            continue
+        left_out = [item for item in items if item.get_closest_marker(marker)]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item not in left_out]
 
 
-def pytest_report_header() -> str:
-    """Says at the top whether ngspice is there."""
-    return f"ngspice: {shutil.which('ngspice') or 'not installed, its comparisons do not run'}"
+def pytest_report_header() -> list[str]:
+    """Says at the top which programs are there."""
+    return [
+        f"{program}: {shutil.which(program) or 'not installed, its tests do not run'}"
+        for program in PROGRAMS.values()
+    ]

@@ -2,10 +2,12 @@
 # a name when it is first used; type checkers and editors read it as it stands.
 
 from ._errors import JaxtwinError as JaxtwinError  # what all the following are
+from ._errors import LinkError as LinkError
 from ._errors import MatchError as MatchError
 from ._errors import ParameterError as ParameterError
 from ._errors import RecordingError as RecordingError
 from ._errors import RigError as RigError
+from ._errors import SafetyStop as SafetyStop
 from ._errors import SimulationError as SimulationError
 from .io import Experiment as Experiment  # inputs and recorded outputs of one run
 from .io import fetch_recordings as fetch_recordings  # the authors' recordings, by checksum

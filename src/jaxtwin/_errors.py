@@ -27,3 +27,11 @@ class SimulationError(JaxtwinError):
 
 class MatchError(JaxtwinError):
     """A match that cannot be started, such as one without a free parameter."""
+
+
+class LinkError(JaxtwinError):
+    """A link that cannot be opened, or a peer that speaks something else or is another rig."""
+
+
+class SafetyStop(JaxtwinError):  # noqa: N818 (a decision, not a mistake)
+    """Driving was stopped and the cells were switched off: a limit was passed or the link lost."""

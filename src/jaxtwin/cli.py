@@ -17,13 +17,18 @@ from .commands import (
     _dc_sweep,
     _demo,
     _doctor,
+    _drive,
+    _export,
     _match,
     _netlist,
+    _record,
     _rigs,
     _sensitivity,
     _simulate,
     _sweep,
     _validate,
+    _virtual_rig,
+    _watch,
 )
 
 WRONG, STOPPED = 2, 130
@@ -34,9 +39,19 @@ UsageProblem: Any = typer.BadParameter.__mro__[1]
 START = "Start here"
 RIGS = "Rigs"
 TWINS = "Twins"
+LIVE = "A live rig"
 MACHINE = "This machine"
 
-COMPILING = ("demo", "simulate", "match", "sensitivity", "sweep", "validate")
+COMPILING = (
+    "demo",
+    "simulate",
+    "match",
+    "validate",
+    "sensitivity",
+    "sweep",
+    "virtual-rig",
+    "watch",
+)
 
 app = typer.Typer(
     add_completion=False,
@@ -101,6 +116,34 @@ _add(
     "jaxtwin sweep paper-2024 synthetic-A --parameters fit.toml --draws 10000000 --out sweep",
     "jaxtwin sweep paper-2024 --duty 0:0.5,500:0.78 --draws 1000000 --out sweep --process 0/2",
 )
+_add(
+    "virtual-rig",
+    LIVE,
+    _virtual_rig.virtual_rig,
+    "jaxtwin virtual-rig dual-cell --speed 20",
+    "jaxtwin virtual-rig dual-cell --pty --faults drop=0.01,jumps=164",
+)
+_add(
+    "record",
+    LIVE,
+    _record.record,
+    "jaxtwin record dual-cell --link socket://127.0.0.1:7000 --out session.db",
+    "jaxtwin record my-rig.toml --link /dev/ttyACM0 --link socket://camera:7001 --out session.db",
+)
+_add(
+    "drive",
+    LIVE,
+    _drive.drive,
+    "jaxtwin drive dual-cell --link socket://127.0.0.1:7000 --duty 0:0.5,500:0.78 --duration 1000",
+)
+_add(
+    "watch",
+    LIVE,
+    _watch.watch,
+    "jaxtwin watch dual-cell --link socket://127.0.0.1:7000",
+    "jaxtwin watch session.db --speed 10",
+)
+_add("export", LIVE, _export.export, "jaxtwin export session.db run.nc --start 10 --end 1000")
 app.add_typer(data, name="data", rich_help_panel=MACHINE)
 data.command("list", epilog=_example("jaxtwin data list"))(_data.list_recordings)
 data.command("fetch", epilog=_example("jaxtwin data fetch --to recordings"))(_data.fetch)

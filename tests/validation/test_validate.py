@@ -166,7 +166,9 @@ def test_predictions_that_cannot_be_made_say_why(truth: Twin, days: list[Experim
         validate_split(truth, days[0], 230.0)
     with pytest.raises(MatchError, match="warm_up = 230 s: found 11 samples after it"):
         validate(truth, days[0], warm_up=230.0)
-    with pytest.raises(MatchError, match="warm_up = 0.5 s: found 1 samples, allowed are at least"):
+    with pytest.raises(
+        MatchError, match=r"warm_up = 0\.5 s: found 1 samples, allowed are at least"
+    ):
         validate(truth, days[0], warm_up=0.5)
     with pytest.raises(MatchError, match="leave one out: found 1"):
         leave_one_out(truth, days[:1])

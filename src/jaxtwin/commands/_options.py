@@ -32,3 +32,13 @@ JsonOption = Annotated[
     typer.Option("--json", metavar="FILE", help="The numbers as JSON; - is standard output."),
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")]
+LinkOption = Annotated[
+    list[str],
+    typer.Option(
+        "--link",
+        metavar="URL",
+        help="socket://HOST:PORT, a serial port, rfc2217://HOST:PORT or mqtt://HOST/TOPIC; "
+        "may be repeated, for a controller and a camera, say.",
+    ),
+]
+BaudOption = Annotated[int, typer.Option(min=1, metavar="RATE", help="Of serial ports.")]

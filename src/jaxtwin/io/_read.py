@@ -23,6 +23,8 @@ def read_recording(
         zone) or with 4 (one cell, one channel `T`). Nothing else in the file is read.
     - .csv: a line of column names with units, `time_s,duty_P1,duty_P2,T11_degC,ambient_degC`;
         `pwm_P1` are counts, `_K` is kelvin. Channels whose columns are blank were not recorded.
+    - .db: a live session, as `jaxtwin record` writes it, on a grid of 1 s; `jaxtwin.live.Session`
+        gives other grids and parts of it.
     - netCDF: `duty` (time, cell), `temperature` (time, channel) and `ambient`, with units, as
         `Experiment.to_xarray` gives them.
 
@@ -47,6 +49,10 @@ def read_recording(
         raise RecordingError(f"counts = {counts}: allowed are positive whole numbers")
     if polarity not in (1, -1):
         raise RecordingError(f"polarity = {polarity}: allowed are 1 and -1")
+    from ..live._recognise import is_recording  # which depends on recordings, not the reverse
+
+    if is_recording(file):
+        return _session_experiment(file, zone)
     content = _content(file)
     kind = _kind(file, content)
     try:
@@ -77,6 +83,20 @@ def check_no_gap(experiment: Experiment) -> None:
         f"{number} from {start:g} s to {end:g} s; allowed are steps up to {GAP_FACTOR:g} times the "
         "median step. Split the recording there"
     )
+
+
+def _session_experiment(file: Path, zone: str | None) -> Experiment:
+    from ..live import Session
+
+    if zone is not None:
+        raise RecordingError(f"{file}: zone = {zone!r} applies to two-cell .mat recordings only")
+    with Session(file) as session:
+        experiment = session.experiment()
+    try:
+        check_no_gap(experiment)
+    except RecordingError as error:
+        raise RecordingError(f"{file}: {error}") from None
+    return experiment
 
 
 def _content(file: Path) -> bytes:

@@ -54,6 +54,8 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         parameters=parameters,
         parameter_sets=sets,
         source=source,
+        maximum_temperature=table.limits
+        and fields.constant("limits.temperature", table.limits.temperature, TEMPERATURE),
     )
     fields.check_all_used()
     return rig

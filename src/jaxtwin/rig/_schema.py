@@ -147,6 +147,10 @@ class PriorTable(Table):
     value: float | None = None
 
 
+class LimitsTable(Table):
+    temperature: Quantity
+
+
 class ParameterTable(Table):
     value: float
     unit: str
@@ -171,6 +175,7 @@ class RigTable(Table):
     channels: Annotated[list[ChannelTable], Field(min_length=1)]
     ambient: TemperatureTable
     initial: TemperatureTable
+    limits: LimitsTable | None = None
     parameters: dict[str, ParameterTable] = {}
     parameter_sets: dict[str, dict[str, float]] = {}
 

@@ -1,0 +1,73 @@
+"""`jaxtwin record`: a live rig into a file."""
+
+import contextlib
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ._options import BaudOption, JsonOption, LinkOption, RigArgument
+from ._output import check_json, check_output, say, write_json
+from ._progress import show_progress
+from ._signals import stop_signals
+
+
+def record(
+    rig: RigArgument,
+    link: LinkOption,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="The recording, session.db say.")
+    ],
+    append: Annotated[bool, typer.Option("--append", help="Go on with a recording.")] = False,
+    frames: Annotated[bool, typer.Option("--frames", help="Keep camera frames too.")] = False,
+    duration: Annotated[
+        float | None, typer.Option(min=0, metavar="S", help="Until then, not until Ctrl-C.")
+    ] = None,
+    publish: Annotated[
+        str | None, typer.Option(metavar="URL", help="mqtt://HOST/TOPIC: readings as JSON.")
+    ] = None,
+    baud: BaudOption = 115_200,
+    json: JsonOption = None,
+) -> None:
+    """Record a live rig until Ctrl-C."""
+    from ..live import Recorder, Session, connect, report
+    from ..rig import load_rig
+
+    check_output(out)
+    check_json(json)
+    with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
+        loaded = load_rig(rig)
+        recorder = stack.enter_context(Recorder(out, loaded, append=append, keep_frames=frames))
+        bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
+        publisher = None
+        if publish is not None:
+            from ..live import Publisher
+
+            names = [channel.name for channel in loaded.channels]
+            publisher = Publisher(publish, names, [cell.name for cell in loaded.cells])
+            stack.callback(publisher.close)
+        progress.step(f"recording into {out}, until Ctrl-C")
+        begin = time.monotonic()
+        while not stop.is_set() and (duration is None or time.monotonic() - begin < duration):
+            records = bench.poll()
+            if publisher is not None:
+                publisher.publish(records)
+            states = ", ".join(f"{name} {state}" for name, state in bench.states.items())
+            progress.news(f"{recorder.written} records, {states}")
+    with Session(out) as session:
+        content = report(session)
+    say(_table(out, content), json)
+    write_json(json, content)
+
+
+def _table(file: Path, content: dict[str, Any]) -> str:
+    lines = [f"{file}: {content['rig']}"]
+    lines += [
+        "  {stream} from {link}: {count}, every {period:.3g} s, longest step {longest:.3g} s, "
+        "clock {drift:+.0f} ppm, late by {wait_99:.2g} s (99 %)".format(**stream)
+        for stream in content["streams"]
+    ]
+    lines += [f"  lost: {count} of {stream}" for stream, count in content["lost"].items()]
+    lines += [f"  {kind}: {count}" for kind, count in content["events"].items()]
+    return "\n".join(lines)

@@ -1,0 +1,77 @@
+"""`jaxtwin virtual-rig`: a twin behind the protocol of a real rig."""
+
+import contextlib
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ._options import ParametersOption, RigArgument, SeedOption, SetOption
+from ._output import say
+from ._signals import stop_signals
+from ._sources import open_twin
+
+if TYPE_CHECKING:
+    from ..live import Server
+
+ADDRESS = "127.0.0.1:7000"
+
+
+def virtual_rig(
+    rig: RigArgument,
+    tcp: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help=f"Where to listen; {ADDRESS} if nothing is said."),
+    ] = None,
+    pty: Annotated[bool, typer.Option("--pty", help="As a serial port: a terminal.")] = False,
+    mqtt: Annotated[
+        str | None, typer.Option(metavar="URL", help="mqtt://HOST:PORT/TOPIC, through a broker.")
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(min=0.001, max=1e4, help="Seconds of the rig in a second.")
+    ] = 1.0,
+    camera_hz: Annotated[
+        float, typer.Option(min=0.01, max=1000, help="Frames in a second of the rig.")
+    ] = 9.0,
+    controller_hz: Annotated[
+        float, typer.Option(min=0.01, max=1000, help="Controller lines in a second of the rig.")
+    ] = 10.0,
+    faults: Annotated[
+        str,
+        typer.Option(
+            metavar="WORDS",
+            help="What goes wrong: some of drop=0.01, corrupt=0.001, jumps=164, stall=30/5, "
+            "disconnect=60, loosen=P1@300/10, fail=P2@600; docs/live.md explains them.",
+        ),
+    ] = "",
+    parameters: ParametersOption = None,
+    set_name: SetOption = None,
+    seed: SeedOption = 0,
+) -> None:
+    """Stand in for a rig: its twin, with noise and faults, until Ctrl-C."""
+    from ..live import Faults, SystemClock, VirtualRig, serve
+    from ..rig import load_rig
+
+    if [tcp is not None, pty, mqtt is not None].count(True) > 1:
+        raise typer.BadParameter("give one of --tcp, --pty and --mqtt")
+    with stop_signals() as stop, contextlib.ExitStack() as stack:
+        bad = Faults.parse(faults)
+        server = _server(tcp, pty, mqtt)
+        stack.callback(server.close)
+        device = VirtualRig(
+            open_twin(load_rig(rig), set_name, parameters),
+            speed=speed,
+            seed=seed,
+            camera_hz=camera_hz,
+            controller_hz=controller_hz,
+            faults=bad,
+        )
+        say(f"{rig} at {server.url}; look at it: jaxtwin watch {rig} --link {server.url}")
+        serve(device, server, SystemClock(), stop)
+
+
+def _server(tcp: str | None, pty: bool, mqtt: str | None) -> "Server":
+    from ..live import MqttServer, PtyServer, TcpServer
+
+    if mqtt is not None:
+        return MqttServer(mqtt)
+    return PtyServer() if pty else TcpServer(tcp or ADDRESS)

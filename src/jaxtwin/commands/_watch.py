@@ -1,0 +1,83 @@
+"""`jaxtwin watch`: a rig in the terminal, its twin beside it."""
+
+import contextlib
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ._options import BaudOption, ParametersOption, SetOption
+from ._signals import stop_signals
+from ._sources import open_twin
+
+if TYPE_CHECKING:
+    from ..live import Bench, Replay
+    from ..rig import Rig
+
+REDRAW = 0.25
+"""Between two pictures, s: drawing takes longer than reading, and eyes need no more."""
+
+
+def watch(
+    source: Annotated[
+        str, typer.Argument(metavar="RIG|FILE", help="A rig, with --link; or a recording.")
+    ],
+    link: Annotated[
+        list[str] | None, typer.Option("--link", metavar="URL", help="As for record.")
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(min=0.001, help="Of a recording: so many of its seconds in one.")
+    ] = 1.0,
+    duration: Annotated[
+        float | None, typer.Option(min=0, metavar="S", help="Until then, not until Ctrl-C.")
+    ] = None,
+    parameters: ParametersOption = None,
+    set_name: SetOption = None,
+    baud: BaudOption = 115_200,
+) -> None:
+    """Show a live rig or a recording, and the twin's prediction beside it."""
+    from rich.live import Live
+
+    from ..live import Screen
+
+    with stop_signals() as stop, contextlib.ExitStack() as stack:
+        rig = _rig(source, link or [])
+        # Before the link is opened: compiling takes a second, and data do not wait for ever.
+        screen = Screen(open_twin(rig, set_name, parameters))
+        bench = stack.enter_context(_source(source, rig, link or [], speed, baud))
+        view = bench.view()
+        live = stack.enter_context(Live(screen.render(), refresh_per_second=1 / REDRAW))
+        begin = shown = time.monotonic()
+        while not (stop.is_set() or bench.ended):
+            bench.poll()
+            now = time.monotonic()
+            if now - shown >= REDRAW:
+                shown = now
+                screen.update(view.take(), view.dropped)
+                live.update(screen.render())
+            if duration is not None and now - begin >= duration:
+                break
+        screen.update(view.take(), view.dropped)
+        live.update(screen.render())
+
+
+def _rig(source: str, links: list[str]) -> "Rig":
+    from ..live import Session
+    from ..rig import load_rig
+
+    if links:
+        return load_rig(source)
+    if not Path(source).is_file():
+        raise typer.BadParameter(
+            f"{source}: no such recording; a rig is watched with --link, "
+            "socket://127.0.0.1:7000 say"
+        )
+    with Session(source) as session:
+        return session.rig
+
+
+def _source(source: str, rig: "Rig", links: list[str], speed: float, baud: int) -> "Bench | Replay":
+    from ..live import Replay, connect
+
+    return connect(rig, *links, baud=baud) if links else Replay(source, speed=speed)

@@ -1,0 +1,237 @@
+"""The bench: all links of a rig, one stream of records, journalled before anyone sees them."""
+
+import queue
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Protocol, final, runtime_checkable
+
+from .._errors import JaxtwinError, LinkError
+from ..rig import Rig
+from ._identity import Identity
+from ._link import INBOX, Arrived, Inbox, Link
+from ._messages import VERSION, Ask, Duty, encode
+from ._receiver import Receiver
+from ._records import Command, LinkState, Record
+from ._time import Clock, SystemClock
+from ._transport import Opener, opener
+
+BATCH = 128
+"""Reads that are journalled together at most."""
+
+ASK_AGAIN = 1.0
+"""Pause between two questions for a greeting, s."""
+
+
+@runtime_checkable
+class Journal(Protocol):
+    """Where records are kept; the recorder."""
+
+    def write(self, records: Sequence[Record]) -> None:
+        """Keeps them, or raises: then nobody sees them."""
+        ...
+
+
+@final
+class View:
+    """What one onlooker has not seen yet.
+
+    An onlooker that is too slow loses the oldest records, here alone: the journal never waits.
+    """
+
+    def __init__(self, capacity: int):
+        self._waiting: deque[Record] = deque(maxlen=capacity)
+        self.dropped = 0
+
+    def put(self, records: Sequence[Record]) -> None:
+        """Called by the bench, after journalling."""
+        room = (self._waiting.maxlen or 0) - len(self._waiting)
+        self.dropped += max(0, len(records) - room)
+        self._waiting.extend(records)
+
+    def take(self) -> list[Record]:
+        """All that wait, the oldest first. May be called from another thread."""
+        taken: list[Record] = []
+        while self._waiting:
+            try:
+                taken.append(self._waiting.popleft())
+            except IndexError:  # the bench dropped it in between
+                break
+        return taken
+
+
+@final
+class Bench:
+    """A live rig: records come out, duty commands go in.
+
+    Used as a context manager, which starts and closes the links:
+
+        with connect(rig, "socket://127.0.0.1:7000", journal=recorder) as bench:
+            for record in bench: ...
+
+    **Arguments:**
+
+    - `rig`: which rig must be at the other end.
+    - `links`: name -> how it is opened.
+    - `journal`: keeps the records before anyone sees them.
+    - `clock`: host time.
+    - `stale_after`: silence after which a link counts as stale, s.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        links: Mapping[str, Opener],
+        *,
+        journal: Journal | None = None,
+        clock: Clock | None = None,
+        stale_after: float | int = 2.0,
+    ):
+        self.clock: Clock = clock or SystemClock()
+        identity = Identity.of(rig)
+        self._inbox: Inbox = queue.Queue(INBOX)
+        self._links = {
+            name: Link(name, open_link, self._inbox, self.clock)
+            for name, open_link in links.items()
+        }
+        self._receivers = {
+            name: Receiver(name, identity, stale_after=stale_after) for name in links
+        }
+        self._asked = dict.fromkeys(links, 0)
+        self._dropped: set[str] = set()
+        self._journal = journal
+        self._views: list[View] = []
+        self._commands: list[Record] = []
+        self._number = 0
+        self.ended = False
+        """Whether it has been closed; a replay also ends by itself."""
+
+    def __enter__(self) -> "Bench":
+        for link in self._links.values():
+            link.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            self.close()
+        except JaxtwinError:
+            if kind is None:  # else what went wrong first is what must be read
+                raise
+
+    def __iter__(self) -> Iterator[Record]:
+        """Records, until it is closed."""
+        while not self.ended:
+            yield from self.poll()
+
+    @property
+    def states(self) -> dict[str, LinkState]:
+        """How each link stands."""
+        return {name: receiver.state for name, receiver in self._receivers.items()}
+
+    def view(self, capacity: int = 10_000) -> View:
+        """A view of all records from now on, of which at most `capacity` wait."""
+        view = View(capacity)
+        self._views.append(view)
+        return view
+
+    def step_links(self) -> None:
+        """One attempt or read of each link here and now, instead of by threads (see `Link`)."""
+        for link in self._links.values():
+            link.step()
+
+    def poll(self, timeout: float | int = 0.1) -> list[Record]:
+        """What came since the last call, after waiting at most `timeout` seconds for it.
+
+        **Returns:** records that are in the journal already.
+
+        **Raises:** what the journal raises; the records are then not handed on.
+        """
+        records = self._commands
+        self._commands = []
+        for item in self._arrived(timeout):
+            receiver = self._receivers[item.link]
+            records += (
+                receiver.receive(item) if isinstance(item, Arrived) else receiver.changed(item)
+            )
+        now = self.clock.now()
+        for name, receiver in self._receivers.items():
+            if self._inbox.empty():
+                records += receiver.check(now)
+            self._look_after(name, receiver, now)
+        if self._journal is not None:
+            self._journal.write(records)
+        for view in self._views:
+            view.put(records)
+        return records
+
+    def send_duty(self, pwm: tuple[int, ...]) -> bool:
+        """Sends counts to every device that drives cells; whether all were handed over.
+
+        The command is journalled with the next poll: a command to switch off waits for no disk.
+        """
+        sent = []
+        self._number = (self._number + 1) % 2**32
+        for name, receiver in self._receivers.items():
+            if receiver.hello is not None and receiver.hello.cells:
+                sent.append(self._links[name].send(encode(Duty(self._number, pwm))))
+                self._commands.append(Command(name, self.clock.now(), self._number, pwm))
+        return bool(sent) and all(sent)
+
+    def note(self, record: Record) -> None:
+        """Has a record of the host's own journalled and shown with the next poll."""
+        self._commands.append(record)
+
+    def close(self) -> None:
+        """Ends the links; what had arrived is journalled."""
+        self.ended = True
+        for link in self._links.values():
+            link.close()
+        while not self._inbox.empty() or self._commands:
+            self.poll(0.0)
+
+    def _arrived(self, timeout: float) -> Iterator:
+        try:
+            yield self._inbox.get(timeout=timeout) if timeout else self._inbox.get_nowait()
+            for _ in range(BATCH - 1):
+                yield self._inbox.get_nowait()
+        except queue.Empty:
+            return
+
+    def _look_after(self, name: str, receiver: Receiver, now: int) -> None:
+        link = self._links[name]
+        if receiver.verdict is not None:
+            if name not in self._dropped:  # once: the next connection is another one
+                self._dropped.add(name)
+                link.drop(receiver.verdict)
+            return
+        self._dropped.discard(name)
+        if receiver.hello is not None:
+            link.heard()
+        elif receiver.state is not LinkState.DOWN and now - self._asked[name] > ASK_AGAIN * 1e9:
+            self._asked[name] = now
+            link.send(encode(Ask(VERSION)))
+
+
+def connect(
+    rig: Rig,
+    *urls: str,
+    journal: Journal | None = None,
+    baud: int = 115_200,
+    clock: Clock | None = None,
+) -> Bench:
+    """The bench of a rig behind one or several links, a controller's and a camera's, say.
+
+    **Arguments:**
+
+    - `rig`: which rig must be at the other end.
+    - `urls`: `socket://host:port`, `/dev/ttyACM0`, `rfc2217://host:port`, `mqtt://host/topic`, ...
+    - `journal`: a `Recorder`, say.
+    - `baud`: of serial ports.
+    - `clock`: host time.
+
+    **Raises:** `LinkError` for a link that does not exist in any form. One that is merely not there
+    now is waited for.
+    """
+    if not urls or len(set(urls)) < len(urls):
+        raise LinkError(f"links {urls}: allowed is one or more, each once")
+    openers: dict[str, Callable] = {url: opener(url, baud=baud) for url in urls}
+    return Bench(rig, openers, journal=journal, clock=clock)

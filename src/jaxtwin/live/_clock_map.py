@@ -1,0 +1,106 @@
+r"""Device time -> host time: offset, drift and jitter of a device's clock.
+
+A stamp $d$ of the device arrives at host time $a = m(d) + w$ after a wait $w$ that is never below
+the shortest one and has a long tail (buffers, scheduling). So the fastest arrivals show the clock,
+the others show the wait: $m$ runs through the earliest arrival of each block of time. What cannot
+be told from one side is the shortest wait itself; it stays in $m$ (well below a millisecond on
+USB and loopback).
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+BLOCKS = 8
+SHORTEST_BLOCK, LONGEST_BLOCK = 10.0, 600.0
+"""Of block lengths, s: one eighth of the whole, but a crystal's drift changes within the hour."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ClockMap:
+    """A device's clock as seen from the host.
+
+    **Arguments:**
+
+    - `rate`: seconds of device time in a second of host time, nominally.
+    - `device`, `offset`: knots `(knots,)`, s: host time is `device / rate + offset` there, and
+        linear in between.
+    - `drift`: how much faster than nominal the device's clock runs, 1e-6 (ppm).
+    - `wait`: how much later than the mapped time the stamps arrived: median, 99th percentile and
+        greatest, s. This is the jitter.
+    """
+
+    rate: float
+    device: Float[np.ndarray, " knots"]
+    offset: Float[np.ndarray, " knots"]
+    drift: float
+    wait: tuple[float, float, float]
+
+    @classmethod
+    def fit(
+        cls, device_us: Int[np.ndarray, " stamps"], arrival: Int[np.ndarray, " stamps"], rate: float
+    ) -> "ClockMap":
+        """The map through some stamps of one start of a device.
+
+        **Arguments:**
+
+        - `device_us`: device time, microseconds.
+        - `arrival`: host time of the same messages, ns, in order.
+        - `rate`: nominal seconds of device time in a second.
+        """
+        device = device_us * 1e-6
+        # Differences of nanosecond integers first: float64 cannot hold 1e18 ns.
+        start = int(arrival[0])
+        host = (arrival - start) * 1e-9
+        offset = host - device / rate
+        span = float(host[-1]) or 1.0
+        length = np.clip(span / BLOCKS, SHORTEST_BLOCK, LONGEST_BLOCK)
+        # Whole blocks only: a short one at the end may hold no fast arrival.
+        blocks = max(1, int(span / length))
+        block = np.minimum((host / span * blocks).astype(np.int64), blocks - 1)
+
+        knots = _earliest(block, offset)
+        slope = _slope(device[knots], offset[knots])
+        # Within a block the drift itself moves the offset: the earliest is looked for without it.
+        knots = _earliest(block, offset - slope * device)
+        knots_device, knots_offset = device[knots], offset[knots]
+        late = offset - _offsets(device, knots_device, knots_offset, slope)
+        late -= late.min()
+        wait = (float(np.median(late)), float(np.quantile(late, 0.99)), float(late.max()))
+        drift = -slope * rate * 1e6
+        return cls(rate, knots_device, knots_offset + start * 1e-9, drift, wait)
+
+    def host_seconds(self, device_us: Int[np.ndarray, " stamps"]) -> Float[np.ndarray, " stamps"]:
+        """Host time of device stamps, s since 1970 (float64 resolves 0.3 microseconds)."""
+        device = device_us * 1e-6
+        slope = -self.drift * 1e-6 / self.rate
+        return device / self.rate + _offsets(device, self.device, self.offset, slope)
+
+
+def _earliest(block: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """Index of the smallest offset in each block, in order."""
+    order = np.lexsort((offset, block))
+    return np.sort(order[np.unique(block[order], return_index=True)[1]])
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> float:
+    """Median of the slopes between pairs (Theil and Sen): blocks that saw no fast arrival do not
+    count. Every pair of at most 200 knots."""
+    step = max(1, len(x) // 200)
+    x, y = x[::step], y[::step]
+    dx = x[:, None] - x[None, :]
+    far = dx > 0
+    if not far.any():
+        return 0.0
+    return float(np.median((y[:, None] - y[None, :])[far] / dx[far]))
+
+
+def _offsets(
+    device: np.ndarray, knots: np.ndarray, offsets: np.ndarray, slope: float
+) -> np.ndarray:
+    """Linear between the knots, and on with the mean slope before and behind them."""
+    beyond = device - np.clip(device, knots[0], knots[-1])
+    return np.interp(device, knots, offsets) + slope * beyond

@@ -1,0 +1,119 @@
+"""What goes wrong with a virtual rig, and when."""
+
+import re
+from dataclasses import dataclass
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .._errors import LinkError
+from ..physics import System
+
+_ALLOWED = (
+    "drop=0.01, corrupt=0.001, jumps=164, stall=30/5, disconnect=60, loosen=P1@300/10, fail=P2@600"
+)
+
+
+@final
+@dataclass(frozen=True)
+class Faults:
+    """Times are rig time, s.
+
+    **Arguments:**
+
+    - `drop`, `corrupt`: probability that a message is lost, or that bytes of it are changed.
+    - `jumps`: interval of the camera's recalibrations; after each its offset is another one. 0:
+        never.
+    - `stall`: every so often, silent for so long.
+    - `disconnect`: interval after which the connection is cut. 0: never.
+    - `loosen`: (cell, when, factor): its contacts to the plate get that many times worse.
+    - `fail`: (cell, when): it breaks, no current flows any more.
+    """
+
+    drop: float = 0.0
+    corrupt: float = 0.0
+    jumps: float = 0.0
+    stall: tuple[float, float] | None = None
+    disconnect: float = 0.0
+    loosen: tuple[str, float, float] | None = None
+    fail: tuple[str, float] | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> "Faults":
+        """From words such as `"drop=0.01,stall=30/5,loosen=P1@300/10"`.
+
+        **Raises:** `LinkError` that quotes the word which is wrong.
+        """
+        fields: dict[str, object] = {}
+        for word in filter(None, (part.strip() for part in text.split(","))):
+            key, _, value = word.partition("=")
+            try:
+                fields[key] = _value(key, value)
+            except (KeyError, ValueError):
+                raise LinkError(f"fault {word!r}: allowed are words like {_ALLOWED}") from None
+        return cls(**fields)  # pyright: ignore[reportArgumentType]
+
+    def check_cells(self, cells: tuple[str, ...]) -> None:
+        """**Raises:** `LinkError` where a fault names a cell that the rig does not have."""
+        for fault in (self.loosen, self.fail):
+            if fault is not None and fault[0] not in cells:
+                raise LinkError(f"fault of cell {fault[0]!r}: the rig has {', '.join(cells)}")
+
+
+def loosened(system: System, cell: int, factor: float) -> System:
+    """The equations with the contacts between one cell and the plate `factor` times worse."""
+    with jax.enable_x64(True):
+        side = int(system.wiring.cold[cell])
+        other = [
+            n for n in range(len(system.capacitance)) if n not in (side, system.wiring.hot[cell])
+        ]
+        matrix = system.conductance
+        change = matrix[side, jnp.array(other)] * (1 / factor - 1)  # of -G_ij, in W/K
+        matrix = matrix.at[side, jnp.array(other)].add(change)
+        matrix = matrix.at[jnp.array(other), side].add(change)
+        matrix = matrix.at[side, side].add(-change.sum())
+        matrix = matrix.at[jnp.array(other), jnp.array(other)].add(-change)
+        return eqx.tree_at(lambda s: s.conductance, system, matrix)
+
+
+def failed(system: System, cell: int) -> System:
+    """The equations with one cell's circuit interrupted: no current flows through it."""
+    with jax.enable_x64(True):
+        resistance = jnp.asarray(system.module.electrical_resistance).at[cell].set(1e9)
+        return eqx.tree_at(lambda s: s.module.electrical_resistance, system, resistance)
+
+
+def _value(key: str, text: str) -> object:
+    match key:
+        case "drop" | "corrupt":
+            if not 0 <= float(text) < 1:
+                raise ValueError
+            return float(text)
+        case "jumps" | "disconnect":
+            return _seconds(text)
+        case "stall":
+            every, _, length = text.partition("/")
+            return _seconds(every), _seconds(length)
+        case "loosen":
+            cell, when, factor = _match(r"(.+)@(.+)/(.+)", text)
+            return cell, _seconds(when), _seconds(factor)
+        case "fail":
+            cell, when = _match(r"(.+)@(.+)", text)
+            return cell, _seconds(when)
+    raise KeyError(key)
+
+
+def _match(pattern: str, text: str) -> tuple[str, ...]:
+    found = re.fullmatch(pattern, text)
+    if found is None:
+        raise ValueError
+    return found.groups()
+
+
+def _seconds(text: str) -> float:
+    number = float(text)
+    if not 0 < number < 1e9:
+        raise ValueError
+    return number

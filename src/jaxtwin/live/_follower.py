@@ -1,0 +1,55 @@
+"""The twin beside the rig: it gets the same duty and is asked for the same channels."""
+
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from ..physics import Twin
+from ._live_twin import LiveTwin
+from ._records import Greeting, Reading, Record, Sample
+
+
+@final
+class Follower:
+    """Follows a live or replayed rig.
+
+    The twin starts when the first temperatures come, all its nodes at their mean: what was before,
+    nobody knows, and a rig that was not at rest shows it for some minutes.
+
+    **Arguments:**
+
+    - `twin`: rig and parameters.
+    """
+
+    def __init__(self, twin: Twin):
+        self.measured: Float[np.ndarray, " channels"] | None = None
+        """The last temperatures, degC."""
+        self.predicted: Float[np.ndarray, " channels"] | None = None
+        """The twin's for the same moment, degC."""
+        self._twin = LiveTwin(twin)
+        self._driver = twin.rig.driver
+        self._rate = 1.0
+        self._begin: int | None = None
+
+    def update(self, records: Sequence[Record]) -> None:
+        """Takes records in their order."""
+        for record in records:
+            match record:
+                case Greeting():
+                    self._rate = record.hello.rate
+                case Sample() if record.pwm:
+                    if self._begin is not None:
+                        self._twin.advance(self._time(record.arrival))
+                    duty = np.array(record.pwm) * self._driver.polarity / self._driver.counts
+                    self._twin.drive(duty, record.ambient)
+                case Reading() if not record.recalibrating:
+                    self.measured = record.temperatures
+                    if self._begin is None:
+                        self._begin = record.arrival
+                        self._twin.start(0.0, float(record.temperatures.mean()))
+                    self.predicted = self._twin.advance(self._time(record.arrival))
+
+    def _time(self, arrival: int) -> float:
+        return (arrival - (self._begin or 0)) * 1e-9 * self._rate

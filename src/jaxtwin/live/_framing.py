@@ -1,0 +1,154 @@
+r"""Bytes of a link -> frames: text lines and binary packets, each with a CRC-32.
+
+A line is printable ASCII with its checksum, `text*1A2B3C4D\n`: easy to write from firmware and to
+read in a terminal. A packet is for images: its bytes and their CRC-32 (little-endian) are encoded
+with COBS (Cheshire and Baker, 1999) so that they hold no zero, and stand between two zeros.
+Both may share a link. The second byte of every packet is 0 and its first is not, so a packet always
+begins with the two bytes 00 02, which no text line holds. A reader that lost its place finds it
+again at the next newline or zero.
+
+CRC-32 (the one of zlib, Ethernet and PNG) also for lines: with 16 bits one of 65 000 scrambled
+lines would pass.
+"""
+
+import zlib
+from typing import NamedTuple
+
+from cobs import cobs
+
+LINE_BYTES = 1024
+"""A longer line, checksum and newline included, is garbage."""
+
+PACKET_BYTES = 65_536
+"""A longer packet, encoded, is garbage; 160 x 120 pixels of 16 bits take 38.6 kB."""
+
+_CHECKSUM = 4  # bytes of a CRC-32
+_ZERO, _NEWLINE = b"\x00", b"\n"
+
+
+class Deframed(NamedTuple):
+    """What some bytes held.
+
+    - `frames`: in their order; a line without its checksum is a `str`, a packet without its
+        checksum is `bytes`.
+    - `rest`: the bytes of a frame that has not ended yet, at most `PACKET_BYTES` + 2.
+    - `discarded`: how many bytes belonged to no valid frame.
+    """
+
+    frames: list[str | bytes]
+    rest: bytes
+    discarded: int
+
+
+def deframe(rest: bytes, data: bytes) -> Deframed:
+    """Takes the frames out of a stream of bytes; the same ones however the stream is cut.
+
+    **Arguments:**
+
+    - `rest`: what the call before left over; `b""` at the start of a connection.
+    - `data`: the bytes that came since.
+
+    **Returns:**
+
+    The frames that are complete now, and the rest for the next call.
+    """
+    buffer = rest + data
+    frames: list[str | bytes] = []
+    discarded = start = 0
+    while start < len(buffer):
+        found = _packet(buffer, start) if buffer[start] == 0 else _line(buffer, start)
+        if found is None:
+            break
+        frame, end, lost = found
+        if frame is not None:
+            frames.append(frame)
+        discarded += lost
+        start = end
+    return Deframed(frames, buffer[start:], discarded)
+
+
+def encode_line(text: str) -> bytes:
+    """A line as it is sent.
+
+    **Raises:** `ValueError` where the text is not printable ASCII or too long.
+    """
+    content = text.encode("ascii")
+    if not _is_text(content) or len(content) + 10 > LINE_BYTES:
+        raise ValueError(
+            f"no line of at most {LINE_BYTES - 10} printable characters: {text[:40]!r}"
+        )
+    return b"%s*%08X\n" % (content, zlib.crc32(content))
+
+
+def encode_packet(payload: bytes) -> bytes:
+    """A packet as it is sent.
+
+    **Raises:** `ValueError` where the payload does not begin with a byte that is not 0 and one
+    that is, or is too long.
+    """
+    if len(payload) < 2 or payload[0] == 0 or payload[1] != 0:
+        raise ValueError("a payload begins with a byte that is not 0 and a 0")
+    encoded = cobs.encode(payload + zlib.crc32(payload).to_bytes(_CHECKSUM, "little"))
+    if len(encoded) > PACKET_BYTES:
+        raise ValueError(f"{len(encoded)} bytes; a packet has at most {PACKET_BYTES}")
+    return _ZERO + encoded + _ZERO
+
+
+_Found = tuple[str | bytes | None, int, int] | None
+"""Frame or None, where the next one starts, bytes discarded; or None: more bytes are needed.
+
+What is found depends on the bytes alone, never on how many more of them are there already:
+otherwise the frames would depend on how the stream is cut.
+"""
+
+
+def _packet(buffer: bytes, start: int) -> _Found:
+    """At a zero: a packet where 02 follows, else a delimiter that is passed over."""
+    if start + 1 == len(buffer):
+        return None
+    if buffer[start + 1] != 2:
+        return None, start + 1, 0
+    first = start + 1
+    end = buffer.find(_ZERO, first, first + PACKET_BYTES + 1)
+    if end < 0:
+        if len(buffer) <= first + PACKET_BYTES:
+            return None
+        # Only the two bytes that looked like a beginning are dropped: on a link of lines they were
+        # noise, and the lines behind them are good.
+        return None, start + 2, 2
+    payload = _decoded(buffer[first:end])
+    # The closing zero stays: it may be the opening one of the next packet.
+    return payload, end, 0 if payload is not None else end - start
+
+
+def _decoded(encoded: bytes) -> bytes | None:
+    try:
+        content = cobs.decode(encoded)
+    except cobs.DecodeError:
+        return None
+    payload, checksum = content[:-_CHECKSUM], content[-_CHECKSUM:]
+    if len(payload) < 2 or zlib.crc32(payload) != int.from_bytes(checksum, "little"):
+        return None
+    return payload
+
+
+def _line(buffer: bytes, start: int) -> _Found:
+    """At anything else: text up to a newline, or garbage up to a zero."""
+    limit = start + LINE_BYTES
+    newline = buffer.find(_NEWLINE, start, limit)
+    zero = buffer.find(_ZERO, start, limit if newline < 0 else newline)
+    if zero >= 0:
+        return None, zero, zero - start
+    if newline < 0:
+        return None if len(buffer) < limit else (None, limit, LINE_BYTES)
+    content = buffer[start:newline].removesuffix(b"\r")
+    if not content:
+        return None, newline + 1, 0
+    text, checksum = content[:-9], content[-9:]
+    if not _is_text(text) or checksum != b"*%08X" % zlib.crc32(text):
+        return None, newline + 1, newline + 1 - start
+    return text.decode("ascii"), newline + 1, 0
+
+
+def _is_text(content: bytes) -> bool:
+    return content.isascii() and content.decode("ascii").isprintable() and bool(content)

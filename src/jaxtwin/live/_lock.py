@@ -1,0 +1,61 @@
+"""One writer a recording: a lock that ends with the process, however that ends."""
+
+import os
+import sys
+from pathlib import Path
+
+from .._errors import RecordingError
+
+
+def lock(file: Path) -> int:
+    """Locks a recording for writing by an empty file beside it.
+
+    SQLite's own locks last for a transaction; two recorders would take turns unnoticed.
+
+    **Returns:** what `unlock` takes.
+
+    **Raises:** `RecordingError` where another process records into it.
+    """
+    beside = _beside(file)
+    try:
+        handle = os.open(beside, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise RecordingError(f"{file}: cannot be written: {error.strerror}") from None
+    try:
+        _lock(handle)
+    except OSError:
+        os.close(handle)
+        raise RecordingError(f"{file}: another process records into it") from None
+    return handle
+
+
+def unlock(handle: int) -> None:
+    """Lets others record into it. The empty file stays: taking it away would race with them."""
+    os.close(handle)
+
+
+def is_locked(file: Path) -> bool:
+    """Whether some process records into it."""
+    if not _beside(file).exists():
+        return False
+    try:
+        unlock(lock(file))
+    except RecordingError:
+        return True
+    return False
+
+
+def _beside(file: Path) -> Path:
+    return file.with_name(file.name + "-lock")
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(handle: int) -> None:
+        msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+else:
+    import fcntl
+
+    def _lock(handle: int) -> None:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,55 @@
+"""Node temperatures -> a camera frame whose channels read exactly what the twin says they read."""
+
+from dataclasses import replace
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, UInt16
+
+from ..physics import Twin, pixel_weights
+from ..rig import Channel, Rig, Value
+
+
+@final
+class Picture:
+    """Renders frames of a twin, linear in its temperatures.
+
+    A pixel shows the plate elements that it covers, by area, and the surroundings elsewhere. Upon
+    that comes the smallest correction (least squares) with which each channel's mean is the
+    channel's reading, gains included: cameras see a surface of uneven emissivity, and its map is
+    known by its channel means only.
+    """
+
+    def __init__(self, twin: Twin, gain: Float[np.ndarray, " channels"]):
+        rig = twin.rig
+        self._shape = (rig.camera.height, rig.camera.width)
+        elements = _elements(rig)
+        nodes = len(twin.netlist.nodes)
+        plain = np.zeros((self._shape[0] * self._shape[1], nodes))
+        plain[:, : elements.shape[1]] = elements
+        means = pixel_weights(rig).reshape(len(rig.channels), -1)
+        wanted = gain[:, None] * twin.wiring.channel_weights
+        self._map = plain + np.linalg.pinv(means) @ (wanted - means @ plain)
+
+    def frame(
+        self,
+        nodes: Float[np.ndarray, " nodes"],
+        ambient: float,
+        error: Float[np.ndarray, "height width"] | float = 0.0,
+    ) -> UInt16[np.ndarray, "height width"]:
+        """A frame in units of 0.01 K, for temperatures in degC and an error of the camera in K."""
+        celsius = ambient + (self._map @ (nodes - ambient)).reshape(self._shape) + error
+        return np.clip(np.rint((celsius + 273.15) * 100), 0, 65535).astype(np.uint16)
+
+
+def _elements(rig: Rig) -> Float[np.ndarray, "pixels elements"]:
+    """Which part of each pixel each plate element covers."""
+    plate, camera = rig.plate, rig.camera
+    names = plate.element_names
+    channels = tuple(Channel(name, (name,), None, None, Value(1.0)) for name in names)
+    shares = pixel_weights(replace(rig, channels=channels)).reshape(len(names), -1)
+    x = (camera.view_x[1] - camera.view_x[0]) / plate.width
+    y = (camera.view_y[1] - camera.view_y[0]) / plate.height
+    extents = np.array([plate.extent(name) for name in names])
+    areas = (extents[:, 1] - extents[:, 0]) * x * (extents[:, 3] - extents[:, 2]) * y
+    return (shares * areas[:, None]).T

@@ -1,0 +1,219 @@
+"""Bytes of one link -> records, each message once, and what is missing."""
+
+import logging
+from collections import Counter
+from typing import final
+
+import numpy as np
+
+from .._errors import LinkError
+from ._framing import deframe
+from ._identity import Identity
+from ._link import Arrived
+from ._messages import RECALIBRATING, Beat, Data, Hello, Image, Notice, parse
+from ._records import (
+    Event,
+    Gap,
+    Greeting,
+    LinkChange,
+    LinkState,
+    Reading,
+    Record,
+    Sample,
+    Stream,
+)
+from ._time import seconds
+
+MOST_GARBAGE = 200_000
+"""Bytes without a valid message among them after which a peer is dropped: three camera frames that
+were hit, or a serial line at the wrong speed for a quarter of a minute."""
+
+MOST_MESSAGES = 20_000
+"""Messages in a second above which a peer is dropped."""
+
+BOOTS = 8  # starts of a device whose counters are remembered
+
+log = logging.getLogger("jaxtwin.live")
+
+
+@final
+class Receiver:
+    """Turns what a link read into records; knows no threads and no clock but the arrivals'.
+
+    Nothing counts before a greeting that fits the rig. Each stream of a device is counted: what was
+    seen before is dropped, what is missing becomes a `Gap`. Counters survive a lost connection, and
+    begin anew with a new start (`boot`) of the device.
+
+    **Arguments:**
+
+    - `link`: its name.
+    - `identity`: the rig that the link must lead to.
+    - `stale_after`: silence after which the link is stale, s; after three times that it should be
+        dropped, since a dead peer and a silent one look the same.
+    """
+
+    def __init__(self, link: str, identity: Identity, *, stale_after: float | int = 2.0):
+        self.state = LinkState.DOWN
+        self.hello: Hello | None = None
+        self.verdict: str | None = None
+        """Why the peer is not worth listening to; `None` while it is."""
+        self.last_valid = 0
+        self._link = link
+        self._identity = identity
+        self._stale_after = stale_after
+        self._rest = b""
+        self._garbage = 0
+        self._second = self._messages = 0
+        self._counts: dict[str, dict[Stream, tuple[int, int]]] = {}
+        self._recalibrating = False
+
+    def changed(self, change: LinkChange) -> list[Record]:
+        """The link was opened or lost."""
+        self.state = change.state
+        self._rest, self.hello, self.verdict = b"", None, None
+        self._garbage = 0
+        self.last_valid = change.arrival
+        return [change]
+
+    def receive(self, arrived: Arrived) -> list[Record]:
+        """The records in the bytes that arrived."""
+        if self.verdict is not None:
+            return []
+        arrival = arrived.arrival
+        frames, self._rest, discarded = deframe(self._rest, arrived.data)
+        records: list[Record] = []
+        seen: Counter[str] = Counter()
+        for frame in frames:
+            try:
+                new = self._accept(frame, arrival, seen)
+            except LinkError as error:
+                seen["nonsense"] += 1
+                discarded += len(frame)
+                log.debug("%s: %s", self._link, error)
+                continue
+            records += new
+            self._garbage = 0
+            if self.verdict is not None:
+                break
+            self.last_valid = arrival
+            if self.hello is not None and self.state is not LinkState.LIVE:
+                self.state = LinkState.LIVE
+                records.append(LinkChange(self._link, arrival, LinkState.LIVE, ""))
+        if discarded:
+            self._garbage += discarded
+            records.append(Event(self._link, arrival, "garbage", f"{discarded} bytes"))
+        records += [Event(self._link, arrival, kind, str(n)) for kind, n in seen.items()]
+        self._judge(arrival, len(frames))
+        return records
+
+    def check(self, now: int) -> list[Record]:
+        """Looks for silence at host time `now`, ns, when all that arrived has been received."""
+        silent = seconds(now - self.last_valid)
+        if self.state is LinkState.DOWN or silent <= self._stale_after:
+            return []
+        if silent > 3 * self._stale_after and self.verdict is None:
+            self.verdict = f"silent for {silent:.1f} s"
+        if self.state is not LinkState.LIVE:
+            return []
+        self.state = LinkState.STALE
+        return [LinkChange(self._link, now, LinkState.STALE, f"silent for {silent:.1f} s")]
+
+    def _accept(self, frame: str | bytes, arrival: int, seen: Counter[str]) -> list[Record]:
+        message = parse(frame)
+        if isinstance(message, Hello):
+            return self._greeted(message, arrival)
+        hello = self.hello
+        if hello is None or isinstance(message, Beat):
+            return []
+        match message:
+            case Data():
+                _check_data(message, hello)
+                stream: Stream = "data"
+            case Image():
+                if message.pixels.shape[::-1] != hello.camera:
+                    raise LinkError(f"an image of {message.pixels.shape[::-1]} pixels (w, h)")
+                stream = "image"
+            case Notice():
+                stream = "event"
+            case _:
+                raise LinkError("a host's message from a device")
+        gap = self._counted(hello.boot, stream, message.seq, message.device_us, arrival)
+        if gap is None:
+            seen["duplicate"] += 1
+            return []
+        return [*gap, *self._records(message, hello, arrival)]
+
+    def _greeted(self, hello: Hello, arrival: int) -> list[Record]:
+        refusal = self._identity.refusal(hello)
+        if refusal is not None:
+            self.verdict = refusal
+            return [Event(self._link, arrival, "refused", refusal)]
+        if self.hello == hello:
+            return []
+        self.hello = hello
+        self._counts.setdefault(hello.boot, {})
+        while len(self._counts) > BOOTS:
+            del self._counts[next(iter(self._counts))]
+        return [Greeting(self._link, arrival, hello)]
+
+    def _counted(
+        self, boot: str, stream: Stream, seq: int, device_us: int, arrival: int
+    ) -> list[Record] | None:
+        """The gap before a message, if any; `None` where it was counted before."""
+        counts = self._counts[boot]
+        gap: list[Record] = []
+        if stream in counts:
+            expected, earlier = counts[stream]
+            missing = (seq - expected) % 2**32
+            if missing >= 2**31:
+                return None
+            if device_us < earlier:
+                raise LinkError(f"device time {device_us} after {earlier}")
+            if missing:
+                gap = [Gap(self._link, arrival, stream, expected, missing)]
+        counts[stream] = ((seq + 1) % 2**32, device_us)
+        return gap
+
+    def _records(self, message: Data | Image | Notice, hello: Hello, arrival: int) -> list[Record]:
+        link, boot = self._link, hello.boot
+        seq, device_us = message.seq, message.device_us
+        match message:
+            case Notice():
+                return [Event(link, arrival, message.kind, "", device_us)]
+            case Data():
+                records: list[Record] = [
+                    Sample(link, boot, arrival, device_us, seq, message.pwm, message.ambient)
+                ]
+                if message.temperatures:
+                    values = np.array(message.temperatures)
+                    records.append(
+                        Reading(link, boot, arrival, device_us, seq, values, False, None)
+                    )
+                return records
+            case Image():
+                flag = bool(message.flags & RECALIBRATING)
+                values = self._identity.temperatures(message.pixels)
+                reading = Reading(link, boot, arrival, device_us, seq, values, flag, message.pixels)
+                if flag == self._recalibrating:
+                    return [reading]
+                self._recalibrating = flag
+                kind = "recalibration-start" if flag else "recalibration-end"
+                return [Event(link, arrival, kind, "", device_us), reading]
+
+    def _judge(self, arrival: int, messages: int) -> None:
+        if self._garbage > MOST_GARBAGE:
+            self.verdict = f"{self._garbage} bytes without a valid message"
+        if arrival // 10**9 != self._second:
+            self._second, self._messages = arrival // 10**9, 0
+        self._messages += messages
+        if self._messages > MOST_MESSAGES:
+            self.verdict = f"more than {MOST_MESSAGES} messages in a second"
+
+
+def _check_data(message: Data, hello: Hello) -> None:
+    if len(message.pwm) != len(hello.cells):
+        raise LinkError(f"{len(message.pwm)} counts for {len(hello.cells)} cells")
+    if any(abs(count) > hello.counts for count in message.pwm):
+        raise LinkError(f"counts {message.pwm} outside -{hello.counts} to {hello.counts}")
+    if len(message.temperatures) != len(hello.channels):
+        raise LinkError(f"{len(message.temperatures)} temperatures for {len(hello.channels)}")

@@ -1,0 +1,82 @@
+"""What a recording holds and what it lacks: counts, losses, jitter, gaps, clocks."""
+
+from dataclasses import asdict, dataclass
+from typing import Any, final
+
+import numpy as np
+
+from ._session import Session
+
+
+@final
+@dataclass(frozen=True)
+class StreamReport:
+    """One stream of one device's start.
+
+    **Arguments:**
+
+    - `stream`: `samples` or `readings`.
+    - `link`, `boot`: of the device.
+    - `count`: messages recorded.
+    - `period`: median time between two, s of the rig.
+    - `longest`: longest time between two, s of the rig.
+    - `drift`: of the device's clock, ppm.
+    - `wait_median`, `wait_99`, `wait_greatest`: how late messages arrived, s: the jitter.
+    """
+
+    stream: str
+    link: str
+    boot: str
+    count: int
+    period: float
+    longest: float
+    drift: float
+    wait_median: float
+    wait_99: float
+    wait_greatest: float
+
+
+def report(session: Session) -> dict[str, Any]:
+    """Counts of everything in a recording, as plain data for people and for JSON.
+
+    **Returns:** `streams` (`StreamReport`s as dictionaries), `lost` by stream, `events` by kind,
+    `runs` with their begin, end and how they ended.
+    """
+    execute = session.database.execute
+    streams = []
+    for device in session.clocks():
+        marks = ",".join("?" * len(device.greetings))
+        for table in ("samples", "readings"):
+            rows = execute(
+                f"SELECT device_us FROM {table} WHERE greeting IN ({marks}) ORDER BY id",
+                device.greetings,
+            )
+            stamps = np.fromiter((stamp for (stamp,) in rows), np.int64)
+            if len(stamps) < 2:
+                continue
+            steps = np.diff(stamps) * 1e-6
+            streams.append(
+                StreamReport(
+                    table,
+                    device.link,
+                    device.boot,
+                    len(stamps),
+                    float(np.median(steps)),
+                    float(steps.max()),
+                    device.clock.drift,
+                    *device.clock.wait,
+                )
+            )
+    lost = dict(execute("SELECT stream, sum(count) FROM gaps GROUP BY stream").fetchall())
+    events = dict(execute("SELECT kind, count(*) FROM events GROUP BY kind").fetchall())
+    runs = execute("SELECT started, alive, ended FROM runs ORDER BY id").fetchall()
+    return {
+        "rig": session.metadata["rig"],
+        "streams": [asdict(stream) for stream in streams],
+        "lost": lost,
+        "events": events,
+        "runs": [
+            {"started": started * 1e-9, "alive": alive * 1e-9, "ended": ended or "broke off"}
+            for started, alive, ended in runs
+        ],
+    }

@@ -1,0 +1,213 @@
+"""A virtual rig behind a TCP port, a pseudo-terminal, or no wire at all."""
+
+import contextlib
+import errno
+import logging
+import os
+import selectors
+import socket
+import sys
+import threading
+from typing import Protocol, final, runtime_checkable
+
+from .._errors import LinkError
+from ._time import Clock
+from ._virtual_rig import VirtualRig
+
+TICK = 0.005
+"""Pause between two looks at the rig, s."""
+
+MOST_CLIENTS = 8
+MOST_UNSENT = 2**20
+"""Bytes that wait for a slow client; then it is cut off."""
+
+log = logging.getLogger("jaxtwin.live")
+
+
+@runtime_checkable
+class Server(Protocol):
+    """Where a virtual rig is reached."""
+
+    url: str
+    """What to connect to."""
+
+    def tick(self, data: bytes, device: VirtualRig) -> None:
+        """Sends what the rig has to say and hands it what came."""
+        ...
+
+    def hang_up(self) -> None:
+        """Cuts the connections off, as a fault."""
+        ...
+
+    def close(self) -> None:
+        """Ends."""
+        ...
+
+
+def serve(
+    device: VirtualRig, server: Server, clock: Clock, stop: threading.Event | None = None
+) -> None:
+    """Runs a virtual rig until `stop` is set, for ever without one."""
+    stop = stop or threading.Event()
+    while not stop.is_set():
+        server.tick(device.due(clock.now()), device)
+        if device.cuts_connection():
+            server.hang_up()
+        clock.wait(stop, TICK)
+
+
+@final
+class TcpServer:
+    """Listens on a TCP port; several hosts may listen to one rig.
+
+    **Arguments:**
+
+    - `address`: `"127.0.0.1:7000"`; port 0 takes a free one. It listens on loopback unless another
+        address of the machine is named.
+
+    **Raises:** `LinkError` where it is no address or taken.
+    """
+
+    def __init__(self, address: str):
+        host, _, port = address.rpartition(":")
+        try:
+            self._listener = socket.create_server((host or "127.0.0.1", int(port)))
+        except (OSError, ValueError, OverflowError) as error:
+            raise LinkError(f"--tcp {address}: {error}; allowed is HOST:PORT, free") from None
+        self._listener.setblocking(False)
+        self.url = "socket://{}:{}".format(*self._listener.getsockname()[:2])
+        self._clients: dict[socket.socket, bytearray] = {}
+
+    def tick(self, data: bytes, device: VirtualRig) -> None:
+        self._accept(device)
+        for client, unsent in list(self._clients.items()):
+            unsent += data
+            try:
+                if unsent:
+                    del unsent[: client.send(unsent)]
+            except BlockingIOError:
+                pass
+            except OSError:
+                self._drop(client)
+                continue
+            if len(unsent) > MOST_UNSENT:
+                log.warning("a client reads too slowly and is cut off")
+                self._drop(client)
+                continue
+            try:
+                received = client.recv(4096)
+                if received:
+                    device.receive(received)
+                else:
+                    self._drop(client)
+            except BlockingIOError:
+                pass
+            except OSError:
+                self._drop(client)
+
+    def hang_up(self) -> None:
+        for client in list(self._clients):
+            self._drop(client)
+
+    def close(self) -> None:
+        self.hang_up()
+        self._listener.close()
+
+    def _accept(self, device: VirtualRig) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                client, _ = self._listener.accept()
+                if len(self._clients) == MOST_CLIENTS:
+                    client.close()
+                    continue
+                client.setblocking(False)
+                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._clients[client] = bytearray(device.connected())
+
+    def _drop(self, client: socket.socket) -> None:
+        del self._clients[client]
+        client.close()
+
+
+@final
+class PtyServer:
+    """A pseudo-terminal: the virtual rig looks like a serial port. Linux and macOS.
+
+    **Raises:** `LinkError` where the system has none.
+    """
+
+    def __init__(self) -> None:
+        if sys.platform == "win32":
+            raise LinkError("--pty: Windows has no pseudo-terminals; allowed is --tcp")
+        import pty
+        import tty
+
+        # The far end is kept open here: a port stays while nobody has it open.
+        self._near, self._far = pty.openpty()
+        tty.setraw(self._far)
+        os.set_blocking(self._near, False)
+        self.url = os.ttyname(self._far)
+        self._unsent = bytearray()
+        self._stuck = 0
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._near, selectors.EVENT_READ)
+
+    def tick(self, data: bytes, device: VirtualRig) -> None:
+        self._unsent += data
+        try:
+            sent = os.write(self._near, self._unsent[:4096]) if self._unsent else 0
+            while sent:
+                del self._unsent[:sent]
+                self._stuck = 0
+                sent = os.write(self._near, self._unsent[:4096]) if self._unsent else 0
+        except OSError as error:
+            if error.errno != errno.EAGAIN:
+                raise
+            self._stuck += 1
+        if self._stuck * TICK > 0.5:
+            # Nobody reads. A serial line would not keep it either.
+            self._unsent.clear()
+            self._stuck = 0
+            import termios
+
+            termios.tcflush(self._far, termios.TCIFLUSH)
+        if self._selector.select(0):
+            with contextlib.suppress(OSError):
+                device.receive(os.read(self._near, 4096))
+
+    def hang_up(self) -> None:
+        self._unsent.clear()
+
+    def close(self) -> None:
+        self._selector.close()
+        os.close(self._near)
+        os.close(self._far)
+
+
+@final
+class InProcess:
+    """A virtual rig without a wire: a transport that calls it. Time passes when the clock says so.
+
+    **Arguments:**
+
+    - `device`: the rig.
+    - `clock`: the same as the bench's.
+    """
+
+    def __init__(self, device: VirtualRig, clock: Clock):
+        self._device = device
+        self._clock = clock
+        self._waiting = device.connected()
+
+    def read(self) -> bytes:
+        data = self._waiting + self._device.due(self._clock.now())
+        self._waiting = b""
+        if self._device.cuts_connection():
+            raise ConnectionResetError("cut by a fault")
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._device.receive(data)
+
+    def close(self) -> None:
+        pass

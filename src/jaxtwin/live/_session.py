@@ -1,0 +1,282 @@
+"""A recording of a live rig, read back: while it is being written, or afterwards."""
+
+import sqlite3
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+from urllib.parse import quote
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import RecordingError
+from ..io import Experiment
+from ..rig import Rig
+from ..rig._bundled import parse_toml
+from ._clock_map import ClockMap
+from ._grid import bin_means, held
+from ._lock import is_locked
+from ._recognise import is_recording
+from ._tables import Columns, read_metadata
+
+MOST_STAMPS = 1_000_000
+"""Of each table that a clock is fitted to; of a longer recording every second, third, ... stamp."""
+
+LONGEST_HOLD = 3.0
+"""Median intervals between controller samples for which one counts as still in force."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A table of a recording, its stamps on one time axis.
+
+    **Arguments:**
+
+    - `time`: rig time `(samples,)`, s since 1970 on a rig that runs in real time; increasing.
+    - `values`: `(samples, columns)`.
+    - `columns`: their names.
+    """
+
+    time: Float[np.ndarray, " samples"]
+    values: Float[np.ndarray, "samples columns"]
+    columns: tuple[str, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class DeviceClock:
+    """One start of one device: its link, its boot, its numbers in `greetings`, and its clock."""
+
+    link: str
+    boot: str
+    greetings: tuple[int, ...]
+    clock: ClockMap
+
+
+@final
+class Session:
+    """A recording of a live rig. It can be read by any number of processes while it is written.
+
+    Use it as a context manager, or close it.
+
+    **Arguments:**
+
+    - `file`: what a `Recorder` wrote.
+
+    **Raises:** `RecordingError` where it is no recording, or cannot be read.
+    """
+
+    def __init__(self, file: str | Path):
+        self.file = Path(file)
+        if not self.file.is_file():
+            raise RecordingError(f"{self.file}: no such file")
+        if not is_recording(self.file):
+            raise RecordingError(f"{self.file}: is no recording of a live rig")
+        self.database = _open(self.file)
+        try:
+            self.metadata: dict[str, Any] = read_metadata(self.database, self.file)
+        except RecordingError:
+            self.database.close()
+            raise
+        self._columns = Columns.of(self.metadata)
+
+    def __enter__(self) -> "Session":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Lets the file go."""
+        self.database.close()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the temperature channels."""
+        return tuple(self.metadata["channels"])
+
+    @property
+    def rig(self) -> Rig:
+        """The rig, from the text of its file at the time of the recording.
+
+        **Raises:** `RigError` where this version of the program does not understand it.
+        """
+        from ..rig._build import build_rig  # with pydantic, which reading numbers does not need
+
+        source = f"{self.file}: rig file"
+        return build_rig(parse_toml(self.metadata["rig_file"].encode(), source), source)
+
+    def clocks(self) -> list[DeviceClock]:
+        """The clock of each start of each device, in each run of the recorder.
+
+        A device that lost its connection and came back without a restart has one clock.
+        """
+        execute = self.database.execute
+        starts: dict[tuple[int, str, str, float], list[int]] = {}
+        for number, run, link, boot, rate in execute(
+            "SELECT id, run, link, boot, rate FROM greetings ORDER BY id"
+        ):
+            starts.setdefault((run, link, boot, rate), []).append(number)
+        newest = [
+            execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0]
+            for table in ("samples", "readings")
+        ]
+        every = 1 + max(newest) // MOST_STAMPS
+        clocks = []
+        for (_, link, boot, rate), numbers in starts.items():
+            which = f"WHERE greeting IN ({','.join('?' * len(numbers))}) AND id % {every} = 0"
+            stamps = _array(
+                execute(
+                    f"SELECT device_us, arrival FROM samples {which} UNION ALL "
+                    f"SELECT device_us, arrival FROM readings {which} ORDER BY 2",
+                    (*numbers, *numbers),
+                ),
+                np.int64,
+            )
+            if len(stamps):
+                clock = ClockMap.fit(stamps[:, 0], stamps[:, 1], rate)
+                clocks.append(DeviceClock(link, boot, tuple(numbers), clock))
+        return clocks
+
+    def readings(self, clocks: list[DeviceClock] | None = None) -> Series:
+        """Temperatures, degC; those taken while the camera recalibrated itself are left out."""
+        names = self._columns.temperatures
+        return self._series("readings", names, "WHERE recalibrating = 0", clocks)
+
+    def duty(self, clocks: list[DeviceClock] | None = None) -> Series:
+        """Duty cycles that the controller reported, -1 to 1, positive heats the plate."""
+        counts = self._series("samples", self._columns.pwm, "", clocks)
+        factor = self.metadata["polarity"] / self.metadata["counts"]
+        return Series(counts.time, counts.values * factor, tuple(self.metadata["cells"]))
+
+    def ambient(self, clocks: list[DeviceClock] | None = None) -> Series:
+        """Ambient temperature where the controller measures it, degC."""
+        where = "WHERE ambient_degC IS NOT NULL"
+        return self._series("samples", ("ambient_degC",), where, clocks)
+
+    def experiment(
+        self,
+        *,
+        step: float | int = 1.0,
+        start: float | int | None = None,
+        end: float | int | None = None,
+    ) -> Experiment:
+        """The recording on an even grid, by the rule of `_grid`: nothing is filled in.
+
+        **Arguments:**
+
+        - `step`: of the grid, s.
+        - `start`, `end`: of the part that is taken, s from the first time at which both duty and
+            temperatures are known; `None` leaves that end open.
+
+        **Returns:**
+
+        An `Experiment` whose time 0 is that first time.
+
+        **Raises:** `RecordingError` where duty or temperatures are missing altogether.
+        """
+        # One moment of a file that may be growing.
+        self.database.execute("BEGIN")
+        try:
+            clocks = self.clocks()
+            readings, duty = self.readings(clocks), self.duty(clocks)
+            ambient = self.ambient(clocks)
+        finally:
+            self.database.execute("COMMIT")
+        if not len(readings.time) or not len(duty.time):
+            missing = "temperatures" if len(duty.time) else "controller samples"
+            raise RecordingError(f"{self.file}: holds no {missing}; an experiment needs both")
+        if step <= 0:
+            raise RecordingError(f"step {step:g} s: allowed are positive numbers")
+        zero = max(readings.time[0], duty.time[0])
+        last = min(readings.time[-1], duty.time[-1]) - zero
+        first = 0.0 if start is None else start
+        last = last if end is None else min(end, last)
+        if last <= first:
+            raise RecordingError(f"{self.file}: holds nothing from {first:g} s to {last:g} s")
+        grid = zero + first + step * np.arange(int((last - first) / step + 1e-9) + 1)
+
+        means, there = bin_means(readings.time, readings.values, grid, step)
+        longest = max(step, LONGEST_HOLD * float(np.median(np.diff(duty.time))))
+        drive, driven = held(duty.time, duty.values, grid + step / 2, longest)
+        there &= driven
+        surroundings: Any = None
+        if len(ambient.time):
+            surroundings, measured = bin_means(ambient.time, ambient.values, grid, step)
+            there &= measured
+            surroundings = surroundings[there, 0]
+        return Experiment(
+            (grid - zero)[there],
+            drive[there],
+            channels=self.channels,
+            temperatures=means[there],
+            ambient=surroundings,
+            name=self.file.stem,
+        )
+
+    def _series(
+        self, table: str, columns: tuple[str, ...], where: str, clocks: list[DeviceClock] | None
+    ) -> Series:
+        names = ", ".join(f'"{name}"' for name in columns)
+        rows = self.database.execute(f"SELECT greeting, device_us, {names} FROM {table} {where}")
+        values = _array(rows, np.float64).reshape(-1, 2 + len(columns))
+        time = np.zeros(len(values))
+        rates = set()
+        for device in self.clocks() if clocks is None else clocks:
+            own = np.isin(values[:, 0], device.greetings)
+            # Device time is below 2^53 us (285 years): exact as a float.
+            stamps = values[own, 1].astype(np.int64)
+            time[own] = device.clock.host_seconds(stamps) * device.clock.rate
+            rates.add(device.clock.rate)
+        if len(rates) > 1:
+            raise RecordingError(
+                f"{self.file}: its devices ran at {sorted(rates)} times real time; "
+                "allowed is one rate"
+            )
+        # Two starts of a device may overlap by their clocks' uncertainty.
+        order = np.argsort(time, kind="stable")
+        return Series(time[order], values[order, 2:], columns)
+
+
+def _array(rows: sqlite3.Cursor, kind: type) -> np.ndarray:
+    """All rows, without ever holding them as Python objects: those take ten times the memory."""
+    parts = [np.zeros((0, len(rows.description)), kind)]
+    while part := rows.fetchmany(20_000):
+        parts.append(np.array(part, kind))
+    return np.concatenate(parts)
+
+
+def _open(file: Path) -> sqlite3.Connection:
+    """Opened for reading: a recorder is never held up, and no row can be changed.
+
+    A reader that may write the file tidies up when it closes it last: SQLite then takes away its
+    journal and its index. Beside a recorder it must not; the lock says whether there is one.
+    """
+    attempts = [("mode=ro", "NORMAL")]
+    if not is_locked(file):
+        # The index needs room beside the file. A full disk denies that: it is kept in memory then.
+        attempts = [("mode=rw", "NORMAL"), ("mode=rw", "EXCLUSIVE")]
+        if not file.with_name(file.name + "-wal").exists():
+            # Nor is any needed where nothing waits in a journal: on a disk that is write-protected.
+            attempts.append(("mode=ro&immutable=1", "NORMAL"))
+    problem = ""
+    for access, locking in attempts:
+        try:
+            return _connect(file, access, locking)
+        except sqlite3.DatabaseError as error:
+            problem = problem or str(error)
+    raise RecordingError(f"{file}: cannot be read: {problem}")
+
+
+def _connect(file: Path, access: str, locking: str) -> sqlite3.Connection:
+    location = f"file:{quote(str(file.absolute()))}?{access}"
+    database = sqlite3.connect(location, uri=True, isolation_level=None)
+    try:
+        database.execute("PRAGMA query_only = ON")
+        database.execute(f"PRAGMA locking_mode = {locking}")
+        database.execute("SELECT count(*) FROM sqlite_schema").fetchone()
+    except sqlite3.DatabaseError:
+        database.close()
+        raise
+    return database

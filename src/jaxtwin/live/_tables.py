@@ -1,0 +1,130 @@
+"""The tables of a recording, one a stream; docs/protocol.md describes them for other programs."""
+
+import json
+import platform
+import sqlite3
+from dataclasses import dataclass
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, final
+
+from .._errors import RecordingError
+from ..rig import Rig
+from ._identity import Identity
+from ._recognise import APPLICATION
+
+FORMAT = 1
+"""Version of the tables."""
+
+_APPEND_ONLY = ("greetings", "samples", "readings", "frames", "gaps", "events", "commands")
+
+
+@final
+@dataclass(frozen=True)
+class Columns:
+    """Names of the columns that depend on the rig."""
+
+    pwm: tuple[str, ...]
+    temperatures: tuple[str, ...]
+
+    @classmethod
+    def of(cls, metadata: dict[str, Any]) -> "Columns":
+        """From a recording's metadata."""
+        return cls(
+            pwm=tuple(f"pwm_{cell}" for cell in metadata["cells"]),
+            temperatures=tuple(f"{channel}_degC" for channel in metadata["channels"]),
+        )
+
+
+def metadata_of(rig: Rig) -> dict[str, Any]:
+    """What a recording says about its rig."""
+    identity = Identity.of(rig)
+    return {
+        "format": FORMAT,
+        "rig": identity.rig,
+        "cells": identity.cells,
+        "channels": identity.channels,
+        "camera": identity.camera,
+        "counts": identity.counts,
+        "polarity": rig.driver.polarity,
+        "rig_file": _rig_file(rig),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Of the programs that make a recording."""
+    return {
+        "jaxtwin": version("jaxtwin"),
+        "python": platform.python_version(),
+        "sqlite": sqlite3.sqlite_version,
+        "numpy": version("numpy"),
+        "system": platform.platform(),
+    }
+
+
+def mark(database: sqlite3.Connection) -> None:
+    """Marks a new file as a recording. Before it has a journal: so the file itself says it."""
+    database.execute(f"PRAGMA application_id = {APPLICATION}")
+
+
+def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> None:
+    """Makes the tables of a new recording, inside the caller's transaction."""
+    columns = Columns.of(metadata)
+    pwm = "".join(f', "{name}" INTEGER' for name in columns.pwm)
+    temperatures = "".join(f', "{name}" REAL' for name in columns.temperatures)
+    device = "greeting INTEGER, arrival INTEGER, device_us INTEGER, seq INTEGER"
+    host = "run INTEGER, link TEXT, arrival INTEGER"
+    for table, fields in {
+        "session": "key TEXT PRIMARY KEY, value TEXT",
+        "runs": "id INTEGER PRIMARY KEY, started INTEGER, alive INTEGER, alive_utc INTEGER, "
+        "ended TEXT, versions TEXT",
+        "greetings": f"id INTEGER PRIMARY KEY, {host}, boot TEXT, rate REAL, hello TEXT",
+        "samples": f"id INTEGER PRIMARY KEY, {device}, ambient_degC REAL{pwm}",
+        "readings": f"id INTEGER PRIMARY KEY, {device}, recalibrating INTEGER{temperatures}",
+        "frames": "reading INTEGER PRIMARY KEY, pixels BLOB",
+        "gaps": f'id INTEGER PRIMARY KEY, {host}, stream TEXT, "first" INTEGER, count INTEGER',
+        "events": f"id INTEGER PRIMARY KEY, {host}, device_us INTEGER, kind TEXT, detail TEXT",
+        "commands": f"id INTEGER PRIMARY KEY, {host}, number INTEGER{pwm}",
+    }.items():
+        database.execute(f"CREATE TABLE {table} ({fields})")
+    for table in _APPEND_ONLY:
+        for action in ("UPDATE", "DELETE"):
+            database.execute(
+                f"CREATE TRIGGER {table}_{action.lower()} BEFORE {action} ON {table} "
+                "BEGIN SELECT RAISE(ABORT, 'a recording is append-only'); END"
+            )
+    database.executemany(
+        "INSERT INTO session VALUES (?, ?)",
+        [(key, json.dumps(value)) for key, value in metadata.items()],
+    )
+    database.execute(f"PRAGMA user_version = {FORMAT}")
+
+
+def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
+    """The metadata of a recording.
+
+    **Raises:** `RecordingError` where the file is no recording, or one of a later version.
+    """
+    try:
+        (application,) = database.execute("PRAGMA application_id").fetchone()
+        (form,) = database.execute("PRAGMA user_version").fetchone()
+        if application != APPLICATION:
+            raise RecordingError(f"{file}: is an SQLite database, but no recording of a live rig")
+        if form != FORMAT:
+            raise RecordingError(f"{file}: format {form}; allowed is {FORMAT}")
+        return {
+            key: json.loads(value)
+            for key, value in database.execute("SELECT key, value FROM session")
+        }
+    except sqlite3.DatabaseError as error:
+        raise RecordingError(f"{file}: cannot be read: {error}") from None
+
+
+def _rig_file(rig: Rig) -> str:
+    """The text of the rig file as it is now."""
+    path = Path(rig.source)
+    if path.is_file():
+        return path.read_text(encoding="utf-8")
+    bundled = files("jaxtwin.data") / "rigs" / f"{rig.name}.toml"
+    return bundled.read_text(encoding="utf-8") if bundled.is_file() else ""

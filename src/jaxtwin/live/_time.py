@@ -1,0 +1,48 @@
+"""Host time: never steps, is injectable, and counts nanoseconds since 1970."""
+
+import threading
+import time
+from typing import Protocol, final, runtime_checkable
+
+
+@runtime_checkable
+class Clock(Protocol):
+    """What the live parts ask for the time; tests pass one that they turn themselves."""
+
+    def now(self) -> int:
+        """Host time, ns. It increases steadily, whatever happens to the system's clock."""
+        ...
+
+    def utc(self) -> int:
+        """What the system's clock says, ns since 1970; it may step."""
+        ...
+
+    def wait(self, event: threading.Event, seconds: float) -> bool:
+        """Waits until the event is set or the time is over; whether it is set."""
+        ...
+
+
+@final
+class SystemClock:
+    """The monotonic clock, set to UTC once, when it is made.
+
+    The system's clock is not followed afterwards: a step of it (NTP, a user) would fold or tear the
+    time axis of a recording. The recorder notes how far the two are apart.
+    """
+
+    def __init__(self) -> None:
+        self._offset = time.time_ns() - time.monotonic_ns()
+
+    def now(self) -> int:
+        return time.monotonic_ns() + self._offset
+
+    def utc(self) -> int:
+        return time.time_ns()
+
+    def wait(self, event: threading.Event, seconds: float) -> bool:
+        return event.wait(seconds)
+
+
+def seconds(nanoseconds: int | float) -> float:
+    """Nanoseconds in seconds."""
+    return nanoseconds * 1e-9

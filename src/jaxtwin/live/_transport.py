@@ -1,0 +1,134 @@
+"""Bytes to and from a device: serial ports through pyserial, TCP through a socket of our own."""
+
+import contextlib
+import socket
+from collections.abc import Callable
+from typing import Protocol, final, runtime_checkable
+from urllib.parse import urlsplit
+
+import serial
+
+from .._errors import LinkError
+
+READ_SECONDS = 0.2
+"""The longest that `read` blocks, and so the longest that closing a link takes."""
+
+_MOST = 65_536  # bytes of one read
+_CONNECT_SECONDS = 3.0
+
+
+@runtime_checkable
+class Transport(Protocol):
+    """An open connection. Its calls raise `OSError` once it is broken."""
+
+    def read(self) -> bytes:
+        """What is there, after waiting at most `READ_SECONDS`; empty where nothing came."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Sends all of it."""
+        ...
+
+    def close(self) -> None:
+        """Ends it; never raises."""
+        ...
+
+
+Opener = Callable[[], Transport]
+"""Opens a connection, or raises `OSError`."""
+
+
+def opener(url: str, *, baud: int = 115_200) -> Opener:
+    """How to open a link, without opening it.
+
+    **Arguments:**
+
+    - `url`: `socket://host:port`, `mqtt://host:port/topic`, or what pyserial takes: a port such as
+        `/dev/ttyACM0` or `COM3`, `rfc2217://host:port`, `loop://`.
+    - `baud`: of a serial port.
+
+    **Raises:** `LinkError` where the text is none of those.
+    """
+    parts = urlsplit(url)
+    if parts.scheme in ("socket", "mqtt"):
+        try:
+            host, port = parts.hostname, parts.port
+        except ValueError:
+            host = port = None
+        if parts.scheme == "mqtt" and host and parts.path.strip("/"):
+            from ._mqtt import MqttTransport
+
+            topic = parts.path.strip("/")
+            return lambda: MqttTransport(host, port or 1883, topic)
+        if parts.scheme == "socket" and host and port:
+            return lambda: SocketTransport(socket.create_connection((host, port), _CONNECT_SECONDS))
+        raise LinkError(f"link {url!r}: allowed are socket://host:port and mqtt://host:port/topic")
+    try:
+        serial.serial_for_url(url, baud, do_not_open=True)
+    except (ValueError, serial.SerialException) as error:
+        raise LinkError(
+            f"link {url!r}: {error}; allowed are a serial port, socket://host:port, "
+            "rfc2217://host:port, loop:// and mqtt://host:port/topic"
+        ) from None
+    return lambda: SerialTransport(url, baud)
+
+
+@final
+class SocketTransport:
+    """A connected TCP socket.
+
+    pyserial's own `socket://` hands on one byte at a time and drops what came before it was opened.
+    """
+
+    def __init__(self, connected: socket.socket):
+        self._socket = connected
+        connected.settimeout(READ_SECONDS)
+        with contextlib.suppress(OSError):  # a socket pair has no such option
+            connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def read(self) -> bytes:
+        try:
+            data = self._socket.recv(_MOST)
+        except TimeoutError:
+            return b""
+        if not data:
+            raise ConnectionResetError("closed by the other side")
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._socket.sendall(data)
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+
+
+@final
+class SerialTransport:
+    """An open serial port."""
+
+    def __init__(self, url: str, baud: int):
+        # pyserial's RFC 2217 client refuses any write timeout; its socket has one of its own.
+        write_timeout = None if url.startswith("rfc2217:") else 1.0
+        self._port = serial.serial_for_url(
+            url, baud, timeout=READ_SECONDS, write_timeout=write_timeout
+        )
+
+    def read(self) -> bytes:
+        # One byte is waited for, the rest is there already: no waiting for a full buffer.
+        try:
+            first = self._port.read(1)
+            return first + self._port.read(min(self._port.in_waiting, _MOST)) if first else b""
+        except TypeError:  # pyserial 3.5 where the port vanished during the call
+            raise OSError("the port is gone") from None
+
+    def write(self, data: bytes) -> None:
+        try:
+            self._port.write(data)
+        except TypeError:  # closed by the link's thread during the call
+            raise OSError("the port is gone") from None
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._port.close()

@@ -1,0 +1,212 @@
+"""The twin behind the protocol: a device that can stand in for the bench, faults included.
+
+It does no input or output and asks for no time: `receive` and `due` are given both. So it runs
+behind TCP, behind a pseudo-terminal, or inside a test, in real time or in none.
+"""
+
+from typing import final
+
+import numpy as np
+
+from .._errors import LinkError
+from ..physics import Twin
+from ._faults import Faults, failed, loosened
+from ._framing import deframe
+from ._live_twin import LiveTwin
+from ._messages import (
+    RECALIBRATING,
+    VERSION,
+    Ask,
+    Data,
+    Duty,
+    Hello,
+    Image,
+    Message,
+    Notice,
+    encode,
+    parse,
+    wire_name,
+)
+from ._picture import Picture
+
+SHUTTER_SECONDS = 1.0
+"""How long a recalibration freezes the image."""
+
+JUMP_KELVIN, JUMP_DECAY = 0.8, 25.0
+"""A recalibration moves the camera's offset by about so much, for about so many seconds."""
+
+MOST_BEHIND = 5.0
+"""Seconds of the rig that are made up for at once; a program that slept longer has lost them."""
+
+
+@final
+class VirtualRig:
+    """A device that measures and drives a twin.
+
+    **Arguments:**
+
+    - `twin`: what it simulates.
+    - `speed`: rig seconds in a second.
+    - `seed`: of noise and faults; the same seed and the same calls give the same bytes.
+    - `camera_hz`, `controller_hz`: frames and controller samples per rig second.
+    - `faults`: what goes wrong.
+    - `watchdog`: without a duty command for so many seconds (of the host) the cells go off.
+
+    **Raises:** `LinkError` where a fault names a cell that the rig does not have.
+    """
+
+    def __init__(
+        self,
+        twin: Twin,
+        *,
+        speed: float | int = 1.0,
+        seed: int = 0,
+        camera_hz: float | int = 9.0,
+        controller_hz: float | int = 10.0,
+        faults: Faults | None = None,
+        watchdog: float | int = 2.0,
+    ):
+        rig = twin.rig
+        self.faults = faults or Faults()
+        self.faults.check_cells(tuple(cell.name for cell in rig.cells))
+        self.pwm = (0,) * len(rig.cells)
+        self.twin = LiveTwin(twin)
+        self._cells = [cell.name for cell in rig.cells]
+        self._polarity = rig.driver.polarity
+        self._noise = rig.camera.noise
+        self._random = np.random.default_rng(seed)
+        self._picture = Picture(twin, np.asarray(self.twin.system.gain))
+        self._periods = {"data": 1 / controller_hz, "image": 1 / camera_hz}
+        self._made = {"data": 0, "image": 0}
+        self._seq = {"data": 0, "image": 0, "event": 0}
+        self._start: int | None = None
+        self._commanded = 0.0
+        self._rest = b""
+        self._jump = self._jump_at = 0.0
+        self._frozen: np.ndarray | None = None
+        self._done: set[str] = set()
+        self._cuts = 0
+        self._answer = b""
+        self.hello = Hello(
+            VERSION,
+            wire_name(rig.name),
+            boot=f"{self._random.integers(16**8):08x}",
+            cells=tuple(wire_name(cell) for cell in self._cells),
+            camera=(rig.camera.width, rig.camera.height),
+            counts=rig.driver.counts,
+            watchdog=float(watchdog),
+            rate=float(speed),
+        )
+
+    def connected(self) -> bytes:
+        """What a new connection is greeted with."""
+        self._rest = b""
+        return encode(self.hello)
+
+    def receive(self, data: bytes) -> None:
+        """Bytes from a host; what is no command for this rig is passed over."""
+        frames, self._rest, _ = deframe(self._rest, data)
+        for frame in frames:
+            try:
+                message = parse(frame)
+            except LinkError:
+                continue
+            if isinstance(message, Ask):
+                self._answer += encode(self.hello)
+            elif isinstance(message, Duty) and len(message.pwm) == len(self.pwm):
+                most = self.hello.counts
+                self._set(tuple(max(-most, min(most, count)) for count in message.pwm))
+                self._commanded = self.twin.time
+
+    def due(self, now: int) -> bytes:
+        """Steps the rig to host time `now`, ns, and returns what it sends meanwhile."""
+        if self._start is None:
+            self._start = now
+        rate = self.hello.rate
+        until = (now - self._start) * 1e-9 * rate
+        for stream, period in self._periods.items():
+            self._made[stream] = max(self._made[stream], int((until - MOST_BEHIND * rate) / period))
+        sent, self._answer = [self._answer], b""
+        while True:
+            # Multiples of the period: sums of it would drift.
+            due = {name: made * self._periods[name] for name, made in self._made.items()}
+            stream = min(due, key=lambda name: due[name])
+            time = due[stream]
+            if time > until:
+                break
+            self._made[stream] += 1
+            sent += self._happens(time)
+            sent.append(self._message(stream, time))
+        return b"".join(sent)
+
+    def cuts_connection(self) -> bool:
+        """Whether the connection is to be cut now, a fault; true once for each."""
+        if not self.faults.disconnect:
+            return False
+        cuts = int(self.twin.time / self.faults.disconnect)
+        self._cuts, due = cuts, cuts > self._cuts
+        return due
+
+    def _happens(self, time: float) -> list[bytes]:
+        """Physics, watchdog and slow faults up to a time."""
+        self.twin.advance(time)
+        faults = self.faults
+        if faults.loosen and time >= faults.loosen[1] and "loosen" not in self._done:
+            self._done.add("loosen")
+            cell = self._cells.index(faults.loosen[0])
+            self.twin.replace(loosened(self.twin.system, cell, faults.loosen[2]))
+        if faults.fail and time >= faults.fail[1] and "fail" not in self._done:
+            self._done.add("fail")
+            self.twin.replace(failed(self.twin.system, self._cells.index(faults.fail[0])))
+        if faults.jumps and time >= self._jump_at + faults.jumps:
+            self._jump_at += faults.jumps
+            self._jump = self._random.normal(0, JUMP_KELVIN)
+        off = self.hello.watchdog * self.hello.rate
+        if any(self.pwm) and time - self._commanded > off:
+            self._set((0,) * len(self.pwm))
+            return [self._sent(Notice(self._count("event"), _us(time), "watchdog"))]
+        return []
+
+    def _set(self, pwm: tuple[int, ...]) -> None:
+        self.pwm = pwm
+        self.twin.drive(np.array(pwm) * self._polarity / self.hello.counts)
+
+    def _message(self, stream: str, time: float) -> bytes:
+        seq = self._count(stream)
+        if stream == "data":
+            ambient = self.twin.ambient
+            return self._sent(Data(seq, _us(time), self.pwm, round(ambient, 2)))
+        since = time - self._jump_at
+        closed = self.faults.jumps > 0 and self._jump_at > 0 and since < SHUTTER_SECONDS
+        if not closed or self._frozen is None:
+            offset = self._jump * np.exp(-since / JUMP_DECAY)
+            shape = (self.hello.camera or (1, 1))[::-1]
+            error = offset + self._random.normal(0, self._noise, shape)
+            self._frozen = self._picture.frame(self.twin.nodes, self.twin.ambient, error)
+        return self._sent(Image(seq, _us(time), RECALIBRATING * closed, self._frozen))
+
+    def _count(self, stream: str) -> int:
+        number = self._seq[stream]
+        self._seq[stream] = (number + 1) % 2**32
+        return number
+
+    def _sent(self, message: Message) -> bytes:
+        """The bytes of a message as they leave a device with faults."""
+        faults, random = self.faults, self._random
+        if faults.stall:
+            every, length = faults.stall
+            if self.twin.time >= every and self.twin.time % every < length:
+                return b""
+        if faults.drop and random.random() < faults.drop:
+            return b""
+        data = encode(message)
+        if faults.corrupt and random.random() < faults.corrupt:
+            damaged = bytearray(data)
+            for place in random.integers(len(data), size=random.integers(1, 5)):
+                damaged[place] = random.integers(256)
+            return bytes(damaged)
+        return data
+
+
+def _us(time: float) -> int:
+    return round(time * 1e6)

@@ -1,0 +1,159 @@
+"""A terminal view of a rig: zones as a coloured map, duty, rates, losses, the twin beside them."""
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.style import Style
+from rich.table import Table
+from rich.text import Text
+
+from ..physics import Twin
+from ..rig import Channel, Plate
+from ._follower import Follower
+from ._records import Event, Gap, LinkChange, LinkState, Reading, Record, Sample
+
+WIDTH, HEIGHT = 38, 12  # of the map, characters: with the table it fits into 80 columns
+_COLOURS = ((20, 11, 53), (101, 21, 110), (187, 55, 84), (249, 142, 9), (252, 255, 164))
+_LINK = {LinkState.LIVE: "green", LinkState.STALE: "yellow", LinkState.CONNECTING: "cyan"}
+_RATE_SECONDS = 5.0
+
+
+@final
+class Screen:
+    """What is shown, from records alone: a link, a recording or a test may feed it.
+
+    **Arguments:**
+
+    - `twin`: rig and parameters; predicts what should be measured.
+    """
+
+    def __init__(self, twin: Twin):
+        self._rig = twin.rig
+        self._follower = Follower(twin)
+        self._map = _channel_map(twin.rig.plate, twin.rig.channels)
+        self._links: dict[str, LinkState] = {}
+        self._arrivals: dict[str, deque[int]] = {"frames": deque(), "samples": deque()}
+        self._lost: Counter[str] = Counter()
+        self._pwm: tuple[int, ...] = ()
+        self._ambient: float | None = None
+        self._last = ""
+        self._now = 0
+
+    def update(self, records: Sequence[Record], dropped: int = 0) -> None:
+        """Takes records in their order; `dropped` is how many this view has missed so far."""
+        self._follower.update(records)
+        self._lost["not shown"] = dropped
+        for record in records:
+            self._now = max(self._now, record.arrival)
+            match record:
+                case Sample():
+                    self._pwm, self._ambient = record.pwm, record.ambient
+                    self._arrivals["samples"].append(record.arrival)
+                case Reading():
+                    self._arrivals["frames"].append(record.arrival)
+                case Gap():
+                    self._lost["lost"] += record.count
+                case LinkChange():
+                    self._links[record.link] = record.state
+                case Event(kind="garbage" | "nonsense" | "duplicate"):
+                    self._lost[record.kind] += 1
+                case Event():
+                    self._last = f"{record.kind} {record.detail}".strip()
+
+    def render(self) -> RenderableType:
+        """The whole view."""
+        top = Table.grid(padding=(0, 2))
+        top.add_row(Panel(self._plate(), title=self._rig.name), self._table())
+        return Group(top, self._status())
+
+    def _plate(self) -> Text:
+        values = self._follower.measured
+        if values is None:
+            return Text("\n" * (HEIGHT // 2) + "waiting for temperatures".center(WIDTH))
+        low, high = float(values.min()), float(values.max())
+        labels = _labels(self._map, [f"{value:.1f}" for value in values])
+        text = Text()
+        for row in range(HEIGHT):
+            for column in range(WIDTH):
+                channel = self._map[row, column]
+                if channel < 0:
+                    text.append(" ")
+                    continue
+                part = (float(values[channel]) - low) / max(high - low, 0.5)
+                ink = "black" if part > 0.6 else "white"
+                style = Style(color=ink, bgcolor="rgb({},{},{})".format(*_colour(part)))
+                text.append(labels.get((row, column), " "), style)
+            text.append("\n")
+        return text
+
+    def _table(self) -> Table:
+        table = Table("channel", "rig", "twin", "rig - twin", title="degC")
+        measured, predicted = self._follower.measured, self._follower.predicted
+        if measured is None or predicted is None:
+            return table
+        for channel, real, twin in zip(self._rig.channels, measured, predicted, strict=True):
+            table.add_row(channel.name, f"{real:.1f}", f"{twin:.1f}", f"{real - twin:+.1f}")
+        return table
+
+    def _status(self) -> Text:
+        text = Text()
+        for link, state in self._links.items():
+            text.append(f"{link} {state}  ", _LINK.get(state, "red"))
+        counts = self._rig.driver.counts
+        duty = ", ".join(f"{100 * count / counts:.0f} %" for count in self._pwm) or "-"
+        ambient = "" if self._ambient is None else f", ambient {self._ambient:.1f} degC"
+        text.append(f"\nduty {duty}{ambient}\n")
+        for what, arrivals in self._arrivals.items():
+            while arrivals and self._now - arrivals[0] > _RATE_SECONDS * 1e9:
+                arrivals.popleft()
+            text.append(f"{len(arrivals) / _RATE_SECONDS:.1f} {what}/s  ")
+        text.append(", ".join(f"{n} {what}" for what, n in self._lost.items() if n))
+        if self._last:
+            text.append(f"\n{self._last}")
+        return text
+
+
+def _channel_map(plate: Plate, channels: Sequence[Channel]) -> np.ndarray:
+    """Number of the channel at each character `(HEIGHT, WIDTH)`, the smallest there, or -1."""
+    x = (np.arange(WIDTH) + 0.5) * plate.width / WIDTH
+    y = (np.arange(HEIGHT) + 0.5) * plate.height / HEIGHT
+    found = np.full((HEIGHT, WIDTH), -1)
+    boxes = []
+    for number, channel in enumerate(channels):
+        if channel.x is not None and channel.y is not None:
+            boxes.append((*channel.x, *channel.y, number))
+        else:
+            boxes += [(*plate.extent(node), number) for node in channel.nodes]
+    for x0, x1, y0, y1, number in sorted(
+        boxes, key=lambda box: (box[1] - box[0]) * (box[3] - box[2]), reverse=True
+    ):
+        found[np.ix_((y >= y0) & (y < y1), (x >= x0) & (x < x1))] = number
+    return found
+
+
+def _labels(where: np.ndarray, texts: Sequence[str]) -> dict[tuple[int, int], str]:
+    """Characters of the texts, each in the middle of its channel, where it has room."""
+    labels: dict[tuple[int, int], str] = {}
+    for number, text in enumerate(texts):
+        rows, columns = np.nonzero(where == number)
+        if not len(rows):
+            continue
+        # In its middle row, or the next one where another channel leaves room.
+        for row in sorted(set(rows.tolist()), key=lambda row: abs(row - np.mean(rows))):
+            first = int(np.median(columns[rows == row])) - len(text) // 2
+            if first >= 0 and (where[row, first : first + len(text)] == number).all():
+                labels |= {(row, first + place): letter for place, letter in enumerate(text)}
+                break
+    return labels
+
+
+def _colour(part: float) -> tuple[int, int, int]:
+    place = min(max(part, 0.0), 1.0) * (len(_COLOURS) - 1)
+    lower = min(int(place), len(_COLOURS) - 2)
+    rest = place - lower
+    a, b = _COLOURS[lower], _COLOURS[lower + 1]
+    return tuple(round(x + rest * (y - x)) for x, y in zip(a, b, strict=True))  # pyright: ignore

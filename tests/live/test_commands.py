@@ -1,0 +1,158 @@
+"""The commands: what they print, what they refuse, and that they stop when asked."""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hand_clock import START, HandClock
+
+from jaxtwin import RecordingError
+from jaxtwin.cli import run
+from jaxtwin.io import read_recording
+from jaxtwin.live import (
+    Greeting,
+    Reading,
+    Recorder,
+    Sample,
+    Session,
+    SystemClock,
+    TcpServer,
+    VirtualRig,
+    deframe,
+    serve,
+)
+from jaxtwin.live._messages import Hello
+from jaxtwin.physics import Twin
+from jaxtwin.rig import Rig
+
+
+@pytest.fixture(autouse=True)
+def _no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "off")
+
+
+@pytest.fixture
+def recording(rig: Rig, tmp_path: Path, clock: HandClock) -> Path:
+    file = tmp_path / "session.db"
+    hello = Hello(1, "dual-cell", "b", cells=("P1", "P2"), camera=(80, 60))
+    records: list = [Greeting("l", START, hello)]
+    for number in range(200):
+        stamp = (START + number * 10**8, number * 10**5, number)
+        records.append(Sample("l", "b", *stamp, (51, 102), 16.0))
+        records.append(Reading("l", "b", *stamp, np.full(15, 20.0 + number / 100), False, None))
+    with Recorder(file, rig, clock=clock) as recorder:
+        clock.turn(20)
+        recorder.write(records)
+    return file
+
+
+def test_a_recording_is_exported_as_it_is_read(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run.csv"
+    assert run(["export", str(recording), str(out), "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"samples": 20, "gaps_s": []}
+    exported, read = read_recording(out), read_recording(recording)
+    assert exported.fingerprint == read.fingerprint
+    assert read.duty[0].tolist() == [51 / 255, 102 / 255]
+    # Readings at 0.5 ... 1.4 s lie within half a step of 1 s: mean of 20.05 ... 20.14 degC.
+    assert read.temperatures is not None
+    assert read.temperatures[1, 0] == pytest.approx(20.095)
+
+
+LINK = ["--link", "socket://127.0.0.1:1"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["export", "missing.db", "run.csv"], "missing.db: no such file"),
+        (["virtual-rig", "dual-cell", "--pty", "--tcp", ":0"], "give one of --tcp, --pty"),
+        (["virtual-rig", "dual-cell", "--tcp", "nowhere"], "allowed is HOST:PORT"),
+        (["virtual-rig", "dual-cell", "--faults", "burn=1"], "fault 'burn=1': allowed are"),
+        (["record", "dual-cell", "--link", "x://y", "--out", "s.db"], "allowed are a serial port"),
+        (["record", "dual-cell", *LINK, "--out", "no/s.db"], "there is no folder"),
+        (["drive", "dual-cell", *LINK, "--duty", "0:2"], "0:2"),
+        (["watch", "missing.db"], "missing.db: no such recording"),
+        (["watch", "dual-cell"], "a rig is watched with --link"),
+    ],
+)
+def test_a_wrong_command_is_one_clear_line(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line
+
+
+def test_a_recording_is_watched_to_its_end(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["watch", str(recording), "--speed", "1000"]) == 0
+    shown = capsys.readouterr().out
+    assert "T11" in shown
+    assert "22.0" in shown
+
+
+def samples_in(file: Path) -> int:
+    """How many samples a recording holds that may not have begun yet."""
+    try:
+        with Session(file) as session:
+            return session.database.execute("SELECT count(*) FROM samples").fetchone()[0]
+    except RecordingError:
+        return 0
+
+
+def test_a_rig_is_recorded_until_a_polite_kill(twin: Twin, tmp_path: Path) -> None:
+    out = tmp_path / "session.db"
+    server, stop = TcpServer("127.0.0.1:0"), threading.Event()
+    thread = threading.Thread(target=serve, args=(VirtualRig(twin), server, SystemClock(), stop))
+    thread.start()
+    command = [sys.executable, "-m", "jaxtwin.cli", "record", "dual-cell"]
+    command += ["--link", server.url, "--out", str(out)]
+    try:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            while samples_in(out) == 0 and process.poll() is None:
+                stop.wait(0.05)
+            process.send_signal(signal.SIGTERM)
+            printed, _ = process.communicate()
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
+    assert process.returncode == 0
+    assert f"samples from {server.url}" in printed
+    assert samples_in(out) > 0
+    with Session(out) as session:
+        assert session.database.execute("SELECT ended FROM runs").fetchone() == ("stopped",)
+
+
+def test_a_virtual_rig_says_where_it_listens_and_serves(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    served = []
+
+    def for_a_moment(device: VirtualRig, server: TcpServer, *_: object) -> None:
+        host, port = server.url.removeprefix("socket://").split(":")
+        with socket.create_connection((host, int(port))) as client:
+            for now in range(0, 10**9, 10**8):
+                server.tick(device.due(now), device)
+            served.extend(deframe(b"", client.recv(1000)).frames)
+
+    monkeypatch.setattr("jaxtwin.live.serve", for_a_moment)
+    command = ["virtual-rig", "dual-cell", "--tcp", ":0", "--speed", "5", "--faults", "drop=0.1"]
+    assert run(command) == 0
+    assert "dual-cell at socket://127.0.0.1:" in capsys.readouterr().out
+    assert served[0].startswith("hello version=1 rig=dual-cell")
+    assert "rate=5" in served[0]

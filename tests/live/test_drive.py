@@ -1,0 +1,272 @@
+"""Driving: the schedule is sent, and the cells go off whatever happens."""
+
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hand_clock import START, HandClock, stepped_bench, virtual_bench
+
+import jaxtwin as jt
+from jaxtwin import JaxtwinError
+from jaxtwin._errors import SafetyStop
+from jaxtwin.io import Experiment
+from jaxtwin.live import (
+    Event,
+    Faults,
+    Greeting,
+    Guard,
+    InProcess,
+    LinkChange,
+    LinkState,
+    Reading,
+    Recorder,
+    Sample,
+    Session,
+    SystemClock,
+    TcpServer,
+    VirtualRig,
+    drive,
+    encode,
+    serve,
+)
+from jaxtwin.live._messages import Ask, Hello
+from jaxtwin.physics import Twin
+from jaxtwin.rig import Rig
+
+OFF = (0, 0)
+
+
+def plan(schedule: str, duration: float) -> Experiment:
+    return Experiment.schedule(schedule, duration=duration, cells=2)
+
+
+def reading(seconds: float, hottest: float) -> Reading:
+    at = START + round(seconds * 1e9)
+    return Reading("l", "b", at, 0, 0, np.array([20.0, hottest]), False, None)
+
+
+def sample(seconds: float) -> Sample:
+    return Sample("l", "b", START + round(seconds * 1e9), 0, 0, OFF, None)
+
+
+@pytest.mark.parametrize(
+    ("records", "at", "reason"),
+    [
+        ([sample(2), reading(2, 89.9)], 3.0, None),
+        ([sample(2), reading(2, 90.1)], 3.0, "T12 is at 90.1 degC; the rig's limit is 90"),
+        ([sample(2), reading(2, float("nan"))], 3.0, "T12 is at nan degC; the rig's limit is 90"),
+        ([sample(2), reading(0.5, 20.0)], 4.0, "no temperature for 3.5 s"),
+        ([reading(2, 20.0)], 4.0, "no controller sample for 4.0 s"),
+        ([LinkChange("l", START, LinkState.DOWN, "gone")], 1.0, "link l is down: gone"),
+        ([Event("l", START, "watchdog")], 1.0, "own watchdog"),
+        ([Greeting("l", START, Hello(1, "r", "b2"))], 1.0, "the device on l has restarted"),
+    ],
+)
+def test_the_guard_stops_for_each_of_its_reasons(
+    records: list, at: float, reason: str | None
+) -> None:
+    guard = Guard(("T11", "T12"), 90.0, 3.0)
+    guard.begin(START, {"l": "b1"})
+    assert guard.check([Greeting("l", START, Hello(1, "r", "b1"))], START) is None
+    found = guard.check(records, START + round(at * 1e9))
+    if reason is None:
+        assert found is None
+    else:
+        assert found is not None
+        assert reason in found
+
+
+def test_a_schedule_is_driven_in_rig_time_and_ends_with_the_cells_off(
+    rig: Rig, twin: Twin, clock: HandClock
+) -> None:
+    device = VirtualRig(twin, speed=10)
+    applied: list[tuple[float, tuple[int, ...]]] = []
+    bench = virtual_bench(rig, device, clock)
+    drive(
+        bench,
+        rig,
+        plan("0:0.5,30:0.78/-0.2", 60),
+        progress=lambda time, pwm: applied.append((time, pwm)),
+    )
+    assert {pwm for time, pwm in applied if time < 30} == {(128, 128)}
+    assert {pwm for time, pwm in applied if time >= 30} == {(199, -51)}
+    assert device.pwm == OFF
+    assert device.twin.temperatures.max() > 17
+
+
+def test_a_zone_above_the_limit_stops_it(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    cautious = replace(rig, maximum_temperature=273.15 + 25)
+    device = VirtualRig(twin, speed=10)
+    with pytest.raises(SafetyStop, match="the rig's limit is 25"):
+        drive(virtual_bench(rig, device, clock), cautious, plan("0:1", 1000))
+    assert device.pwm == OFF
+    assert device.twin.temperatures.max() < 27
+
+
+def test_silence_stops_it_and_the_device_stops_itself(
+    rig: Rig, twin: Twin, clock: HandClock
+) -> None:
+    device = VirtualRig(twin, faults=Faults.parse("stall=8/7"))
+    with pytest.raises(SafetyStop, match=r"no controller sample for 3\.\d s|is down"):
+        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60))
+    assert device.pwm == OFF
+
+
+def test_a_lost_link_stops_it_for_good(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    device = VirtualRig(twin, faults=Faults.parse("disconnect=8"))
+    with pytest.raises(SafetyStop, match="is down: cut by a fault"):
+        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60))
+    for _ in range(30):
+        clock.turn(0.1)
+        device.due(clock.now())
+    assert device.pwm == OFF
+
+
+def test_a_device_that_restarts_stops_it(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    device = VirtualRig(twin)
+
+    def restart(time: float, pwm: tuple[int, ...]) -> None:
+        if time > 2 and device.hello.boot != "another":
+            device.hello = replace(device.hello, boot="another")
+            device.receive(encode(Ask(1)))
+
+    with pytest.raises(SafetyStop, match="the device on rig has restarted"):
+        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), progress=restart)
+    assert device.pwm == OFF
+
+
+def test_a_controller_that_does_not_obey_is_reported(
+    rig: Rig, twin: Twin, clock: HandClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = VirtualRig(twin)
+    stuck = device._set
+
+    def obeys_no_stop(pwm: tuple[int, ...]) -> None:
+        if any(pwm):
+            stuck(pwm)
+
+    monkeypatch.setattr(device, "_set", obeys_no_stop)
+    with pytest.raises(SafetyStop, match="does not report that the cells are off"):
+        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 2))
+
+
+def test_an_exception_switches_off_before_it_goes_on(
+    rig: Rig, twin: Twin, clock: HandClock, tmp_path: Path
+) -> None:
+    device = VirtualRig(twin)
+
+    def fails(time: float, pwm: tuple[int, ...]) -> None:
+        if time > 2:
+            raise ZeroDivisionError("a bug")
+
+    with Recorder(tmp_path / "session.db", rig, clock=clock) as recorder:
+        bench = virtual_bench(rig, device, clock, journal=recorder)
+        with pytest.raises(ZeroDivisionError):
+            drive(bench, rig, plan("0:1", 60), progress=fails)
+    assert device.pwm == OFF
+    with Session(tmp_path / "session.db") as session:
+        query = "SELECT detail FROM events WHERE kind = 'drive-stop'"
+        assert session.database.execute(query).fetchone() == ("ZeroDivisionError: a bug",)
+
+
+def test_a_journal_that_fails_does_not_keep_the_cells_on(
+    rig: Rig, twin: Twin, clock: HandClock, tmp_path: Path
+) -> None:
+    device = VirtualRig(twin)
+    recorder = Recorder(tmp_path / "session.db", rig, clock=clock)
+    bench = virtual_bench(rig, device, clock, journal=recorder)
+
+    def closes(time: float, pwm: tuple[int, ...]) -> None:
+        if time > 2:
+            recorder.close()  # from now on every write fails, as on a full disk
+
+    with pytest.raises(JaxtwinError, match="closed"):
+        drive(bench, rig, plan("0:1", 60), progress=closes)
+    assert device.pwm == OFF
+
+
+def test_a_set_stop_ends_it_politely(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    device, stop = VirtualRig(twin), threading.Event()
+    seen = []
+
+    def progress(time: float, pwm: tuple[int, ...]) -> None:
+        seen.append(time)
+        if time > 5:
+            stop.set()
+
+    drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), stop=stop, progress=progress)
+    assert 5 < seen[-1] < 6
+    assert device.pwm == OFF
+
+
+def test_a_rig_without_a_limit_is_not_driven(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    device = VirtualRig(twin)
+    unlimited = replace(rig, maximum_temperature=None)
+    with pytest.raises(JaxtwinError, match=r"limits\.temperature: is missing"):
+        drive(virtual_bench(rig, device, clock), unlimited, plan("0:1", 60))
+
+
+def test_a_rig_that_does_not_come_up_is_not_driven(rig: Rig, clock: HandClock) -> None:
+    def refused() -> InProcess:
+        raise ConnectionRefusedError(111, "refused")
+
+    bench = stepped_bench(rig, {"link": refused}, clock)
+    with pytest.raises(SafetyStop, match="not started: after 10 s: link down"):
+        drive(bench, rig, plan("0:1", 60))
+
+
+def test_a_limit_in_a_rig_file_is_a_temperature(tmp_path: Path, rig: Rig) -> None:
+    assert rig.maximum_temperature == pytest.approx(273.15 + 90)
+    bundled = Path(jt.__file__).parent / "data" / "rigs" / "dual-cell.toml"
+    text = bundled.read_text()
+    file = tmp_path / "rig.toml"
+    file.write_text(text.replace('temperature = "90 degC"', 'temperature = "90 cm"'))
+    with pytest.raises(jt.RigError, match=r"limits.temperature: found '90 cm'"):
+        jt.load_rig(file)
+
+
+DRIVING = """
+import sys
+import jaxtwin as jt
+from jaxtwin.live import connect, drive
+rig = jt.load_rig("dual-cell")
+with connect(rig, sys.argv[1]) as bench:
+    plan = jt.Experiment.schedule("0:0.5", duration=1000, cells=2)
+    drive(bench, rig, plan, progress=lambda *_: print("on", flush=True))
+"""
+
+
+def test_after_the_death_of_the_driving_process_the_cells_go_off(twin: Twin) -> None:
+    device = VirtualRig(twin, watchdog=0.5)
+    server, stop = TcpServer("127.0.0.1:0"), threading.Event()
+    thread = threading.Thread(target=serve, args=(device, server, SystemClock(), stop))
+    thread.start()
+    try:
+        process = subprocess.Popen(
+            [sys.executable, "-c", DRIVING, server.url],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        assert process.stdout is not None
+        assert process.stdout.readline() == "on\n"
+        on = threading.Event()
+        while device.pwm == OFF and process.poll() is None:
+            on.wait(0.01)
+        assert device.pwm == (128, 128)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        process.stdout.close()
+        begin = SystemClock().now()
+        while device.pwm != OFF and SystemClock().now() - begin < 20e9:
+            on.wait(0.01)
+        assert device.pwm == OFF
+    finally:
+        stop.set()
+        thread.join()
+        server.close()

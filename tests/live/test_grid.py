@@ -1,0 +1,27 @@
+"""The rule of the grid, by hand."""
+
+import numpy as np
+
+from jaxtwin.live._grid import bin_means, held
+
+GRID = np.array([10.0, 11.0, 12.0, 13.0])
+
+
+def test_a_grid_time_is_the_mean_within_half_a_step_and_nothing_is_filled_in() -> None:
+    time = np.array([9.4, 9.5, 10.0, 10.49, 10.5, 12.9])
+    values = np.array([[100.0], [1.0], [2.0], [3.0], [7.0], [9.0]])
+    means, there = bin_means(time, values, GRID, 1.0)
+    assert there.tolist() == [True, True, False, True]
+    assert means[there, 0].tolist() == [2.0, 7.0, 9.0]
+
+
+def test_a_value_is_in_force_until_the_next_but_not_for_ever() -> None:
+    time, values = np.array([10.0, 10.9]), np.array([[0.5], [0.78]])
+    duty, there = held(time, values, GRID + 0.5, longest=2.0)
+    assert duty[:, 0].tolist()[:2] == [0.5, 0.78]
+    assert there.tolist() == [True, True, True, False]
+
+
+def test_nothing_is_in_force_before_the_first_value() -> None:
+    _, there = held(np.array([11.0]), np.array([[0.5]]), np.array([10.9, 11.0]), 5.0)
+    assert there.tolist() == [False, True]

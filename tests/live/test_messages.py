@@ -1,0 +1,123 @@
+"""Messages: what is sent is what is read, and nothing else is a message."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis.extra import numpy as hnp
+
+from jaxtwin import JaxtwinError
+from jaxtwin.live import deframe, encode, parse
+from jaxtwin.live._messages import Ask, Beat, Data, Duty, Hello, Image, Notice, wire_name
+
+SEQ = st.integers(0, 2**32 - 1)
+TIME = st.integers(0, 2**62)
+COUNTS = st.lists(st.integers(-255, 255), max_size=8).map(tuple)
+HUNDREDTHS = st.integers(-27315, 200000).map(lambda number: number / 100)
+NAMES = st.text("ABCXYZabcxyz0189_.-", min_size=1, max_size=32)
+# Kinds of message and what they are made of. They are made in the test itself: checking their
+# types draws random numbers, which hypothesis wants to be the only one to do while it draws.
+MESSAGES = st.one_of(
+    st.tuples(
+        st.just(Data),
+        st.tuples(
+            SEQ,
+            TIME,
+            COUNTS,
+            st.none() | HUNDREDTHS,
+            st.lists(HUNDREDTHS, max_size=20).map(tuple),
+        ),
+    ),
+    st.tuples(st.just(Notice), st.tuples(SEQ, TIME, NAMES)),
+    st.tuples(st.just(Beat), st.tuples(TIME)),
+    st.tuples(st.just(Duty), st.tuples(SEQ, COUNTS)),
+    st.just((Ask, (1,))),
+    st.tuples(
+        st.just(Hello),
+        st.tuples(
+            st.just(1),
+            NAMES,
+            NAMES,
+            st.lists(NAMES, max_size=4, unique=True).map(tuple),
+            st.lists(NAMES, max_size=8, unique=True).map(tuple),
+            st.none() | st.just((80, 60)),
+            st.integers(1, 2**31),
+            st.sampled_from([0.5, 2.0, 60.0]),
+            st.sampled_from([0.001, 1.0, 60.0, 10_000.0]),
+        ),
+    ),
+)
+
+
+@given(MESSAGES)
+def test_a_message_is_read_as_it_was_sent(made_of: tuple) -> None:
+    kind, fields = made_of
+    message = kind(*fields)
+    (frame,) = deframe(b"", encode(message)).frames
+    assert parse(frame) == message
+
+
+@given(SEQ, TIME, st.integers(0, 255), hnp.arrays(np.uint16, (6, 8)))
+def test_an_image_is_read_pixel_for_pixel(
+    seq: int, device_us: int, flags: int, pixels: np.ndarray
+) -> None:
+    (frame,) = deframe(b"", encode(Image(seq, device_us, flags, pixels))).frames
+    image = parse(frame)
+    assert isinstance(image, Image)
+    assert (image.seq, image.device_us, image.flags) == (seq, device_us, flags)
+    np.testing.assert_array_equal(image.pixels, pixels)
+
+
+def refusal(frame: str | bytes) -> str:
+    """What is said against a frame; a message is a message, and then nothing."""
+    try:
+        parse(frame)
+    except JaxtwinError as error:
+        return str(error)
+    return "no message: "
+
+
+@given(st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=200))
+@example("data seq=1 t=1 pwm=" + ",".join("1" * 100))
+def test_any_line_is_a_message_or_a_clear_refusal(line: str) -> None:
+    assert refusal(line).startswith("no message: ")
+
+
+@given(st.binary(max_size=200))
+def test_any_packet_is_a_message_or_a_clear_refusal(payload: bytes) -> None:
+    assert refusal(payload).startswith("no message: ")
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("data seq=1", "'t'"),
+        ("data seq=1 t=1_0", "whole numbers"),  # int() would take it
+        ("data seq=+1 t=1", "whole numbers"),
+        ("data seq=4294967296 t=1", "whole numbers 0 to 4294967295"),
+        ("data seq=1 t=1 t=2", "each key once"),
+        ("data seq=1 t=1 colour=red", "unknown key 'colour'"),
+        ("data seq=1 t=1 temp=nan", "allowed are numbers"),
+        ("data seq=1 t=1 temp=1e3", "allowed are numbers"),
+        ("data seq=1 t=1 temp=-300.0", "-273.15 to 2000"),
+        ("data seq=1 t=1 pwm=" + ",".join(["1"] * 65), "65 numbers"),
+        ("hello version=1 rig=a boot=b cells=P1,P1", "each once"),
+        ("hello version=1 rig=a/b boot=b", "allowed are 1 to 32"),
+        ("hello version=1 rig=a boot=b camera=0x60", "1 to 4096"),
+        ("reboot now=1", "unknown message 'reboot'"),
+        ("beat  t=1", "allowed is key=value"),
+    ],
+)
+def test_a_wrong_line_is_refused_with_what_is_wrong(line: str, reason: str) -> None:
+    with pytest.raises(JaxtwinError, match=reason):
+        parse(line)
+
+
+def test_a_greeting_of_a_later_version_is_read_as_far_as_its_version() -> None:
+    hello = parse("hello version=2 rig=dual-cell something=new")
+    assert hello == Hello(2, "dual-cell", "")
+
+
+def test_names_that_messages_cannot_hold_are_changed_to_ones_they_can() -> None:
+    assert wire_name("Zone A, left") == "Zone-A--left"
+    assert len(wire_name("x" * 50)) == 32

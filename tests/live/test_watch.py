@@ -1,0 +1,67 @@
+"""The terminal view shows what was measured, what the twin says, and what was lost."""
+
+import io
+
+import numpy as np
+from hand_clock import START
+from rich.console import Console
+
+from jaxtwin.live import Event, Gap, Greeting, LinkChange, LinkState, Reading, Sample
+from jaxtwin.live._messages import Hello
+from jaxtwin.live._watch import HEIGHT, WIDTH, Screen, _channel_map
+from jaxtwin.physics import Twin
+from jaxtwin.rig import Rig
+
+
+def shown(screen: Screen) -> str:
+    console = Console(file=io.StringIO(), width=80, force_terminal=False)
+    with console.capture() as capture:
+        console.print(screen.render())
+    return capture.get()
+
+
+def test_a_screen_shows_values_duty_links_and_losses_within_80_columns(twin: Twin) -> None:
+    screen = Screen(twin)
+    assert "waiting for temperatures" in shown(screen)
+    values = np.linspace(20.0, 48.0, 15)
+    screen.update(
+        [
+            LinkChange("link", START, LinkState.LIVE, ""),
+            Greeting("link", START, Hello(1, "dual-cell", "b", cells=("P1", "P2"))),
+            Sample("link", "b", START, 0, 0, (128, 255), 16.0),
+            Reading("link", "b", START, 0, 0, values, False, None),
+            Gap("link", START, "image", 1, 7),
+            Event("link", START, "garbage", "12 bytes"),
+            Event("link", START, "recalibration-start"),
+        ],
+        dropped=3,
+    )
+    text = shown(screen)
+    for part in ("T11", "20.0", "48.0", "50 %, 100 %", "ambient 16.0", "link live", "7 lost"):
+        assert part in text
+    assert "1 garbage" in text
+    assert "3 not shown" in text
+    assert "recalibration-start" in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_the_twin_stands_beside_the_measurement(twin: Twin) -> None:
+    screen = Screen(twin)
+    screen.update([Reading("link", "b", START, 0, 0, np.full(15, 30.0), False, None)])
+    row = next(line for line in shown(screen).splitlines() if "TBM" in line)
+    words = row.split("TBM")[1].replace("│", " ").split()
+    measured, predicted, difference = (float(word) for word in words)
+    assert measured == 30.0
+    assert difference == round(measured - predicted, 1)
+
+
+def test_every_zone_of_the_map_belongs_to_its_channel(rig: Rig) -> None:
+    found = _channel_map(rig.plate, rig.channels)
+    assert found.shape == (HEIGHT, WIDTH)
+    assert set(found.ravel()) == set(range(15))
+    names = [channel.name for channel in rig.channels]
+    assert names[found[0, 0]] == "T11"
+    assert names[found[0, -1]] == "T16"
+    assert names[found[-1, -1]] == "T26"
+    # A tap lies upon the zones, in the middle of its third of the plate.
+    assert names[found[HEIGHT // 2, WIDTH // 2]] == "TBM"
