@@ -88,7 +88,8 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
         "recorded": np.concatenate([recorded for _, recorded in columns], axis=1),
     }
     everything = np.concatenate([values.ravel() for values in rows.values()])
-    scale = ScalarMappable(Normalize(everything.min(), everything.max()), "inferno")
+    norm = Normalize(float(everything.min()), float(everything.max()))
+    scale = ScalarMappable(norm, "inferno")
     height = ROOM_ABOVE + MAP_WIDTH * rig.plate.height / rig.plate.width
     figure = pyplot.figure(figsize=(MAP_WIDTH * len(times) + 1.4, height * 3), layout="constrained")
     grid = figure.subplots(3, len(times), squeeze=False)
@@ -106,7 +107,7 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
                 fontweight="normal", color=MUTED,
             )  # fmt: skip
             if number == 0:
-                _draw_field(axes, rig, one, scale)
+                _draw_field(axes, rig, one, norm)
                 draw_cells(axes, rig)
             else:
                 for column in order:
@@ -145,9 +146,9 @@ def _area(channel: Channel, rig: Rig) -> float:
     return sum((right - left) * (bottom - top) for left, right, top, bottom in extents)
 
 
-def _draw_field(axes: Axes, rig: Rig, field: np.ndarray, scale: ScalarMappable) -> None:
+def _draw_field(axes: Axes, rig: Rig, field: np.ndarray, norm: Normalize) -> None:
     axes.imshow(
-        field, norm=scale.norm, cmap=scale.cmap, interpolation="bilinear", aspect="equal",
+        field, norm=norm, cmap="inferno", interpolation="bilinear", aspect="equal",
         extent=(0.0, 100 * rig.plate.width, 100 * rig.plate.height, 0.0),
     )  # fmt: skip
     frame(axes, rig.plate)

@@ -98,8 +98,9 @@ class Validation:
 
     def summary(self) -> str:
         """The numbers as a table of text, a row for each channel."""
-        head = ("recording", "channel", "fit, %", "RMSE, K", "mean, K", "correlated, s", "white?")
-        rows = [head]
+        rows: list[tuple[str, ...]] = [
+            ("recording", "channel", "fit, %", "RMSE, K", "mean, K", "correlated, s", "white?")
+        ]
         for one in self.predictions:
             sample = float(np.median(np.diff(one.run.time)))
             for column, (channel, fit) in enumerate(one.run.fit_percent.items()):
