@@ -23,7 +23,8 @@ def everything(twin: Twin) -> jax.Array:
     ambient = system.ambient_temperature
     deviation = system.initial_temperature - ambient + 10 * jnp.cos(nodes)
     rate = system.heat_into_nodes(deviation, jnp.array([0.5, -0.3]), ambient) / system.capacitance
-    return jnp.sin(nodes) @ rate + 0.01 * system.channel_temperatures(deviation).sum()
+    late = sum(time for time in (system.lag, system.delay) if time is not None)
+    return jnp.sin(nodes) @ rate + 0.01 * system.channel_temperatures(deviation).sum() + late
 
 
 @eqx.filter_jit
