@@ -120,6 +120,22 @@ def test_the_plate_stands_beside_what_was_recorded_of_it():
     assert len(colors) > 3
 
 
+def test_a_band_is_drawn_and_says_how_much_lies_inside():
+    run = fit().runs["synthetic-A"]
+    recorded = run.experiment.temperatures
+    assert recorded is not None
+    low, high = recorded - 1.0, recorded + 1.0
+    high[:15] = recorded[:15] - 0.5  # a quarter of the samples above the band
+    axes = plots.plot_bands(run, low, high).axes
+    for number, (panel, channel) in enumerate(zip(axes, run.channels, strict=True)):
+        assert panel.get_title(loc="left") == channel
+        assert panel.get_title(loc="right") == "75 % inside"
+        (band,) = panel.collections
+        corners = band.get_paths()[0].vertices
+        assert np.asarray(corners)[:, 1].min() == low[:, number].min()
+        np.testing.assert_array_equal(heights(panel.lines[1]), run.temperatures[:, number])
+
+
 def test_what_cannot_be_drawn_says_why():
     run, rig = fit().runs["synthetic-A"], fit().twin.rig
     bare = fit().twin.simulate(Experiment.schedule("0:0.5", duration=10.0, cells=2))
@@ -129,3 +145,5 @@ def test_what_cannot_be_drawn_says_why():
         plots.plot_plate_beside(rig, [bare], [5.0])
     with pytest.raises(SimulationError, match="found 99 s, allowed is 0 to 59 s"):
         plots.plot_plate_beside(rig, [run], [99.0])
+    with pytest.raises(SimulationError, match=r"low: found shape \(60, 4\)"):
+        plots.plot_bands(run, run.temperatures[:, 1:], run.temperatures[:, 1:])

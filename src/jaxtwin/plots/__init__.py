@@ -3,6 +3,7 @@
 They are drawn with matplotlib in a style of their own; matplotlib's settings are left alone.
 """
 
+from ._bands import plot_bands
 from ._camera_error import plot_camera_error
 from ._comparison import plot_comparison, plot_residuals
 from ._dc_sweep import plot_dc_sweep
@@ -19,6 +20,7 @@ from ._tornado import plot_tornado
 from ._uniformity import plot_plate_beside, plot_uniformity
 
 __all__ = [
+    "plot_bands",
     "plot_camera_error",
     "plot_comparison",
     "plot_dc_sweep",
