@@ -20,7 +20,7 @@ from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter
-from ._estimate import Setting, descend, first_knowledge, make_problem
+from ._estimate import Setting, descend, first_knowledge, learn, make_problem
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._unknowns import choose_unknowns
 
@@ -32,6 +32,8 @@ AT_REST = 2.0
 
 MOVED = 2.0
 """A reading that has moved this far from the first, K, counts half."""
+
+ITERATIONS = 50
 
 
 def settle(
@@ -69,18 +71,27 @@ def settle(
     part = recording.between(None, recording.time[0] + warm_up)
     unknowns = choose_unknowns(twin, 1, free=names, per_recording=names)
     unknowns = replace(unknowns, own=tuple(_expected(row, first) for row in unknowns.own))
+    error = twin.rig.camera.common_error
     setting = Setting(
         twin=twin,
         experiments=(part,),
         unknowns=unknowns,
         samples=(_weights(part),),
-        events=((),),
-        common_error=twin.rig.camera.common_error,
+        events=None if error is not None and error.detect else ((),),
+        common_error=error,
         robust=None,
     )
-    problem = make_problem(setting, first_knowledge(setting))
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
-    attempt = descend(problem, solver, unknowns.start(), 50, setting.box)
+    knowledge = first_knowledge(setting)
+    attempt = descend(
+        make_problem(setting, knowledge), solver, unknowns.start(), ITERATIONS, setting.box
+    )
+    # A correction of the camera in this minute must not be taken for a plate that cools. Only
+    # their times are learned: a minute is too short to learn the noise from.
+    events = learn(setting, knowledge, attempt).events
+    if any(events):
+        problem = make_problem(setting, replace(knowledge, events=events))
+        attempt = descend(problem, solver, attempt.vector, ITERATIONS, setting.box)
     if not np.isfinite(attempt.cost):
         raise MatchError(f"{label}: the twin gives no finite temperatures")
     values = {
