@@ -4,6 +4,8 @@ Between any two marks: electrical work + heat from the surroundings = heat store
 At every saved time, in each cell: q_h - q_c = I V.
 """
 
+import tomllib
+from importlib.resources import files
 from itertools import pairwise
 
 import jax
@@ -13,6 +15,7 @@ import pytest
 from scipy.integrate import simpson
 
 from jaxtwin import Experiment, Run, Twin
+from jaxtwin.rig._build import build_rig
 
 # Powered, then reversed in one cell and full in the other, then off: 40 s each. Samples are 0.02 s
 # apart for 10 s after each change and 0.5 s after that: Simpson's rule on them is good to 1e-8.
@@ -88,16 +91,37 @@ def test_heat_in_is_heat_out_plus_stored(values, circuits, twins):
 
 
 def test_heat_in_is_heat_out_plus_stored_with_on_off_switching():
-    """`dual-cell`: capacitances and links of the netlist, sinks with a mass."""
-    twin = Twin("dual-cell")
+    """`dual-cell` with a command that is followed at once: capacitances and links of the netlist,
+    sinks with a mass, losses that grow with the rise."""
+    document = tomllib.loads((files("jaxtwin") / "data" / "rigs" / "dual-cell.toml").read_text())
+    for part in ("lag", "delay"):
+        del document["parameters"][document["driver"].pop(part)]
+    twin = Twin(build_rig(document, "at once"))
     values = twin.numbers_si
     C = np.array([node.capacitance.evaluate(values) for node in twin.netlist.nodes])
     to_air = np.zeros(len(C))
     for link in twin.netlist.links:
         if link.b == "ambient":
             to_air[twin.netlist.index[link.a]] += 1 / link.resistance(values)
+    loss, index, air = twin.netlist.loss, twin.netlist.index, 289.15
+    assert loss is not None
+    assert loss.exponent is not None
+    exponent = loss.exponent.evaluate(values)
+    film, radiating = np.zeros(len(C)), np.zeros(len(C))
+    for link in twin.netlist.links:
+        film[index[link.a]] += (link.role == "film") / link.resistance(values)
+    for node, areas in loss.radiators:
+        radiating[index[node]] = sum(area.evaluate(values) for area in areas)
+
+    def power(T, duty):
+        """Electrical, and what is lost beyond the film as it is at a rise of 20 K."""
+        rise = T - air
+        more = ((rise**2 + 1) / (20.0**2 + 1)) ** (exponent / 2) - 1
+        lost = film * more * rise + 5.670374419e-8 * radiating * (T**4 - air**4)
+        return np.column_stack([on_off(twin, T, duty)[2], -lost])
+
     run = twin.simulate(EXPERIMENT)
-    balance = Balance(run, C, to_air, 289.15, lambda T, duty: on_off(twin, T, duty)[2])
+    balance = Balance(run, C, to_air, air, power)
     assert (np.abs(balance.given - balance.stored) < 1e-6 * np.array(balance.exchanged)).all()
     assert balance.stored[0] > 1000
 
