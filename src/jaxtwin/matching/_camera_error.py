@@ -56,8 +56,11 @@ def detect_events(
 
     The jump at a sample is what lies between a line through the ten seconds before it and one
     through the ten seconds after it. What the plate does is smooth at that scale, and so is drift.
-    Jumps count that exceed `THRESHOLD` robust standard deviations of all such differences and are
-    the largest within `WINDOW` on either side.
+    Jumps count that exceed `CLEAR` robust standard deviations of all such differences and are the
+    largest within `WINDOW` on either side.
+
+    Cameras correct themselves at equal intervals. Where three or more jumps fit such intervals, the
+    corrections between, before and after them count from `FAINT` standard deviations on.
 
     **Arguments:**
 
@@ -71,18 +74,57 @@ def detect_events(
     line = np.stack([np.ones(width), np.arange(width) + 0.5], axis=1)
     end = np.linalg.pinv(line)[0]
     windows = np.lib.stride_tricks.sliding_window_view(common, width)
-    jumps = windows[width:] @ end - windows[:-width] @ end[::-1]
-    noise = 1.4826 * np.median(np.abs(jumps - np.median(jumps)))
-    events = []
-    for at in np.flatnonzero(np.abs(jumps) > THRESHOLD * noise):
-        near = np.abs(jumps[max(0, at - width) : at + width + 1])
-        if np.abs(jumps[at]) == near.max():
-            events.append(float(time[at + width]))
-    return tuple(events)
+    jumps = np.abs(windows[width:] @ end - windows[:-width] @ end[::-1])
+    at = time[width : width + len(jumps)]
+    noise = 1.4826 * np.median(jumps)
+    nearby = np.lib.stride_tricks.sliding_window_view(np.pad(jumps, width), 2 * width + 1)
+    clear = at[(jumps > CLEAR * noise) & (jumps == nearby.max(axis=1))]
+    events = set(clear.tolist())
+    for expected in _at_equal_intervals(clear, float(time[0]), float(time[-1])):
+        near = np.abs(at - expected) <= NEAR
+        if near.any() and not np.any(np.abs(clear - expected) <= NEAR):
+            largest = int(np.argmax(np.where(near, jumps, -1.0)))
+            if jumps[largest] > FAINT * noise:
+                events.add(float(at[largest]))
+    return tuple(sorted(events))
 
 
-THRESHOLD = 4.0
+def _at_equal_intervals(
+    clear: Float[np.ndarray, " jumps"], start: float, end: float
+) -> Float[np.ndarray, " expected"]:
+    """When corrections are expected if the clear ones come at equal intervals; none otherwise."""
+    best: Float[np.ndarray, " expected"] = np.zeros(0)
+    if len(clear) < 3:
+        return best
+    longest = 0.0
+    for first in range(len(clear)):
+        for second in range(first + 1, len(clear)):
+            for parts in range(1, 7):
+                interval = (clear[second] - clear[first]) / parts
+                count = np.round((clear - clear[first]) / interval)
+                off = np.abs(clear - clear[first] - count * interval).max()
+                if interval > max(SHORTEST, longest) and off <= NEAR:
+                    longest = interval
+                    fit = np.polynomial.Polynomial.fit(count, clear, 1).convert()
+                    zero, slope = fit.coef
+                    numbers = np.arange(
+                        np.ceil((start - zero) / slope), np.floor((end - zero) / slope) + 1
+                    )
+                    best = zero + slope * numbers
+    return best
+
+
+CLEAR = 4.0
 """A jump is one above this many robust standard deviations."""
+
+FAINT = 1.5
+"""A jump is one above as many where one is expected."""
+
+NEAR = 5.0
+"""How far from where it is expected a correction may be, s."""
+
+SHORTEST = 60.0
+"""Time between two corrections at least, s."""
 
 WINDOW = 10.0
 """Of the lines on both sides of a jump, s."""

@@ -1,22 +1,21 @@
 """Rounds of a match: descend, learn from the residuals what they are like, weigh anew."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import CommonError
 from ._camera_error import camera_shapes, detect_events
-from ._levenberg_marquardt import RUNNING, BoundedLevenbergMarquardt, LMState
+from ._descend import Attempt, Box, OnStep, descend
+from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._noise import Noise, huber_weights, noise_of
-from ._residuals import Problem, build_problem, differences, residual_jacobian, residuals
+from ._residuals import Problem, build_problem
 from ._unknowns import Unknowns
 from ._weights import Weights, make_weights
 
@@ -24,11 +23,8 @@ FIRST_NOISE = Noise(0.25, 64.0)
 """Before anything is known of the residuals: a quarter kelvin, a minute long."""
 
 ROUNDS = 3
-LOOSE = (1e-2, 1e-3)
+LOOSE = (3e-2, 1e-2)
 """Relative fall of the cost at which rounds end that are not the last."""
-
-
-Box = tuple[Float[np.ndarray, " unknowns"], Float[np.ndarray, " unknowns"]]
 
 
 @final
@@ -56,6 +52,14 @@ class Setting:
         return self.unknowns.lower(), self.unknowns.upper()
 
     @property
+    def scale(self) -> Float[np.ndarray, " unknowns"] | None:
+        """One over how far the entries are expected to move, where priors say so."""
+        precision = self.unknowns.prior_precision()
+        if not precision.any():
+            return None
+        return np.where(precision > 0, precision, 1 / self.unknowns.widths())
+
+    @property
     def weighs(self) -> bool:
         """Whether it matters how large the residuals are: beside priors it does."""
         priors = self.unknowns.prior_precision().any()
@@ -80,58 +84,47 @@ class Knowledge:
     common_weights: tuple[Float[np.ndarray, " times"], ...]
 
 
-Step = tuple[int, float, float, bool, Float[np.ndarray, " unknowns"]]
-"""Number, mean squared error (K^2), steepest cosine, whether accepted, vector."""
-
-
-@final
-@dataclass(frozen=True)
-class Attempt:
-    """Where a descent ended: the vector, the optimiser's state, all steps, and its problem."""
-
-    vector: Float[np.ndarray, " unknowns"]
-    state: LMState
-    steps: tuple[Step, ...]
-    problem: Problem
-
-    @property
-    def cost(self) -> float:
-        """Half the sum of squared weighted residuals."""
-        return float(self.state.cost)
-
-    @property
-    def mean_square(self) -> float:
-        """Mean squared error of all samples, K^2."""
-        return float(self.state.aux)
-
-
 def estimate(
-    setting: Setting,
+    settings: Sequence[Setting],
     solver: BoundedLevenbergMarquardt,
-    start: Float[np.ndarray, " unknowns"],
+    starts: Sequence[Float[np.ndarray, " unknowns"]],
     max_iterations: int,
-    on_step: Callable[[Step], None] | None = None,
-) -> tuple[Attempt, Knowledge]:
-    """Matches in rounds until the weights fit the residuals; in one where weights do not matter."""
-    knowledge = first_knowledge(setting)
-    rounds = ROUNDS if setting.weighs else 1
-    attempt, steps = None, ()
+    on_step: OnStep | None = None,
+) -> list[tuple[Attempt, Knowledge]]:
+    """Matches in rounds until the weights fit the residuals; in one where weights do not matter.
+
+    **Arguments:**
+
+    - `settings`: one or several, alike but for their recordings' temperatures, samples and events.
+    - `solver`: with the tolerances of the last round.
+    - `starts`: of each. `max_iterations`: of each, over all rounds.
+    - `on_step`: called with the number of the setting and each step.
+    """
+    settings = list(settings)
+    knowledge = [first_knowledge(setting) for setting in settings]
+    rounds = ROUNDS if settings[0].weighs else 1
+    attempts: list[Attempt] = []
     for number in range(rounds):
         last = number == rounds - 1
         loose = solver if last else replace(solver, rtol=LOOSE[number])
-        if attempt is not None:
-            # The new weights change little: go on as carefully or boldly as before.
-            loose = replace(loose, damping=float(attempt.state.damping))
-        problem = make_problem(setting, knowledge)
-        left = max_iterations - max(0, len(steps) - 1)
-        attempt = descend(problem, loose, start, left, setting.box, steps, on_step)
-        steps, start = attempt.steps, attempt.vector
-        if not np.isfinite(attempt.cost):
-            break
+        problems = [make_problem(*pair) for pair in zip(settings, knowledge, strict=True)]
+        vectors = [one.vector for one in attempts] or starts
+        attempts = descend(
+            problems,
+            loose,
+            vectors,
+            max_iterations,
+            settings[0].box,
+            settings[0].scale,
+            attempts or None,
+            on_step,
+        )
         if not last:
-            knowledge = learn(setting, knowledge, attempt)
-    assert attempt is not None
-    return attempt, knowledge
+            knowledge = [
+                learn(*one) if np.isfinite(one[2].cost) else one[1]
+                for one in zip(settings, knowledge, attempts, strict=True)
+            ]
+    return list(zip(attempts, knowledge, strict=True))
 
 
 def first_knowledge(setting: Setting) -> Knowledge:
@@ -173,10 +166,9 @@ def split_residuals(
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
     """Of each recording what channels have alone `(times, channels)`, what they share less the
     camera's error `(times,)`, and that error `(times,)`, K."""
+    found: dict[int, tuple[np.ndarray, ...]] = {}
     with jax.enable_x64(True):
-        groups = _differences(jnp.asarray(attempt.vector), attempt.problem)
-        found: dict[int, tuple[np.ndarray, ...]] = {}
-        for group, difference in zip(attempt.problem.groups, groups, strict=True):
+        for group, difference in zip(attempt.problem.groups, attempt.differences, strict=True):
             alone, common, sizes = jax.vmap(lambda w, d: w.split(d))(group.weights, difference)
             error = np.einsum("rtk,rk->rt", np.asarray(group.weights.shapes), np.asarray(sizes))
             for row, position in enumerate(group.positions):
@@ -225,66 +217,3 @@ def residual_noise(
     ]
     of_common = noise_of(shared)
     return (noise_of(several) if several else of_common), of_common
-
-
-def descend(
-    problem: Problem,
-    solver: BoundedLevenbergMarquardt,
-    start: Float[np.ndarray, " unknowns"],
-    max_iterations: int,
-    box: Box,
-    steps: tuple[Step, ...] = (),
-    on_step: Callable[[Step], None] | None = None,
-) -> Attempt:
-    """Steps the optimiser from here, so that every iteration can be kept and shown.
-
-    **Arguments:**
-
-    - `box`: lower and upper bounds.
-    - `steps`: those of earlier rounds, which these continue.
-    """
-    lower, upper = box
-    found = list(steps)
-    with jax.enable_x64(True):
-        # Plain floats would be constants of the compiled step: another tolerance, another program.
-        solver = eqx.tree_at(
-            lambda s: [s.rtol, s.atol, s.gtol, s.damping], solver, replace_fn=jnp.asarray
-        )
-        bounds = (jnp.asarray(lower), jnp.asarray(upper))
-        vector = jnp.asarray(start)
-        mean_square = jax.ShapeDtypeStruct((), jnp.float64)
-        options = {"lower": bounds[0], "upper": bounds[1]}
-        state = solver.init(residuals, vector, problem, options, None, mean_square, frozenset())
-        for iteration in range(max_iterations + 1):
-            vector, state = _step(solver, vector, problem, bounds, state)
-            if not (steps and iteration == 0):
-                found.append(
-                    (
-                        len(found),
-                        float(state.aux),
-                        float(state.gradient),
-                        bool(state.accepted),
-                        np.asarray(vector),
-                    )
-                )
-                if on_step is not None:
-                    on_step(found[-1])
-            if int(state.status) != RUNNING or not np.isfinite(float(state.cost)):
-                break
-    return Attempt(np.asarray(vector), state, tuple(found), problem)
-
-
-@eqx.filter_jit
-def _step(
-    solver: BoundedLevenbergMarquardt,
-    vector: Float[Array, " unknowns"],
-    problem: Problem,
-    bounds: tuple[Float[Array, " unknowns"], Float[Array, " unknowns"]],
-    state: LMState,
-) -> tuple[Float[Array, " unknowns"], LMState]:
-    options = {"lower": bounds[0], "upper": bounds[1], "jacobian": residual_jacobian}
-    vector, state, _ = solver.step(residuals, vector, problem, options, state, frozenset())
-    return vector, state
-
-
-_differences = eqx.filter_jit(differences)

@@ -7,8 +7,8 @@ Each step solves, over the parameters that are not held at a bound,
 
 $$\min_\delta \lVert J \delta + r \rVert^2 + \lambda \lVert D \delta \rVert^2$$
 
-with $D$ the largest column norms of $J$ seen so far (Moré 1978), projects $y + \delta$ onto the
-box, and accepts it where the cost falls.
+with $D$ the largest column norms of $J$ seen so far (Moré 1978) or as given, projects
+$y + \delta$ onto the box, and accepts it where the cost falls.
 A parameter is held where it is at a bound and the gradient pushes it out of the box.
 $\lambda$ follows the gain ratio (Nielsen 1999).
 The Jacobian enters through the triangle of its QR factorisation, so that steps do not suffer from
@@ -24,6 +24,8 @@ import jax.numpy as jnp
 import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
+
+Bounds = tuple[Float[Array, " parameters"], Float[Array, " parameters"]]
 
 RUNNING, GRADIENT, REDUCTION, STEP, STALLED = range(5)
 STATUS = {
@@ -72,6 +74,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
     parameters; a start outside is moved onto the box.
     Derivatives are taken in forward mode, which suits many residuals of few parameters, unless the
     option `"jacobian"` gives a function of parameters and arguments that returns the matrix.
+    The option `"scale"` gives $D$, shaped like the parameters: one over how far each is expected to
+    move, where that is known. Directions that the residuals hardly tell are then not damped more
+    than others.
 
     **Arguments:**
 
@@ -100,14 +105,15 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
         tags: frozenset[object],
     ) -> LMState:
         """A state with nothing computed yet: the first step evaluates the start."""
-        del fn, args, options, f_struct, tags
+        del fn, args, f_struct, tags
         flat, _ = ravel_pytree(y)
+        scale = _scale(options)
         n, dtype = flat.size, flat.dtype
         return LMState(
             triangle=jnp.zeros((n, n), dtype),
             projected=jnp.zeros(n, dtype),
             cost=jnp.array(jnp.inf, dtype),
-            scale=jnp.zeros(n, dtype),
+            scale=jnp.zeros(n, dtype) if scale is None else scale,
             damping=jnp.array(self.damping, dtype),
             growth=jnp.array(2.0, dtype),
             gradient=jnp.array(jnp.inf, dtype),
@@ -131,38 +137,87 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
         """Tries one step; computes the Jacobian where it is taken."""
         del tags
         flat, unravel = ravel_pytree(y)
-        lower, upper = _bounds(options, flat)
+        bounds = _bounds(options, flat)
 
         def residuals(flat: Array) -> tuple[Array, Any]:
             out, aux = fn(unravel(flat), args)
             return ravel_pytree(out)[0], aux
 
-        gradient = state.triangle.T @ state.projected
-        held = ((flat <= lower) & (gradient > 0)) | ((flat >= upper) & (gradient < 0))
-        move = _damped_step(state, held)
-        trial = jnp.clip(flat + jnp.where(state.first, 0.0, move), lower, upper)
-        move = trial - flat
-
+        trial = self.propose(flat, bounds, state)
         residual, aux = residuals(trial)
         cost = 0.5 * jnp.sum(residual**2)
-        linear = state.triangle @ move
-        predicted = -(jnp.sum(linear * state.projected) + 0.5 * jnp.sum(linear**2))
-        actual = state.cost - cost
-        ratio = actual / jnp.where(predicted > 0, predicted, jnp.inf)
-        accepted = state.first | (jnp.isfinite(cost) & (predicted > 0) & (ratio > 1e-4))
 
         def factorised() -> tuple[Array, Array]:
             if "jacobian" in options:
                 jacobian = options["jacobian"](unravel(trial), args)
             else:
                 jacobian = jax.jacfwd(lambda flat: residuals(flat)[0])(trial)
-            table = jnp.concatenate([jacobian, residual[:, None]], axis=1)
-            triangle = _triangle_of(table)
-            return triangle[:-1, :-1], triangle[:-1, -1]
+            return factors(jacobian, residual)
 
-        triangle, projected = jax.lax.cond(
-            accepted, factorised, lambda: (state.triangle, state.projected)
+        parts = jax.lax.cond(
+            self.accepts(flat, trial, cost, state),
+            factorised,
+            lambda: (state.triangle, state.projected),
         )
+        new_flat, new_state = self.judge(
+            flat, trial, cost, aux, parts, bounds, state, _scale(options)
+        )
+        return unravel(new_flat), new_state, new_state.aux
+
+    def propose(
+        self, flat: Float[Array, " parameters"], bounds: Bounds, state: LMState
+    ) -> Float[Array, " parameters"]:
+        """Where to try next: `step` in parts, for those who compute the residuals elsewhere.
+
+        **Arguments:**
+
+        - `flat`: the parameters as a vector.
+        - `bounds`: lower and upper.
+        - `state`: as it was there.
+        """
+        lower, upper = bounds
+        gradient = state.triangle.T @ state.projected
+        held = ((flat <= lower) & (gradient > 0)) | ((flat >= upper) & (gradient < 0))
+        move = _damped_step(state, held)
+        return jnp.clip(flat + jnp.where(state.first, 0.0, move), lower, upper)
+
+    def accepts(
+        self,
+        flat: Float[Array, " parameters"],
+        trial: Float[Array, " parameters"],
+        cost: Scalar,
+        state: LMState,
+    ) -> Bool[Array, ""]:
+        """Whether a trial is taken, given half its sum of squared residuals."""
+        predicted, _, ratio = _gain(flat, trial, cost, state)
+        return state.first | (jnp.isfinite(cost) & (predicted > 0) & (ratio > 1e-4))
+
+    def judge(
+        self,
+        flat: Float[Array, " parameters"],
+        trial: Float[Array, " parameters"],
+        cost: Scalar,
+        aux: Any,
+        parts: tuple[Float[Array, "parameters parameters"], Float[Array, " parameters"]],
+        bounds: Bounds,
+        state: LMState,
+        scale: Float[Array, " parameters"] | None = None,
+    ) -> tuple[Float[Array, " parameters"], LMState]:
+        """The parameters and the state after a trial.
+
+        **Arguments:**
+
+        - `flat`, `trial`, `cost`, `bounds`, `state`: as above.
+        - `aux`: what the residuals came with.
+        - `parts`: `factors` of the Jacobian at the trial; not looked at where it is not accepted.
+        - `scale`: D, None for the largest column norms so far.
+        """
+        lower, upper = bounds
+        predicted, actual, ratio = _gain(flat, trial, cost, state)
+        accepted = self.accepts(flat, trial, cost, state)
+        move = trial - flat
+        triangle = jnp.where(accepted, parts[0], state.triangle)
+        projected = jnp.where(accepted, parts[1], state.projected)
         lengths = jnp.linalg.norm(triangle, axis=0)
         new_cost = jnp.where(accepted, cost, state.cost)
         new_flat = jnp.where(accepted, trial, flat)
@@ -198,7 +253,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
             triangle=triangle,
             projected=projected,
             cost=new_cost,
-            scale=jnp.maximum(state.scale, lengths),
+            scale=jnp.maximum(state.scale, lengths) if scale is None else scale,
             damping=damping,
             growth=jnp.where(accepted, 2.0, 2 * state.growth).astype(flat.dtype),
             gradient=steepest,
@@ -209,7 +264,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
             jacobians=state.jacobians + accepted,
             aux=jax.tree.map(lambda new, old: jnp.where(accepted, new, old), aux, state.aux),
         )
-        return unravel(new_flat), new_state, new_state.aux
+        return new_flat, new_state
 
     def terminate(
         self,
@@ -243,6 +298,22 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
         del fn, args, options, tags, result
         counts = {"num_residuals": state.residuals, "num_jacobians": state.jacobians}
         return y, aux, {"status": state.status, "cost": state.cost, **counts}
+
+
+def factors(
+    jacobian: Float[Array, "residuals parameters"], residual: Float[Array, " residuals"]
+) -> tuple[Float[Array, "parameters parameters"], Float[Array, " parameters"]]:
+    """R and $Q^T r$ of the Jacobian's QR factorisation."""
+    triangle = _triangle_of(jnp.concatenate([jacobian, residual[:, None]], axis=1))
+    return triangle[:-1, :-1], triangle[:-1, -1]
+
+
+def _gain(flat: Array, trial: Array, cost: Scalar, state: LMState) -> tuple[Array, Array, Array]:
+    """By how much a step should lower the cost, by how much it does, and their ratio."""
+    linear = state.triangle @ (trial - flat)
+    predicted = -(jnp.sum(linear * state.projected) + 0.5 * jnp.sum(linear**2))
+    actual = state.cost - cost
+    return predicted, actual, actual / jnp.where(predicted > 0, predicted, jnp.inf)
 
 
 def _triangle_of(table: Float[Array, "rows columns"]) -> Float[Array, "columns columns"]:
@@ -281,6 +352,11 @@ def _bounds(options: dict[str, Any], flat: Array) -> tuple[Array, Array]:
         return jnp.full_like(flat, default) if value is None else ravel_pytree(value)[0]
 
     return bound("lower", -jnp.inf), bound("upper", jnp.inf)
+
+
+def _scale(options: dict[str, Any]) -> Float[Array, " parameters"] | None:
+    given = options.get("scale")
+    return None if given is None else ravel_pytree(given)[0]
 
 
 def _tiny(like: Array) -> float:

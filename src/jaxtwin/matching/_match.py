@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,12 +14,10 @@ from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
 from ..simulation import Run, checked_channels, simulate
+from ._descend import Attempt, Step, descend
 from ._estimate import (
-    Attempt,
     Knowledge,
     Setting,
-    Step,
-    descend,
     estimate,
     make_problem,
     residual_noise,
@@ -30,7 +27,6 @@ from ._events import Span, given_events, span_weights
 from ._fit import CameraError, Fit, FittedParameter, Iteration, Optimum
 from ._levenberg_marquardt import RUNNING, STATUS, BoundedLevenbergMarquardt
 from ._noise import Noise
-from ._residuals import residual_jacobian
 from ._uncertainty import Uncertainty, uncertainty
 from ._unknowns import Unknowns, choose_unknowns
 from ._warnings import parameter_warnings
@@ -115,23 +111,27 @@ def match(
     _checked_counts(starts=starts, max_iterations=max_iterations)
     setting = make_setting(twin, recordings, names, unknowns, events, masks, robust)
     # Weighted residuals are counted in standard deviations: a fall of a thousandth means nothing.
-    solver = solver or BoundedLevenbergMarquardt(rtol=1e-5 if setting.weighs else 1e-7)
+    solver = solver or BoundedLevenbergMarquardt(rtol=3e-5 if setting.weighs else 1e-7)
 
-    def listener(start: int) -> Callable[[Step], None]:
-        def tell(step: Step) -> None:
-            if on_iteration is not None:
-                on_iteration(_iteration(step, start, unknowns, names))
-
-        return tell
+    def tell(start: int, step: Step) -> None:
+        if on_iteration is not None:
+            on_iteration(_iteration(step, start, unknowns, names))
 
     vectors = _starts(unknowns, starts, seed)
-    first, knowledge = estimate(setting, solver, vectors[0], max_iterations, listener(0))
-    # The others descend on the same cost, so that they can be compared.
-    problem = make_problem(setting, knowledge)
-    attempts = [first] + [
-        descend(problem, solver, vector, max_iterations, setting.box, (), listener(number))
-        for number, vector in enumerate(vectors[1:], start=1)
-    ]
+    ((first, knowledge),) = estimate([setting], solver, vectors[:1], max_iterations, tell)
+    attempts = [first]
+    if starts > 1:
+        # The others descend on the same cost, so that they can be compared.
+        problem = make_problem(setting, knowledge)
+        attempts += descend(
+            [problem] * (starts - 1),
+            solver,
+            vectors[1:],
+            max_iterations,
+            setting.box,
+            setting.scale,
+            on_step=lambda number, step: tell(number + 1, step),
+        )
     order = sorted(
         (number for number, one in enumerate(attempts) if np.isfinite(one.cost)),
         key=lambda number: attempts[number].cost,
@@ -255,8 +255,7 @@ def _uncertainty(
     names: tuple[str, ...],
 ) -> Uncertainty:
     problem = attempt.problem
-    with jax.enable_x64(True):
-        jacobian = np.asarray(_jacobian(jnp.asarray(attempt.vector), problem))
+    jacobian = attempt.jacobian()
     alone, common, sizes, row = [], [], [], 0
     for group in problem.groups:
         for part, kind in zip(
@@ -285,9 +284,6 @@ def _uncertainty(
         unknowns.slopes(vector),
         (vector > lower + 1e-9) & (vector < upper - 1e-9),
     )
-
-
-_jacobian = eqx.filter_jit(residual_jacobian)
 
 
 def _iteration(step: Step, start: int, unknowns: Unknowns, names: tuple[str, ...]) -> Iteration:

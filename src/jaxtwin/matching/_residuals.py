@@ -108,22 +108,29 @@ def residuals(
     **Returns:** for each group of recordings what a channel has alone, what all share and the
     sizes of the camera's shapes, then the priors; and the mean squared error of all samples, K^2.
     """
-    weighted, squares, samples = [], jnp.zeros(()), 0
-    for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True):
+    return weighted(differences(vector, problem), vector, problem)
 
-        def one(local: Array, group: Recordings) -> tuple[Any, Array]:
-            reading = _reading(local, problem, group.schedule, group.columns)
-            difference = reading - group.temperatures
-            alone, common, sizes = group.weights.split(difference)
-            error = difference - (group.weights.shapes @ sizes)[:, None]
-            return group.weights.weigh(alone, common, sizes), jnp.sum(error**2)
 
-        parts, square = jax.vmap(one)(local, group)
-        weighted.append(parts)
+def weighted(
+    groups: Sequence[Float[Array, "recordings times channels"]],
+    vector: Float[Array, " unknowns"],
+    problem: Problem,
+) -> tuple[list[Any], Float[Array, ""]]:
+    """The weighted residuals from the `differences`."""
+    parts, squares, samples = [], jnp.zeros(()), 0
+    for group, difference in zip(problem.groups, groups, strict=True):
+
+        def one(difference: Array, weights: Weights) -> tuple[Any, Array]:
+            alone, common, sizes = weights.split(difference)
+            error = difference - (jnp.asarray(weights.shapes) @ sizes)[:, None]
+            return weights.weigh(alone, common, sizes), jnp.sum(error**2)
+
+        part, square = jax.vmap(one)(difference, group.weights)
+        parts.append(part)
         squares += square.sum()
         samples += np.size(group.temperatures)
-    weighted.append((vector - problem.centre) * problem.precision)
-    return weighted, squares / samples
+    parts.append((vector - problem.centre) * problem.precision)
+    return parts, squares / samples
 
 
 def differences(vector: Float[Array, " unknowns"], problem: Problem) -> list[Float[Array, "..."]]:
@@ -144,18 +151,42 @@ def residual_jacobian(
     The same as `jax.jacfwd` of `residuals`, for less: a recording does not depend on the others'
     own values, and a channel's gain does not act on the plate.
     """
-    rows = []
-    for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True):
-        parts = jax.vmap(lambda one, g: _weighted_jacobian(one, problem, g))(local, group)
+    return weighted_jacobian(derivatives(vector, problem), problem)
+
+
+def derivatives(
+    vector: Float[Array, " unknowns"], problem: Problem
+) -> list[Float[Array, "recordings entries times channels"]]:
+    """Derivatives of the `differences` in the entries that concern each recording."""
+    return [
+        jax.vmap(lambda one, g: _reading_jacobian(one, problem, g.schedule, g.columns))(
+            local, group
+        )
+        for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True)
+    ]
+
+
+def weighted_jacobian(
+    groups: Sequence[Float[Array, "recordings entries times channels"]], problem: Problem
+) -> Float[Array, "residuals unknowns"]:
+    """The residuals' Jacobian from the `derivatives`."""
+    size, rows = np.shape(problem.centre)[0], []
+    for group, slopes in zip(problem.groups, groups, strict=True):
+
+        def one(slopes: Array, weights: Weights) -> tuple[Array, Array, Array]:
+            parts = jax.vmap(lambda d: weights.weigh(*weights.split(d)))(slopes)
+            alone, common, sizes = (jnp.moveaxis(part, 0, -1) for part in parts)
+            return alone, common, sizes
+
         places = problem.layout.places()[list(group.positions)]
-        for part in parts:
+        for part in jax.vmap(one)(slopes, group.weights):
             recordings, entries = part.shape[0], part.shape[-1]
             flat = part.reshape(recordings, -1, entries)
-            whole = jnp.zeros((*flat.shape[:2], vector.size), flat.dtype)
+            whole = jnp.zeros((*flat.shape[:2], size), flat.dtype)
             number = np.arange(recordings)[:, None, None]
             row = np.arange(flat.shape[1])[None, :, None]
             whole = whole.at[number, row, places[:, None, :]].set(flat)
-            rows.append(whole.reshape(-1, vector.size))
+            rows.append(whole.reshape(-1, size))
     rows.append(jnp.diag(jnp.asarray(problem.precision)))
     return jnp.concatenate(rows)
 
@@ -179,9 +210,12 @@ def _reading(
     return base + system.gain[columns] * rise - 273.15
 
 
-def _weighted_jacobian(
-    local: Float[Array, " entries"], problem: Problem, group: Recordings
-) -> tuple[Array, Array, Array]:
+def _reading_jacobian(
+    local: Float[Array, " entries"],
+    problem: Problem,
+    schedule: Schedule,
+    columns: Int[Array | np.ndarray, " columns"],
+) -> Float[Array, "entries times channels"]:
     layout = problem.layout
     inner = np.array(layout.inner_entries(problem.twin), dtype=int)
     outer = np.setdiff1d(np.arange(local.size), inner)
@@ -192,11 +226,11 @@ def _weighted_jacobian(
 
     def plate(part: Array) -> tuple[Array, Array]:
         system = twin(part, inner).system(lumped=True)
-        return channel_rises(system, group.schedule, group.columns)
+        return channel_rises(system, schedule, columns)
 
     def gain(part: Array, entries: np.ndarray) -> Array:
         one = twin(part, entries)
-        return one.wiring.gains(one.parameters_si)[group.columns]
+        return one.wiring.gains(one.parameters_si)[columns]
 
     def forward(function: Any, part: Array) -> tuple[Any, Any]:
         basis = jnp.eye(part.size, dtype=part.dtype)
@@ -212,9 +246,7 @@ def _weighted_jacobian(
     if outer.size:
         d_gain = forward(lambda part: gain(part, outer), local[outer])[1]
         whole = whole.at[outer].set(rise * d_gain[:, None, :])
-    parts = jax.vmap(lambda d: group.weights.weigh(*group.weights.split(d)))(whole)
-    alone, common, sizes = (jnp.moveaxis(part, 0, -1) for part in parts)
-    return alone, common, sizes
+    return whole
 
 
 def channel_rises(
