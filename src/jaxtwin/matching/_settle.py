@@ -20,7 +20,8 @@ from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter
-from ._estimate import Setting, descend, first_knowledge, learn, make_problem
+from ._descend import descend
+from ._estimate import Setting, first_knowledge, learn, make_problem
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._unknowns import choose_unknowns
 
@@ -83,15 +84,28 @@ def settle(
     )
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
     knowledge = first_knowledge(setting)
-    attempt = descend(
-        make_problem(setting, knowledge), solver, unknowns.start(), ITERATIONS, setting.box
+    (attempt,) = descend(
+        [make_problem(setting, knowledge)],
+        solver,
+        [unknowns.start()],
+        ITERATIONS,
+        setting.box,
+        setting.scale,
     )
     # A correction of the camera in this minute must not be taken for a plate that cools. Only
     # their times are learned: a minute is too short to learn the noise from.
     events = learn(setting, knowledge, attempt).events
     if any(events):
         problem = make_problem(setting, replace(knowledge, events=events))
-        attempt = descend(problem, solver, attempt.vector, ITERATIONS, setting.box)
+        (attempt,) = descend(
+            [problem],
+            solver,
+            [attempt.vector],
+            ITERATIONS,
+            setting.box,
+            setting.scale,
+            [attempt],
+        )
     if not np.isfinite(attempt.cost):
         raise MatchError(f"{label}: the twin gives no finite temperatures")
     values = {
