@@ -84,9 +84,17 @@ class Iteration:
 @final
 @dataclass(frozen=True)
 class Optimum:
-    """Where one of several starts ended: `rmse` (K), `iterations`, `status`, `parameters`."""
+    """Where one of several starts ended.
+
+    - `start`: which one. `cost`: half the sum of squared weighted residuals, priors among them.
+    - `apart`: root mean square of the difference between its simulated channels and those of the
+      best, K: optima far apart in their parameters may predict the same.
+    - `rmse`: K. `iterations`, `status`, `converged`, `parameters`.
+    """
 
     start: int
+    cost: float
+    apart: float
     rmse: float
     iterations: int
     status: str
@@ -223,6 +231,8 @@ class Fit:
             "optima": [
                 {
                     "start": one.start,
+                    "cost": _plain(one.cost),
+                    "apart_K": _plain(one.apart),
                     "rmse_K": _plain(one.rmse),
                     "iterations": one.iterations,
                     "status": one.status,

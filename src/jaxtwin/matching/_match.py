@@ -78,7 +78,8 @@ def match(
     - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
     - `starts`: how many starting points; the first is the twin, the others vary each positive
       parameter by a factor of about e (of its prior's width where it has one) and each other one
-      by a tenth of its range (its prior's width), inside bounds.
+      by a tenth of its range (its prior's width), inside bounds. They descend in one batch, and
+      `Fit.optima` compares where they end.
     - `seed`: of the other starts.
     - `max_iterations`: of each start.
     - `solver`: tolerances; see `BoundedLevenbergMarquardt`.
@@ -103,15 +104,9 @@ def match(
         per_recording=per_recording,
         bounds=bounds,
     )
-    samples = sum(len(one.time) * len(one.channels) for one in recordings)
-    if samples < unknowns.size:
-        raise MatchError(
-            f"found {samples} samples for {unknowns.size} unknowns, allowed is at least as many"
-        )
     _checked_counts(starts=starts, max_iterations=max_iterations)
     setting = make_setting(twin, recordings, names, unknowns, events, masks, robust)
-    # Weighted residuals are counted in standard deviations: a fall of a thousandth means nothing.
-    solver = solver or BoundedLevenbergMarquardt(rtol=3e-5 if setting.weighs else 1e-7)
+    solver = solver or default_solver(setting)
 
     def tell(start: int, step: Step) -> None:
         if on_iteration is not None:
@@ -140,8 +135,9 @@ def match(
         raise MatchError(
             f"{twin.rig.name}: the start gives no finite temperatures; start from other values"
         )
-    optima = tuple(_optimum(attempts[number], number, unknowns, names) for number in order)
-    return make_fit(setting, knowledge, attempts[order[0]], order[0], names, optima, began)
+    best = attempts[order[0]]
+    optima = tuple(_optimum(attempts[number], number, best, unknowns, names) for number in order)
+    return make_fit(setting, knowledge, best, order[0], names, optima, began)
 
 
 def make_setting(
@@ -154,6 +150,11 @@ def make_setting(
     robust: float | None,
 ) -> Setting:
     """Checks what is said about single recordings and puts a match together."""
+    samples = sum(len(one.time) * len(one.channels) for one in recordings)
+    if samples < unknowns.size:
+        raise MatchError(
+            f"found {samples} samples for {unknowns.size} unknowns, allowed is at least as many"
+        )
     error = twin.rig.camera.common_error
     if events is not None and error is None:
         raise MatchError(
@@ -181,6 +182,12 @@ def make_setting(
         common_error=error,
         robust=robust,
     )
+
+
+def default_solver(setting: Setting) -> BoundedLevenbergMarquardt:
+    """Weighted residuals are counted in standard deviations, and a fall of a thousandth means
+    nothing; plain ones may be all that a recording without noise leaves."""
+    return BoundedLevenbergMarquardt(rtol=3e-5 if setting.weighs else 1e-7)
 
 
 def make_fit(
@@ -299,9 +306,17 @@ def _iteration(step: Step, start: int, unknowns: Unknowns, names: tuple[str, ...
     )
 
 
-def _optimum(attempt: Attempt, number: int, unknowns: Unknowns, names: tuple[str, ...]) -> Optimum:
+def _optimum(
+    attempt: Attempt, number: int, best: Attempt, unknowns: Unknowns, names: tuple[str, ...]
+) -> Optimum:
+    apart = [
+        (one - other).ravel()
+        for one, other in zip(attempt.differences, best.differences, strict=True)
+    ]
     return Optimum(
         start=number,
+        cost=attempt.cost,
+        apart=float(np.sqrt(np.mean(np.concatenate(apart) ** 2))),
         rmse=float(np.sqrt(attempt.mean_square)),
         iterations=len(attempt.steps) - 1,
         status=STATUS[int(attempt.state.status)],

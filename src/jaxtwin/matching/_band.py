@@ -1,0 +1,79 @@
+"""What a match does not know, carried on to what it predicts."""
+
+from dataclasses import dataclass
+from typing import final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import MatchError
+from ..io import Experiment
+from ..simulation import simulate_batch
+from ._fit import Fit
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Where a prediction lies with a given probability.
+
+    - `time`: s, `(times,)`. `channels`: names.
+    - `lower`, `middle`, `upper`: quantiles of the channels' temperatures without the camera's
+      common error and noise, `(times, channels)`, degC.
+    """
+
+    time: Float[np.ndarray, " times"]
+    channels: tuple[str, ...]
+    lower: Float[np.ndarray, "times channels"]
+    middle: Float[np.ndarray, "times channels"]
+    upper: Float[np.ndarray, "times channels"]
+
+
+def prediction_band(
+    fit: Fit,
+    recording: str | None = None,
+    *,
+    experiment: Experiment | None = None,
+    draws: int = 200,
+    level: float = 0.95,
+    seed: int = 0,
+) -> Band:
+    """Draws the matched parameters from their joint distribution and simulates each draw.
+
+    **Arguments:**
+
+    - `fit`: a match.
+    - `recording`: whose own values (ambient, start) to draw; by default the first.
+    - `experiment`: inputs to predict; by default that recording's.
+    - `draws`, `seed`: of the sample.
+    - `level`: probability inside the band.
+
+    **Raises:** `MatchError` for a recording that was not matched, a level outside 0 to 1, or fewer
+    than two draws.
+    """
+    recording = fit.recordings[0] if recording is None else recording
+    if recording not in fit.recordings:
+        raise MatchError(f"recording: found {recording!r}, allowed are {', '.join(fit.recordings)}")
+    if not 0 < level < 1 or draws < 2:
+        raise MatchError(
+            f"found level {level!r} and draws {draws!r}, allowed are a level between 0 and 1 and "
+            "at least 2 draws"
+        )
+    number = fit.recordings.index(recording)
+    unknowns = fit.setting.unknowns
+    covariance = np.nan_to_num(fit.uncertainty.entries)
+    values, directions = np.linalg.eigh(covariance)
+    root = directions * np.sqrt(np.maximum(values, 0.0))
+    normal = np.random.default_rng(seed).standard_normal((draws, len(values)))
+    vectors = np.clip(fit.vector + normal @ root.T, unknowns.lower(), unknowns.upper())
+    with jax.enable_x64(True):
+        drawn = jax.vmap(lambda vector: unknowns.values(vector)[number])(jnp.asarray(vectors))
+    sample = {name: np.asarray(column) for name, column in drawn.items()}
+    twin = fit.twins[recording]
+    experiment = fit.experiments[number] if experiment is None else experiment
+    runs = simulate_batch(twin, experiment, sample)
+    below, above = (1 - level) / 2, (1 + level) / 2
+    lower, middle, upper = np.nanquantile(runs, [below, 0.5, above], axis=0)
+    return Band(experiment.time, experiment.channels or twin.channels, lower, middle, upper)
