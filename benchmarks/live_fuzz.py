@@ -17,11 +17,10 @@ import atheris
 
 with atheris.instrument_imports(include=["jaxtwin.live"]):  # pyright: ignore
     import jaxtwin as jt
-    from jaxtwin.live import LinkState, deframe, encode
+    from jaxtwin.live import Hello, LinkState, deframe, encode
     from jaxtwin.live._framing import PACKET_BYTES, encode_line, encode_packet
     from jaxtwin.live._identity import Identity
     from jaxtwin.live._link import Arrived
-    from jaxtwin.live._messages import Hello
     from jaxtwin.live._receiver import Receiver
     from jaxtwin.live._records import LinkChange
 

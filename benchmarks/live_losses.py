@@ -18,11 +18,22 @@ from pathlib import Path
 import numpy as np
 
 import jaxtwin as jt
-from jaxtwin.live import Gap, LinkState, Reading, Record, Recorder, Sample, connect, encode
+from jaxtwin.live import (
+    Data,
+    Gap,
+    Hello,
+    Image,
+    LinkState,
+    Reading,
+    Record,
+    Recorder,
+    Sample,
+    connect,
+    encode,
+)
 from jaxtwin.live import Session as Recording
 from jaxtwin.live._identity import Identity
 from jaxtwin.live._link import Arrived
-from jaxtwin.live._messages import Data, Hello, Image
 from jaxtwin.live._receiver import Receiver
 from jaxtwin.live._records import LinkChange
 

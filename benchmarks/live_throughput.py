@@ -20,8 +20,19 @@ from pathlib import Path
 import numpy as np
 
 import jaxtwin as jt
-from jaxtwin.live import Follower, Gap, Reading, Recorder, Sample, Session, connect, encode
-from jaxtwin.live._messages import Data, Hello, Image
+from jaxtwin.live import (
+    Data,
+    Follower,
+    Gap,
+    Hello,
+    Image,
+    Reading,
+    Recorder,
+    Sample,
+    Session,
+    connect,
+    encode,
+)
 from jaxtwin.physics import Twin
 
 TICK = 0.01  # s; the sender writes what is due since the last one

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from hand_clock import START, HandClock
 
-from jaxtwin import RecordingError
+from jaxtwin import LinkError, RecordingError
 from jaxtwin.cli import run
 from jaxtwin.io import read_recording
 from jaxtwin.live import (
     Greeting,
+    Hello,
     Reading,
     Recorder,
     Sample,
@@ -27,7 +28,6 @@ from jaxtwin.live import (
     deframe,
     serve,
 )
-from jaxtwin.live._messages import Hello
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 
@@ -74,11 +74,11 @@ LINK = ["--link", "socket://127.0.0.1:1"]
     [
         (["export", "missing.db", "run.csv"], "missing.db: no such file"),
         (["virtual-rig", "dual-cell", "--pty", "--tcp", ":0"], "give one of --tcp, --pty"),
-        (["virtual-rig", "dual-cell", "--tcp", "nowhere"], "allowed is HOST:PORT"),
         (["virtual-rig", "dual-cell", "--faults", "burn=1"], "fault 'burn=1': allowed are"),
         (["record", "dual-cell", "--link", "x://y", "--out", "s.db"], "allowed are a serial port"),
         (["record", "dual-cell", *LINK, "--out", "no/s.db"], "there is no folder"),
-        (["drive", "dual-cell", *LINK, "--duty", "0:2"], "0:2"),
+        (["drive", "dual-cell", *LINK, "--duty", "0:2", "--out", "s.db"], "0:2"),
+        (["drive", "dual-cell", "--link", "x://y", "--duty", "0:1", "--out", "s.db"], "x://y"),
         (["watch", "missing.db"], "missing.db: no such recording"),
         (["watch", "dual-cell"], "a rig is watched with --link"),
     ],
@@ -94,6 +94,13 @@ def test_a_wrong_command_is_one_clear_line(
     assert run(arguments) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert message in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("address", ["nowhere", "127.0.0.1:", "127.0.0.1:99999", "no such host:1"])
+def test_an_address_that_is_none_is_refused_with_what_is_allowed(address: str) -> None:
+    with pytest.raises(LinkError, match="allowed is HOST:PORT"):
+        TcpServer(address)
 
 
 def test_a_recording_is_watched_to_its_end(

@@ -16,10 +16,12 @@ from jaxtwin import JaxtwinError
 from jaxtwin._errors import SafetyStop
 from jaxtwin.io import Experiment
 from jaxtwin.live import (
+    Ask,
     Event,
     Faults,
     Greeting,
     Guard,
+    Hello,
     InProcess,
     LinkChange,
     LinkState,
@@ -34,7 +36,6 @@ from jaxtwin.live import (
     encode,
     serve,
 )
-from jaxtwin.live._messages import Ask, Hello
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 
@@ -216,8 +217,19 @@ def test_a_rig_that_does_not_come_up_is_not_driven(rig: Rig, clock: HandClock) -
         raise ConnectionRefusedError(111, "refused")
 
     bench = stepped_bench(rig, {"link": refused}, clock)
-    with pytest.raises(SafetyStop, match="not started: after 10 s: link down"):
+    with pytest.raises(SafetyStop, match="not started: after 30 s: link down"):
         drive(bench, rig, plan("0:1", 60))
+
+
+def test_waiting_for_a_rig_can_be_stopped(rig: Rig, clock: HandClock) -> None:
+    def refused() -> InProcess:
+        raise ConnectionRefusedError(111, "refused")
+
+    stop = threading.Event()
+    stop.set()
+    bench = stepped_bench(rig, {"link": refused}, clock)
+    with pytest.raises(SafetyStop, match="stopped before the rig was there"):
+        drive(bench, rig, plan("0:1", 60), stop=stop)
 
 
 def test_a_limit_in_a_rig_file_is_a_temperature(tmp_path: Path, rig: Rig) -> None:

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxtwin.live import deframe, encode, parse
-from jaxtwin.live._messages import Ask, Data, Duty, Hello, Notice
+from jaxtwin.live import Ask, Data, Duty, Hello, Notice, deframe, encode, parse
 
 HERE = Path(__file__).parent
 SKETCH = HERE.parents[1] / "docs" / "firmware" / "controller" / "controller.ino"

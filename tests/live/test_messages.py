@@ -7,8 +7,8 @@ from hypothesis import example, given
 from hypothesis.extra import numpy as hnp
 
 from jaxtwin import JaxtwinError
-from jaxtwin.live import deframe, encode, parse
-from jaxtwin.live._messages import Ask, Beat, Data, Duty, Hello, Image, Notice, wire_name
+from jaxtwin.live import Ask, Beat, Data, Duty, Hello, Image, Notice, deframe, encode, parse
+from jaxtwin.live._messages import wire_name
 
 SEQ = st.integers(0, 2**32 - 1)
 TIME = st.integers(0, 2**62)

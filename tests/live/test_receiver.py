@@ -7,11 +7,16 @@ import pytest
 from hand_clock import START
 
 from jaxtwin.live import (
+    Ask,
+    Data,
     Event,
     Gap,
     Greeting,
+    Hello,
+    Image,
     LinkChange,
     LinkState,
+    Notice,
     Reading,
     Sample,
     _receiver,
@@ -19,7 +24,7 @@ from jaxtwin.live import (
 )
 from jaxtwin.live._identity import Identity
 from jaxtwin.live._link import Arrived
-from jaxtwin.live._messages import Ask, Data, Hello, Image, Message, Notice
+from jaxtwin.live._messages import Message
 from jaxtwin.live._receiver import MOST_GARBAGE, Receiver
 from jaxtwin.rig import Rig
 

@@ -15,8 +15,11 @@ from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
 import jaxtwin as jt
 from jaxtwin import RecordingError
 from jaxtwin.live import (
+    Data,
     Gap,
     Greeting,
+    Hello,
+    Image,
     LinkState,
     Reading,
     Recorder,
@@ -26,7 +29,6 @@ from jaxtwin.live import (
     connect,
     encode,
 )
-from jaxtwin.live._messages import Data, Hello, Image
 from jaxtwin.rig import Rig
 
 HELLO = Hello(1, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60))

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from hand_clock import START, HandClock, virtual_bench
 
+import jaxtwin as jt
 from jaxtwin import JaxtwinError
 from jaxtwin.io import Experiment, read_recording
 from jaxtwin.live import (
+    Duty,
     Event,
     Faults,
     Follower,
@@ -30,7 +32,6 @@ from jaxtwin.live import (
     report,
 )
 from jaxtwin.live._faults import failed, loosened
-from jaxtwin.live._messages import Duty
 from jaxtwin.live._picture import Picture
 from jaxtwin.physics import Twin, frame_to_channels
 from jaxtwin.rig import Rig
@@ -47,7 +48,9 @@ def in_step(twin: Twin, experiment: Experiment) -> np.ndarray:
     return np.array(channels)
 
 
-def test_the_twin_in_step_is_the_twin_simulated(twin: Twin) -> None:
+@pytest.mark.parametrize("name", ["dual-cell", "paper-2024"])  # with a driver that lags, without
+def test_the_twin_in_step_is_the_twin_simulated(name: str) -> None:
+    twin = Twin(jt.load_rig(name))
     experiment = Experiment.schedule("0:0.5,50:0.78/-0.4", duration=100, cells=2, ambient=12.0)
     truth = twin.simulate(experiment)
     # At time 0 the twin in step has not been told yet that the room is colder.

@@ -35,7 +35,7 @@ def drive(
 ) -> None:
     """Drive a live rig; the cells are off afterwards, whatever happens."""
     from ..io import Experiment
-    from ..live import Recorder, connect
+    from ..live import Recorder, connect, opener
     from ..live import drive as run_plan
     from ..rig import load_rig
 
@@ -43,9 +43,11 @@ def drive(
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)
         plan = Experiment.schedule(duty, duration=duration, cells=len(loaded.cells))
+        for url in link:  # what cannot be a link is refused before there is a file
+            opener(url, baud=baud)
         recorder = stack.enter_context(Recorder(out, loaded)) if out else None
         bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
-        progress.step(f"driving {loaded.name} for {duration:g} s, or until Ctrl-C")
+        progress.step(f"driving {loaded.name} for {duration:g} s")
 
         def tell(time: float, pwm: tuple[int, ...]) -> None:
             parts = ", ".join(f"{100 * count / loaded.driver.counts:.0f} %" for count in pwm)

@@ -12,7 +12,7 @@ RecordingsArgument = Annotated[
     list[str],
     typer.Argument(
         metavar="RECORDING",
-        help="Files (.mat, .csv, .nc), or names of known recordings ('jaxtwin data list').",
+        help="Files (.mat, .csv, .nc, .db), or names of known recordings ('jaxtwin data list').",
     ),
 ]
 ParametersOption = Annotated[

@@ -31,15 +31,15 @@ def record(
     json: JsonOption = None,
 ) -> None:
     """Record a live rig until Ctrl-C."""
-    from ..live import Recorder, Session, connect, report
+    from ..live import Recorder, Session, connect, opener, report
     from ..rig import load_rig
 
     check_output(out)
     check_json(json)
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)
-        recorder = stack.enter_context(Recorder(out, loaded, append=append, keep_frames=frames))
-        bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
+        for url in link:  # what cannot be a link is refused before there is a file
+            opener(url, baud=baud)
         publisher = None
         if publish is not None:
             from ..live import Publisher
@@ -47,14 +47,16 @@ def record(
             names = [channel.name for channel in loaded.channels]
             publisher = Publisher(publish, names, [cell.name for cell in loaded.cells])
             stack.callback(publisher.close)
-        progress.step(f"recording into {out}, until Ctrl-C")
+        recorder = stack.enter_context(Recorder(out, loaded, append=append, keep_frames=frames))
+        bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
+        progress.step(f"recording into {out} until Ctrl-C")
         begin = time.monotonic()
         while not stop.is_set() and (duration is None or time.monotonic() - begin < duration):
             records = bench.poll()
             if publisher is not None:
                 publisher.publish(records)
-            states = ", ".join(f"{name} {state}" for name, state in bench.states.items())
-            progress.news(f"{recorder.written} records, {states}")
+            states = " and ".join(bench.states.values())
+            progress.news(f"{recorder.written} records, link {states}")
     with Session(out) as session:
         content = report(session)
     say(_table(out, content), json)

@@ -1,6 +1,5 @@
 """`jaxtwin virtual-rig`: a twin behind the protocol of a real rig."""
 
-import contextlib
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -53,20 +52,22 @@ def virtual_rig(
 
     if [tcp is not None, pty, mqtt is not None].count(True) > 1:
         raise typer.BadParameter("give one of --tcp, --pty and --mqtt")
-    with stop_signals() as stop, contextlib.ExitStack() as stack:
-        bad = Faults.parse(faults)
-        server = _server(tcp, pty, mqtt)
-        stack.callback(server.close)
+    with stop_signals() as stop:
         device = VirtualRig(
             open_twin(load_rig(rig), set_name, parameters),
             speed=speed,
             seed=seed,
             camera_hz=camera_hz,
             controller_hz=controller_hz,
-            faults=bad,
+            faults=Faults.parse(faults),
         )
-        say(f"{rig} at {server.url}; look at it: jaxtwin watch {rig} --link {server.url}")
-        serve(device, server, SystemClock(), stop)
+        # Once it can answer: a port that accepts and is silent is worse than none.
+        server = _server(tcp, pty, mqtt)
+        try:
+            say(f"{rig} at {server.url}; look at it: jaxtwin watch {rig} --link {server.url}")
+            serve(device, server, SystemClock(), stop)
+        finally:
+            server.close()
 
 
 def _server(tcp: str | None, pty: bool, mqtt: str | None) -> "Server":

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ._options import BaudOption, ParametersOption, SetOption
+from ._output import say
 from ._signals import stop_signals
 from ._sources import open_twin
 
@@ -60,6 +61,8 @@ def watch(
                 break
         screen.update(view.take(), view.dropped)
         live.update(screen.render())
+    if not live.console.is_terminal:
+        say("")  # ends the last line, as rich does on a terminal
 
 
 def _rig(source: str, links: list[str]) -> "Rig":

@@ -14,6 +14,14 @@ from ._framing import deframe as deframe
 from ._framing import encode_line as encode_line
 from ._framing import encode_packet as encode_packet
 from ._live_twin import LiveTwin as LiveTwin
+from ._messages import RECALIBRATING as RECALIBRATING
+from ._messages import Ask as Ask
+from ._messages import Beat as Beat
+from ._messages import Data as Data
+from ._messages import Duty as Duty
+from ._messages import Hello as Hello
+from ._messages import Image as Image
+from ._messages import Notice as Notice
 from ._messages import encode as encode
 from ._messages import parse as parse
 from ._mqtt import MqttServer as MqttServer

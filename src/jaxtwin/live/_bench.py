@@ -152,6 +152,8 @@ class Bench:
             records += (
                 receiver.receive(item) if isinstance(item, Arrived) else receiver.changed(item)
             )
+            if receiver.hello is not None and receiver.verdict is None:
+                self._links[item.link].heard()
         now = self.clock.now()
         for name, receiver in self._receivers.items():
             if self._inbox.empty():
@@ -204,9 +206,11 @@ class Bench:
                 link.drop(receiver.verdict)
             return
         self._dropped.discard(name)
-        if receiver.hello is not None:
-            link.heard()
-        elif receiver.state is not LinkState.DOWN and now - self._asked[name] > ASK_AGAIN * 1e9:
+        if (
+            receiver.hello is None
+            and receiver.state is not LinkState.DOWN
+            and now - self._asked[name] > ASK_AGAIN * 1e9
+        ):
             self._asked[name] = now
             link.send(encode(Ask(VERSION)))
 

@@ -19,7 +19,7 @@ from ._time import seconds
 INTERVAL = 0.25
 """Between two commands, s; each one also feeds the watchdog of the device."""
 
-PATIENCE = 10.0
+PATIENCE = 30.0
 """How long a rig may take to be there, s."""
 
 OFF_SECONDS = 2.0
@@ -128,12 +128,12 @@ def drive(
         )
     if plan.n_cells != len(rig.cells):
         raise JaxtwinError(f"a plan for {plan.n_cells} cells; {rig.name} has {len(rig.cells)}")
+    commanded = -math.inf
     guard = Guard([channel.name for channel in rig.channels], limit - 273.15, silence)
     try:
-        rate, boots = _wait_until_live(bench, guard)
+        rate, boots = _wait_until_live(bench, guard, stop)
         begin = bench.clock.now()
         guard.begin(begin, boots)
-        commanded = -math.inf
         while True:
             reason = guard.check(bench.poll(0.02), bench.clock.now())
             if reason is not None:
@@ -153,7 +153,8 @@ def drive(
                 progress(elapsed * rate, pwm)
     except BaseException as error:
         bench.note(Event("", bench.clock.now(), "drive-stop", f"{type(error).__name__}: {error}"))
-        if not switch_off(bench, len(rig.cells)):
+        # Also where nothing was commanded yet: who drove it before may have left the cells on.
+        if not switch_off(bench, len(rig.cells)) and commanded >= 0:
             log.warning(_UNCONFIRMED)
         raise
     if not switch_off(bench, len(rig.cells)):
@@ -185,7 +186,9 @@ def counts_of(rig: Rig, duty: Sequence[float] | np.ndarray) -> tuple[int, ...]:
     return tuple(round(float(part) * driver.counts) * driver.polarity for part in duty)
 
 
-def _wait_until_live(bench: Bench, guard: Guard) -> tuple[float, dict[str, str]]:
+def _wait_until_live(
+    bench: Bench, guard: Guard, stop: threading.Event | None
+) -> tuple[float, dict[str, str]]:
     """Waits for all links, temperatures and a controller.
 
     **Returns:** the controller's rate, and the present start of each device by link.
@@ -206,6 +209,8 @@ def _wait_until_live(bench: Bench, guard: Guard) -> tuple[float, dict[str, str]]
         reason = guard.check([r for r in records if isinstance(r, Reading)], bench.clock.now())
         if reason is not None:
             raise SafetyStop(f"not started: {reason}")
+        if stop is not None and stop.is_set():
+            raise SafetyStop("not started: stopped before the rig was there")
         if seconds(bench.clock.now() - begin) > PATIENCE:
             states = ", ".join(f"{name} {state}" for name, state in bench.states.items())
             missing = "" if measured else "; no temperatures"

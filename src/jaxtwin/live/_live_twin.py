@@ -1,7 +1,9 @@
 """The twin in step with the rig: one small compiled call brings it from sample to sample."""
 
+from collections import deque
 from typing import final
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,7 +30,8 @@ class LiveTwin:
     """A twin that is driven by what a rig reports, on the rig's time.
 
     The same exponential steps as in `jaxtwin.simulate`, but one after the other; any number of them
-    is one compiled call.
+    under one command is one compiled call. A command takes effect at the next step, a driver's
+    delay is rounded to steps.
 
     **Arguments:**
 
@@ -39,10 +42,13 @@ class LiveTwin:
         self.time = 0.0
         """Up to where it has been stepped, s."""
         with jax.enable_x64(True):
-            self._system = twin.system()
+            self._system = _assembled(twin)
         self._reference = float(self._system.ambient_temperature)
         self._ambient = 0.0
-        self._duty = np.zeros(len(twin.netlist.cells))
+        self._command = np.zeros(len(twin.netlist.cells))  # the last one
+        self._upcoming: deque[tuple[float, np.ndarray]] = deque()  # those on their way: when, what
+        self._obeyed = self._command  # what the driver follows
+        self._duty = self._command  # what the cells get
         self._prepare()
         self.start(0.0)
 
@@ -64,19 +70,23 @@ class LiveTwin:
     def start(
         self, time: float | int, nodes: Float[np.ndarray, " nodes"] | float | int | None = None
     ) -> None:
-        """Sets time (s) and node temperatures (degC, one for all, or `None`: the rig file's)."""
+        """Sets time (s) and node temperatures (degC, one for all, or `None`: the rig file's).
+
+        A driver that lags behind its command has reached the last one.
+        """
         self.time = time
-        absolute = (
-            np.asarray(self._system.initial_temperature)
-            if nodes is None
-            else np.broadcast_to(np.asarray(nodes) + ZERO_CELSIUS, self._capacitance.shape)
-        )
-        # V^T C V = 1, so V^T C is the inverse of the shapes V.
-        self._amplitudes = self._shapes.T @ (self._capacitance * (absolute - self._reference))
+        self._upcoming.clear()
+        self._obeyed = self._duty = self._command
+        if nodes is None:
+            nodes = np.asarray(self._system.initial_temperature) - ZERO_CELSIUS
+        self._place(np.broadcast_to(np.asarray(nodes, np.float64), self._capacitance.shape))
 
     def drive(self, duty: Float[np.ndarray, " cells"], ambient: float | int | None = None) -> None:
         """Sets the duty cycles (-1 to 1) and, where it is known, the ambient (degC) from now on."""
-        self._duty = np.asarray(duty, np.float64)
+        command = np.asarray(duty, np.float64)
+        if not np.array_equal(command, self._command):
+            self._command = command
+            self._upcoming.append((self.time + self._delay, command))
         if ambient is not None:
             self._ambient = ambient + ZERO_CELSIUS - self._reference
             self._offset()
@@ -87,31 +97,44 @@ class LiveTwin:
         **Returns:** the channels there, degC.
         """
         steps = int((time - self.time) / STEP_SECONDS + 1e-6)
-        if steps > 0:
-            inputs = np.append(self._duty, self._ambient)
+        while steps > 0:
+            while self._upcoming and self._steps_to(self._upcoming[0][0]) <= 0:
+                self._obeyed = self._upcoming.popleft()[1]
+            now = steps
+            if self._upcoming:
+                now = min(steps, self._steps_to(self._upcoming[0][0]))
+            inputs = np.append(self._obeyed, self._ambient)
             with jax.enable_x64(True):
-                stepped = _advance(self._amplitudes, inputs, steps, self._equations)
-                self._amplitudes = np.asarray(stepped)
-            self.time += steps * STEP_SECONDS
+                state = _advance(self._amplitudes, self._duty, inputs, now, self._equations)
+            self._amplitudes, self._duty = map(np.asarray, state)
+            self.time += now * STEP_SECONDS
+            steps -= now
         return self.temperatures
 
     def replace(self, system: System) -> None:
         """Goes on from the same temperatures with other equations: a fault of the rig, say."""
-        time, nodes = self.time, self.nodes
+        nodes = self.nodes
         self._system = system
         self._prepare()
-        self.start(time, nodes)
+        self._place(nodes)
 
     @property
     def system(self) -> System:
         """The equations."""
         return self._system
 
+    def _steps_to(self, time: float) -> int:
+        return round((time - self.time) / STEP_SECONDS)
+
+    def _place(self, nodes: Float[np.ndarray, " nodes"]) -> None:
+        deviation = nodes + ZERO_CELSIUS - self._reference
+        # V^T C V = 1, so V^T C is the inverse of the shapes V.
+        self._amplitudes = self._shapes.T @ (self._capacitance * deviation)
+
     def _prepare(self) -> None:
         system, reference = self._system, self._reference
         with jax.enable_x64(True):
-            modes = network_modes(system)
-            factors = step_factors(modes.rates, jnp.asarray(STEP_SECONDS))
+            factors, modes = _solved(system)
             at_reference = jnp.asarray(reference)
 
             self._shapes = np.asarray(modes.shapes)
@@ -119,8 +142,9 @@ class LiveTwin:
             gain = np.asarray(system.gain)
             self._equations = (factors, system, modes, at_reference)
             # Compiled now, not when the first data wait for it.
-            idle = np.zeros(len(self._duty) + 1)
-            _advance(np.zeros(len(self._capacitance)), idle, 0, self._equations)
+            still, idle = np.zeros(len(self._capacitance)), np.zeros(len(self._command) + 1)
+            _advance(still, idle[:-1], idle, 0, self._equations)
+            self._delay = 0.0 if system.delay is None else float(system.delay)
         self._gain = gain
         self._channels = gain[:, None] * (system.wiring.channel_weights @ self._shapes)
         self._offset()
@@ -130,18 +154,42 @@ class LiveTwin:
         self._channel_offset = self._reference - ZERO_CELSIUS + (1 - self._gain) * self._ambient
 
 
+@eqx.filter_jit
+def _assembled(twin: Twin) -> System:
+    return twin.system()
+
+
+@eqx.filter_jit
+def _solved(system: System) -> tuple[StepFactors, Modes]:
+    modes = network_modes(system)
+    return step_factors(modes.rates, jnp.asarray(STEP_SECONDS)), modes
+
+
 @jax.jit
 def _advance(
     amplitudes: jax.Array | np.ndarray,
+    duty: jax.Array | np.ndarray,
     inputs: jax.Array | np.ndarray,
     steps: jax.Array | int,
     equations: tuple[StepFactors, System, Modes, jax.Array],
-) -> jax.Array:
-    """`steps` steps under duty and ambient `(cells + 1,)`; compiled once for a rig."""
+) -> tuple[jax.Array, jax.Array]:
+    """`steps` steps under a command and an ambient `(cells + 1,)`; compiled once for a rig.
+
+    **Returns:** the amplitudes and the duty cycles at their end.
+    """
     factors, system, modes, reference = equations
-    now = Inputs(jnp.asarray(inputs[:-1]), jnp.asarray(inputs[-1]))
+    command, ambient = jnp.asarray(inputs[:-1]), jnp.asarray(inputs[-1])
 
-    def step(_: jax.Array, z: jax.Array) -> jax.Array:
-        return exponential_step(z, factors, system, modes, now, reference)[0]
+    def step(_: jax.Array, state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        z, u = state
+        if system.lag is None:
+            return exponential_step(z, factors, system, modes, Inputs(command, ambient), reference)[
+                0
+            ], command
+        # du/dt = (command - u) / lag, at the start, in the middle and at the end of the step.
+        left = jnp.exp(-STEP_SECONDS * jnp.array([0.0, 0.5, 1.0]) / system.lag)[:, None]
+        stages = command + (u - command) * left
+        now = Inputs(stages, ambient)
+        return exponential_step(z, factors, system, modes, now, reference)[0], stages[-1]
 
-    return jax.lax.fori_loop(0, steps, step, amplitudes)
+    return jax.lax.fori_loop(0, steps, step, (jnp.asarray(amplitudes), jnp.asarray(duty)))

@@ -71,9 +71,11 @@ class TcpServer:
     def __init__(self, address: str):
         host, _, port = address.rpartition(":")
         try:
+            if not 0 <= int(port) < 2**16:
+                raise ValueError(f"port {port} is above 65535")
             self._listener = socket.create_server((host or "127.0.0.1", int(port)))
-        except (OSError, ValueError, OverflowError) as error:
-            raise LinkError(f"--tcp {address}: {error}; allowed is HOST:PORT, free") from None
+        except (OSError, ValueError) as error:
+            raise LinkError(f"{address}: {error}; allowed is HOST:PORT, free") from None
         self._listener.setblocking(False)
         self.url = "socket://{}:{}".format(*self._listener.getsockname()[:2])
         self._clients: dict[socket.socket, bytearray] = {}

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import final
 
 import numpy as np
+from rich import box
 from rich.console import Group, RenderableType
 from rich.panel import Panel
 from rich.style import Style
@@ -16,7 +17,7 @@ from ..rig import Channel, Plate
 from ._follower import Follower
 from ._records import Event, Gap, LinkChange, LinkState, Reading, Record, Sample
 
-WIDTH, HEIGHT = 38, 12  # of the map, characters: with the table it fits into 80 columns
+WIDTH, HEIGHT = 40, 14  # of the map, characters: with the table it fits into 80 x 24
 _COLOURS = ((20, 11, 53), (101, 21, 110), (187, 55, 84), (249, 142, 9), (252, 255, 164))
 _LINK = {LinkState.LIVE: "green", LinkState.STALE: "yellow", LinkState.CONNECTING: "cyan"}
 _RATE_SECONDS = 5.0
@@ -87,11 +88,14 @@ class Screen:
                 ink = "black" if part > 0.6 else "white"
                 style = Style(color=ink, bgcolor="rgb({},{},{})".format(*_colour(part)))
                 text.append(labels.get((row, column), " "), style)
-            text.append("\n")
+            if row < HEIGHT - 1:
+                text.append("\n")
         return text
 
     def _table(self) -> Table:
-        table = Table("channel", "rig", "twin", "rig - twin", title="degC")
+        table = Table("degC", box=box.SIMPLE_HEAD)
+        for name in ("rig", "twin", "rig - twin"):
+            table.add_column(name, justify="right")
         measured, predicted = self._follower.measured, self._follower.predicted
         if measured is None or predicted is None:
             return table
@@ -143,7 +147,8 @@ def _labels(where: np.ndarray, texts: Sequence[str]) -> dict[tuple[int, int], st
         if not len(rows):
             continue
         # In its middle row, or the next one where another channel leaves room.
-        for row in sorted(set(rows.tolist()), key=lambda row: abs(row - np.mean(rows))):
+        middle = (rows.min() + rows.max()) / 2
+        for row in sorted(set(rows.tolist()), key=lambda row: abs(row - middle)):
             first = int(np.median(columns[rows == row])) - len(text) // 2
             if first >= 0 and (where[row, first : first + len(text)] == number).all():
                 labels |= {(row, first + place): letter for place, letter in enumerate(text)}
