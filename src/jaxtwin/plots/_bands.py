@@ -56,7 +56,8 @@ def plot_bands(
             seen = recorded[:, number]
             axes.plot(run.time, seen, color=MUTED, lw=1.0)
             inside = np.mean((below <= seen) & (seen <= above))
-            axes.set_title(f"{100 * inside:.0f} % inside", loc="right", fontsize=9, color=MUTED)
+            share = f"{100 * inside:.0f} % inside"
+            axes.set_title(share, loc="right", fontsize=9, fontweight="normal", color=MUTED)
         axes.plot(run.time, run.temperatures[:, number], color=VERMILION, lw=1.2)
         axes.set_title(channel)
     for axes in list(grid.flat)[count:]:
