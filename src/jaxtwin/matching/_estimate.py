@@ -22,6 +22,9 @@ from ._weights import Weights, make_weights
 FIRST_NOISE = Noise(0.25, 64.0)
 """Before anything is known of the residuals: a quarter kelvin, a minute long."""
 
+MARGIN = 2.0
+"""Corrections this near to samples that do not count are not looked for, s."""
+
 ROUNDS = 3
 LOOSE = (3e-2, 1e-2)
 """Relative fall of the cost at which rounds end that are not the last."""
@@ -185,8 +188,15 @@ def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge
     if setting.common_error is not None and setting.events is None:
         # What is recorded less what is simulated, with the camera's error still in it.
         events = tuple(
-            detect_events(experiment.time, -(rest + error))
-            for experiment, rest, error in zip(setting.experiments, common, errors, strict=True)
+            tuple(
+                event
+                for event in detect_events(experiment.time, -(rest + error))
+                # Where masks begin and end there is a jump that is no correction.
+                if weight[np.abs(experiment.time - event) <= MARGIN].any(axis=1).all()
+            )
+            for experiment, rest, error, weight in zip(
+                setting.experiments, common, errors, setting.samples, strict=True
+            )
         )
     alone_weights = setting.samples
     common_weights = tuple(np.ones(len(one)) for one in common)
@@ -215,5 +225,10 @@ def residual_noise(
         (one * np.sqrt(w * v.sum(axis=1)))[:, None]
         for one, w, v in zip(common, common_weights, alone_weights, strict=True)
     ]
-    of_common = noise_of(shared)
-    return (noise_of(several) if several else of_common), of_common
+    # Samples that do not count are no samples.
+    counts = [v.sum(axis=1) > 0 for v in alone_weights]
+    of_common = noise_of(shared, sum(int(one.sum()) for one in counts))
+    if not several:
+        return of_common, of_common
+    counted = sum(float(v.sum()) for v in alone_weights if v.shape[1] > 1)
+    return noise_of(several, counted), of_common

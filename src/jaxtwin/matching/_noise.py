@@ -27,7 +27,9 @@ class Noise:
         return self.deviation * float(np.sqrt(self.correlated))
 
 
-def noise_of(series: Sequence[Float[np.ndarray, "times channels"]]) -> Noise:
+def noise_of(
+    series: Sequence[Float[np.ndarray, "times channels"]], samples: float | None = None
+) -> Noise:
     """Standard deviation and autocorrelation of several series of residuals about zero.
 
     The sum of autocorrelations ends at the first lag that is five times what it amounts to until
@@ -35,22 +37,22 @@ def noise_of(series: Sequence[Float[np.ndarray, "times channels"]]) -> Noise:
 
     **Arguments:**
 
-    - `series`: of one recording each, equally weighted by sample.
+    - `series`: of one recording each, times the roots of the samples' weights.
+    - `samples`: the sum of these weights; by default all are 1.
     """
     longest = max(len(one) for one in series)
     covariances = np.zeros(longest)
-    samples = 0
+    counted = sum(one.size for one in series) if samples is None else samples
     for one in series:
         times = len(one)
         padded = np.fft.rfft(one, 2 * times, axis=0)
         covariances[:times] += np.fft.irfft(np.abs(padded) ** 2, axis=0)[:times].sum(axis=1)
-        samples += one.size
     if covariances[0] <= 0:
         return Noise(0.0, 1.0)
     sums = 2 * np.cumsum(covariances / covariances[0]) - 1
     far = np.flatnonzero(np.arange(longest) >= 5 * sums)
     end = far[0] if far.size else longest - 1
-    return Noise(float(np.sqrt(covariances[0] / samples)), float(max(1.0, sums[end])))
+    return Noise(float(np.sqrt(covariances[0] / counted)), float(max(1.0, sums[end])))
 
 
 def huber_weights(

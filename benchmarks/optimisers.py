@@ -1,0 +1,167 @@
+"""Our Levenberg-Marquardt against optimistix's own, SciPy's TRF and lmfit on the same residuals.
+
+Two problems: the paper's circuit by eq. (11), and `dual-cell` with priors, the camera's common
+error and the weights that a match ends with. All start where the rig file says, with exact
+derivatives, float64, until the cost falls by less than 1e-6 of itself. Times are CPU time without compilation;
+bounds hold for all but optimistix's own solver, which has none.
+
+    python benchmarks/optimisers.py FOLDER_WITH_RECORDINGS
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lmfit
+import numpy as np
+import optimistix as optx
+import scipy.optimize
+from jax.flatten_util import ravel_pytree
+
+from jaxtwin import Experiment, Twin, match, read_recording
+from jaxtwin.matching import BoundedLevenbergMarquardt
+from jaxtwin.matching._descend import descend
+from jaxtwin.matching._estimate import Setting, make_problem
+from jaxtwin.matching._residuals import Problem, residual_jacobian, residuals
+
+RTOL = 1e-6
+LIMIT = 200
+"""Iterations at most."""
+
+_residuals = eqx.filter_jit(lambda v, p: ravel_pytree(residuals(v, p)[0])[0])
+_jacobian = eqx.filter_jit(residual_jacobian)
+
+
+class Counted:
+    """Residuals and Jacobian for solvers that call Python."""
+
+    def __init__(self, problem: Problem):
+        self.problem, self.residuals, self.jacobians = problem, 0, 0
+
+    def fn(self, vector: Any) -> np.ndarray:
+        self.residuals += 1
+        return np.asarray(_residuals(jnp.asarray(vector), self.problem))
+
+    def jac(self, vector: Any) -> np.ndarray:
+        self.jacobians += 1
+        return np.asarray(_jacobian(jnp.asarray(vector), self.problem))
+
+
+Result = tuple[np.ndarray, int | str, int | str]
+"""Vector, residuals, Jacobians."""
+
+
+def ours(problem: Problem, setting: Setting) -> Result:
+    solver = BoundedLevenbergMarquardt(rtol=RTOL)
+    start = setting.unknowns.start()
+    (end,) = descend([problem], solver, [start], LIMIT, setting.box, setting.scale)
+    return end.vector, int(end.state.residuals), int(end.state.jacobians)
+
+
+def optimistix_own(problem: Problem, setting: Setting) -> Result:
+    end = _optimistix(jnp.asarray(setting.unknowns.start()), problem)
+    steps = int(end.stats["num_steps"])
+    return np.asarray(end.value), steps, steps
+
+
+@eqx.filter_jit
+def _optimistix(start: Any, problem: Problem) -> optx.Solution:
+    def fn(vector: Any, problem: Any) -> Any:
+        return ravel_pytree(residuals(vector, problem)[0])[0]
+
+    return optx.least_squares(
+        fn,
+        optx.LevenbergMarquardt(rtol=RTOL, atol=RTOL),
+        start,
+        args=problem,
+        options={"jac": "fwd"},
+        max_steps=LIMIT,
+        throw=False,
+    )
+
+
+def scipy_trf(problem: Problem, setting: Setting) -> Result:
+    counted = Counted(problem)
+    lower, upper = setting.box
+    end = scipy.optimize.least_squares(
+        counted.fn,
+        setting.unknowns.start(),
+        counted.jac,
+        bounds=(lower, upper),
+        x_scale="jac",
+        ftol=RTOL,
+        max_nfev=LIMIT,
+    )
+    return end.x, counted.residuals, counted.jacobians
+
+
+def lmfit_leastsq(problem: Problem, setting: Setting) -> Result:
+    """MINPACK behind lmfit's bounds (a sine), with our Jacobian in those bounds' variables."""
+    counted = Counted(problem)
+    names = [f"p{number}" for number in range(setting.unknowns.size)]
+    parameters = lmfit.Parameters()
+    lower, upper = setting.box
+    for name, value, low, high in zip(names, setting.unknowns.start(), lower, upper, strict=True):
+        parameters.add(name, value=value, min=low, max=high)
+
+    def vector(parameters: Any) -> np.ndarray:
+        return np.array([parameters[name].value for name in names])
+
+    end = lmfit.minimize(
+        lambda p: counted.fn(vector(p)),
+        parameters,
+        method="leastsq",
+        Dfun=lambda p: counted.jac(vector(p)),
+        col_deriv=False,
+        ftol=RTOL,
+        max_nfev=LIMIT,
+    )
+    return vector(end.params), counted.residuals, counted.jacobians
+
+
+WAYS: dict[str, Callable[[Problem, Setting], Result]] = {
+    "ours": ours,
+    "optimistix LevenbergMarquardt": optimistix_own,
+    "SciPy TRF": scipy_trf,
+    "lmfit leastsq": lmfit_leastsq,
+}
+
+
+def compare(rig: str, experiments: list[Experiment]) -> list[str]:
+    """Rows of a table for one rig."""
+    fit = match(Twin(rig), experiments)
+    problem = make_problem(fit.setting, fit.knowledge)
+    rows = []
+    with jax.enable_x64(True):
+        for name, way in WAYS.items():
+            way(problem, fit.setting)  # compiles
+            began = time.process_time()
+            vector, counted, jacobians = way(problem, fit.setting)
+            used = time.process_time() - began
+            cost = 0.5 * float(jnp.sum(_residuals(jnp.asarray(vector), problem) ** 2))
+            lower, upper = fit.setting.box
+            outside = int(np.sum((vector < lower - 1e-9) | (vector > upper + 1e-9)))
+            counts = f"{jacobians} | {counted}"
+            rows.append(f"| {rig} | {name} | {cost:.5g} | {counts} | {used:.1f} | {outside} |")
+            print(rows[-1], flush=True)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    experiments = [read_recording(folder / f"peltierMIMOStepSec{zone}.mat") for zone in "ABC"]
+    print("| rig | optimiser | cost reached | Jacobians | residuals | CPU s | outside bounds |")
+    print("|---|---|---:|---:|---:|---:|---:|")
+    for rig in ("paper-2024", "dual-cell"):
+        compare(rig, experiments)
+
+
+if __name__ == "__main__":
+    main()
