@@ -103,7 +103,7 @@ def test_a_schedule_is_driven_in_rig_time_and_ends_with_the_cells_off(
 def test_a_zone_above_the_limit_stops_it(rig: Rig, twin: Twin, clock: HandClock) -> None:
     cautious = replace(rig, maximum_temperature=273.15 + 25)
     device = VirtualRig(twin, speed=10)
-    with pytest.raises(SafetyStop, match="the rig's limit is 25"):
+    with pytest.raises(SafetyStop, match="the rig's limit is 25; the cells are off"):
         drive(virtual_bench(rig, device, clock), cautious, plan("0:1", 1000))
     assert device.pwm == OFF
     assert device.twin.temperatures.max() < 27

@@ -137,7 +137,7 @@ def drive(
         while True:
             reason = guard.check(bench.poll(0.02), bench.clock.now())
             if reason is not None:
-                raise SafetyStop(f"stopped, cells off: {reason}")
+                raise SafetyStop(f"stopped: {reason}")
             elapsed = seconds(bench.clock.now() - begin)
             if elapsed * rate >= plan.duration or (stop is not None and stop.is_set()):
                 break
@@ -148,14 +148,18 @@ def drive(
             held = np.searchsorted(plan.time, since, side="right") - 1
             pwm = counts_of(rig, plan.duty[held])
             if not bench.send_duty(pwm):
-                raise SafetyStop("stopped: a command could not be sent; the watchdog takes over")
+                raise SafetyStop("stopped: a command could not be sent")
             if progress is not None:
                 progress(elapsed * rate, pwm)
     except BaseException as error:
         bench.note(Event("", bench.clock.now(), "drive-stop", f"{type(error).__name__}: {error}"))
         # Also where nothing was commanded yet: who drove it before may have left the cells on.
-        if not switch_off(bench, len(rig.cells)) and commanded >= 0:
-            log.warning(_UNCONFIRMED)
+        outcome = "the cells are off" if switch_off(bench, len(rig.cells)) else _UNCONFIRMED
+        if commanded < 0:
+            raise
+        if isinstance(error, SafetyStop):
+            raise SafetyStop(f"{error}; {outcome}") from None
+        log.warning(outcome)
         raise
     if not switch_off(bench, len(rig.cells)):
         raise SafetyStop(_UNCONFIRMED)
