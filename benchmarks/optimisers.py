@@ -2,8 +2,8 @@
 
 Two problems: the paper's circuit by eq. (11), and `dual-cell` with priors, the camera's common
 error and the weights that a match ends with. All start where the rig file says, with exact
-derivatives, float64, until the cost falls by less than 1e-6 of itself. Times are CPU time without compilation;
-bounds hold for all but optimistix's own solver, which has none.
+derivatives, float64, until the cost falls by less than 1e-6 of itself. Times are CPU time without
+compilation; bounds hold for all but optimistix's own solver, which has none.
 
     python benchmarks/optimisers.py FOLDER_WITH_RECORDINGS
 """

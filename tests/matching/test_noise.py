@@ -50,13 +50,13 @@ def test_corrections_are_found_and_steps_of_the_plate_are_not():
 
 def test_faint_corrections_are_found_where_clear_ones_come_at_equal_intervals():
     # As the two-cell rig's camera does, every 163.4 s; two of six jumps are hardly above the noise.
-    rng, time = np.random.default_rng(4), np.arange(1000.0)
-    common = 0.08 * rng.standard_normal(1000) + 0.2 * np.sin(time / 150)
-    events = 14 + 163.4 * np.arange(7)
-    for event, jump in zip(events, (2.0, 0.3, 1.0, 1.0, 0.3, 1.2, 0.5), strict=True):
+    rng, time = np.random.default_rng(4), np.arange(950.0)
+    common = 0.08 * rng.standard_normal(950) + 0.2 * np.sin(time / 150)
+    events = 14 + 163.4 * np.arange(6)
+    for event, jump in zip(events, (2.0, 0.3, 1.0, 1.0, 0.3, 1.2), strict=True):
         common += np.where(time >= event, jump * np.exp(-np.maximum(time - event, 0) / 30), 0)
     found = detect_events(time, common)
-    assert len(found) == 7
+    assert len(found) == 6
     np.testing.assert_allclose(found, events, atol=6)
 
 

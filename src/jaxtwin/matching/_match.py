@@ -290,6 +290,7 @@ def _uncertainty(
         np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), unknowns.widths()),
         unknowns.slopes(vector),
         (vector > lower + 1e-9) & (vector < upper - 1e-9),
+        sum(len(j) for j in alone) / noise[0].correlated,
     )
 
 

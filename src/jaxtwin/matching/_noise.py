@@ -32,8 +32,8 @@ def noise_of(
 ) -> Noise:
     """Standard deviation and autocorrelation of several series of residuals about zero.
 
-    The sum of autocorrelations ends at the first lag that is five times what it amounts to until
-    then (Sokal 1997), because beyond it there is nothing but noise.
+    The sum of autocorrelations ends before the first two neighbours whose sum is not above 0
+    (Geyer 1992, initial positive sequence), because beyond them there is nothing but noise.
 
     **Arguments:**
 
@@ -49,10 +49,10 @@ def noise_of(
         covariances[:times] += np.fft.irfft(np.abs(padded) ** 2, axis=0)[:times].sum(axis=1)
     if covariances[0] <= 0:
         return Noise(0.0, 1.0)
-    sums = 2 * np.cumsum(covariances / covariances[0]) - 1
-    far = np.flatnonzero(np.arange(longest) >= 5 * sums)
-    end = far[0] if far.size else longest - 1
-    return Noise(float(np.sqrt(covariances[0] / counted)), float(max(1.0, sums[end])))
+    pairs = (covariances[: longest // 2 * 2] / covariances[0]).reshape(-1, 2).sum(axis=1)
+    ends = np.flatnonzero(pairs <= 0)
+    total = 2 * pairs[: ends[0] if ends.size else len(pairs)].sum() - 1
+    return Noise(float(np.sqrt(covariances[0] / counted)), float(max(1.0, total)))
 
 
 def huber_weights(

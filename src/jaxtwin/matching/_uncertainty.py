@@ -93,6 +93,7 @@ def uncertainty(
     scale: Float[np.ndarray, " values"],
     slopes: Float[np.ndarray, " values"],
     inside: Sequence[bool] | np.ndarray,
+    samples: float,
 ) -> Uncertainty:
     """The uncertainty of a match.
 
@@ -105,10 +106,15 @@ def uncertainty(
       it.
     - `slopes`: of the physical values in the entries.
     - `inside`: which entries are inside their bounds.
+    - `samples`: how many independent ones the residuals amount to: what is matched to them makes
+      them smaller than the noise is, by the part of them that the directions told by them are.
     """
     free: Int[np.ndarray, " free"] = np.flatnonzero(inside)
     n = len(labels)
     prior = np.diag(precision[free] ** 2)
+    told_directions = int(np.sum(_singular(parts, free, scale)[0] > 1))
+    shrunk = max(1 - told_directions / samples, 0.1)
+    parts = [(j, f if f == 1 else f / shrunk) for j, f in parts]
     normal = sum(j[:, free].T @ j[:, free] for j, _ in parts) + prior
     middle = sum(f * (j[:, free].T @ j[:, free]) for j, f in parts) + prior
     spread, lost = _sandwich(normal, middle)
@@ -121,10 +127,7 @@ def uncertainty(
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(errors, errors)
     # What the recordings alone tell, per unit of what is known beforehand.
-    rows = np.concatenate([j[:, free] * scale[free] / np.sqrt(max(f, 1e-300)) for j, f in parts])
-    lengths = np.linalg.norm(rows, axis=0)
-    singular, directions = np.linalg.eigh(rows.T @ rows)
-    singular = np.sqrt(np.maximum(singular, 0.0))
+    singular, directions, lengths = _singular(parts, free, scale)
     told = np.full(n, np.nan)
     told[free] = lengths
     names = [labels[int(number)] for number in free]
@@ -150,6 +153,17 @@ def uncertainty(
         collinear=tuple(sorted(pairs, key=lambda pair: -abs(pair[2]))),
         entries=entries,
     )
+
+
+def _singular(
+    parts: Sequence[tuple[Float[np.ndarray, "_ values"], float]],
+    free: Int[np.ndarray, " free"],
+    scale: Float[np.ndarray, " values"],
+) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, "free free"], Float[np.ndarray, " free"]]:
+    """Singular values of the scaled sensitivities, their directions, and lengths of the columns."""
+    rows = np.concatenate([j[:, free] * scale[free] / np.sqrt(max(f, 1e-300)) for j, f in parts])
+    values, directions = np.linalg.eigh(rows.T @ rows)
+    return np.sqrt(np.maximum(values, 0.0)), directions, np.linalg.norm(rows, axis=0)
 
 
 def _sandwich(
