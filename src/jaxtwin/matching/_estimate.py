@@ -227,7 +227,7 @@ def residual_noise(
     ]
     # Samples that do not count are no samples.
     counts = [v.sum(axis=1) > 0 for v in alone_weights]
-    of_common = noise_of(shared, sum(int(one.sum()) for one in counts))
+    of_common = noise_of(shared, float(sum(one.sum() for one in counts)))
     if not several:
         return of_common, of_common
     counted = sum(float(v.sum()) for v in alone_weights if v.shape[1] > 1)
