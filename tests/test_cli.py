@@ -13,7 +13,15 @@ import pytest
 import xarray
 from small_results import recordings
 
-from jaxtwin import Experiment, bundled_rigs, load_rig, read_recording, write_recording
+from jaxtwin import (
+    Experiment,
+    Twin,
+    bundled_rigs,
+    load_rig,
+    read_recording,
+    validate,
+    write_recording,
+)
 from jaxtwin.cli import app, run
 from jaxtwin.commands._sources import find_recording
 from jaxtwin.data import synthetic_recordings, synthetic_truth
@@ -27,6 +35,7 @@ COMMANDS = [
     ["dc-sweep"],
     ["simulate"],
     ["match"],
+    ["validate"],
     ["sensitivity"],
     ["sweep"],
     ["virtual-rig"],
@@ -102,6 +111,23 @@ def test_version(capsys):
 
 
 WRONG = {
+    "split and leave one out": (
+        ["validate", "paper-2024", "synthetic-A", "--split", "500", "--leave-one-out"],
+        "give either --split or --leave-one-out",
+    ),
+    "nothing to validate": (["validate", "paper-2024", "synthetic-A"], "give --fit"),
+    "split outside": (
+        ["validate", "paper-2024", "synthetic-A", "--split", "2000"],
+        "split at 2000 s: found 1001 samples before and 0 from there on",
+    ),
+    "no time to warm up": (
+        ["validate", "paper-2024", "synthetic-A", "--set", "published", "--warm-up", "nan"],
+        "--warm-up nan",
+    ),
+    "another rig's recording": (
+        ["validate", "single-cell", "synthetic-A", "--split", "500"],
+        "found 2 cells, allowed are the 1 of single-cell",
+    ),
     "unknown command": (["simulat"], "No such command 'simulat'"),
     "unknown option": (["rigs", "--jsn", "x"], "No such option: --jsn"),
     "missing argument": (["match", "paper-2024"], "Missing argument 'RECORDING'"),
@@ -263,6 +289,18 @@ def test_match_saves_what_the_other_commands_take(minute, capsys):
     assert len(json.loads(printed(capsys))["ranking"]) == 16
     with xarray.open_dataset("s.nc") as stored:
         assert stored.sizes["draw"] == 8
+
+
+def test_validate_predicts_after_the_warm_up_and_draws_the_residuals(minute, capsys):
+    """What it prints and writes are the numbers of `jaxtwin.validate`."""
+    arguments = ["validate", "paper-2024", minute, "--set", "published", "--warm-up", "20"]
+    assert run([*arguments, "--out", "pictures", "--json", "numbers.json"]) == 0
+    rig = load_rig("paper-2024")
+    twin = Twin(rig, rig.parameter_sets["published"])
+    expected = validate(twin, read_recording(minute), warm_up=20.0)
+    assert json.loads(Path("numbers.json").read_text()) == expected.to_dict()
+    assert f"RMSE {expected.rmse:.3f} K" in printed(capsys)
+    assert sorted(p.name for p in Path("pictures").iterdir()) == ["residuals.png", "response.png"]
 
 
 def test_known_recordings_are_found_by_name(tmp_path, monkeypatch):

@@ -24,6 +24,7 @@ from .physics import ThermoelectricModule as ThermoelectricModule  # a Peltier c
 from .physics import Twin as Twin  # a rig with values for its parameters
 from .physics import build_netlist as build_netlist  # Rig -> Netlist
 from .physics import frame_to_channels as frame_to_channels  # camera frame -> zone means
+from .physics import plate_map as plate_map  # element temperatures -> the plate as a picture
 from .rig import Rig as Rig  # a rig file, read and checked
 from .rig import bundled_rigs as bundled_rigs  # names of the rigs that come along
 from .rig import load_rig as load_rig  # a bundled rig, or one's own .toml
@@ -37,6 +38,10 @@ from .simulation import simulate_batch as simulate_batch  # many draws
 from .sweep import Sweep as Sweep  # where a long sweep stands
 from .sweep import open_sweep as open_sweep  # its results, as an xarray data set
 from .sweep import sweep as sweep  # millions of draws into a folder, over many sittings
+from .validation import Validation as Validation  # predictions, and how good they are
+from .validation import leave_one_out as leave_one_out  # each recording from a match to the others
+from .validation import validate as validate  # recordings that the match has not seen
+from .validation import validate_split as validate_split  # the rest from a match to the first part
 
 __all__: list[str]
 __version__: str

@@ -26,6 +26,7 @@ from .commands import (
     _sensitivity,
     _simulate,
     _sweep,
+    _validate,
     _virtual_rig,
     _watch,
 )
@@ -41,7 +42,16 @@ TWINS = "Twins"
 LIVE = "A live rig"
 MACHINE = "This machine"
 
-COMPILING = ("demo", "simulate", "match", "sensitivity", "sweep", "virtual-rig", "watch")
+COMPILING = (
+    "demo",
+    "simulate",
+    "match",
+    "validate",
+    "sensitivity",
+    "sweep",
+    "virtual-rig",
+    "watch",
+)
 
 app = typer.Typer(
     add_completion=False,
@@ -84,6 +94,14 @@ _add(
     _match.match,
     "jaxtwin match paper-2024 synthetic-A synthetic-B synthetic-C --set initial "
     "--per-recording T_amb --per-recording T_start --out fit.toml",
+)
+_add(
+    "validate",
+    TWINS,
+    _validate.validate,
+    "jaxtwin validate dual-cell monday.csv --fit fit.toml --out validation",
+    "jaxtwin validate dual-cell monday.csv tuesday.csv --split 500 --json split.json",
+    "jaxtwin validate dual-cell monday.csv tuesday.csv --leave-one-out",
 )
 _add(
     "sensitivity",

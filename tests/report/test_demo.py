@@ -16,6 +16,8 @@ from jaxtwin.report._checks import check_table
 from jaxtwin.report._source import Source, find_source
 
 PICTURES = {
+    "plate-beside",
+    "uniformity",
     "netlist",  # Figs. 8 and 13a of the paper
     "recordings",  # Fig. 6
     "dc-sweep-CP10-127-05",  # Fig. 11
@@ -99,6 +101,8 @@ def test_the_report_holds_pictures_numbers_fits_and_says_what_it_was_done_on(tmp
     assert re.search(rf"<dd>{re.escape(shown)}</dd>", html)
     assert numbers["network"]["plate_resistances"] == 83
     assert numbers["real_recordings"] is False
+    even = fit().runs["synthetic-A"].recorded_uniformity
+    assert numbers["uniformity"]["synthetic-A"]["recorded_mean_spread_K"] == even.mean_spread
 
     saved = tomllib.loads((folder / "fit-ambient-per-recording.toml").read_text())
     assert set(saved["recordings"]) == {"synthetic-A", "synthetic-B"}

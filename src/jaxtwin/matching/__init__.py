@@ -4,20 +4,27 @@ from ._band import Band, prediction_band
 from ._fit import Fit, FittedParameter, Iteration, Optimum
 from ._levenberg_marquardt import BoundedLevenbergMarquardt, LMState
 from ._many import match_many
-from ._match import match
+from ._match import checked_recordings, match
+from ._noise import Noise, noise_of
 from ._profile import Profile, profile
+from ._settle import WARM_UP, settle
 
 __all__ = [
+    "WARM_UP",
     "Band",
     "BoundedLevenbergMarquardt",
     "Fit",
     "FittedParameter",
     "Iteration",
     "LMState",
+    "Noise",
     "Optimum",
     "Profile",
+    "checked_recordings",
     "match",
     "match_many",
+    "noise_of",
     "prediction_band",
     "profile",
+    "settle",
 ]

@@ -5,6 +5,7 @@ from ._camera import channel_weights, frame_to_channels, pixel_weights
 from ._dc_sweep import DCSweep
 from ._driver import Bridge, CellHeat
 from ._netlist import Link, Loss, Netlist, Node, ThermoelectricElement
+from ._plate_map import PlateMap, plate_map
 from ._spice import to_spice
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
@@ -18,6 +19,7 @@ __all__ = [
     "Loss",
     "Netlist",
     "Node",
+    "PlateMap",
     "System",
     "ThermoelectricElement",
     "ThermoelectricModule",
@@ -26,5 +28,6 @@ __all__ = [
     "channel_weights",
     "frame_to_channels",
     "pixel_weights",
+    "plate_map",
     "to_spice",
 ]

@@ -3,6 +3,8 @@
 They are drawn with matplotlib in a style of their own; matplotlib's settings are left alone.
 """
 
+from ._bands import plot_bands
+from ._camera_error import plot_camera_error
 from ._comparison import plot_comparison, plot_residuals
 from ._dc_sweep import plot_dc_sweep
 from ._history import plot_history
@@ -11,21 +13,28 @@ from ._parameters import plot_parameters
 from ._plate_map import plot_plate_map
 from ._png import to_png
 from ._recordings import plot_recordings
+from ._residual_tests import plot_residual_tests
 from ._sensitivity_matrix import plot_sensitivity_matrix
 from ._style import styled
 from ._tornado import plot_tornado
+from ._uniformity import plot_plate_beside, plot_uniformity
 
 __all__ = [
+    "plot_bands",
+    "plot_camera_error",
     "plot_comparison",
     "plot_dc_sweep",
     "plot_history",
     "plot_netlist",
     "plot_parameters",
+    "plot_plate_beside",
     "plot_plate_map",
     "plot_recordings",
+    "plot_residual_tests",
     "plot_residuals",
     "plot_sensitivity_matrix",
     "plot_tornado",
+    "plot_uniformity",
     "styled",
     "to_png",
 ]

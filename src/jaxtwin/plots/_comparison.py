@@ -1,6 +1,7 @@
 """What a twin reads against what was recorded, Fig. 15 of the paper, and the difference."""
 
 from collections.abc import Sequence
+from itertools import zip_longest
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from .._errors import SimulationError
 from ..simulation import Run
 from ._labels import label_ends
+from ._masked import shade_masked
 from ._style import CYCLE, INK, MUTED, VERMILION, styled
 
 PANELS = 5  # in a row
@@ -72,7 +74,9 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
 
 
 @styled
-def plot_residuals(runs: Sequence[Run]) -> Figure:
+def plot_residuals(
+    runs: Sequence[Run], *, weights: Sequence[Float[np.ndarray, "_ _"]] = ()
+) -> Figure:
     """Recorded less simulated temperature of every channel, and their mean.
 
     What all channels share is the camera or the ambient; what one channel has alone is its place
@@ -81,6 +85,8 @@ def plot_residuals(runs: Sequence[Run]) -> Figure:
     **Arguments:**
 
     - `runs`: one column each, of experiments that hold recorded temperatures.
+    - `weights`: of each run's samples in a match, `(times, channels)`, 0 to 1, such as
+      `list(fit.weights.values())`: spans that counted less are shaded.
 
     **Returns:** the figure.
 
@@ -89,7 +95,9 @@ def plot_residuals(runs: Sequence[Run]) -> Figure:
     figure = pyplot.figure(figsize=(0.9 + 3.7 * len(runs), 3.4), layout="constrained")
     (row,) = figure.subplots(1, len(runs), sharey=True, squeeze=False)
     ends = []
-    for axes, run in zip(row, runs, strict=True):
+    for axes, run, weight in zip_longest(row, runs, weights):
+        if weight is not None:
+            shade_masked(axes, run.time, weight)
         residual = _recorded(run) - run.temperatures
         for number, part in enumerate(residual.T):
             axes.plot(run.time, part, color=CYCLE[number % len(CYCLE)], lw=0.9)

@@ -72,14 +72,11 @@ def plot_plate_map(
 def _draw_map(
     axes: Axes, rig: Rig, title: str, values: Float[np.ndarray, " elements"], scale: ScalarMappable
 ) -> None:
-    _frame(axes, rig.plate)
+    frame(axes, rig.plate)
     for element, color in zip(rig.plate.element_names, scale.to_rgba(values), strict=True):
         # A rim of its own colour closes the hairline between neighbours.
-        axes.add_patch(_rectangle(rig.plate.extent(element), fc=color, ec=color, lw=0.3))
-    for cell in rig.cells:
-        rim = [withStroke(linewidth=2.6, foreground=INK, alpha=0.7)]
-        look = {"fc": "none", "ec": "white", "lw": 1.2, "ls": (0, (4, 2)), "path_effects": rim}
-        _draw_cell(axes, rig.plate, cell, "white", INK, **look)
+        axes.add_patch(rectangle(rig.plate.extent(element), fc=color, ec=color, lw=0.3))
+    draw_cells(axes, rig)
     axes.set_title(title)
     axes.set_title(
         f"{values.min():.1f} … {values.max():.1f} °C",
@@ -87,13 +84,21 @@ def _draw_map(
     )  # fmt: skip
 
 
+def draw_cells(axes: Axes, rig: Rig) -> None:
+    """A dashed line around the elements that each cell touches, and its name."""
+    for cell in rig.cells:
+        rim = [withStroke(linewidth=2.6, foreground=INK, alpha=0.7)]
+        look = {"fc": "none", "ec": "white", "lw": 1.2, "ls": (0, (4, 2)), "path_effects": rim}
+        _draw_cell(axes, rig.plate, cell, "white", INK, **look)
+
+
 def _draw_channels(axes: Axes, rig: Rig) -> None:
-    _frame(axes, rig.plate)
+    frame(axes, rig.plate)
     extents = [(0.0, rig.plate.width, 0.0, rig.plate.height)]
-    axes.add_patch(_rectangle(extents[0], fc=FAINT, ec=MUTED, lw=1))
+    axes.add_patch(rectangle(extents[0], fc=FAINT, ec=MUTED, lw=1))
     for channel in rig.channels:
-        for place in _places(channel, rig.plate):
-            axes.add_patch(_rectangle(place, fc="none", ec=BLUE, lw=1.2))
+        for place in places(channel, rig.plate):
+            axes.add_patch(rectangle(place, fc="none", ec=BLUE, lw=1.2))
     for cell in rig.cells:
         look = {"fc": VERMILION, "alpha": 0.25, "lw": 0}
         _draw_cell(axes, rig.plate, cell, VERMILION, FAINT, **look)
@@ -104,10 +109,10 @@ def _draw_channels(axes: Axes, rig: Rig) -> None:
 
 def _name_channel(axes: Axes, plate: Plate, channel: Channel) -> None:
     """In its middle, upright where it is narrow, or below it where it is small all round."""
-    places = np.array(_places(channel, plate))
-    x, y = places[:, :2].mean(), places[:, 2:].mean()
-    narrow = np.ptp(places[:, :2]) < 0.07 * plate.width
-    low = np.ptp(places[:, 2:]) < 0.07 * plate.width
+    extents = np.array(places(channel, plate))
+    x, y = extents[:, :2].mean(), extents[:, 2:].mean()
+    narrow = np.ptp(extents[:, :2]) < 0.07 * plate.width
+    low = np.ptp(extents[:, 2:]) < 0.07 * plate.width
     axes.annotate(
         channel.name, (100 * x, 100 * y), (0, -11 if narrow and low else 0),
         textcoords="offset points", ha="center", va="center", fontsize=7.5, color=INK,
@@ -116,7 +121,8 @@ def _name_channel(axes: Axes, plate: Plate, channel: Channel) -> None:
     )  # fmt: skip
 
 
-def _frame(axes: Axes, plate: Plate) -> None:
+def frame(axes: Axes, plate: Plate) -> None:
+    """Axes in cm with the plate's proportions, y from the top."""
     axes.set_aspect("equal")
     axes.set_xlim(-0.3, 100 * plate.width + 0.3)
     axes.set_ylim(100 * plate.height + 0.3, -0.3)
@@ -127,19 +133,21 @@ def _draw_cell(axes: Axes, plate: Plate, cell: Cell, color: str, rim: str, **loo
     extents = np.array([plate.extent(element) for element, _ in cell.contacts])
     left, right = extents[:, 0].min(), extents[:, 1].max()
     top, bottom = extents[:, 2].min(), extents[:, 3].max()
-    axes.add_patch(_rectangle((left, right, top, bottom), **look))
+    axes.add_patch(rectangle((left, right, top, bottom), **look))
     axes.annotate(
         cell.name, (100 * left, 100 * bottom), (4, 4), textcoords="offset points", fontsize=8,
         color=color, fontweight="bold", path_effects=[withStroke(linewidth=2.2, foreground=rim)],
     )  # fmt: skip
 
 
-def _places(channel: Channel, plate: Plate) -> list[tuple[float, float, float, float]]:
+def places(channel: Channel, plate: Plate) -> list[tuple[float, float, float, float]]:
+    """Where a channel is read: left, right, top and bottom of each rectangle, m."""
     if channel.x is not None and channel.y is not None:
         return [(*channel.x, *channel.y)]
     return [plate.extent(node) for node in channel.nodes]
 
 
-def _rectangle(extent: tuple[float, float, float, float], **look) -> Rectangle:
+def rectangle(extent: tuple[float, float, float, float], **look) -> Rectangle:
+    """A rectangle given in m on axes in cm."""
     left, right, top, bottom = (100 * edge for edge in extent)
     return Rectangle((left, top), right - left, bottom - top, **look)

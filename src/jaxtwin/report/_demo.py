@@ -20,6 +20,7 @@ from ._page import page_html
 from ._sensitivity import analyse
 from ._simulate import dc_sweeps, plate_map, simulate_published
 from ._source import find_source
+from ._uniformity import uniformity
 
 RIG = "paper-2024"
 
@@ -71,6 +72,7 @@ def write_demo(
         simulated, runs, published_numbers = simulate_published(published, source)
         fixed_section, fixed = match_fixed(rig, source, runs, progress)
         own_section, own = match_own(rig, source, runs, fixed, progress)
+        even, evenness = uniformity(own)
         truth_section, truth = recover_truth(rig, progress)
         sensed, few, many = analyse(own, draws, progress)
         progress.step("writing the report")
@@ -83,6 +85,7 @@ def write_demo(
             "published": published_numbers,
             "match_ambient_fixed": fixed.to_dict(),
             "match_ambient_per_recording": own.to_dict(),
+            "uniformity": evenness,
             "match_of_known_truth": truth,
             "sensitivity_few": few.to_dict(),
             "sensitivity": many.to_dict(),
@@ -97,6 +100,7 @@ def write_demo(
             fixed_section,
             own_section,
             plate_map(own),
+            even,
             truth_section,
             sensed,
             deploy(FILES),

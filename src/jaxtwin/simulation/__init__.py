@@ -11,6 +11,7 @@ from ._schedule import Schedule, build_schedule, twin_schedule
 from ._simulate import checked_channels, response, simulate
 from ._solve import reference_temperature, solve_schedule
 from ._solver import HeldInputs, NetworkExponential, NetworkProblem, network_field
+from ._uniformity import Uniformity, uniformity
 
 __all__ = [
     "HeldInputs",
@@ -19,6 +20,7 @@ __all__ = [
     "Reductions",
     "Run",
     "Schedule",
+    "Uniformity",
     "build_schedule",
     "checked_channels",
     "fit_percent",
@@ -30,4 +32,5 @@ __all__ = [
     "simulate_batch",
     "solve_schedule",
     "twin_schedule",
+    "uniformity",
 ]

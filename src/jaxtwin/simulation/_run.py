@@ -10,6 +10,7 @@ from jaxtyping import Float
 from .._errors import SimulationError
 from ..io import Experiment
 from ._measures import fit_percent, rmse
+from ._uniformity import Uniformity, uniformity
 
 if TYPE_CHECKING:
     import xarray
@@ -71,14 +72,36 @@ class Run:
         return rmse(self._recorded, self.temperatures)
 
     @property
+    def uniformity(self) -> Uniformity:
+        """Of what the camera reads, over the channels."""
+        return uniformity(self.time, self.temperatures, self.channels)
+
+    @property
+    def recorded_uniformity(self) -> Uniformity:
+        """Of what was recorded, over the channels.
+
+        **Raises:** `SimulationError` where the experiment holds no recorded temperatures.
+        """
+        return uniformity(self.time, self._recorded, self.channels)
+
+    @property
+    def plate_uniformity(self) -> Uniformity:
+        """Of the plate itself, over its elements."""
+        # Nodes of cells and sinks are named after their cell, with a dot.
+        columns = [number for number, name in enumerate(self.nodes) if "." not in name]
+        names = tuple(self.nodes[number] for number in columns)
+        return uniformity(self.time, self.states[:, columns], names)
+
+    @property
     def _recorded(self) -> Float[np.ndarray, "times channels"]:
         if self.experiment.temperatures is None:
             raise SimulationError("the experiment holds no recorded temperatures to compare with")
         return self.experiment.temperatures
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The run with labels: temperature (time, channel), state (time, node), duty (time, cell)
-        and, where they are known, recorded (time, channel) and ambient (time)."""
+        """The run with labels: temperature (time, channel), state (time, node), duty (time, cell),
+        spread and deviation (time) over the channels and, where they are known, recorded (time,
+        channel), recorded_spread, recorded_deviation and ambient (time)."""
         import xarray
 
         duty = self.experiment.duty
@@ -88,8 +111,13 @@ class Run:
             "state": (("time", "node"), self.states, celsius),
             "duty": (("time", "cell"), duty, {"units": "1"}),
         }
+        evenness = {"": self.uniformity}
         if self.experiment.temperatures is not None:
             variables["recorded"] = (("time", "channel"), self._recorded, celsius)
+            evenness["recorded_"] = self.recorded_uniformity
+        for prefix, one in evenness.items():
+            variables[f"{prefix}spread"] = ("time", one.spread, {"units": "K"})
+            variables[f"{prefix}deviation"] = ("time", one.deviation, {"units": "K"})
         if self.experiment.ambient is not None:
             ambient = np.broadcast_to(self.experiment.ambient, self.time.shape)
             variables["ambient"] = ("time", ambient, celsius)

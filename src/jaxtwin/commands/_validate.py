@@ -1,0 +1,116 @@
+"""`jaxtwin validate`: predictions of what a match has not seen."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .._errors import JaxtwinError
+from .._whole_file import write_whole_file
+from ._options import JsonOption, RecordingsArgument, RigArgument, SetOption
+from ._output import check_json, say, write_json
+from ._progress import show_progress
+from ._sources import open_recordings, open_twin
+
+if TYPE_CHECKING:
+    from ..io import Experiment
+    from ..matching import Iteration
+    from ..physics import Twin
+    from ..validation import Validation
+
+
+def validate(
+    rig: RigArgument,
+    recordings: RecordingsArgument,
+    fit: Annotated[
+        Path | None,
+        typer.Option(
+            "--fit",
+            metavar="FILE",
+            help="A saved fit: what is validated; with --split or --leave-one-out the start.",
+        ),
+    ] = None,
+    split: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Match what is before this time, predict the rest."),
+    ] = None,
+    leave_one_out: Annotated[
+        bool,
+        typer.Option("--leave-one-out", help="Predict each recording from a match to the others."),
+    ] = False,
+    warm_up: Annotated[
+        float,
+        typer.Option(
+            metavar="S", help="Part of a recording from which its ambient and start are taken."
+        ),
+    ] = 60.0,
+    set_name: SetOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="A folder for pictures of the residuals, .png."),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Predict recordings that a match has not seen: fits, residuals, tests of whiteness."""
+    from ..rig import load_rig
+
+    if split is not None and leave_one_out:
+        raise typer.BadParameter("give either --split or --leave-one-out")
+    if split is None and not leave_one_out and fit is None and set_name is None:
+        raise typer.BadParameter("give --fit, or match with --split or --leave-one-out")
+    for option, value in (("--split", split), ("--warm-up", warm_up)):
+        if value is not None and not math.isfinite(value):
+            raise typer.BadParameter(f"{option} {value:g}: allowed are finite numbers")
+    if out is not None and out.exists() and not out.is_dir():
+        raise typer.BadParameter(f"--out {out}: is a file, allowed is a folder")
+    check_json(json)
+    with show_progress() as progress:
+        progress.step("reading")
+        loaded = load_rig(rig)
+        experiments = open_recordings(loaded, recordings)
+        twin = open_twin(loaded, set_name, fit)
+
+        def tell(iteration: "Iteration") -> None:
+            progress.news(f"iteration {iteration.number}: RMSE {iteration.rmse:.4f} K")
+
+        progress.step(f"validating {loaded.name} on {len(experiments)} recordings")
+        result = _validate(twin, experiments, split, leave_one_out, warm_up, tell)
+        if out is not None:
+            progress.step(f"drawing into {out}")
+            _draw(result, out)
+    say(result.summary(), json)
+    write_json(json, result.to_dict())
+
+
+def _validate(
+    twin: "Twin",
+    experiments: "list[Experiment]",
+    split: float | None,
+    leave_one_out: bool,
+    warm_up: float,
+    tell,
+) -> "Validation":
+    from .. import validation
+
+    if split is not None:
+        return validation.validate_split(twin, experiments, split, on_iteration=tell)
+    if leave_one_out:
+        return validation.leave_one_out(twin, experiments, warm_up=warm_up, on_iteration=tell)
+    return validation.validate(twin, experiments, warm_up=warm_up)
+
+
+def _draw(result: "Validation", folder: Path) -> None:
+    from ..plots import plot_comparison, plot_residual_tests, to_png
+
+    runs = list(result.runs.values())
+    pictures = {
+        "response.png": to_png(plot_comparison(runs)),
+        "residuals.png": to_png(plot_residual_tests(runs)),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise typer.BadParameter(f"--out {folder}: {error.strerror}") from None
+    for name, picture in pictures.items():
+        write_whole_file(folder / name, picture, JaxtwinError)

@@ -1,0 +1,131 @@
+"""What belongs to a recording and not to the rig, taken from the recording's first minute.
+
+A saved fit says what the rig is like. Where it stands today it cannot say: the room's temperature,
+the rig's own at the start, the delay of the drive. These few values are matched to the first part
+of a recording with everything else held, and no later sample is looked at.
+
+Where the drive is off until then, the readings show the start temperature, and the room's by the
+way they drift. Where it is on from the start, the match knows the drive and the rig, and does the
+same. In both cases a rig that is switched on is expected to have stood in its room: beforehand both
+temperatures are what the camera reads first, give or take `AT_REST`.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import MatchError
+from ..io import Experiment
+from ..physics import Twin
+from ..rig import Parameter
+from ._descend import descend
+from ._estimate import Setting, first_knowledge, learn, make_problem
+from ._levenberg_marquardt import BoundedLevenbergMarquardt
+from ._unknowns import choose_unknowns
+
+WARM_UP = 60.0
+"""Length of the part of a recording from which its own values are taken, s."""
+
+AT_REST = 2.0
+"""How far room and rig are from the first reading, K, as a standard deviation beforehand."""
+
+MOVED = 2.0
+"""A reading that has moved this far from the first, K, counts half."""
+
+ITERATIONS = 50
+
+
+def settle(
+    twin: Twin, recording: Experiment, warm_up: float = WARM_UP, own: Iterable[str] | None = None
+) -> Twin:
+    """The twin with the values of one recording, taken from its first part alone.
+
+    **Arguments:**
+
+    - `twin`: with the values of the rig, such as a fit's.
+    - `recording`: of which the part before `warm_up` is looked at.
+    - `warm_up`: from the first sample on, s.
+    - `own`: the parameters that belong to a recording; by default those that the rig's table gives
+      the scope `"recording"`. Temperatures are expected at the first reading, others at their value
+      in the twin with the spread of their prior.
+
+    **Returns:** the twin; without parameters of a recording, the one that was given.
+
+    **Raises:** `MatchError` where the part holds fewer samples than there are values to take.
+    """
+    table = twin.rig.parameters
+    names = [n for n, row in table.items() if row.scope == "recording"] if own is None else [*own]
+    if not names:
+        return twin
+    label = recording.name or "recording"
+    if recording.temperatures is None or not recording.channels:
+        raise MatchError(f"{label}: found no recorded temperatures, allowed is a recording")
+    first = recording.temperatures[0].mean()
+    count = int(np.count_nonzero(recording.time < recording.time[0] + warm_up))
+    if count < max(2, len(names)):
+        raise MatchError(
+            f"{label}: warm_up = {warm_up:g} s: found {count} samples, allowed are at least "
+            f"{max(2, len(names))} for {', '.join(names)}"
+        )
+    part = recording.between(None, recording.time[0] + warm_up)
+    unknowns = choose_unknowns(twin, 1, free=names, per_recording=names)
+    unknowns = replace(unknowns, own=tuple(_expected(row, first) for row in unknowns.own))
+    error = twin.rig.camera.common_error
+    setting = Setting(
+        twin=twin,
+        experiments=(part,),
+        unknowns=unknowns,
+        samples=(_weights(part),),
+        events=None if error is not None and error.detect else ((),),
+        common_error=error,
+        robust=None,
+    )
+    solver = BoundedLevenbergMarquardt(rtol=1e-6)
+    knowledge = first_knowledge(setting)
+    (attempt,) = descend(
+        [make_problem(setting, knowledge)],
+        solver,
+        [unknowns.start()],
+        ITERATIONS,
+        setting.box,
+        setting.scale,
+    )
+    # A correction of the camera in this minute must not be taken for a plate that cools. Only
+    # their times are learned: a minute is too short to learn the noise from.
+    events = learn(setting, knowledge, attempt).events
+    if any(events):
+        problem = make_problem(setting, replace(knowledge, events=events))
+        (attempt,) = descend(
+            [problem],
+            solver,
+            [attempt.vector],
+            ITERATIONS,
+            setting.box,
+            setting.scale,
+            [attempt],
+        )
+    if not np.isfinite(attempt.cost):
+        raise MatchError(f"{label}: the twin gives no finite temperatures")
+    values = {
+        row.name: float(np.clip(np.exp(v) if row.is_logarithmic else v, row.lower, row.upper))
+        for row, v in zip(unknowns.rows, attempt.vector, strict=True)
+    }
+    return twin.with_parameters(values)
+
+
+def _weights(part: Experiment) -> Float[np.ndarray, "times channels"]:
+    """Of each sample, 0 to 1: a twin is right to some per cent of what the drive does, so what has
+    moved far from the first reading says less about where the recording started."""
+    assert part.temperatures is not None
+    moved = part.temperatures - part.temperatures[0]
+    return 1 / (1 + (moved / MOVED) ** 2)
+
+
+def _expected(row: Parameter, first: float) -> Parameter:
+    """A value of a recording with what is known of it beforehand."""
+    if row.offset == 0:
+        return replace(row, prior_value=row.value, prior_spread=row.prior_spread)
+    value = float(np.clip(first, row.lower, row.upper))
+    return replace(row, value=value, prior_value=value, prior_spread=AT_REST)

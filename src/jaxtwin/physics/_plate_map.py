@@ -1,0 +1,66 @@
+"""The plate as a picture: temperatures between the nodes."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import ParameterError
+from ..rig import Rig
+
+
+class PlateMap(NamedTuple):
+    """Temperatures over the plate.
+
+    - `x`, `y`: of the columns and rows of points, from the top left corner, m.
+    - `temperatures`: `(..., y, x)`, in the unit that was given.
+    """
+
+    x: Float[np.ndarray, " x"]
+    y: Float[np.ndarray, " y"]
+    temperatures: Float[np.ndarray, "*times y x"]
+
+
+def plate_map(
+    rig: Rig, temperatures: Float[np.ndarray, "*times elements"], points: int = 120
+) -> PlateMap:
+    """Temperatures between the plate's nodes.
+
+    Linear between the centres of neighbouring elements, as the network has it: where heat flows
+    from one to the other through one material, temperature falls evenly. Beyond the outermost
+    centres it does not change, since an edge of a thin plate passes next to no heat.
+
+    **Arguments:**
+
+    - `rig`: its plate.
+    - `temperatures`: of the elements, in the order of `rig.plate.element_names`; those of a run are
+      `run.states[:, :elements]`.
+    - `points`: along the length of the plate; its height gets as many as are needed for squares.
+
+    **Raises:** `ParameterError` where there is not one temperature for each element, or points is
+    below 1.
+    """
+    plate = rig.plate
+    elements = len(plate.element_names)
+    values = np.asarray(temperatures, float)
+    if values.ndim < 1 or values.shape[-1] != elements:
+        raise ParameterError(
+            f"temperatures: found shape {values.shape}, allowed for {rig.name} is (..., {elements})"
+        )
+    if points < 1:
+        raise ParameterError(f"points: found {points}, allowed is at least 1")
+    size = plate.width / points
+    x = (np.arange(points) + 0.5) * size
+    rows = max(1, round(plate.height / size))
+    y = (np.arange(rows) + 0.5) * plate.height / rows
+    grid = values.reshape(*values.shape[:-1], len(plate.rows), len(plate.columns))
+    down, across = _shares(y, plate.rows), _shares(x, plate.columns)
+    return PlateMap(x, y, np.einsum("yr,...rc,xc->...yx", down, grid, across))
+
+
+def _shares(
+    at: Float[np.ndarray, " points"], sizes: tuple[float, ...]
+) -> Float[np.ndarray, "points elements"]:
+    """How much each element of a row counts at each point; rows sum to 1."""
+    centres = np.cumsum(sizes) - np.array(sizes) / 2
+    return np.stack([np.interp(at, centres, one) for one in np.eye(len(sizes))], axis=1)

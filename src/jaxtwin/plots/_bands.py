@@ -1,0 +1,78 @@
+"""What a twin predicts and how sure it is."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from .._errors import SimulationError
+from ..simulation import Run
+from ._style import MUTED, SKY, VERMILION, styled
+
+PANELS = 5  # in a row
+
+
+@styled
+def plot_bands(
+    run: Run,
+    low: Float[np.ndarray, "times channels"],
+    high: Float[np.ndarray, "times channels"],
+    *,
+    level: float = 0.95,
+) -> Figure:
+    """A run with the band in which a reading is expected, a panel for each channel.
+
+    The number in a panel says how much of what was recorded lies inside.
+
+    **Arguments:**
+
+    - `run`: what the twin says; recorded temperatures are drawn where there are some.
+    - `low`, `high`: edges of the band, degC.
+    - `level`: share of readings that the band is meant to hold, for the legend.
+
+    **Returns:** the figure.
+
+    **Raises:** `SimulationError` where the band has another shape than the run.
+    """
+    for name, edge in (("low", low), ("high", high)):
+        if np.shape(edge) != run.temperatures.shape:
+            raise SimulationError(
+                f"{name}: found shape {np.shape(edge)}, allowed is {run.temperatures.shape}"
+            )
+    count = len(run.channels)
+    columns = min(count, PANELS)
+    rows = -(-count // columns)
+    size = (1.0 + 2.5 * max(columns, 2), 0.8 + 2.3 * rows)
+    figure = pyplot.figure(figsize=size, layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    recorded = run.experiment.temperatures
+    for number, (axes, channel) in enumerate(zip(grid.flat, run.channels, strict=False)):
+        below, above = low[:, number], high[:, number]
+        axes.fill_between(run.time, below, above, color=SKY, alpha=0.45, lw=0)
+        if recorded is not None:
+            seen = recorded[:, number]
+            axes.plot(run.time, seen, color=MUTED, lw=1.0)
+            inside = np.mean((below <= seen) & (seen <= above))
+            share = f"{100 * inside:.0f} % inside"
+            axes.set_title(share, loc="right", fontsize=9, fontweight="normal", color=MUTED)
+        axes.plot(run.time, run.temperatures[:, number], color=VERMILION, lw=1.2)
+        axes.set_title(channel)
+    for axes in list(grid.flat)[count:]:
+        axes.set_axis_off()
+    for axes in grid[-1]:
+        axes.set_xlabel("time, s")
+        axes.xaxis.set_major_locator(MaxNLocator(3))
+    for axes in grid[:, 0]:
+        axes.set_ylabel("temperature, °C")
+    grid[0, 0].set_xlim(run.time[0], run.time[-1])
+    marks = [
+        Patch(color=SKY, alpha=0.45, lw=0, label=f"{100 * level:g} % band"),
+        Line2D([], [], color=VERMILION, lw=1.2, label="twin"),
+    ]
+    if recorded is not None:
+        marks.append(Line2D([], [], color=MUTED, lw=1.0, label="recorded"))
+    figure.legend(handles=marks, loc="outside lower center", ncols=3)
+    return figure

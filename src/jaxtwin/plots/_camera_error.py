@@ -1,0 +1,67 @@
+"""What all channels share: the camera's sawtooth, and what is left without it."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ._masked import shade_masked
+from ._style import INK, MUTED, ORANGE, VERMILION, styled
+
+if TYPE_CHECKING:
+    from ..matching import Fit
+
+
+@styled
+def plot_camera_error(fit: "Fit") -> Figure:
+    """The mean residual of each recording's channels before and after the camera's error.
+
+    Above, what the camera reads beyond the twin, and in colour the error that the match gives to
+    the camera; ticks are its flat-field corrections. Below, the difference of the two: what is left
+    for the plate. Shaded spans counted less in the match.
+
+    **Arguments:**
+
+    - `fit`: the result of `jaxtwin.match`.
+
+    **Returns:** the figure.
+    """
+    columns = len(fit.runs)
+    figure = pyplot.figure(figsize=(0.9 + 3.9 * columns, 4.6), layout="constrained")
+    grid = figure.subplots(2, columns, sharex="col", sharey=True, squeeze=False)
+    for (above, below), (name, run) in zip(grid.T, fit.runs.items(), strict=True):
+        assert run.experiment.temperatures is not None
+        camera = fit.camera[name]
+        shared = (run.experiment.temperatures - run.temperatures).mean(axis=1)
+        above.plot(run.time, shared, color=MUTED, lw=1.0)
+        above.plot(run.time, camera.offset, color=VERMILION, lw=1.6)
+        below.plot(run.time, shared - camera.offset, color=INK, lw=1.0)
+        for axes, series, title in ((above, shared, name), (below, shared - camera.offset, "")):
+            shade_masked(axes, run.time, fit.weights[name])
+            axes.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
+            rms = float(np.sqrt(np.mean(series**2)))
+            axes.set_title(title)
+            axes.set_title(f"{rms:.2f} K rms", loc="right", fontsize=9, fontweight="normal")
+        if camera.events:
+            # Ticks along the upper edge: lines through the whole panel would hide the jumps.
+            edge = above.get_xaxis_transform()
+            above.plot(
+                camera.events, np.full(len(camera.events), 0.97), "v", color=ORANGE, ms=5,
+                transform=edge, clip_on=False,
+            )  # fmt: skip
+        below.set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
+    grid[0, 0].set_ylabel("recorded - twin, K")
+    grid[1, 0].set_ylabel("without camera, K")
+    figure.legend(
+        handles=[
+            Line2D([], [], color=MUTED, lw=1.2, label="mean of the channels"),
+            Line2D([], [], color=VERMILION, lw=1.6, label="given to the camera"),
+            Line2D([], [], color=ORANGE, marker="v", ls="", label="its corrections"),
+            Line2D([], [], color=INK, lw=1.2, label="left for the plate"),
+        ],
+        loc="outside lower center",
+        ncols=4,
+    )
+    return figure

@@ -1,0 +1,28 @@
+"""Spans of a recording that count less in a match, for all pictures that show one."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+
+from ._style import FAINT
+
+
+def shade_masked(
+    axes: Axes, time: Float[np.ndarray, " times"], weights: Float[np.ndarray, "times channels"]
+) -> None:
+    """Shades where a sample of any channel counts less than fully, the darker the less.
+
+    **Arguments:**
+
+    - `axes`: whose x axis is the time, s.
+    - `weights`: 0 to 1.
+    """
+    weight = weights.min(axis=1)
+    edges = np.flatnonzero(np.diff(weight)) + 1
+    for part in np.split(np.arange(len(time)), edges):
+        if (missing := 1 - float(weight[part[0]])) > 0:
+            end = time[min(part[-1] + 1, len(time) - 1)]
+            axes.axvspan(
+                float(time[part[0]]), float(end), color=FAINT, alpha=0.35 + 0.65 * missing, lw=0,
+                zorder=0.4, gid="masked",
+            )  # fmt: skip

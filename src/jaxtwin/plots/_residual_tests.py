@@ -1,0 +1,83 @@
+"""Are the residuals noise? Over time, against themselves, against a normal distribution."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+
+from .._errors import SimulationError
+from ..simulation import Run
+from ..validation import autocorrelation, normal_quantiles, whiteness
+from ._labels import label_ends
+from ._style import CYCLE, FAINT, INK, MUTED, styled
+
+LONGEST = 300
+"""Lags of the autocorrelation that are shown, samples."""
+
+
+@styled
+def plot_residual_tests(runs: Sequence[Run]) -> Figure:
+    """Residuals of each recording over time, their autocorrelation, and their quantiles.
+
+    In the middle the grey band holds 95 % of the autocorrelations of white noise; on the right
+    normal residuals lie on the line. The p-value is that of Ljung and Box's test, the least of all
+    channels.
+
+    **Arguments:**
+
+    - `runs`: one row each, of experiments that hold recorded temperatures; those of a validation
+      are `list(validation.runs.values())`.
+
+    **Returns:** the figure.
+
+    **Raises:** `SimulationError` where a run has nothing recorded to compare with.
+    """
+    figure = pyplot.figure(figsize=(12.6, 0.4 + 2.6 * len(runs)), layout="constrained")
+    grid = figure.subplots(len(runs), 3, squeeze=False, width_ratios=(1.7, 1.15, 1))
+    for row, run in zip(grid, runs, strict=True):
+        if run.experiment.temperatures is None:
+            label = run.experiment.name or "the experiment"
+            raise SimulationError(f"{label} holds no recorded temperatures to compare with")
+        residuals = run.experiment.temperatures - run.temperatures
+        for number, (channel, series) in enumerate(zip(run.channels, residuals.T, strict=True)):
+            _draw(row, run, channel, series, CYCLE[number % len(CYCLE)])
+        _finish(row, run, residuals)
+    for axes, text in zip(grid[-1], ("time, s", "lag, s", "standard normal quantile"), strict=True):
+        axes.set_xlabel(text)
+    return figure
+
+
+def _draw(row: np.ndarray, run: Run, channel: str, series: np.ndarray, color: str) -> None:
+    over_time, against_itself, against_normal = row
+    over_time.plot(run.time, series, color=color, lw=0.9)
+    sample = float(np.median(np.diff(run.time)))
+    lags = min(LONGEST, len(series) // 2)
+    against_itself.plot(
+        sample * np.arange(lags + 1), autocorrelation(series, lags), color=color, lw=1.2
+    )
+    deviation = series.std() or 1.0
+    against_normal.plot(
+        normal_quantiles(len(series)), np.sort(series - series.mean()) / deviation, color=color,
+        lw=1.4, label=channel,
+    )  # fmt: skip
+
+
+def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
+    over_time, against_itself, against_normal = row
+    over_time.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
+    over_time.set(ylabel="recorded - twin, K", xlim=(run.time[0], run.time[-1]))
+    over_time.set_title(run.experiment.name or "recording")
+    over_time.set_title(f"RMSE {run.rmse:.2f} K", loc="right", fontsize=9, fontweight="normal")
+    tail = residuals[-max(1, len(run.time) // 20) :].mean(axis=0)
+    label_ends(over_time, list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
+    band = 1.96 / np.sqrt(len(run.time))
+    against_itself.axhspan(-band, band, color=FAINT, zorder=0.4)
+    against_itself.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
+    against_itself.set(ylabel="autocorrelation", ylim=(-1.05, 1.05))
+    p = min(whiteness(series).p_value for series in residuals.T)
+    text = f"p = {p:.2g}" if p > 1e-99 else "p below 1e-99"
+    against_itself.set_title(text, loc="right", fontsize=9, fontweight="normal")
+    ends = np.array([-3.3, 3.3])
+    against_normal.plot(ends, ends, color=INK, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
+    against_normal.set(ylabel="standardised residual")

@@ -1,0 +1,154 @@
+"""How even the plate is: recorded beside simulated, over time and over the plate."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from .._errors import SimulationError
+from ..physics import plate_map
+from ..rig import Channel, Rig
+from ..simulation import Run
+from ._plate_map import draw_cells, frame, places, rectangle
+from ._style import FAINT, INK, MUTED, VERMILION, styled
+
+MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # of a panel, inches
+
+
+@styled
+def plot_uniformity(runs: Sequence[Run]) -> Figure:
+    """Spread (highest less lowest) and standard deviation over the channels at each time.
+
+    **Arguments:**
+
+    - `runs`: one column each, of experiments that hold recorded temperatures.
+
+    **Returns:** the figure.
+
+    **Raises:** `SimulationError` where a run has nothing recorded to compare with.
+    """
+    figure = pyplot.figure(figsize=(0.9 + 3.7 * len(runs), 4.4), layout="constrained")
+    grid = figure.subplots(2, len(runs), sharex="col", sharey="row", squeeze=False)
+    for column, run in zip(grid.T, runs, strict=True):
+        recorded, twin = run.recorded_uniformity, run.uniformity
+        for axes, was, says in (
+            (column[0], recorded.spread, twin.spread),
+            (column[1], recorded.deviation, twin.deviation),
+        ):
+            axes.plot(run.time, was, color=MUTED, lw=2.4, alpha=0.55)
+            axes.plot(run.time, says, color=VERMILION, lw=1.4)
+            axes.set_title(
+                f"mean {was.mean():.2f} K, twin {says.mean():.2f} K", loc="right", fontsize=9,
+                fontweight="normal",
+            )  # fmt: skip
+            axes.set_ylim(bottom=0)
+        column[0].set_title(run.experiment.name or "recording")
+        column[1].set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
+    grid[0, 0].set_ylabel("highest - lowest, K")
+    grid[1, 0].set_ylabel("standard deviation, K")
+    figure.legend(
+        handles=[
+            Line2D([], [], color=MUTED, lw=2.4, alpha=0.55, label="recorded channels"),
+            Line2D([], [], color=VERMILION, lw=1.4, label="the twin's channels"),
+        ],
+        loc="outside lower center",
+        ncols=2,
+    )
+    return figure
+
+
+@styled
+def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> Figure:
+    """The plate at several times: as the twin has it, as its camera reads it, as it was recorded.
+
+    **Arguments:**
+
+    - `rig`: of the runs.
+    - `runs`: of experiments that hold recorded temperatures. Where several with the same drive look
+      at different zones, together they fill the plate; the plate itself is the first run's.
+    - `times`: one column each, s; the nearest sample is shown.
+
+    **Returns:** the figure.
+
+    **Raises:** `SimulationError` where a run has nothing recorded, or a time lies outside of it.
+    """
+    columns = [_at(run, times) for run in runs]
+    named = {channel.name: channel for channel in rig.channels}
+    channels = [named[name] for run in runs for name in run.channels]
+    elements = len(rig.plate.element_names)
+    states = runs[0].states[_samples(runs[0], times), :elements]
+    rows = {
+        "twin: the plate": plate_map(rig, states).temperatures,
+        "twin: as read": np.concatenate([read for read, _ in columns], axis=1),
+        "recorded": np.concatenate([recorded for _, recorded in columns], axis=1),
+    }
+    everything = np.concatenate([values.ravel() for values in rows.values()])
+    norm = Normalize(float(everything.min()), float(everything.max()))
+    scale = ScalarMappable(norm, "inferno")
+    height = ROOM_ABOVE + MAP_WIDTH * rig.plate.height / rig.plate.width
+    figure = pyplot.figure(figsize=(MAP_WIDTH * len(times) + 1.4, height * 3), layout="constrained")
+    grid = figure.subplots(3, len(times), squeeze=False)
+    # Small places last: taps lie inside of zones.
+    order = sorted(range(len(channels)), key=lambda n: -_area(channels[n], rig))
+    for number, (panels, (label, values)) in enumerate(zip(grid, rows.items(), strict=True)):
+        for axes, time, one in zip(panels, times, values, strict=True):
+            frame(axes, rig.plate)
+            axes.set(xticks=[], yticks=[])
+            axes.spines[:].set_visible(False)
+            axes.grid(visible=False)
+            axes.set_title(f"{time:g} s" if number == 0 else "")
+            axes.set_title(
+                f"{one.min():.1f} … {one.max():.1f} °C", loc="right", fontsize=9,
+                fontweight="normal", color=MUTED,
+            )  # fmt: skip
+            if number == 0:
+                _draw_field(axes, rig, one, norm)
+                draw_cells(axes, rig)
+            else:
+                for column in order:
+                    for place in places(channels[column], rig.plate):
+                        color = scale.to_rgba(np.array([one[column]]))[0]
+                        axes.add_patch(rectangle(place, fc=color, ec=FAINT, lw=0.8))
+                outline = (0.0, rig.plate.width, 0.0, rig.plate.height)
+                axes.add_patch(rectangle(outline, fc="none", ec=MUTED, lw=0.8))
+        panels[0].set_ylabel(label, color=INK)
+    bar = figure.colorbar(scale, ax=grid, shrink=0.7, aspect=28, pad=0.02)
+    bar.set_label("temperature, °C")
+    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    return figure
+
+
+def _samples(run: Run, times: Sequence[float]) -> list[int]:
+    """The samples nearest to given times."""
+    for time in times:
+        if not run.time[0] <= time <= run.time[-1]:
+            raise SimulationError(
+                f"times: found {time:g} s, allowed is {run.time[0]:g} to {run.time[-1]:g} s"
+            )
+    return [int(np.argmin(np.abs(run.time - time))) for time in times]
+
+
+def _at(run: Run, times: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """What the twin reads and what was recorded, each (times, channels), degC."""
+    if run.experiment.temperatures is None:
+        raise SimulationError("the experiment holds no recorded temperatures to compare with")
+    samples = _samples(run, times)
+    return run.temperatures[samples], run.experiment.temperatures[samples]
+
+
+def _area(channel: Channel, rig: Rig) -> float:
+    extents = places(channel, rig.plate)
+    return sum((right - left) * (bottom - top) for left, right, top, bottom in extents)
+
+
+def _draw_field(axes: Axes, rig: Rig, field: np.ndarray, norm: Normalize) -> None:
+    axes.imshow(
+        field, norm=norm, cmap="inferno", interpolation="bilinear", aspect="equal",
+        extent=(0.0, 100 * rig.plate.width, 100 * rig.plate.height, 0.0),
+    )  # fmt: skip
+    frame(axes, rig.plate)

@@ -1,0 +1,17 @@
+"""Validation: how well a matched twin predicts what the match has not seen."""
+
+from ._validate import leave_one_out, validate, validate_split
+from ._validation import Prediction, Validation
+from ._whiteness import Whiteness, autocorrelation, normal_quantiles, whiteness
+
+__all__ = [
+    "Prediction",
+    "Validation",
+    "Whiteness",
+    "autocorrelation",
+    "leave_one_out",
+    "normal_quantiles",
+    "validate",
+    "validate_split",
+    "whiteness",
+]

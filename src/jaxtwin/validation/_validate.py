@@ -1,0 +1,183 @@
+"""Predicting what a match has not seen: another recording, the rest of one, each one in turn."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .._errors import MatchError
+from ..io import Experiment
+from ..matching import WARM_UP, Fit, checked_recordings, match, settle
+from ..physics import Twin
+from ..simulation import Run, simulate
+from ._validation import Prediction, Validation
+
+LEAST = 30
+"""Samples of a predicted part: fewer say little about a prediction."""
+
+
+def validate(
+    fitted: Twin | Fit,
+    recordings: Experiment | Sequence[Experiment],
+    *,
+    warm_up: float = WARM_UP,
+    own: Iterable[str] | None = None,
+) -> Validation:
+    """Predicts recordings that the match has not seen.
+
+    Only what belongs to a recording and not to the rig (its room's temperature, the rig's at the
+    start, the delay of the drive) is taken from it, and from its first `warm_up` seconds alone: see
+    `jaxtwin.matching.settle`. Everything after that is predicted. The camera's corrections are not:
+    nobody knows them beforehand.
+
+    **Arguments:**
+
+    - `fitted`: a fit, or a twin with its values.
+    - `recordings`: one or several of the same rig.
+    - `warm_up`: s.
+    - `own`: which parameters are taken from a recording; by default those that have a value for
+      each recording in the fit, or in the rig's table.
+
+    **Raises:** `MatchError` where a recording is too short for that or has no temperatures;
+    `SimulationError` for recordings of another rig.
+    """
+    twin, known = _rest(fitted) if isinstance(fitted, Fit) else (fitted, None)
+    own = known if own is None else list(own)
+    several = _listed(recordings)
+    names = checked_recordings(twin, several)
+    made = [
+        _predict(name, twin, one, warm_up, own, None)
+        for name, one in zip(names, several, strict=True)
+    ]
+    kind = f"predicted after the first {warm_up:g} s"
+    return Validation(twin.rig.name, kind, tuple(made))
+
+
+def validate_split(
+    twin: Twin, recordings: Experiment | Sequence[Experiment], at: float, **options: Any
+) -> Validation:
+    """Matches the first part of recordings and predicts the rest.
+
+    **Arguments:**
+
+    - `twin`: where the match starts.
+    - `recordings`: one or several.
+    - `at`: the match sees samples before this time, s.
+    - `options`: those of `match`. Events and masks at or after the split are left out.
+
+    **Raises:** `MatchError` where the split leaves too few samples on either side; what `match`
+    raises.
+    """
+    several = _listed(recordings)
+    names = checked_recordings(twin, several)
+    for name, one in zip(names, several, strict=True):
+        before = int(np.count_nonzero(one.time < at))
+        after = len(one.time) - before
+        if min(before, after) < LEAST:
+            raise MatchError(
+                f"{name}: split at {at:g} s: found {before} samples before and {after} from there "
+                f"on, allowed are at least {LEAST} each; the recording goes from "
+                f"{one.time[0]:g} to {one.time[-1]:g} s"
+            )
+    fit = match(twin, [one.between(None, at) for one in several], **_before(at, several, options))
+    made = []
+    for name, one in zip(names, several, strict=True):
+        run = _from(simulate(fit.twins[name], one), at)
+        made.append(Prediction(name, run, fit.twins[name], fit.recording_values[name], fit))
+    return Validation(twin.rig.name, f"matched before {at:g} s, predicted from there", tuple(made))
+
+
+def leave_one_out(
+    twin: Twin, recordings: Sequence[Experiment], *, warm_up: float = WARM_UP, **options: Any
+) -> Validation:
+    """Predicts each recording with a twin matched to the others.
+
+    **Arguments:**
+
+    - `twin`: where every match starts.
+    - `recordings`: two or more.
+    - `warm_up`: as in `validate`.
+    - `options`: those of `match`.
+
+    **Raises:** `MatchError` for fewer than two recordings; what `match` and `validate` raise.
+    """
+    several = _listed(recordings)
+    names = checked_recordings(twin, several)
+    if len(several) < 2:
+        raise MatchError(f"leave one out: found {len(several)} recordings, allowed are two or more")
+    made = []
+    for out, name in enumerate(names):
+        others = [one for number, one in enumerate(several) if number != out]
+        fit = match(twin, others, **_without(name, options))
+        matched, own = _rest(fit)
+        made.append(_predict(name, matched, several[out], warm_up, own, fit))
+    return Validation(twin.rig.name, "each predicted by a match to the others", tuple(made))
+
+
+def _rest(fit: Fit) -> tuple[Twin, list[str]]:
+    """The twin of a fit for a recording that is not among its own, and the values that it needs
+    from there; until then their mean."""
+    own = {row.name: row.value for row in fit.parameters if row.free and row.scope == "recording"}
+    return fit.twin.with_parameters(own), list(own)
+
+
+def _predict(
+    name: str,
+    twin: Twin,
+    recording: Experiment,
+    warm_up: float,
+    own: list[str] | None,
+    fit: Fit | None,
+) -> Prediction:
+    start = recording.time[0] + warm_up
+    left = int(np.count_nonzero(recording.time >= start))
+    if left < LEAST:
+        raise MatchError(
+            f"{name}: warm_up = {warm_up:g} s: found {left} samples after it, allowed are at least "
+            f"{LEAST}"
+        )
+    settled = settle(twin, recording, warm_up, own)
+    table = twin.rig.parameters
+    names = [key for key, row in table.items() if row.scope == "recording"] if own is None else own
+    taken = {key: float(settled.parameters[key]) for key in names}
+    return Prediction(name, _from(simulate(settled, recording), start), settled, taken, fit)
+
+
+def _from(run: Run, start: float) -> Run:
+    """The part of a run from a time on."""
+    late = run.time >= start
+    return Run(
+        experiment=run.experiment.between(start, None),
+        channels=run.channels,
+        temperatures=run.temperatures[late],
+        nodes=run.nodes,
+        states=run.states[late],
+        rig=run.rig,
+    )
+
+
+def _before(at: float, recordings: Sequence[Experiment], options: dict[str, Any]) -> dict[str, Any]:
+    """Options of a match that sees recordings up to a time only."""
+    last = max(float(one.time[one.time < at][-1]) for one in recordings)
+    kept = dict(options)
+    if isinstance(events := options.get("events"), Mapping):
+        kept["events"] = {n: [e for e in times if e <= last] for n, times in events.items()}
+    if isinstance(masks := options.get("masks"), Mapping):
+        kept["masks"] = {
+            n: [(s[0], min(s[1], last), *s[2:]) for s in spans if s[0] < last]
+            for n, spans in masks.items()
+        }
+    return kept
+
+
+def _without(name: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Options of a match that does not see one recording."""
+    kept = dict(options)
+    for key in ("events", "masks"):
+        if isinstance(given := options.get(key), Mapping):
+            kept[key] = {n: value for n, value in given.items() if n != name}
+    return kept
+
+
+def _listed(recordings: Experiment | Sequence[Experiment]) -> list[Experiment]:
+    return [recordings] if isinstance(recordings, Experiment) else list(recordings)

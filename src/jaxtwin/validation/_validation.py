@@ -1,0 +1,179 @@
+"""What a validation gives."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Float
+
+from ..matching import Fit
+from ..physics import Twin
+from ..simulation import Run
+from ._whiteness import Whiteness, whiteness
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class Prediction:
+    """A recording, or its part, that the match has not seen, and what the twin says about it.
+
+    **Arguments:**
+
+    - `name`: of the recording.
+    - `run`: the predicted part: what was recorded and what the twin says.
+    - `twin`: which said it.
+    - `taken`: values that were taken from the part before, name -> value.
+    - `fit`: the match that the prediction rests on; None where that was saved earlier.
+    """
+
+    name: str
+    run: Run
+    twin: Twin
+    taken: Mapping[str, float]
+    fit: Fit | None
+
+    @property
+    def residuals(self) -> Float[np.ndarray, "times channels"]:
+        """Recorded less predicted, K."""
+        assert self.run.experiment.temperatures is not None
+        return self.run.experiment.temperatures - self.run.temperatures
+
+    @cached_property
+    def whiteness(self) -> dict[str, Whiteness]:
+        """Channel -> test of its residuals."""
+        columns = self.residuals.T
+        return {
+            name: whiteness(column) for name, column in zip(self.run.channels, columns, strict=True)
+        }
+
+    def __repr__(self) -> str:
+        first, last = self.run.time[0], self.run.time[-1]
+        fit = np.mean(list(self.run.fit_percent.values()))
+        return f"<Prediction of {self.name}, {first:g} to {last:g} s: fit {fit:.2f} %>"
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class Validation:
+    """Predictions of what the match has not seen, and how good they are.
+
+    **Arguments:**
+
+    - `rig`: its name.
+    - `kind`: what the match has seen, in words.
+    - `predictions`: one for each recording.
+    """
+
+    rig: str
+    kind: str
+    predictions: tuple[Prediction, ...]
+
+    @property
+    def fit_percent(self) -> dict[tuple[str, str], float]:
+        """(recording, channel) -> NRMSE fit of the predicted part, %."""
+        return {
+            (one.name, channel): value
+            for one in self.predictions
+            for channel, value in one.run.fit_percent.items()
+        }
+
+    @property
+    def mean_fit_percent(self) -> float:
+        """Mean over all channels of all recordings, %."""
+        return float(np.mean(list(self.fit_percent.values())))
+
+    @property
+    def rmse(self) -> float:
+        """Over all predicted samples, K."""
+        errors = np.concatenate([one.residuals.ravel() for one in self.predictions])
+        return float(np.sqrt(np.mean(errors**2)))
+
+    @property
+    def runs(self) -> dict[str, Run]:
+        """Recording -> its predicted part."""
+        return {one.name: one.run for one in self.predictions}
+
+    def summary(self) -> str:
+        """The numbers as a table of text, a row for each channel."""
+        rows: list[tuple[str, ...]] = [
+            ("recording", "channel", "fit, %", "RMSE, K", "mean, K", "correlated, s", "white?")
+        ]
+        for one in self.predictions:
+            sample = float(np.median(np.diff(one.run.time)))
+            for column, (channel, fit) in enumerate(one.run.fit_percent.items()):
+                error, test = one.residuals[:, column], one.whiteness[channel]
+                rows.append(
+                    (
+                        one.name,
+                        channel,
+                        f"{fit:.1f}",
+                        f"{np.sqrt(np.mean(error**2)):.3f}",
+                        f"{error.mean():+.3f}",
+                        f"{test.correlated * sample:.0f}",
+                        _verdict(test),
+                    )
+                )
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [
+            f"{self.rig}: {self.kind}",
+            f"mean fit {self.mean_fit_percent:.2f} %   RMSE {self.rmse:.3f} K",
+            "",
+        ]
+        lines += [
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        ]
+        for one in self.predictions:
+            text = ", ".join(f"{name} = {value:.4g}" for name, value in one.taken.items())
+            lines += [f"{one.name}, taken before {one.run.time[0]:g} s: {text}"] * bool(text)
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result in plain types for JSON; numbers that are not finite become None."""
+        return {
+            "rig": self.rig,
+            "kind": self.kind,
+            "mean_fit_percent": _plain(self.mean_fit_percent),
+            "rmse_K": _plain(self.rmse),
+            "recordings": {one.name: _prediction(one) for one in self.predictions},
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"<Validation of {self.rig}, {self.kind}: {self.mean_fit_percent:.2f} %, "
+            f"RMSE {self.rmse:.3f} K>"
+        )
+
+
+def _verdict(test: Whiteness) -> str:
+    p = f"p = {test.p_value:.2g}" if test.p_value > 1e-99 else "p below 1e-99"
+    return f"{'yes' if test.is_white else 'no'} ({p})"
+
+
+def _prediction(one: Prediction) -> dict[str, Any]:
+    channels = {}
+    for column, (channel, fit) in enumerate(one.run.fit_percent.items()):
+        error, test = one.residuals[:, column], one.whiteness[channel]
+        channels[channel] = {
+            "fit_percent": _plain(fit),
+            "rmse_K": float(np.sqrt(np.mean(error**2))),
+            "mean_error_K": float(error.mean()),
+            "ljung_box": test.statistic,
+            "lags": test.lags,
+            "p_value": test.p_value,
+            "correlated_samples": test.correlated,
+        }
+    return {
+        "from_s": float(one.run.time[0]),
+        "to_s": float(one.run.time[-1]),
+        "rmse_K": one.run.rmse,
+        "taken": dict(one.taken),
+        "channels": channels,
+    }
+
+
+def _plain(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,85 @@
+"""docs/rig-files.md against what the reader of rig files takes: the page cannot go stale."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+from jaxtwin import Experiment, Twin, load_rig, simulate
+from jaxtwin.rig import _schema as schema
+from jaxtwin.rig import bundled_modules
+
+PAGE = (Path(__file__).parents[2] / "docs" / "rig-files.md").read_text(encoding="utf-8")
+
+TABLES = {
+    "`top level`": schema.RigTable,
+    "`[plate]`": schema.PlateTable,
+    "`[circuit]`": schema.CircuitTable,
+    "`[[circuit.links]]`": schema.LinkTable,
+    "`[[cells]]`": schema.CellTable,
+    "`[driver]`": schema.DriverTable,
+    "`[camera]`": schema.CameraTable,
+    "`[camera.view]`": schema.ViewTable,
+    "`[camera.common_error]`": schema.CommonErrorTable,
+    "`[[channels]]`": schema.ChannelTable,
+    "`[limits]`": schema.LimitsTable,
+    "`[initial]`": schema.TemperatureTable,
+    "`[parameters]`": schema.ParameterTable,
+    "`prior` of a parameter": schema.PriorTable,
+}
+
+
+def rows(heading: str) -> dict[str, tuple[str, str]]:
+    """Key -> (what it is, whether it is needed) of the table under a heading."""
+    (section,) = [part for part in PAGE.split("\n## ") if part.splitlines()[0].endswith(heading)]
+    found = re.findall(r"^\| `(\w+)` \| (.+) \| (.+) \|$", section, re.MULTILINE)
+    return {key: (what, needed) for key, what, needed in found}
+
+
+def test_every_table_of_the_schema_has_its_place():
+    tables = {
+        kind
+        for kind in vars(schema).values()
+        if isinstance(kind, type) and issubclass(kind, schema.Table)
+    }
+    assert tables - set(TABLES.values()) == {schema.Table, schema.ModuleTable}
+
+
+@pytest.mark.parametrize(("heading", "model"), TABLES.items(), ids=lambda one: str(one))
+def test_a_table_has_every_key_and_says_which_are_needed(heading: str, model: Any):
+    page = rows(heading)
+    assert list(page) == list(model.model_fields)
+    for key, field in model.model_fields.items():
+        needed = page[key][1]
+        if field.is_required():
+            assert needed == "yes", key
+        elif field.default is None:
+            assert needed == "no", key
+        else:
+            assert needed == f"no, `{json.dumps(field.default)}`", key
+
+
+@pytest.mark.parametrize(("heading", "model"), TABLES.items(), ids=lambda one: str(one))
+def test_where_words_are_chosen_from_all_of_them_are_named(heading: str, model: Any):
+    for key, field in model.model_fields.items():
+        for word in get_args(field.annotation):
+            if isinstance(word, str):
+                assert f'`"{word}"`' in rows(heading)[key][0]
+
+
+def test_the_example_is_a_rig_that_runs(tmp_path):
+    (example,) = re.findall(r"```toml\n(.+?)```", PAGE, re.DOTALL)
+    file = tmp_path / "small.toml"
+    file.write_text(example, encoding="utf-8")
+    rig = load_rig(file)
+    assert set(rig.parameters) == set(tomllib.loads(example)["parameters"])
+    run = simulate(Twin(rig), Experiment.schedule("0:0.5", duration=100))
+    assert run.channel("T1")[-1] > run.channel("T1")[0] + 5
+
+
+def test_the_modules_that_come_along_are_named():
+    named = rows("`[[cells]]`")["module"][0]
+    assert all(f"`{name}`" in named for name in bundled_modules())

@@ -1,0 +1,57 @@
+"""Spread and deviation over places, against numbers worked out by hand."""
+
+import numpy as np
+import pytest
+
+from jaxtwin import Experiment, Run, SimulationError
+from jaxtwin.simulation import uniformity
+
+
+def run(recorded: bool = True) -> Run:
+    time = np.arange(3.0)
+    seen = np.array([[20.0, 20.0], [24.0, 20.0], [21.0, 27.0]])
+    experiment = Experiment(
+        time,
+        np.zeros((3, 1)),
+        channels=("T1", "T2"),
+        temperatures=seen + np.array([1.0, 0.0]) if recorded else None,
+    )
+    states = np.array([[20.0, 22.0, 26.0, 90.0, 10.0]] * 3)
+    nodes = ("V11", "V12", "V13", "P1.TC", "P1.SINK")
+    return Run(experiment, ("T1", "T2"), seen, nodes, states, "rig")
+
+
+def test_spread_and_deviation_over_the_channels():
+    even = run().uniformity
+    np.testing.assert_array_equal(even.spread, [0.0, 4.0, 6.0])
+    np.testing.assert_array_equal(even.deviation, [0.0, 2.0, 3.0])
+    assert (even.mean_spread, even.largest_spread) == (pytest.approx(10 / 3), 6.0)
+    assert even.mean_deviation == pytest.approx(5 / 3)
+
+
+def test_recorded_stands_beside_simulated():
+    np.testing.assert_array_equal(run().recorded_uniformity.spread, [1.0, 5.0, 5.0])
+    labelled = run().to_xarray()
+    np.testing.assert_array_equal(labelled["spread"], [0.0, 4.0, 6.0])
+    np.testing.assert_array_equal(labelled["recorded_spread"], [1.0, 5.0, 5.0])
+    assert labelled["deviation"].attrs["units"] == "K"
+
+
+def test_the_plate_is_its_elements_without_cells_and_sinks():
+    even = run().plate_uniformity
+    assert even.places == ("V11", "V12", "V13")
+    np.testing.assert_array_equal(even.spread, [6.0] * 3)
+
+
+def test_without_a_recording_there_is_nothing_beside():
+    with pytest.raises(SimulationError, match="no recorded temperatures"):
+        run(recorded=False).recorded_uniformity  # noqa: B018
+    assert "recorded_spread" not in run(recorded=False).to_xarray()
+
+
+def test_a_common_change_of_all_places_does_not_count():
+    temperatures = np.random.default_rng(0).standard_normal((5, 4))
+    one = uniformity(np.arange(5.0), temperatures, ("a", "b", "c", "d"))
+    other = uniformity(np.arange(5.0), temperatures + np.arange(5.0)[:, None], one.places)
+    np.testing.assert_allclose(other.spread, one.spread)
+    np.testing.assert_allclose(other.deviation, one.deviation)

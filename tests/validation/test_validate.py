@@ -1,0 +1,192 @@
+"""Predictions of what a match has not seen: on recordings whose truth is known."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jaxtwin import (
+    Experiment,
+    MatchError,
+    SimulationError,
+    Twin,
+    Validation,
+    leave_one_out,
+    simulate,
+    validate,
+    validate_split,
+)
+from jaxtwin.matching import settle
+
+FREE = ["C_load", "T_amb", "T_start"]
+NOISE = 0.05
+
+
+def recording(
+    schedule: str, ambient: float, start: float, seed: int = 0, name: str = "day"
+) -> Experiment:
+    """Four minutes of a known single cell, with white noise."""
+    drive = Experiment.schedule(schedule, duration=240)
+    truth = Twin("single-cell", {"C_load": 24.0, "T_amb": ambient, "T_start": start})
+    seen = simulate(truth, drive).temperatures
+    seen = seen + NOISE * np.random.default_rng(seed).standard_normal(seen.shape)
+    return Experiment(drive.time, drive.duty, channels=("T",), temperatures=seen, name=name)
+
+
+def spoiled(recording: Experiment, start: float) -> Experiment:
+    """The same with other temperatures from a time on."""
+    assert recording.temperatures is not None
+    seen = recording.temperatures + np.where(recording.time >= start, 30.0, 0.0)[:, None]
+    return Experiment(
+        recording.time, recording.duty, channels=("T",), temperatures=seen, name=recording.name
+    )
+
+
+# As many switches each, so that they share compiled code.
+LATE, EARLY = "70:0.4,150:-0.3", "0:0.4,70:0.3,150:-0.3"
+SPLIT = 160.0
+
+
+@pytest.fixture(scope="module")
+def truth() -> Twin:
+    return Twin("single-cell", {"C_load": 24.0})
+
+
+@pytest.fixture(scope="module")
+def days() -> list[Experiment]:
+    return [
+        recording(LATE, 20.0, 18.5, 1, "monday"),
+        recording(LATE, 22.0, 22.0, 2, "tuesday"),
+        recording(EARLY, 17.0, 16.0, 3, "wednesday"),
+    ]
+
+
+@pytest.fixture(scope="module")
+def split(days: list[Experiment]) -> Validation:
+    return validate_split(Twin("single-cell"), days[:2], SPLIT, free=FREE)
+
+
+@pytest.fixture(scope="module")
+def crossed(days: list[Experiment]) -> Validation:
+    return leave_one_out(Twin("single-cell"), days[:2], free=FREE)
+
+
+def test_the_true_rig_predicts_an_unseen_day_to_the_noise(truth: Twin, days: list[Experiment]):
+    """Ambient and start come from the first minute, in which the drive is off."""
+    result = validate(truth, days[1])
+    (one,) = result.predictions
+    assert one.run.time[0] == 60.0
+    # At rest the start is read off; the room's temperature is known from the drift alone.
+    assert one.taken["T_start"] == pytest.approx(22.0, abs=0.3)
+    assert one.taken["T_amb"] == pytest.approx(22.0, abs=0.5)
+    assert result.rmse < 0.5
+
+
+def test_ambient_and_start_are_found_with_the_drive_on_from_the_start(
+    truth: Twin, days: list[Experiment]
+):
+    (one,) = validate(truth, days[2]).predictions
+    assert one.taken["T_start"] == pytest.approx(16.0, abs=1.0)
+    assert one.taken["T_amb"] == pytest.approx(17.0, abs=1.0)
+
+
+def test_a_plate_that_is_warmer_than_its_room_shows_it_by_cooling(truth: Twin):
+    """Five kelvin between the two, far more than expected beforehand."""
+    quick = truth.with_parameters({"R_loss": 0.5})
+    drive = Experiment.schedule(LATE, duration=240)
+    seen = simulate(quick.with_parameters({"T_amb": 20.0, "T_start": 25.0}), drive).temperatures
+    warm = Experiment(drive.time, drive.duty, channels=("T",), temperatures=seen)
+    found = settle(quick, warm)
+    assert float(found.parameters["T_amb"]) == pytest.approx(20.0, abs=1.0)
+    assert float(found.parameters["T_start"]) == pytest.approx(25.0, abs=1.0)
+
+
+def test_nothing_after_the_warm_up_is_looked_at(truth: Twin, days: list[Experiment]):
+    honest = validate(truth, days[0]).predictions[0]
+    other = validate(truth, spoiled(days[0], 60.0)).predictions[0]
+    assert other.taken == honest.taken
+    np.testing.assert_array_equal(other.run.temperatures, honest.run.temperatures)
+
+
+def test_a_fit_predicts_a_day_that_it_has_not_seen(crossed: Validation, days: list[Experiment]):
+    fit = crossed.predictions[0].fit
+    assert fit is not None
+    result = validate(fit, days[2])
+    assert set(result.predictions[0].taken) == {"T_amb", "T_start"}
+    assert result.mean_fit_percent > 90
+
+
+def test_a_match_never_sees_what_it_has_to_predict(split: Validation, days: list[Experiment]):
+    other = validate_split(
+        Twin("single-cell"), [spoiled(one, SPLIT) for one in days[:2]], SPLIT, free=FREE
+    )
+    first, second = split.predictions[0].fit, other.predictions[0].fit
+    assert first is not None
+    assert second is not None
+    assert [row.value for row in first.parameters] == [row.value for row in second.parameters]
+    assert first.experiments[0].time[-1] < SPLIT <= split.predictions[0].run.time[0]
+    assert other.rmse > 25
+
+
+def test_a_twin_matched_to_the_first_part_predicts_the_rest_to_the_noise(split: Validation):
+    assert split.rmse < 3 * NOISE
+    assert [one.name for one in split.predictions] == ["monday", "tuesday"]
+
+
+def test_each_recording_is_predicted_by_a_match_to_the_others(crossed: Validation):
+    for one, other in zip(crossed.predictions, ("tuesday", "monday"), strict=True):
+        assert one.fit is not None
+        assert one.fit.recordings == (other,)
+        assert one.fit.parameter("C_load").value == pytest.approx(24.0, rel=0.05)
+
+
+def test_residuals_of_the_truth_itself_are_white(truth: Twin, days: list[Experiment]):
+    """Noise alone is left, and the test of whiteness says so."""
+    exact = truth.with_parameters({"T_amb": 20.0, "T_start": 18.5})
+    (one,) = validate(exact, days[0], own=[]).predictions
+    assert one.whiteness["T"].is_white
+    assert one.run.rmse == pytest.approx(NOISE, rel=0.2)
+
+
+def test_numbers_are_plain_and_complete(truth: Twin, days: list[Experiment]):
+    result = validate(truth, days)
+    numbers = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert list(numbers["recordings"]) == ["monday", "tuesday", "wednesday"]
+    one = numbers["recordings"]["monday"]
+    assert one["from_s"] == 60.0
+    assert one["channels"]["T"]["fit_percent"] == pytest.approx(result.fit_percent["monday", "T"])
+    text = result.summary()
+    assert all(name in text for name in ("monday", "wednesday", "T_amb", "white?"))
+
+
+def test_predictions_that_cannot_be_made_say_why(truth: Twin, days: list[Experiment]):
+    with pytest.raises(MatchError, match=r"monday: split at 5 s: found 5 samples.*0 to 240 s"):
+        validate_split(truth, days[0], 5.0)
+    with pytest.raises(MatchError, match="split at 230 s: found 230 samples before and 11"):
+        validate_split(truth, days[0], 230.0)
+    with pytest.raises(MatchError, match="warm_up = 230 s: found 11 samples after it"):
+        validate(truth, days[0], warm_up=230.0)
+    with pytest.raises(
+        MatchError, match=r"warm_up = 0\.5 s: found 1 samples, allowed are at least"
+    ):
+        validate(truth, days[0], warm_up=0.5)
+    with pytest.raises(MatchError, match="leave one out: found 1"):
+        leave_one_out(truth, days[:1])
+    with pytest.raises(MatchError, match="no recorded temperatures"):
+        validate(truth, Experiment.schedule("0:0.5", duration=240, channels=("T",)))
+    time = np.arange(100.0)
+    two_cells = Experiment(time, np.zeros((100, 2)), channels=("T",), temperatures=time[:, None])
+    with pytest.raises(SimulationError, match="found 2 cells, allowed are the 1 of single-cell"):
+        validate(truth, [days[0], two_cells])
+
+
+def test_events_and_masks_behind_the_split_are_left_out(days: list[Experiment]):
+    masks = {"monday": [(10.0, 20.0), (150.0, 220.0, 0.5), (200.0, 220.0)]}
+    start = Twin("single-cell")
+    result = validate_split(start, days[:2], SPLIT, free=FREE, masks=masks, max_iterations=3)
+    fit = result.predictions[0].fit
+    assert fit is not None
+    weight = fit.weights["monday"][:, 0]
+    assert np.all(weight[10:21] == 0)
+    assert np.all(weight[150:] == 0.5)
+    assert len(weight) == 160

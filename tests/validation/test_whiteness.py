@@ -1,0 +1,69 @@
+"""Tests of whiteness against what is known of white and of autoregressive noise."""
+
+import numpy as np
+import pytest
+
+from jaxtwin.validation import autocorrelation, normal_quantiles, whiteness
+
+
+def autoregressive(seed: int, samples: int, factor: float) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    series = np.zeros(samples)
+    for number, shock in enumerate(rng.standard_normal(samples)):
+        series[number] = factor * series[number - 1] + shock
+    return series
+
+
+def test_autocorrelation_is_that_of_the_definition():
+    series = np.random.default_rng(0).standard_normal(50)
+    about = series - series.mean()
+    expected = [np.sum(about[: 50 - k] * about[k:]) / np.sum(about**2) for k in range(8)]
+    np.testing.assert_allclose(autocorrelation(series, 7), expected, atol=1e-12)
+
+
+def test_autocorrelation_of_a_first_order_process_falls_geometrically():
+    found = autocorrelation(autoregressive(1, 200_000, 0.8), 5)
+    np.testing.assert_allclose(found, 0.8 ** np.arange(6), atol=0.02)
+
+
+def test_white_noise_is_rejected_as_often_as_the_level_says():
+    """P-values of white noise are evenly spread: 1 in 20 lies below 0.05."""
+    rng = np.random.default_rng(2)
+    values = [whiteness(rng.standard_normal(500)).p_value for _ in range(1000)]
+    rejected = np.mean(np.array(values) < 0.05)
+    assert abs(rejected - 0.05) < 4 * np.sqrt(0.05 * 0.95 / 1000)
+    assert abs(np.mean(values) - 0.5) < 0.05
+
+
+def test_ljung_and_boxs_statistic_by_hand():
+    """Alternating 1, -1: the autocorrelation at lag k is (-1)^k (n - k) / n."""
+    series = np.array([1.0, -1.0] * 5)
+    k = np.arange(1, 3)
+    expected = 10 * 12 * np.sum(((10 - k) / 10) ** 2 / (10 - k))
+    test = whiteness(series)
+    assert test.lags == 2
+    assert test.statistic == pytest.approx(expected)
+    assert not test.is_white
+
+
+def test_correlated_noise_is_no_white_noise_and_counts_less():
+    """A first-order process with factor 1/2 has (1 + f) / (1 - f) = 3 samples for one."""
+    test = whiteness(autoregressive(3, 50_000, 0.5))
+    assert not test.is_white
+    assert test.correlated == pytest.approx(3.0, rel=0.1)
+
+
+def test_a_series_that_never_changes_has_no_autocorrelation():
+    np.testing.assert_array_equal(autocorrelation(np.ones(20), 4), np.zeros(5))
+
+
+def test_quantiles_are_those_of_the_normal_distribution():
+    quantiles = normal_quantiles(9999)
+    assert quantiles[4999] == pytest.approx(0.0, abs=1e-12)
+    assert quantiles[9749] == pytest.approx(1.96, abs=1e-2)
+    np.testing.assert_allclose(quantiles, -quantiles[::-1], atol=1e-12)
+
+
+def test_too_few_samples_are_refused():
+    with pytest.raises(ValueError, match="found 9 samples"):
+        whiteness(np.zeros(9))
