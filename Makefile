@@ -6,7 +6,7 @@ BIN := .venv/bin
 INSTALLED := .venv/installed
 INSTALLED_DEV := .venv/installed-dev
 
-.PHONY: help demo test lint types notebook wheel-check test-lowest clean
+.PHONY: help bench demo test lint types notebook wheel-check test-lowest clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
@@ -16,6 +16,7 @@ help:
 	@echo "make notebook     run the notebooks again, in place"
 	@echo "make wheel-check  build the wheel and use it from a fresh environment"
 	@echo "make test-lowest  the tests on the oldest libraries that pyproject.toml allows"
+	@echo "make bench        measure beside other tools; ARGS=--quick is small"
 	@echo "make clean        remove what the other targets made"
 
 demo: $(INSTALLED)
@@ -44,6 +45,10 @@ wheel-check: $(INSTALLED)
 	cd "$$fresh"; \
 	venv/bin/jaxtwin rigs; \
 	venv/bin/python -c 'import jaxtwin.data; print(jaxtwin.data.table(4).title)'
+
+bench: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --editable '.[bench]'
+	$(BIN)/python -m benchmarks.compare $(ARGS)
 
 test-lowest:
 	$(PYTHON) -m venv .venv-lowest

@@ -1,0 +1,34 @@
+"""What the numbers were measured on."""
+
+import os
+import platform
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax
+
+LIBRARIES = ("jaxtwin", "jax", "jaxlib", "diffrax", "numpy", "scipy", "casadi", "lmfit")
+
+
+def machine() -> dict[str, Any]:
+    """Processor, memory, accelerators, versions, date, and how busy it was."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return {
+        "date": date.today().isoformat(),
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)),
+        "memory_GiB": round(memory / 2**30, 1),
+        "devices": [f"{device.platform}: {device.device_kind}" for device in jax.devices()],
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "versions": {library: version(library) for library in LIBRARIES},
+        "load_before": round(os.getloadavg()[0], 2),
+    }
+
+
+def _processor() -> str:
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

@@ -1,0 +1,49 @@
+"""The pictures of the results, as the contents of .png files."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+
+from jaxtwin.plots._png import to_png
+from jaxtwin.plots._style import MUTED, styled
+
+Points = Sequence[tuple[int, float]]
+
+
+def speed_picture(times: Mapping[str, Points]) -> bytes:
+    """Draws a second against the number of draws; times are of all draws, s."""
+
+    @styled
+    def draw() -> Figure:
+        figure, axes = pyplot.subplots(figsize=(7.0, 4.4), layout="constrained")
+        for (name, points), marker in zip(times.items(), "osDv^P", strict=False):
+            counts, seconds = np.array(points, dtype=float).T
+            axes.loglog(counts, counts / seconds, marker=marker, markersize=5, label=name)
+        axes.set(xlabel="draws", ylabel="draws a second", title="paper-2024, 1000 s at 1 Hz")
+        axes.margins(y=0.12)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        return figure
+
+    return to_png(draw())
+
+
+def convergence_picture(errors: Mapping[str, Points]) -> bytes:
+    """Worst error of a run against its number of steps, beside a line of order 4."""
+
+    @styled
+    def draw() -> Figure:
+        figure, axes = pyplot.subplots(figsize=(6.0, 4.4), layout="constrained")
+        for (name, points), marker in zip(errors.items(), "osD", strict=False):
+            steps, worst = np.array(points, dtype=float).T
+            axes.loglog(steps, worst, marker=marker, markersize=5, label=name)
+        steps, worst = np.array(next(iter(errors.values())), dtype=float).T
+        line = 0.3 * worst[1] * (steps / steps[1]) ** -4.0
+        axes.loglog(steps, line, "--", color=MUTED, label="order 4")
+        axes.set(xlabel="steps in 1000 s", ylabel="worst error of a channel, K")
+        axes.set_title("Growth, first and largest step halved each time")
+        axes.legend()
+        return figure
+
+    return to_png(draw())

@@ -1,0 +1,105 @@
+"""The results as Markdown tables."""
+
+from collections.abc import Iterable
+from typing import Any
+
+Cells = Iterable[object]
+
+
+def results_page(results: dict[str, Any]) -> str:
+    """Everything that `benchmarks.compare` measured, with machine and date."""
+    parts = [_machine(results["machine"], results["quick"])]
+    parts += [_ways(task, table) for task, table in results["ways"].items()]
+    parts += [_scaling(results["scaling"]), _one_draw(results["one_draw"])]
+    parts.append(_matching(results["matching"]))
+    return "\n".join(parts)
+
+
+def _machine(where: dict[str, Any], quick: bool) -> str:
+    versions = ", ".join(f"{name} {version}" for name, version in where["versions"].items())
+    note = "\nA quick run: whether everything runs; its times mean little.\n" if quick else ""
+    return (
+        f"# Measured {where['date']}\n{note}\n"
+        f"{where['processor']}, {where['cores']} cores, {where['memory_GiB']} GiB; "
+        f"load {where['load_before']} before, {where.get('load_after', '?')} after. "
+        f"Python {where['python']}, {versions}. Devices: {', '.join(where['devices'])}.\n"
+    )
+
+
+def _ways(task: str, table: dict[str, Any]) -> str:
+    rows = [
+        (name, f"{row['ms_per_draw']:.3g}", f"{row['error_K']:.1e}", f"{row['times_ours']:.2g}")
+        for name, row in table.items()
+    ]
+    head = ("way", "ms a draw", "largest error, K", "times jaxtwin's time")
+    return f"## {task}: 1000 s at 1 Hz, 15 channels\n\n" + _table(head, rows)
+
+
+def _scaling(answer: dict[str, Any]) -> str:
+    counts = sorted({count for points in answer["times"].values() for count, _ in points})
+    rows = []
+    for name, points in answer["times"].items():
+        speeds = {count: f"{count / seconds:,.0f}" for count, seconds in points}
+        rows.append((name, *(speeds.get(count, "") for count in counts)))
+    head = ("draws a second at", *(f"{count:,} draws" for count in counts))
+    threads = answer["workers"]
+    wall, cpu = threads["wall_s"], threads["cpu_s"]
+    return (
+        "## Number of draws\n\n"
+        + _table(head, rows)
+        + f"\nTime a draw from 1,000 draws on: largest over smallest {answer['flatness']:.3f}. "
+        f"Peak resident memory of {answer['peak_draws']:,} draws: {answer['peak_MiB']:.0f} MiB. "
+        f"{threads['draws']:,} draws: one worker {wall['1']:.2f} s ({cpu['1']:.2f} s of CPU time), "
+        f"two {wall['2']:.2f} s ({cpu['2']:.2f} s), {threads['two_are_faster_by']:.2f} times as "
+        "fast.\n"
+    )
+
+
+def _one_draw(answer: dict[str, Any]) -> str:
+    rows = [
+        (
+            f"{rig}, {call}",
+            f"{times['first']:.2f}",
+            f"{times['import_to_result']:.2f}",
+            f"{times['cached_import_to_result']:.2f}",
+            f"{1e3 * times['warm']:.2f}",
+        )
+        for rig, calls in answer.items()
+        for call, times in calls.items()
+    ]
+    head = (
+        "one draw",
+        "first call, s",
+        "import to result, s",
+        "the same with a compilation cache, s",
+        "warm, ms",
+    )
+    return "## One draw\n\n" + _table(head, rows)
+
+
+def _matching(answer: dict[str, Any]) -> str:
+    jacobian = answer["jacobian"]
+    rows = [
+        (
+            name,
+            f"{row['seconds']:.2f}",
+            f"{row['rmse_K']:.4f}",
+            row["residuals"],
+            row["jacobians"],
+        )
+        for name, row in answer["matches"].items()
+    ]
+    head = ("way", "s", "RMSE reached, K", "evaluations of residuals", "of the Jacobian")
+    return (
+        f"## Matching: {answer['recordings']}\n\n"
+        f"Jacobian of {jacobian['residuals']} residuals in {jacobian['unknowns']} parameters: "
+        f"{1e3 * jacobian['seconds']:.0f} ms warm; the residuals alone "
+        f"{1e3 * jacobian['residuals_only_seconds']:.1f} ms. "
+        f"A match of {answer['unknowns']} unknowns, on the same residuals:\n\n" + _table(head, rows)
+    )
+
+
+def _table(head: Cells, rows: Iterable[Cells]) -> str:
+    head = list(head)
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    return "".join("| " + " | ".join(str(cell) for cell in line) + " |\n" for line in lines)

@@ -1,0 +1,78 @@
+"""The work that every way is given: a rig, its experiment, random draws around it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+import jaxtwin as jt
+from jaxtwin.sensitivity import normal_draws
+
+SPREAD, SEED = 0.25, 0
+HELD = ("T_amb", "T_start", "t_delay")
+"""Not drawn. With one delay for all draws, every draw's input changes at samples, which peers that
+step all draws on one grid need."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A rig around one of its parameter sets, or around its own values.
+
+    All resistances, heat capacities, constants of cells and gains are drawn; 1000 s at 1 Hz with
+    the recordings' drive, 128 and then 200 counts; 15 channels.
+    """
+
+    rig: str
+    parameter_set: str | None = None
+
+    @property
+    def name(self) -> str:
+        """For tables."""
+        return self.rig if self.parameter_set is None else f"{self.rig}, {self.parameter_set}"
+
+    @cached_property
+    def twin(self) -> jt.Twin:
+        """What the draws are spread around."""
+        rig = jt.load_rig(self.rig)
+        values = {} if self.parameter_set is None else rig.parameter_sets[self.parameter_set]
+        return jt.Twin(rig, values)
+
+    @property
+    def drive(self) -> jt.Experiment:
+        """What drives it, without a recording."""
+        return drive_of_the_recordings()
+
+    @cached_property
+    def experiment(self) -> jt.Experiment:
+        """With what the twin itself answers as its recording, so that there is a cost."""
+        drive = self.drive
+        run = self.twin.simulate(drive)
+        return jt.Experiment(
+            drive.time, drive.duty, channels=run.channels, temperatures=run.temperatures
+        )
+
+    def draws(self, count: int) -> dict[str, Float[np.ndarray, " draws"]]:
+        """The first so many draws."""
+        names = [name for name in self.twin.parameters if name not in HELD]
+        values = {name: float(self.twin.parameters[name]) for name in names}
+        return normal_draws(values, SPREAD, SEED, count)
+
+    def twins(self, count: int) -> list[jt.Twin]:
+        """The first so many draws as a twin each."""
+        draws = self.draws(count)
+        return [
+            self.twin.with_parameters({name: values[k] for name, values in draws.items()})
+            for k in range(count)
+        ]
+
+
+PUBLISHED, STARTUP = Task("paper-2024", "published"), Task("paper-2024", "startup")
+DUAL_CELL = Task("dual-cell")
+
+
+def drive_of_the_recordings(cells: int = 2) -> jt.Experiment:
+    """What the published step recordings were driven with."""
+    time = np.arange(1001.0)
+    duty = np.where(time < 500, 128 / 255, 200 / 255)
+    return jt.Experiment(time, np.repeat(duty[:, None], cells, axis=1))

@@ -1,0 +1,148 @@
+"""How exact is the default solver over all bounds of every bundled rig's parameters?
+
+    python -m benchmarks.accuracy --draws 1000 --out benchmarks/results
+
+Random draws between the bounds, half of them uniform, half log-uniform (where the lower bound is
+above 0), 1000 s at 1 Hz with the recordings' drive, each against Radau at 1e-10 on all cores: some
+seconds a draw. And the order of convergence, by steps that are halved again and again.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+import jaxtwin as jt
+from jaxtwin.simulation import build_schedule, solve_schedule
+
+from ._machine import machine
+from ._measure import on_all_cores
+from ._pictures import convergence_picture
+from ._reference import reference_readings
+from ._task import drive_of_the_recordings
+
+RIGS = ("paper-2024", "dual-cell", "single-cell")
+FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
+"""Of growth, first and largest step of the default schedule."""
+
+Values = dict[str, float]
+
+
+def between_bounds(rig: jt.Rig, count: int, seed: int = 0) -> dict[str, np.ndarray]:
+    """Draws of every parameter that has bounds: first uniform ones, then as many log-uniform."""
+    rng = np.random.default_rng(seed)
+    half = count // 2
+    draws = {}
+    for name, row in rig.parameters.items():
+        if not np.isfinite([row.lower, row.upper]).all():
+            continue
+        plain = rng.uniform(row.lower, row.upper, count)
+        if row.lower > 0:
+            plain[half:] = np.exp(rng.uniform(np.log(row.lower), np.log(row.upper), count - half))
+        draws[name] = plain
+    return draws
+
+
+def worst_errors(rig: str, count: int) -> dict[str, Any]:
+    """Errors of the batch engine's draws, K, and which draw is the worst."""
+    twin, drive = jt.Twin(rig), _drive(rig)
+    draws = between_bounds(twin.rig, count)
+    rows = [{name: float(values[k]) for name, values in draws.items()} for k in range(count)]
+    truth = np.stack(on_all_cores(_truth, [(rig, row) for row in rows]))
+    answers = {"float64": {}, "float32": {}}
+    for precision, entry in answers.items():
+        got = jt.simulate_batch(twin, drive, draws, precision=precision)  # pyright: ignore[reportArgumentType]
+        errors = np.abs(got - truth).max(axis=(1, 2))
+        known = np.isfinite(errors)
+        worst = int(np.argmax(np.where(known, errors, -1)))
+        entry |= {
+            "worst_K": float(errors[worst]),
+            "99_percent_K": float(np.percentile(errors[known], 99)),
+            "median_K": float(np.median(errors[known])),
+            "above_1e-3_K": int((errors[known] > 1e-3).sum()),
+            "no_reference": int(np.isnan(truth).any(axis=(1, 2)).sum()),
+            "failed": int(np.isnan(got).any(axis=(1, 2)).sum()),
+            "worst_draw": rows[worst],
+        }
+    return {"draws": count, **answers}
+
+
+def _truth(job: tuple[str, Values]) -> Float[np.ndarray, "times channels"]:
+    rig, values = job
+    return reference_readings(jt.Twin(rig, values), _drive(rig))
+
+
+def _drive(rig: str) -> jt.Experiment:
+    return drive_of_the_recordings(len(jt.load_rig(rig).cells))
+
+
+def convergence(rig: str) -> list[tuple[int, float]]:
+    """Pairs (steps, worst channel error in K) of the rig as it comes, for ever smaller steps."""
+    twin, drive = jt.Twin(rig), _drive(rig)
+    truth = reference_readings(twin, drive, tolerance=1e-12)
+    smooth = twin.wiring.lag is None and twin.wiring.exponent is None
+    growth, largest = (0.2, 64.0) if smooth else (0.1, 16.0)
+    pairs = []
+    for factor in FACTORS:
+        schedule = build_schedule(drive, 0.25 * factor, growth * factor, largest * factor)
+        with jax.enable_x64(True):
+            got = np.asarray(_solve(twin, schedule))
+        pairs.append((len(schedule.size), float(np.abs(got - truth).max())))
+    return pairs
+
+
+@jax.jit
+def _solve(twin: Any, schedule: Any) -> Any:
+    system = twin.system(lumped=True)
+    weights = system.wiring.channel_weights
+    rises = solve_schedule(system, schedule, system.initial_temperature, weights)
+    return system.gain * rises + system.ambient_temperature - 273.15
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--draws", type=int, default=1000, help="of each rig")
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    began, answer = time.perf_counter(), {"machine": machine()}
+    answer["convergence"] = {rig: convergence(rig) for rig in RIGS}
+    (options.out / "convergence.png").write_bytes(convergence_picture(answer["convergence"]))
+    answer["errors"] = {}
+    for rig in RIGS:
+        answer["errors"][rig] = worst_errors(rig, options.draws)
+        print(f"{rig}: {time.perf_counter() - began:.0f} s", flush=True)
+        (options.out / "accuracy.json").write_text(json.dumps(answer, indent=1) + "\n")
+    text = _markdown(answer)
+    (options.out / "accuracy.md").write_text(text)
+    print(text)
+
+
+def _markdown(answer: dict[str, Any]) -> str:
+    where, lines = answer["machine"], []
+    lines += [
+        f"Measured {where['date']} on {where['processor']}, against Radau at 1e-10.",
+        "",
+        "| rig | draws | precision | worst, K | 99 % below, K | median, K | above 1 mK | failed |",
+        "|---|---:|---|---:|---:|---:|---:|---:|",
+    ]
+    for rig, entry in answer["errors"].items():
+        for precision in ("float64", "float32"):
+            row = entry[precision]
+            lines.append(
+                f"| {rig} | {entry['draws']} | {precision} | {row['worst_K']:.1e} "
+                f"| {row['99_percent_K']:.1e} | {row['median_K']:.1e} | {row['above_1e-3_K']} "
+                f"| {row['failed']} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main()

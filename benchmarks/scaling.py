@@ -1,0 +1,104 @@
+"""Draws a second against the number of draws, memory of a million draws, threads.
+
+python -m benchmarks.scaling --quick
+"""
+
+import resource
+import time
+from typing import Any
+
+import jaxtwin as jt
+
+from ._measure import in_fresh_process, median_ratio, rounds, run_alone
+from ._task import PUBLISHED
+
+MILLION = 1_000_000
+REDUCTIONS = ("cost", "final")
+PEERS = {
+    "CasADi CVODES, 1e-5": [100, 1000, 10_000],
+    "diffrax Kvaerno5, 1e-5": [100, 1000],
+    "scipy LSODA, 1e-6": [100],
+}
+
+
+def measure(quick: bool = False) -> dict[str, Any]:
+    """On `paper-2024` around the published values.
+
+    **Returns:** `times`: way -> pairs (draws, seconds) on whole trajectories for the peers, on
+    costs and final temperatures for ours; `flatness`: largest over smallest time a draw from a
+    thousand draws on; `peak_MiB`: resident memory of a fresh process with its largest number of
+    draws; `workers`: wall and CPU seconds of 1 and 2 threads and their ratio.
+    """
+    largest = 10_000 if quick else MILLION
+    counts = [count for count in (100, 1000, 10_000, 100_000, MILLION) if count <= largest]
+    double = in_fresh_process("scaling:ours", counts, "float64")
+    single = in_fresh_process("scaling:ours", counts[:4], "float32")
+    times = {
+        "jaxtwin, float64, cost and final": double["times"],
+        "jaxtwin, float32, cost and final": single["times"],
+    }
+    for name, sizes in PEERS.items():
+        sizes = sizes[:1] if quick else sizes
+        times[name] = [(count, _peer(name, count)) for count in sizes]
+    each = [seconds / count for count, seconds in double["times"] if count >= 1000]
+    return {
+        "times": times,
+        "flatness": max(each) / min(each),
+        "peak_MiB": double["peak_MiB"],
+        "peak_draws": counts[-1],
+        "workers": workers(2000 if quick else 20_000, 1 if quick else 3),
+    }
+
+
+def ours(counts: list[int], precision: Any) -> dict[str, Any]:
+    """Times and peak memory of the batch engine, from few draws to many."""
+    twin, experiment = PUBLISHED.twin, PUBLISHED.experiment
+
+    def seconds(count: int) -> float:
+        draws = PUBLISHED.draws(count)
+        began = time.perf_counter()
+        jt.simulate_batch(twin, experiment, draws, reductions=REDUCTIONS, precision=precision)
+        return time.perf_counter() - began
+
+    times = []
+    for count in counts:
+        if count <= 1000:
+            seconds(count)  # the first call compiles
+        taken = sorted(seconds(count) for _ in range(max(1, min(9, 30_000 // count))))
+        times.append((count, taken[len(taken) // 2]))
+    # Linux counts in KiB.
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {"times": times, "peak_MiB": peak}
+
+
+def workers(count: int, repeats: int) -> dict[str, Any]:
+    """One thread against two; XLA itself may use other cores in either case."""
+    twin, experiment, draws = PUBLISHED.twin, PUBLISHED.experiment, PUBLISHED.draws(count)
+    cpu: dict[int, float] = {}
+
+    def run(threads: int) -> None:
+        began = time.process_time()
+        jt.simulate_batch(twin, experiment, draws, reductions=REDUCTIONS, workers=threads)
+        cpu[threads] = time.process_time() - began
+
+    run(1)
+    times = rounds({"1": lambda: run(1), "2": lambda: run(2)}, repeats)
+    return {
+        "draws": count,
+        "wall_s": {name: min(taken) for name, taken in times.items()},
+        "cpu_s": {str(threads): seconds for threads, seconds in cpu.items()},
+        "two_are_faster_by": median_ratio(times["1"], times["2"]),
+    }
+
+
+def _peer(name: str, count: int) -> float:
+    from .ways import peers
+
+    run = peers(PUBLISHED)[name][0](PUBLISHED, count)
+    began = time.perf_counter()
+    run()
+    return time.perf_counter() - began
+
+
+if __name__ == "__main__":
+    run_alone(measure, __doc__)
