@@ -134,7 +134,7 @@ class LiveTwin:
     def _prepare(self) -> None:
         system, reference = self._system, self._reference
         with jax.enable_x64(True):
-            factors, field = self._equations = _solved(system, jnp.asarray(reference))
+            self._equations = _, field = _solved(system, jnp.asarray(reference))
             self._shapes = np.asarray(field.modes.shapes)
             self._capacitance = np.asarray(system.capacitance)
             gain = np.asarray(system.gain)
