@@ -8,6 +8,7 @@ $\tau \dot u = c - u$. Only numbers are taken from the twin.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import jax
@@ -57,7 +58,7 @@ class Equations:
         """How many of the states are temperatures."""
         return len(self.capacitance)
 
-    @property
+    @cached_property
     def linear_losses(self) -> bool:
         """Whether the losses are those of the network's links."""
         return not (self.exponent or self.radiating.any())
@@ -80,12 +81,13 @@ class Equations:
         x = state[: self.nodes]
         duty = state[self.nodes :] if self.lag else command
         heat = -(self.conductance @ x)
-        heat[: len(self.film)] -= self._loss(x[: len(self.film)])
+        if not self.linear_losses:
+            heat[: len(self.film)] -= self._loss(x[: len(self.film)])
         for share, cold, hot in self._cell_heat(x, duty):
             heat[self.cold] -= share * cold
             heat[self.hot] += share * hot
-        slope = heat / self.capacitance
-        return np.concatenate([slope, (command - duty) / self.lag]) if self.lag else slope
+        heat /= self.capacitance
+        return np.concatenate([heat, (command - duty) / self.lag]) if self.lag else heat
 
     def jacobian(
         self, state: Float[np.ndarray, " states"], command: Float[np.ndarray, " cells"]
@@ -96,8 +98,9 @@ class Equations:
         duty = state[n:] if self.lag else command
         J = np.zeros((len(state), len(state)))
         J[:n, :n] = -self.conductance
-        plate = np.arange(len(self.film))
-        J[plate, plate] -= self._loss_slope(x[: len(self.film)])
+        if not self.linear_losses:
+            plate = np.arange(len(self.film))
+            J[plate, plate] -= self._loss_slope(x[: len(self.film)])
         T_c, T_h = x[c] + self.ambient, x[h] + self.ambient
         for share, current, loop in self._phases(T_h - T_c, duty):
             peltier = share * self.seebeck * current
@@ -119,15 +122,11 @@ class Equations:
         return J
 
     def _loss(self, rise: np.ndarray) -> np.ndarray:
-        if self.linear_losses:
-            return np.zeros_like(rise)
         power = ((rise**2 + CALM**2) / (FILM_REFERENCE**2 + CALM**2)) ** (self.exponent / 2)
         radiated = (self.ambient + rise) ** 4 - self.ambient**4
         return self.film * (power - 1) * rise + STEFAN_BOLTZMANN * self.radiating * radiated
 
     def _loss_slope(self, rise: np.ndarray) -> np.ndarray:
-        if self.linear_losses:
-            return np.zeros_like(rise)
         square = rise**2 + CALM**2
         power = (square / (FILM_REFERENCE**2 + CALM**2)) ** (self.exponent / 2)
         film = self.film * (power - 1 + power * self.exponent * rise**2 / square)
@@ -138,7 +137,7 @@ class Equations:
         T_c, T_h = x[self.cold] + self.ambient, x[self.hot] + self.ambient
         heat = []
         for share, current, _ in self._phases(T_h - T_c, duty):
-            peltier, joule = self.seebeck * current, 0.5 * self.resistance * current**2
+            peltier, joule = self.seebeck * current, 0.5 * self.resistance * current * current
             heat.append((share, peltier * T_c - joule, peltier * T_h + joule))
         return heat
 

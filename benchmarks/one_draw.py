@@ -17,25 +17,23 @@ CALLS = ("simulate", "simulate_batch")
 def measure(quick: bool = False) -> dict[str, Any]:
     """Seconds of each call, on `paper-2024` around the published values and on `dual-cell`.
 
-    **Returns:** rig -> call -> `first` (in a fresh process without a cache), `import_to_result`
+    **Returns:** rig -> call -> `first` (in a fresh process with an empty cache), `import_to_result`
     (there, from before the import), `cached_first`, `cached_import_to_result` (in the second
-    process that uses a cache), `warm` (median).
+    process with this cache), `warm` (median).
     """
-    rigs = ["paper-2024"] if quick else ["paper-2024", "dual-cell"]
-    return {rig: {call: _of(rig, call) for call in CALLS} for rig in rigs}
+    answer = {"paper-2024": {call: _of("paper-2024", call) for call in CALLS}}
+    return answer if quick else answer | {"dual-cell": {"simulate": _of("dual-cell", "simulate")}}
 
 
 def _of(rig: str, call: str) -> dict[str, float]:
-    without = {"JAX_ENABLE_COMPILATION_CACHE": "false"}
-    cold = in_fresh_process("one_draw:first_call", rig, call, environment=without)
     with tempfile.TemporaryDirectory() as folder:
-        # As `jaxtwin`'s command line sets it.
-        cached = {
+        # As `jaxtwin`'s command line sets it. The first process finds nothing there.
+        cache = {
             "JAX_COMPILATION_CACHE_DIR": folder,
             "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
         }
-        in_fresh_process("one_draw:first_call", rig, call, environment=cached)
-        second = in_fresh_process("one_draw:first_call", rig, call, environment=cached)
+        cold = in_fresh_process("one_draw:first_call", rig, call, environment=cache)
+        second = in_fresh_process("one_draw:first_call", rig, call, environment=cache)
     return {
         "first": cold["first"],
         "import_to_result": cold["import_to_result"],
