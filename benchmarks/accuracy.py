@@ -10,6 +10,7 @@ seconds a draw. And the order of convergence, by steps that are halved again and
 import argparse
 import json
 import time
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from ._reference import reference_readings
 from ._task import drive_of_the_recordings
 
 RIGS = ("paper-2024", "dual-cell", "single-cell")
-FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
+FACTORS = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 """Of growth, first and largest step of the default schedule."""
 
 Values = dict[str, float]
@@ -141,6 +142,14 @@ def _markdown(answer: dict[str, Any]) -> str:
                 f"| {row['99_percent_K']:.1e} | {row['median_K']:.1e} | {row['above_1e-3_K']} "
                 f"| {row['failed']} |"
             )
+    lines += ["", "| rig | error with ever smaller steps, K | orders |", "|---|---|---|"]
+    for rig, pairs in answer["convergence"].items():
+        errors = ", ".join(f"{error:.1e} ({steps} steps)" for steps, error in pairs)
+        orders = [
+            np.log(before[1] / after[1]) / np.log(after[0] / before[0])
+            for before, after in pairwise(pairs)
+        ]
+        lines.append(f"| {rig} | {errors} | {', '.join(f'{order:.1f}' for order in orders)} |")
     return "\n".join(lines) + "\n"
 
 
