@@ -23,7 +23,7 @@ demo: $(INSTALLED)
 	$(BIN)/jaxtwin demo --out report
 
 test: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest --numprocesses=auto --dist=loadfile $(ARGS)
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .

@@ -49,7 +49,7 @@ class Counted:
 
     def jac(self, vector: Any) -> np.ndarray:
         self.jacobians += 1
-        return np.asarray(_jacobian(jnp.asarray(vector), self.problem))
+        return np.array(_jacobian(jnp.asarray(vector), self.problem))  # lmfit writes into it
 
 
 Result = tuple[np.ndarray, int | str, int | str]

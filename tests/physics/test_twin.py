@@ -174,7 +174,7 @@ def test_precision_is_the_caller_s_and_values_keep_theirs(twin):
 
 
 def test_twin_prints_what_it_is(twin):
-    assert repr(twin) == "<Twin of dual-cell: 42 parameters>"
+    assert repr(twin) == "<Twin of dual-cell: 44 parameters>"
 
 
 def test_wiring_is_equal_for_rigs_of_equal_content_only():
