@@ -6,8 +6,10 @@ that measured best, a driver's lag as a function of time: as states of their own
 take a tenth longer and rule out the fastest linear solver. Threads each take a part of the draws.
 """
 
+import contextlib
 import os
 import shutil
+import tempfile
 from collections.abc import Callable
 from typing import Any
 
@@ -25,6 +27,16 @@ def cvodes(
     task: Task, count: int, tolerance: float, linear_solver: str = "ldl"
 ) -> Callable[[], Float[np.ndarray, "d t c"]]:
     """With the tolerance relative and, in K, absolute."""
+    # CasADi leaves its C files in the current folder.
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        run = _compiled(task, count, tolerance, linear_solver)
+        run()
+    return run
+
+
+def _compiled(
+    task: Task, count: int, tolerance: float, linear_solver: str
+) -> Callable[[], Float[np.ndarray, "d t c"]]:
     networks = [equations(twin) for twin in task.twins(count)]
     first = networks[0]
     parameters = np.stack([_numbers(network) for network in networks], axis=1)
@@ -37,7 +49,8 @@ def cvodes(
     }
     if shutil.which("cc") or shutil.which("gcc"):
         flags = ["-O3", "-march=native", "-ffast-math"]
-        options |= {"jit": True, "compiler": "shell", "jit_options": {"flags": flags}}
+        options |= {"jit": True, "compiler": "shell", "jit_cleanup": False}
+        options["jit_options"] = {"flags": flags, "cleanup": False}
     p, x, t = ca.SX.sym("p", len(parameters)), ca.SX.sym("x", first.nodes), ca.SX.sym("t")
     before, command = ca.SX.sym("before", len(first.cold)), ca.SX.sym("u", len(first.cold))
     since = ca.SX.sym("since")
@@ -71,7 +84,6 @@ def cvodes(
         answer = np.asarray(run_all(starts, parameters)).reshape(len(first.gain), count, -1)
         return gains * np.moveaxis(answer, 0, -1) + ambient - 273.15
 
-    run()
     return run
 
 
