@@ -171,7 +171,10 @@ def simulate_batch(
     reduce = _reducer(twin, schedule, experiment, columns, wanted, isinstance(start, str))
     devices = jax.local_devices()
 
-    def work(number: int) -> dict[str, np.ndarray]:
+    result: dict[str, np.ndarray] = {}
+    allocating = threading.Lock()
+
+    def work(number: int) -> None:
         first = number * size
         chunk = {n: _padded(values[first : first + size], size) for n, values in draws.items()}
         with jax.default_device(devices[number % len(devices)]):
@@ -184,16 +187,20 @@ def simulate_batch(
                     numbers = jax.tree.map(lambda leaf: leaf.astype(precision), numbers)
                     prepared = eqx.combine(numbers, rest)
             with jax.enable_x64(precision == "float64"):
-                result = jax.tree.map(np.asarray, reduce(prepared))
+                found = jax.tree.map(np.asarray, reduce(prepared)) | {"stiff": coupling > STIFF}
+        with allocating:
+            for name in found.keys() - result.keys():
+                result[name] = np.empty((count, *found[name].shape[1:]), found[name].dtype)
+        for name, values in found.items():
+            result[name][first : first + size] = values[: count - first]
         if on_progress is not None:
             on_progress(min(size, count - first))
-        result["stiff"] = coupling > STIFF
-        return {name: values[: count - first] for name, values in result.items()}
 
     threads = workers or (len(devices) if accelerated else os.cpu_count() or 1)
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        parts = list(pool.map(work, range(-(-count // size))))
-    result = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        # Exceptions come out where the results are asked for.
+        for _ in pool.map(work, range(-(-count // size))):
+            pass
     for draw in np.flatnonzero(result.pop("stiff")):
         values = {name: float(array[draw]) for name, array in draws.items()}
         one = _solve_stiff(twin.with_parameters(values), experiment, initial, names, wanted)
