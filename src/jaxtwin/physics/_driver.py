@@ -93,8 +93,7 @@ class Bridge(eqx.Module):
         r"""The thermal conductance that the Seebeck voltage adds to a shorted module, W/K.
 
         A difference drives the current $\alpha \Delta T / R$, which carries the Peltier heat
-        $\alpha T$ times itself: $\alpha^2 T / R$ at the absolute `temperature` $T$. Solvers take
-        it out of the nonlinear part, where it would be stiff.
+        $\alpha T$ times itself: $\alpha^2 T / R$ at the absolute `temperature` $T$.
         """
         loop = module.electrical_resistance + self.on_resistance
         conductance = jnp.asarray(module.seebeck_coefficient) ** 2 * temperature / loop

@@ -9,6 +9,7 @@ from typing import Any, Literal, final, overload
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -203,7 +204,7 @@ def simulate_batch(
             pass
     for draw in np.flatnonzero(result.pop("stiff")):
         values = {name: float(array[draw]) for name, array in draws.items()}
-        one = _solve_stiff(twin.with_parameters(values), experiment, initial, names, wanted)
+        one = _solve_stiff(twin.with_parameters(values), experiment, initial, wanted)
         for name, value in one.items():
             result[name][draw] = value
     if wanted is None:
@@ -264,7 +265,6 @@ def _solve_stiff(
     twin: Twin,
     experiment: Experiment,
     initial: Initial,
-    names: tuple[str, ...],
     wanted: tuple[Reduction, ...] | None,
 ) -> dict[str, Any]:
     """One draw by a stiff solver, reduced as the others."""
@@ -274,17 +274,23 @@ def _solve_stiff(
         return {} if wanted is None else {"failed": True}
     if wanted is None:
         return {"temperatures": run.temperatures}
-    elements = run.states[-1, : len(twin.wiring.rig_elements)]
+    # The compiled reductions, on a chunk of one.
     recorded = experiment.temperatures
-    results: dict[str, Callable[[], Any]] = {
-        "cost": lambda: np.mean((run.temperatures - recorded) ** 2, axis=0),
-        "final": lambda: run.temperatures[-1],
-        "minimum": lambda: run.temperatures.min(axis=0),
-        "maximum": lambda: run.temperatures.max(axis=0),
-        "spread": lambda: np.ptp(elements),
-        "deviation": lambda: elements.std(),
-    }
-    return {"failed": False, **{name: results[name]() for name in wanted}}
+    reduced: dict[str, Any] = {}
+    with jax.enable_x64(True):
+        temperatures = jnp.asarray(run.temperatures)[None]
+        elements = jnp.asarray(run.states)[None, -1, : len(twin.wiring.rig_elements)]
+        for name in wanted:
+            if name == "cost":
+                assert recorded is not None
+                reduced[name] = sample_cost(temperatures, recorded)[0]
+            elif name == "final":
+                reduced[name] = temperatures[0, -1]
+            elif name in EXTREMES:
+                reduced[name] = EXTREMES[name](temperatures)[0]
+            else:
+                reduced[name] = UNIFORMITY[name](elements)[0]
+    return {"failed": False, **reduced}
 
 
 def _padded(values: np.ndarray, size: int) -> np.ndarray:
