@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._lapack import solve
 from ._driver import Bridge, CellHeat
 from ._loss import NonlinearLoss
 from ._thermoelectric import ThermoelectricModule
@@ -133,7 +134,7 @@ class System(eqx.Module):
 
         def newton(_: Int[Array, ""], deviation: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
             slope = jax.jacfwd(residual)(deviation)
-            return deviation - jnp.linalg.solve(slope, residual(deviation))
+            return deviation - solve(slope, residual(deviation))
 
         return jax.lax.fori_loop(0, 12, newton, jnp.zeros_like(self.capacitance))
 

@@ -1,7 +1,7 @@
 """Work on one chunk of draws, compiled once for its size: linear algebra, steps, reductions.
 
 Each part is a compiled function of its own. XLA would compute what one part makes once for every
-use in the next; and the batched LAPACK calls must not run twice at a time (see `_batch`).
+use in the next, and copy the modes into another order at every step.
 """
 
 from collections.abc import Callable, Mapping
@@ -62,8 +62,7 @@ def prepare_chunk(
         system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
         modes = schedule_modes(system, schedule)
         coupling = coupling_left(system, modes, schedule)
-        # Through the rates: linear algebra after linear algebra, never two of them at once.
-        reference = reference_temperature(system, schedule) + 0 * modes.rates[0]
+        reference = reference_temperature(system, schedule)
         start = initial_temperatures(system, initial, schedule.duty[0], reference)
         return Prepared(system, modes, start, coupling)
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._interpolation import POWERS, step_polynomials
+from ._interpolation import sample_weights, step_polynomials
 from ._schedule import Schedule
 
 BEFORE = 2.0 ** -np.array([9, *range(9, 0, -1)])
@@ -61,6 +61,6 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
         ambient=ambient,
         polynomials=polynomials,
         step_of=step_of.astype(np.int32),
-        weights=jnp.einsum("tdp,tp->td", polynomials[step_of], part[:, None] ** jnp.arange(POWERS)),
+        weights=sample_weights(polynomials, step_of, part),
         ambient_at=schedule.ambient_at,
     )

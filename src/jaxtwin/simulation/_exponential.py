@@ -21,7 +21,6 @@ from typing import Any, final
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..physics import System
@@ -49,6 +48,7 @@ class Inputs(eqx.Module):
 class ModalField(eqx.Module):
     """The vector field of a network in its modes.
 
+    `surroundings` is V^T g_amb, the force per kelvin of the ambient's deviation.
     `stiffness` and `mass` are V^T (G - G0) V and V^T (C - C0) V, with G0 and C0 what the modes
     were made of: zero in value, but not in their derivatives.
     """
@@ -56,6 +56,7 @@ class ModalField(eqx.Module):
     system: System
     modes: Modes
     reference: Float[Array, ""]
+    surroundings: Float[Array, " modes"]
     stiffness: Float[Array, "modes modes"]
     mass: Float[Array, "modes modes"]
 
@@ -65,22 +66,26 @@ class ModalField(eqx.Module):
         V = modes.shapes
         conductance = system.conductance - jax.lax.stop_gradient(system.conductance)
         capacitance = system.capacitance - jax.lax.stop_gradient(system.capacitance)
-        return cls(system, modes, reference, V.T @ conductance @ V, V.T * capacitance @ V)
+        return cls(
+            system=system,
+            modes=modes,
+            reference=reference,
+            surroundings=V.T @ system.ambient_conductance,
+            stiffness=V.T @ conductance @ V,
+            mass=V.T * capacitance @ V,
+        )
 
     def force(self, amplitudes: Float[Array, " modes"], inputs: Inputs) -> Float[Array, " modes"]:
         """What the modes feel beside their own decay: cells and a changing ambient, K/s."""
-        system, modes, wiring = self.system, self.modes, self.system.wiring
-        sides = modes.shapes[np.concatenate([wiring.cold, wiring.hot])]
-        deviation = sides @ amplitudes
+        system, modes = self.system, self.modes
+        deviation = modes.sides @ amplitudes
         heat = system.cell_heat(deviation + self.reference, inputs.duty)
         flow = jnp.concatenate([-heat.cold, heat.hot]) + modes.relief @ deviation
-        force = sides.T @ flow
-        if system.loss is not None and modes.film is not None:
-            plate = modes.shapes[: wiring.elements]
-            rise = plate @ amplitudes - inputs.ambient
-            heat = system.loss.heat(rise, self.reference + inputs.ambient)
-            force = force - plate.T @ (heat - modes.film * (plate @ amplitudes))
-        force = force + modes.shapes.T @ (system.ambient_conductance * inputs.ambient)
+        force = modes.sides.T @ flow + self.surroundings * inputs.ambient
+        if system.loss is not None and modes.plate is not None:
+            plate = modes.plate @ amplitudes
+            lost = system.loss.heat(plate - inputs.ambient, self.reference + inputs.ambient)
+            force = force + modes.plate.T @ (modes.film * plate - lost)
         # Twice, since the change of C acts on a slope that has the changes in it: exact up to
         # second derivatives.
         bent = _vanishing(self.stiffness, amplitudes)

@@ -1,9 +1,14 @@
 """Temperatures between the ends of steps: Hermite interpolation over a step and the one before."""
 
 from collections.abc import Sequence
+from typing import TypeVar
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+
+Arrays = TypeVar("Arrays", np.ndarray, jax.Array)
+"""Numbers known beforehand, or traced ones."""
 
 POWERS = 6
 """Coefficients of a polynomial: as many as there are values and slopes."""
@@ -34,6 +39,26 @@ def step_polynomials(
             ends = k == len(steps) - 1 and number != last
             rows.append(_polynomials(before, not ends) * np.array([1, step] * 3)[:, None])
     return np.stack(rows)
+
+
+def sample_weights(
+    polynomials: Float[Arrays, "steps 6 6"],
+    step_of: Int[Arrays, " times"],
+    part: Float[Arrays, " times"],
+) -> Float[Arrays, "times 6"]:
+    """How much the values and slopes around its step count in each sample, `(times, 6)`.
+
+    **Arguments:**
+
+    - `polynomials`: of the steps, see `step_polynomials`.
+    - `step_of`: in which step each sample lies, `(times,)`.
+    - `part`: which part of that step has gone by, `(times,)`.
+    """
+    # Horner's rule: a product of tables would hold 36 numbers for each sample of each draw.
+    weights = polynomials[:, :, -1][step_of]
+    for power in reversed(range(POWERS - 1)):
+        weights = weights * part[:, None] + polynomials[:, :, power][step_of]
+    return weights
 
 
 def _polynomials(before: float | None, slope_at_end: bool) -> Float[np.ndarray, "6 6"]:

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._lapack import eigh, solve
 from ..physics import System
 
 TYPICAL_TEMPERATURE = 330.0
@@ -34,14 +35,18 @@ BELIEVABLE = (200.0, 600.0)
 class Modes(eqx.Module):
     """Modes of the network: `rates` (1/s) and `shapes`, temperatures = shapes @ amplitudes.
 
+    `sides` are the rows of the shapes at the cells' sides (all cold, then all hot), `plate` those
+    of the plate where its losses are not linear, else None.
     `capacitance` is what the shapes are normalised with, `relief` the heat flow out of the cells'
-    sides (all cold, then all hot) per kelvin that has joined the network, W/K,
-    `film` the same for what the plate loses beyond its linear film, None for nothing, and
-    `operating_point` where that was taken: the sides' deviations, K.
+    sides per kelvin that has joined the network, W/K, `film` the same for what the plate loses
+    beyond its linear film, None for nothing, and `operating_point` where that was taken: the
+    sides' deviations, K.
     """
 
     rates: Float[Array, " modes"]
     shapes: Float[Array, "nodes modes"]
+    sides: Float[Array, "sides modes"]
+    plate: Float[Array, "elements modes"] | None
     capacitance: Float[Array, " nodes"]
     relief: Float[Array, "sides sides"]
     film: Float[Array, " elements"] | None
@@ -68,14 +73,24 @@ def network_modes(
     slope = _slope(system, rest[sides], duty, reference)
     relief = -(slope + slope.T) / 2
     conductance = system.conductance.at[np.ix_(sides, sides)].add(relief)
-    film = None
+    film, plate = None, None
     if system.loss is not None:
         plate = np.arange(system.wiring.elements)
         film = system.loss.slope(rest[plate], reference)
         conductance = conductance.at[plate, plate].add(film)
     scale = 1 / jnp.sqrt(system.capacitance)
-    rates, vectors = jnp.linalg.eigh(conductance * scale[:, None] * scale[None, :])
-    return Modes(rates, scale[:, None] * vectors, system.capacitance, relief, film, rest[sides])
+    rates, vectors = eigh(conductance * scale[:, None] * scale[None, :])
+    shapes = scale[:, None] * vectors
+    return Modes(
+        rates=rates,
+        shapes=shapes,
+        sides=shapes[sides],
+        plate=None if plate is None else shapes[plate],
+        capacitance=system.capacitance,
+        relief=relief,
+        film=film,
+        operating_point=rest[sides],
+    )
 
 
 def left_coupling(
@@ -91,11 +106,9 @@ def left_coupling(
     |what is left of -dq/dx| over some duty cycles: an explicit treatment of the rest is safe well
     below 1.
     """
-    sides = np.concatenate([system.wiring.cold, system.wiring.hot])
-    shapes = modes.shapes[sides]
     x = modes.rates * step
     answer = jnp.where(jnp.abs(x) < 1e-6, 1.0, -jnp.expm1(-x) / jnp.where(x == 0, 1.0, x)) * step
-    warms = jnp.abs(shapes * answer @ shapes.T)
+    warms = jnp.abs(modes.sides * answer @ modes.sides.T)
 
     def rest(duty: Array) -> Array:
         slope = _slope(system, modes.operating_point, duty, reference)
@@ -112,7 +125,7 @@ def _at_rest(
     Newton's method on the cells' sides alone: x = Z q(x) with Z the network's thermal resistances
     seen from them. A few kelvin are near enough; losses are taken as linear.
     """
-    warmed = jnp.linalg.solve(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
+    warmed = solve(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
     seen = warmed[sides]
     unit = jnp.eye(sides.size, dtype=seen.dtype)
     lowest, highest = (bound - reference for bound in BELIEVABLE)
@@ -120,7 +133,7 @@ def _at_rest(
     def newton(_: Int[Array, ""], at: Float[Array, " sides"]) -> Float[Array, " sides"]:
         slope = _slope(system, at, duty, reference)
         change = at - seen @ _flow(system, at, duty, reference)
-        return jnp.clip(at - jnp.linalg.solve(unit - seen @ slope, change), lowest, highest)
+        return jnp.clip(at - solve(unit - seen @ slope, change), lowest, highest)
 
     start = jnp.full(sides.size, TYPICAL_TEMPERATURE, seen.dtype) - reference
     at = jax.lax.fori_loop(0, NEWTON_STEPS, newton, start)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from ..io import Experiment
 from ..physics import Twin
-from ._interpolation import POWERS, step_polynomials
+from ._interpolation import sample_weights, step_polynomials
 
 
 @final
@@ -103,7 +103,7 @@ def build_schedule(
         ambient=None if celsius is None else celsius[held],
         polynomials=polynomials,
         step_of=step_of.astype(np.int32),
-        weights=np.einsum("tdp,tp->td", polynomials[step_of], part[:, None] ** np.arange(POWERS)),
+        weights=sample_weights(polynomials, step_of, part),
         ambient_at=celsius,
     )
 

@@ -1,0 +1,63 @@
+"""Eigenvalues and solutions of small dense systems, of many draws from several threads at once.
+
+On a CPU, XLA hands the matrices of a batch to the thread pool that it runs on itself, and waits
+there for the last of them: two such calls at once, on as many cores, wait for each other for ever,
+and one beside any long computation waits for its end (seen with jax 0.10.2). One matrix after the
+other they run where they were called, and draws spread over cores by the chunks they come in.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
+from jaxtyping import Array, Float
+
+
+@custom_vmap
+def eigh(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+    """Eigenvalues, smallest first, and eigenvectors (columns) of a symmetric matrix."""
+    values, vectors = jnp.linalg.eigh(matrix)
+    return values, vectors
+
+
+def solve(matrix: Float[Array, "n n"], right: Float[Array, "n *m"]) -> Float[Array, "n *m"]:
+    """What `matrix @ x = right` is solved by; differentiable in both."""
+    return jax.lax.custom_linear_solve(
+        lambda x: matrix @ x,
+        right,
+        solve=lambda _, b: _solve(jax.lax.stop_gradient(matrix), b),
+        transpose_solve=lambda _, b: _solve(jax.lax.stop_gradient(matrix).T, b),
+    )
+
+
+@custom_vmap
+def _solve(matrix: Array, right: Array) -> Array:
+    return jnp.linalg.solve(matrix, right)
+
+
+def _one_by_one(
+    call: Callable[..., Any],
+    whole: Callable[..., Any],
+    size: int,
+    batched: list[bool],
+    *given: Array,
+) -> Any:
+    """The rule for `vmap`: one after the other on a CPU, all at once on an accelerator."""
+    rows = [
+        array if is_batched else jnp.broadcast_to(array, (size, *array.shape))
+        for array, is_batched in zip(given, batched, strict=True)
+    ]
+    result = jax.lax.platform_dependent(
+        *rows,
+        cpu=lambda *rows: jax.lax.map(lambda row: call(*row), rows),
+        default=jax.vmap(whole),
+    )
+    return result, jax.tree.map(lambda _: True, result)
+
+
+# The call itself again, so that the rule holds for a batch of batches too.
+eigh.def_vmap(partial(_one_by_one, eigh, lambda matrix: tuple(jnp.linalg.eigh(matrix))))
+_solve.def_vmap(partial(_one_by_one, _solve, jnp.linalg.solve))
