@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Twin, load_rig, simulate_batch
-from jaxtwin.simulation import _simulate, build_schedule
+from jaxtwin.simulation import build_schedule
 from jaxtwin.simulation._compressed import compress
 
 TIME = np.arange(201.0)
@@ -93,8 +93,7 @@ def test_a_failed_draw_leaves_the_others_alone(twin, experiment, whole):
 def test_draws_with_stiff_cells_go_to_a_stiff_solver(twin, experiment, runs, monkeypatch):
     """With the limit at nothing every draw is one: `simulate` and `simulate_batch` then give what
     Kvaerno5 gives, to the error of both."""
-    monkeypatch.setattr(_simulate, "STIFF", -1.0)
-    monkeypatch.setattr("jaxtwin.simulation._batch.STIFF", -1.0)
+    monkeypatch.setattr("jaxtwin.simulation._solve.STIFF", -1.0)
     two = {name: values[1:3] for name, values in DRAWS.items()}
     whole = simulate_batch(twin, experiment, two, chunk_size=2)
     final = simulate_batch(twin, experiment, two, reductions=["final", "cost"], chunk_size=2)

@@ -7,7 +7,7 @@ grid that is fine after each input change; any diffrax solver can take its place
 from ._batch import Reductions, simulate_batch
 from ._measures import fit_percent, rmse
 from ._run import Run
-from ._schedule import Schedule, build_schedule, twin_schedule
+from ._schedule import Schedule, build_schedule
 from ._simulate import checked_channels, response, simulate
 from ._solve import reference_temperature, solve_schedule
 from ._solver import HeldInputs, NetworkExponential, NetworkProblem, network_field
@@ -31,6 +31,5 @@ __all__ = [
     "simulate",
     "simulate_batch",
     "solve_schedule",
-    "twin_schedule",
     "uniformity",
 ]

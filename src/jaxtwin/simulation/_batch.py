@@ -1,13 +1,9 @@
 """Many draws of a twin's parameters at once."""
 
-import os
-import threading
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Literal, final, overload
+from typing import Any, final, overload
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,15 +20,16 @@ from ._chunk import (
     compressed_cost,
     compressed_errors,
     plate_chunk,
-    prepare_chunk,
     sample_chunk,
     sample_cost,
     step_chunk,
 )
+from ._chunk_runner import ChunkRunner, Precision
 from ._compressed import compress
 from ._initial import Initial, checked_initial
-from ._schedule import Schedule, twin_schedule
-from ._simulate import STIFF, checked_channels, simulate
+from ._schedule import REFINEMENTS, Schedule, refined_schedule
+from ._simulate import checked_channels, simulate
+from ._solve import too_coarse
 
 REDUCTIONS: tuple[Reduction, ...] = (
     "cost",
@@ -42,14 +39,6 @@ REDUCTIONS: tuple[Reduction, ...] = (
     "spread",
     "deviation",
 )
-Precision = Literal["float64", "float32"]
-
-CHUNK_CPU = 128
-"""Draws that one core works on at a time: enough that calls cost nothing beside the work, few
-enough for its cache."""
-
-CHUNK_ACCELERATOR = 65536
-"""Draws that an accelerator works on at a time: enough to fill it."""
 
 
 @final
@@ -132,7 +121,8 @@ def simulate_batch(
     """Runs a twin through an experiment for many draws of its parameters.
 
     Draws are worked on in chunks by all cores, or by the accelerator where JAX has one. A draw that
-    fails (a negative resistance, an overflow) becomes NaN and leaves the others alone.
+    fails (a negative resistance, an overflow) becomes NaN and leaves the others alone. Each draw's
+    error is looked at as `simulate` does, and draws that need shorter steps are solved again.
 
     **Arguments:**
 
@@ -145,7 +135,8 @@ def simulate_batch(
     - `precision`: of the computation. Deviations from ambient keep float32 to about a millikelvin.
     - `chunk_size`: draws at a time, by default by the kind of device.
     - `workers`: threads that work on chunks, by default one a core on a CPU.
-    - `on_progress`: called with the number of finished draws after each chunk.
+    - `on_progress`: called with the number of draws in each chunk when it is done for the first
+      time.
 
     **Returns:** temperatures `(draws, times, channels)`, degC, for the channels that the experiment
     names, else all; or `Reductions`.
@@ -160,46 +151,25 @@ def simulate_batch(
     wanted = None if reductions is None else _checked_reductions(reductions, experiment)
     if precision not in ("float64", "float32"):
         raise SimulationError(f'precision: found {precision!r}, allowed is "float64" or "float32"')
-    accelerated = jax.default_backend() != "cpu"
-    count = len(next(iter(draws.values())))
-    size = chunk_size or min(CHUNK_ACCELERATOR if accelerated else CHUNK_CPU, count)
-    schedule = twin_schedule(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
-    reduce = _reducer(twin, schedule, experiment, columns, wanted, isinstance(start, str))
-    devices = jax.local_devices()
+    runner = ChunkRunner(twin, start, precision, chunk_size, workers)
 
-    _keep_freed_memory()
-    result: dict[str, np.ndarray] = {}
-    allocating = threading.Lock()
+    def solve(draws: dict[str, np.ndarray], refinement: int) -> dict[str, np.ndarray]:
+        schedule = refined_schedule(experiment, refinement)
+        reduce = _reducer(twin, schedule, experiment, columns, wanted, isinstance(start, str))
+        return runner.run(draws, schedule, reduce, None if refinement else on_progress)
 
-    def work(number: int) -> None:
-        first = number * size
-        chunk = {n: _padded(values[first : first + size], size) for n, values in draws.items()}
-        with jax.default_device(devices[number % len(devices)]):
-            # Each thread has its own precision. Eigenvalues that span nine decades need float64.
-            with jax.enable_x64(True):
-                prepared = prepare_chunk(twin, chunk, schedule, start)
-                coupling = np.asarray(prepared.coupling)
-                if precision == "float32":
-                    numbers, rest = eqx.partition(prepared, eqx.is_inexact_array)
-                    numbers = jax.tree.map(lambda leaf: leaf.astype(precision), numbers)
-                    prepared = eqx.combine(numbers, rest)
-            with jax.enable_x64(precision == "float64"):
-                found = jax.tree.map(np.asarray, reduce(prepared)) | {"stiff": coupling > STIFF}
-        with allocating:
-            for name in found.keys() - result.keys():
-                result[name] = np.empty((count, *found[name].shape[1:]), found[name].dtype)
-        for name, values in found.items():
-            result[name][first : first + size] = values[: count - first]
-        if on_progress is not None:
-            on_progress(min(size, count - first))
-
-    threads = workers or (len(devices) if accelerated else os.cpu_count() or 1)
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        # Exceptions come out where the results are asked for.
-        for _ in pool.map(work, range(-(-count // size))):
-            pass
-    for draw in np.flatnonzero(result.pop("stiff")):
+    result = solve(draws, 0)
+    left = np.flatnonzero(too_coarse(result.pop("coupling"), result.pop("doubt")))
+    for refinement in range(1, REFINEMENTS + 1):
+        if left.size == 0:
+            break
+        finer = solve({name: values[left] for name, values in draws.items()}, refinement)
+        again = too_coarse(finer.pop("coupling"), finer.pop("doubt"))
+        for name, values in finer.items():
+            result[name][left] = values
+        left = left[again]
+    for draw in left:
         values = {name: float(array[draw]) for name, array in draws.items()}
         one = _solve_stiff(twin.with_parameters(values), experiment, initial, wanted)
         for name, value in one.items():
@@ -207,16 +177,6 @@ def simulate_batch(
     if wanted is None:
         return result["temperatures"]
     return Reductions(channels=names, **result)
-
-
-def _keep_freed_memory() -> None:
-    """Has the allocator keep what a chunk frees for the next one.
-
-    glibc returns large blocks to the system, which fills them with zeros again page by page: a
-    third of the time of whole trajectories. It keeps blocks as large as the largest one that was
-    freed, up to 32 MiB; this one is never touched and costs nothing.
-    """
-    np.empty((32 << 20) - (64 << 10), np.uint8)
 
 
 def _reducer(
@@ -243,17 +203,22 @@ def _reducer(
 
     def reduce(prepared: Prepared) -> dict[str, Array]:
         stepped = step_chunk(prepared, columns=columns, with_plate=bool(of_plate), **grid)
+        result = {"coupling": prepared.coupling, "doubt": stepped.channels.doubt}
         if wanted is None:
-            return {"temperatures": sample_chunk(prepared, stepped, columns=columns, **grid)}
-        result = {"failed": stepped.failed}
+            return result | {
+                "temperatures": sample_chunk(prepared, stepped, columns=columns, **grid)
+            }
+        result["failed"] = stepped.failed
         if compressed is not None:
             errors = compressed_errors(prepared, stepped, compressed, columns)
             result["cost"] = compressed_cost(errors, compressed)
-        if "final" in wanted:
+        if "final" in wanted and not of_samples:
             last = sample_chunk(prepared, stepped, columns=columns, last=True, **grid)
             result["final"] = last[:, 0]
         if of_samples:
             temperatures = sample_chunk(prepared, stepped, columns=columns, **grid)
+            if "final" in wanted:
+                result["final"] = temperatures[:, -1]
             for name in of_samples:
                 if name == "cost":
                     assert recorded is not None
@@ -275,8 +240,10 @@ def _solve_stiff(
     wanted: tuple[Reduction, ...] | None,
 ) -> dict[str, Any]:
     """One draw by a stiff solver, reduced as the others."""
+    from diffrax import Kvaerno5
+
     try:
-        run = simulate(twin, experiment, initial=initial)
+        run = simulate(twin, experiment, initial=initial, solver=Kvaerno5())
     except JaxtwinError:
         return {} if wanted is None else {"failed": True}
     if wanted is None:
@@ -298,11 +265,6 @@ def _solve_stiff(
             else:
                 reduced[name] = UNIFORMITY[name](elements)[0]
     return {"failed": False, **reduced}
-
-
-def _padded(values: np.ndarray, size: int) -> np.ndarray:
-    """The last chunk is filled up with its last draw: one shape, one compilation."""
-    return np.concatenate([values, np.repeat(values[-1:], size - len(values))])
 
 
 def _checked_draws(twin: Twin, parameters: Mapping[str, Any]) -> dict[str, np.ndarray]:

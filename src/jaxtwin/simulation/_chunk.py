@@ -91,7 +91,7 @@ def step_chunk(
         seen = arriving(schedule, system, at_rest)
         read = solve_steps(system, seen, draw.modes, draw.starts, readout, at_rest)
         channels, elements = (
-            jax.tree.map(lambda rows, part=part: rows[:, part], read)
+            StepReadings(read.values[:, part], read.slopes[:, part], read.doubt)
             for part in (slice(len(columns)), slice(len(columns), None))
         )
         failed = ~(system.physical & jnp.all(jnp.isfinite(read.values)))

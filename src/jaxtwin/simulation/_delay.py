@@ -34,18 +34,19 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
     size = jnp.concatenate([jnp.arange(before), before + jnp.asarray(schedule.size)])
     duty = jnp.asarray(schedule.duty, dtype)
     first = duty[:1] if at_rest else jnp.zeros_like(duty[:1])
+    wait = jnp.asarray(step_polynomials([BEFORE, np.ones(1)])[:before], dtype)
+    polynomials = jnp.asarray(schedule.polynomials, dtype)
     # Slopes, the odd ones, are per second.
-    wait = step_polynomials([BEFORE, np.ones(1)])[:before]
     scale = jnp.stack([jnp.ones_like(delay), delay] * 3)
-    polynomials = jnp.concatenate(
-        [jnp.asarray(wait, dtype) * scale[:, None], jnp.asarray(schedule.polynomials, dtype)]
-    )
     steps = sizes[size]
     ends = jnp.cumsum(steps)
     starts = ends - steps
     times = jnp.asarray(schedule.times, dtype)
     step_of = jnp.clip(jnp.searchsorted(ends, times), 0, size.size - 1)
     part = (times - starts[step_of]) / steps[step_of]
+    # One table for all draws, whatever their delay.
+    weights = sample_weights(jnp.concatenate([wait, polynomials]), step_of, part)
+    waiting = (step_of < before)[:, None]
     ambient = schedule.ambient
     if schedule.ambient_at is not None:
         held = jnp.asarray(schedule.ambient_at, dtype)
@@ -59,8 +60,8 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
         size=size.astype(np.int32),
         duty=jnp.concatenate([jnp.repeat(first, before, axis=0), duty]),
         ambient=ambient,
-        polynomials=polynomials,
+        polynomials=jnp.concatenate([wait * scale[:, None], polynomials]),
         step_of=step_of.astype(np.int32),
-        weights=sample_weights(polynomials, step_of, part),
+        weights=weights * jnp.where(waiting, scale, 1.0),
         ambient_at=schedule.ambient_at,
     )

@@ -82,7 +82,7 @@ class ModalField(eqx.Module):
         heat = system.cell_heat(deviation + self.reference, inputs.duty)
         flow = jnp.concatenate([-heat.cold, heat.hot]) + modes.relief @ deviation
         force = modes.sides.T @ flow + self.surroundings * inputs.ambient
-        if system.loss is not None and modes.plate is not None:
+        if system.loss is not None and modes.plate is not None and modes.film is not None:
             plate = modes.plate @ amplitudes
             lost = system.loss.heat(plate - inputs.ambient, self.reference + inputs.ambient)
             force = force + modes.plate.T @ (modes.film * plate - lost)
@@ -141,8 +141,16 @@ def exponential_step(
     factors: StepFactors,
     field: ModalField,
     inputs: Inputs,
-) -> Float[Array, " modes"]:
-    """One ETDRK4 step from amplitudes and the force on them to the amplitudes at its end."""
+) -> tuple[Float[Array, " modes"], Float[Array, " modes"]]:
+    """One ETDRK4 step.
+
+    **Arguments:**
+
+    - `amplitudes`, `force_0`: at the start of the step, the force under its `inputs`.
+
+    **Returns:** the amplitudes at its end, and its doubt: by how much they would differ had the
+    step stopped at the first of its two forces in the middle, which is of third order in its size.
+    """
     decayed = factors.half_decay * amplitudes
     a = decayed + factors.half * force_0
     force_a = field.force(a, inputs.at(1))
@@ -150,12 +158,13 @@ def exponential_step(
     force_b = field.force(b, inputs.at(1))
     c = factors.half_decay * a + factors.half * (2 * force_b - force_0)
     force_c = field.force(c, inputs.at(2))
-    return (
+    end = (
         factors.decay * amplitudes
         + factors.first * force_0
         + factors.middle * (force_a + force_b)
         + factors.last * force_c
     )
+    return end, factors.middle * (force_b - force_a)
 
 
 def _phi(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], ...]:

@@ -1,7 +1,7 @@
 """Temperatures between the ends of steps: Hermite interpolation over a step and the one before."""
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -55,7 +55,7 @@ def sample_weights(
     - `part`: which part of that step has gone by, `(times,)`.
     """
     # Horner's rule: a product of tables would hold 36 numbers for each sample of each draw.
-    weights = polynomials[:, :, -1][step_of]
+    weights: Any = polynomials[:, :, -1][step_of]
     for power in reversed(range(POWERS - 1)):
         weights = weights * part[:, None] + polynomials[:, :, power][step_of]
     return weights

@@ -15,8 +15,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..io import Experiment
-from ..physics import Twin
 from ._interpolation import sample_weights, step_polynomials
+
+FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 64.0
+"""Of steps without refinement: s, part of the time since the last change of an input, s."""
 
 
 @final
@@ -48,23 +50,22 @@ class Schedule(eqx.Module):
     ambient_at: Float[Array | np.ndarray, " times"] | None
 
 
-def twin_schedule(twin: Twin, experiment: Experiment) -> Schedule:
-    """The schedule on which a twin is exact to a millikelvin over the bounds of its parameters.
+REFINEMENTS = 3
+"""How often steps are halved for a draw whose error is in doubt."""
 
-    Measured (`benchmarks/accuracy.py`): a driver that lags behind its command, or losses that are
-    not linear, go on changing between input changes and need steps half as long.
-    """
-    if twin.wiring.lag is None and twin.wiring.exponent is None:
-        return build_schedule(experiment)
-    return build_schedule(experiment, growth=0.1, largest_step=16.0)
+
+def refined_schedule(experiment: Experiment, refinement: int) -> Schedule:
+    """The schedule of an experiment with all its steps halved some times."""
+    part = 0.5**refinement
+    return build_schedule(experiment, part * FIRST_STEP, part * GROWTH, part * LARGEST_STEP)
 
 
 @lru_cache(maxsize=64)
 def build_schedule(
     experiment: Experiment,
-    first_step: float = 0.25,
-    growth: float = 0.2,
-    largest_step: float = 64.0,
+    first_step: float = FIRST_STEP,
+    growth: float = GROWTH,
+    largest_step: float = LARGEST_STEP,
 ) -> Schedule:
     """The schedule of an experiment.
 

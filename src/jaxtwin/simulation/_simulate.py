@@ -15,21 +15,18 @@ from ..physics import System, Twin, build_netlist
 from ..rig import Rig, Value
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
 from ._run import Run
-from ._schedule import Schedule, twin_schedule
+from ._schedule import REFINEMENTS, Schedule, build_schedule, refined_schedule
 from ._solve import (
     arriving,
     coupling_left,
     reference_temperature,
     schedule_modes,
     solve_steps,
+    too_coarse,
 )
 
 if TYPE_CHECKING:
     import diffrax
-
-
-STIFF = 1.0
-"""Of `coupling_left`: from here on `simulate` and `simulate_batch` take a stiff solver instead."""
 
 
 def simulate(
@@ -44,9 +41,10 @@ def simulate(
     """Runs a twin through an experiment, in float64.
 
     The default solver integrates the linear network exactly and steps over the cells' heat flows
-    (see `jaxtwin.simulation`); it is the fastest that was measured at errors below 1e-3 K.
-    Where the cells' heat flows are stiff in themselves (`coupling_left` above `STIFF`, which no
-    parameters within the bundled rigs' bounds reach) `diffrax.Kvaerno5` takes its place.
+    (see `jaxtwin.simulation`); it is the fastest that was measured at errors below 1e-3 K in the
+    channels. It looks at its own error: where that is in doubt, or the cells' heat flows are stiff
+    in themselves (`coupling_left`), its steps are halved, and where three halvings do not help
+    `diffrax.Kvaerno5` takes its place.
 
     **Arguments:**
 
@@ -69,16 +67,20 @@ def simulate(
     channels = checked_channels(twin, experiment)
     _check_values(twin)
     start = checked_initial(twin, initial)
-    schedule = twin_schedule(twin, experiment)
     with jax.enable_x64(True):
-        states, readings, coupling = None, None, np.inf
-        if solver is None:
-            states, readings, coupling = _run_exponential(twin, schedule, start)
-        if coupling > STIFF:
-            states, readings = _run_checked(
+        found = None
+        for refinement in range(REFINEMENTS + 1 if solver is None else 0):
+            schedule = refined_schedule(experiment, refinement)
+            states, readings, coupling, doubt = _run_exponential(twin, schedule, start)
+            if not too_coarse(coupling, doubt):
+                found = states, readings
+                break
+        if found is None:
+            schedule = build_schedule(experiment)
+            found = _run_checked(
                 twin, schedule, start, experiment, solver, stepsize_controller, dt0
             )
-        states, readings = np.asarray(states), np.asarray(readings)
+        states, readings = map(np.asarray, found)
     if not np.isfinite(states).all():
         raise SimulationError(
             f"{twin.rig.name}: the temperatures do not stay finite; look for parameters far "
@@ -102,7 +104,8 @@ def response(
     For one's own `jax.jit`, `jax.vmap`, `jax.jacfwd` or `jax.grad`; `simulate` is this with checks
     and labels.
     Its precision is that of the caller: wrap it in `jax.enable_x64(True)` for float64.
-    Always the default solver: only `simulate` looks whether a stiff one is needed.
+    Always the default solver on its longest steps: only `simulate` looks whether shorter ones, or
+    a stiff solver, are needed.
 
     **Arguments:** as those of `simulate`.
 
@@ -113,7 +116,7 @@ def response(
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)
-    _, readings, _ = _exponential_states(twin, twin_schedule(twin, experiment), start)
+    _, readings, _, _ = _exponential_states(twin, build_schedule(experiment), start)
     return readings[:, columns] - 273.15
 
 
@@ -170,8 +173,9 @@ def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
 
 def _exponential_states(
     twin: Twin, schedule: Schedule, initial: str | Float[Array | np.ndarray, " starts"] | None
-) -> tuple[Float[Array, "times nodes"], Float[Array, "times channels"], Float[Array, ""]]:
-    """Absolute temperatures of the rig's nodes and of its channels, K, and `coupling_left`."""
+) -> tuple[Array, Array, Float[Array, ""], Float[Array, ""]]:
+    """Absolute temperatures of the rig's nodes `(times, nodes)` and of its channels
+    `(times, channels)`, K, `coupling_left`, and the solution's doubt."""
     system = twin.system(lumped=keeps_symmetry(initial))
     reference = reference_temperature(system, schedule)
     start = initial_temperatures(system, initial, schedule.duty[0], reference)
@@ -179,7 +183,7 @@ def _exponential_states(
     modes, seen = schedule_modes(system, schedule), arriving(schedule, system, at_rest)
     read = solve_steps(system, seen, modes, start, np.eye(start.size), at_rest)
     states, readings = _absolute(system, schedule, read.at_samples(seen), reference)
-    return states, readings, coupling_left(system, modes, schedule)
+    return states, readings, coupling_left(system, modes, schedule), read.doubt
 
 
 def _absolute(

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..physics import System
 from ._actuator import lagged_duty
@@ -15,16 +15,26 @@ from ._exponential import Inputs, ModalField, exponential_step, step_factors
 from ._modes import Modes, left_coupling, network_modes
 from ._schedule import Schedule
 
+STIFF = 1.0
+"""Of `coupling_left`: from here on the steps are too long."""
+
+DOUBTFUL = 1.5e-3
+"""Of a solution's doubt, K: from here on its error may pass 1e-3 K. Measured over the bounds of the
+bundled rigs (`benchmarks/accuracy.py`): the error is at most 1.1 times the doubt, mostly a quarter
+of it or less."""
+
 
 @final
 class StepReadings(eqx.Module):
     """What is read at the ends of steps: weighted sums of node temperatures and their slopes.
 
     Deviations from the reference, K, and K/s. Row k belongs to the start of step k.
+    `doubt` is the largest that the doubts of all steps so far add up to in any channel, K.
     """
 
     values: Float[Array, "*chunk ends outputs"]
     slopes: Float[Array, "*chunk ends outputs"]
+    doubt: Float[Array, "*chunk"]
 
     def at_samples(
         self, schedule: Schedule, which: slice = slice(None)
@@ -107,12 +117,14 @@ def solve_steps(
     else:
         ambient = jnp.asarray(schedule.ambient, dtype) - reference
 
-    def advance(state: tuple[Array, Array], step: Any) -> tuple[tuple[Array, Array], Any]:
+    def advance(state: tuple[Array, Array, Array], step: Any) -> tuple[Any, Any]:
+        amplitudes, force, doubt = state
         size, inputs, following = step
         of_size = jax.tree.map(lambda table: table[size], factors)
-        amplitudes = exponential_step(*state, of_size, field, inputs)
-        # The force that starts the next step, under its inputs.
-        after = amplitudes, field.force(amplitudes, following)
+        amplitudes, new_doubt = exponential_step(amplitudes, force, of_size, field, inputs)
+        # The force that starts the next step, under its inputs. Doubt decays as amplitudes do.
+        force = field.force(amplitudes, following)
+        after = amplitudes, force, of_size.decay * doubt + new_doubt
         return after, after
 
     inputs = Inputs(duty, ambient)
@@ -120,11 +132,19 @@ def solve_steps(
     at_ends = inputs if duty.ndim == 2 else Inputs(duty[:, 2], ambient)
     following = jax.tree.map(lambda a, b: jnp.append(a[1:], b[-1:], axis=0), at_starts, at_ends)
     start = modes.amplitudes(initial - reference)
-    state = start, field.force(start, jax.tree.map(lambda rows: rows[0], at_starts))
+    first_force = field.force(start, jax.tree.map(lambda rows: rows[0], at_starts))
+    state = start, first_force, jnp.zeros_like(start)
     _, after = jax.lax.scan(advance, state, (jnp.asarray(schedule.size), inputs, following))
-    amplitudes, forces = jax.tree.map(lambda a, b: jnp.append(a[None], b, axis=0), state, after)
+    amplitudes, forces, doubts = jax.tree.map(
+        lambda a, b: jnp.append(a[None], b, axis=0), state, after
+    )
     read = (jnp.asarray(readout, dtype) @ modes.shapes).T
-    return StepReadings(amplitudes @ read, (forces - modes.rates * amplitudes) @ read)
+    channels = (jnp.asarray(system.wiring.channel_weights, dtype) @ modes.shapes).T
+    return StepReadings(
+        values=amplitudes @ read,
+        slopes=(forces - modes.rates * amplitudes) @ read,
+        doubt=jnp.abs(doubts @ channels).max(),
+    )
 
 
 def schedule_modes(system: System, schedule: Schedule) -> Modes:
@@ -141,6 +161,16 @@ def coupling_left(system: System, modes: Modes, schedule: Schedule) -> Float[Arr
     levels = jnp.stack([duty.min(axis=0), duty.max(axis=0)])
     longest = jnp.max(jnp.asarray(schedule.sizes, modes.rates.dtype))
     return left_coupling(system, modes, levels, reference_temperature(system, schedule), longest)
+
+
+def too_coarse(
+    coupling: Float[Array | np.ndarray, "*draws"], doubt: Float[Array | np.ndarray, "*draws"]
+) -> Bool[np.ndarray, "*draws"]:
+    """Whether steps were too long, by `coupling_left` and the solution's doubt.
+
+    Not where a solution did not stay finite: shorter steps do not help it.
+    """
+    return np.asarray((np.asarray(coupling) > STIFF) | (np.asarray(doubt) > DOUBTFUL))
 
 
 def reference_temperature(system: System, schedule: Schedule) -> Float[Array, ""]:
