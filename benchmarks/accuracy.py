@@ -4,7 +4,7 @@
 
 Random draws between the bounds, half of them uniform, half log-uniform (where the lower bound is
 above 0), 1000 s at 1 Hz with the recordings' drive, each against Radau at 1e-10 on all cores: some
-seconds a draw. And the order of convergence, by steps that are halved again and again.
+seconds a draw. And the order of convergence, by cutting all steps into ever more parts.
 """
 
 import argparse
@@ -19,7 +19,8 @@ import numpy as np
 from jaxtyping import Float
 
 import jaxtwin as jt
-from jaxtwin.simulation import build_schedule, solve_schedule
+from jaxtwin.simulation import Schedule, build_schedule, solve_schedule
+from jaxtwin.simulation._interpolation import sample_weights, step_polynomials
 
 from ._machine import machine
 from ._measure import on_all_cores
@@ -28,8 +29,8 @@ from ._reference import reference_readings
 from ._task import drive_of_the_recordings
 
 RIGS = ("paper-2024", "dual-cell", "single-cell")
-FACTORS = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
-"""Of growth, first and largest step of the default schedule."""
+PARTS = (1, 2, 4, 8, 16)
+"""Into how many each step of the default schedule is cut."""
 
 Values = dict[str, float]
 
@@ -83,17 +84,32 @@ def _drive(rig: str) -> jt.Experiment:
 
 
 def convergence(rig: str) -> list[tuple[int, float]]:
-    """Pairs (steps, worst channel error in K) of the rig as it comes, for ever smaller steps."""
-    twin, drive = jt.Twin(rig), _drive(rig)
-    truth = reference_readings(twin, drive, tolerance=1e-12)
-    smooth = twin.wiring.lag is None and twin.wiring.exponent is None
-    growth, largest = (0.2, 64.0) if smooth else (0.1, 16.0)
+    """Pairs (steps, worst channel error in K at their ends) of the rig as it comes."""
+    twin, whole = jt.Twin(rig), build_schedule(_drive(rig))
+    lengths = np.asarray(whole.sizes)[whole.size]
+    edges = np.concatenate([[0.0], np.cumsum(lengths)])
+    duty = np.asarray(whole.duty)
+    ends = jt.Experiment(edges, np.concatenate([duty, duty[-1:]]))
+    truth = reference_readings(twin, ends, tolerance=1e-12)
     pairs = []
-    for factor in FACTORS:
-        schedule = build_schedule(drive, 0.25 * factor, growth * factor, largest * factor)
+    for parts in PARTS:
+        inside = np.concatenate([[0], parts * np.arange(1, len(edges)) - 1]).astype(np.int32)
+        polynomials = step_polynomials([np.repeat(lengths, parts) / parts])
+        at_end = np.minimum(np.arange(len(edges)), 1.0)
+        cut = Schedule(
+            times=edges,
+            sizes=np.asarray(whole.sizes) / parts,
+            size=np.repeat(whole.size, parts),
+            duty=np.repeat(duty, parts, axis=0),
+            ambient=None,
+            polynomials=polynomials,
+            step_of=inside,
+            weights=sample_weights(polynomials, inside, at_end),
+            ambient_at=None,
+        )
         with jax.enable_x64(True):
-            got = np.asarray(_solve(twin, schedule))
-        pairs.append((len(schedule.size), float(np.abs(got - truth).max())))
+            got = np.asarray(_solve(twin, cut))
+        pairs.append((len(cut.size), float(np.abs(got - truth).max())))
     return pairs
 
 

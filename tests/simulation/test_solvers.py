@@ -28,7 +28,7 @@ def dual_cell() -> Twin:
 
 @pytest.mark.parametrize("values", ["startup", "initial"])
 def test_default_solver_is_of_fourth_order(values, circuits, twins, float64):
-    """Halving equal steps over 16 s lowers the error sixteenfold: ETDRK4 on the rig's equations."""
+    """Halving equal steps over 16 s lowers the error sixteenfold, on the rig's equations."""
     twin, circuit = twins[values], circuits[values]
     time, duty = np.array([0.0, 16.0]), np.full((2, 2), 0.5)
     exact = circuit.solve(time, duty)[-1]

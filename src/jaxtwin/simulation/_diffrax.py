@@ -78,6 +78,8 @@ def _clipped(
                 f"stepsize_controller: found {type(controller).__name__}, allowed are adaptive "
                 "controllers, or None: others step over input changes"
             )
+        if changes.size == 0 and delay is None:
+            return controller
         jumps = jnp.asarray(time[changes])
         if delay is not None:
             # Commands arrive late, the ambient does not.

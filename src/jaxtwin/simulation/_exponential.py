@@ -6,8 +6,9 @@ $$\dot z = -\Lambda z + V^T (q(V z, u) + S V z),$$
 
 whose linear part is integrated exactly, however stiff, and whose nonlinear part acts through the
 few rows of $V$ that belong to the cells, and to the plate where its losses are nonlinear.
-Each step is ETDRK4 (Cox and Matthews, J. Comput. Phys. 176 (2002) 430-455, eqs. 26-29); its
-functions of $\Lambda h$ are elementwise here.
+Each step is Krogstad's ETDRK4-B (J. Comput. Phys. 203 (2005) 72-88, eq. 51), which keeps more of
+its order where forces are stiff than the scheme of Cox and Matthews does; its functions of
+$\Lambda h$ are elementwise here.
 
 Derivatives do not pass through the eigenvectors, whose derivative does not exist where
 eigenvalues repeat, as they do on every symmetric plate.
@@ -109,11 +110,20 @@ def _vanishing_jvp(primals: Any, tangents: Any) -> Any:
 
 @final
 class StepFactors(eqx.Module):
-    """Elementwise factors of one ETDRK4 step: functions of rate times step size."""
+    """Elementwise factors of one step: functions of rate times step size.
+
+    The amplitudes decay by `half_decay` and `decay`; forces count by `half` in the first half step,
+    by `half_start` and `half_middle` in the second try at it, by `whole_start` and `whole_middle`
+    in the first try at the whole step, and by `first`, `middle` and `last` in the end.
+    """
 
     half_decay: Float[Array, "*sizes modes"]
     half: Float[Array, "*sizes modes"]
+    half_start: Float[Array, "*sizes modes"]
+    half_middle: Float[Array, "*sizes modes"]
     decay: Float[Array, "*sizes modes"]
+    whole_start: Float[Array, "*sizes modes"]
+    whole_middle: Float[Array, "*sizes modes"]
     first: Float[Array, "*sizes modes"]
     middle: Float[Array, "*sizes modes"]
     last: Float[Array, "*sizes modes"]
@@ -123,12 +133,15 @@ def step_factors(rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]) -
     """The factors for one or several step sizes."""
     h = jnp.asarray(sizes, rates.dtype)[..., None]
     decay, phi1, phi2, phi3 = _phi(rates * h)
-    half_decay = jnp.exp(-rates * h / 2)
+    half_decay, half_phi1, half_phi2, _ = _phi(rates * h / 2)
     return StepFactors(
         half_decay=half_decay,
-        # phi1(2 y) = phi1(y) (1 + exp y) / 2.
-        half=h * phi1 / (1 + half_decay),
+        half=h / 2 * half_phi1,
+        half_start=h * (half_phi1 / 2 - half_phi2),
+        half_middle=h * half_phi2,
         decay=decay,
+        whole_start=h * (phi1 - 2 * phi2),
+        whole_middle=2 * h * phi2,
         first=h * (phi1 - 3 * phi2 + 4 * phi3),
         middle=h * (2 * phi2 - 4 * phi3),
         last=h * (4 * phi3 - phi2),
@@ -142,7 +155,7 @@ def exponential_step(
     field: ModalField,
     inputs: Inputs,
 ) -> tuple[Float[Array, " modes"], Float[Array, " modes"]]:
-    """One ETDRK4 step.
+    """One step.
 
     **Arguments:**
 
@@ -151,15 +164,14 @@ def exponential_step(
     **Returns:** the amplitudes at its end, and its doubt: by how much they would differ had the
     step stopped at the first of its two forces in the middle, which is of third order in its size.
     """
-    decayed = factors.half_decay * amplitudes
-    a = decayed + factors.half * force_0
-    force_a = field.force(a, inputs.at(1))
-    b = decayed + factors.half * force_a
+    halfway, decayed = factors.half_decay * amplitudes, factors.decay * amplitudes
+    force_a = field.force(halfway + factors.half * force_0, inputs.at(1))
+    b = halfway + factors.half_start * force_0 + factors.half_middle * force_a
     force_b = field.force(b, inputs.at(1))
-    c = factors.half_decay * a + factors.half * (2 * force_b - force_0)
+    c = decayed + factors.whole_start * force_0 + factors.whole_middle * force_b
     force_c = field.force(c, inputs.at(2))
     end = (
-        factors.decay * amplitudes
+        decayed
         + factors.first * force_0
         + factors.middle * (force_a + force_b)
         + factors.last * force_c

@@ -76,7 +76,7 @@ def network_field(
 
 @final
 class NetworkExponential(diffrax.AbstractAdaptiveSolver):
-    r"""ETDRK4 in the modes of a thermal network, as a diffrax solver.
+    r"""Exponential Runge-Kutta steps in the modes of a thermal network, as a diffrax solver.
 
     The linear network is integrated exactly, the cells' heat flows to fourth order (see
     `jaxtwin.simulation`, whose own loop drives the same step on a grid known beforehand).
