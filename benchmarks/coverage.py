@@ -1,9 +1,13 @@
 """Are the intervals of a match honest? Synthetic recordings of known truth, matched in one batch.
 
-Each recording has the sensor's noise, noise that stays for half a minute, and corrections of the
-camera. For every parameter: in how many of the recordings the 95 % interval holds the truth. The
-true values of a recording are drawn from the priors, as intervals beside priors mean; those that
-the recordings cannot tell must be flagged as such.
+Each recording has the sensor's noise, noise that stays for half a minute, and a camera with an
+offset, a slow drift and corrections. For every parameter: in how many of the recordings the 95 %
+interval holds the truth. The true values of a recording, and what its camera adds, are drawn from
+what the rig file says beforehand, as intervals beside priors mean; parameters that the recordings
+cannot tell must be flagged as such.
+
+With `--steady-camera` it has corrections alone: the intervals then allow for an offset and a drift
+that are not there, and those of the temperatures are too wide.
 
     python benchmarks/coverage.py --recordings 200
 """
@@ -23,7 +27,9 @@ SENSOR, CREEP, JUMP = 0.1, 0.05, 1.0
 """Standard deviations, K: of the sensor, of noise with a memory of 20 s, of a correction."""
 
 
-def synthetic(twin: Twin, count: int, seed: int) -> tuple[list[Experiment], dict[str, np.ndarray]]:
+def synthetic(
+    twin: Twin, count: int, seed: int, steady: bool = False
+) -> tuple[list[Experiment], dict[str, np.ndarray]]:
     """Recordings and the true values of each."""
     rng = np.random.default_rng(seed)
     drive = Experiment.schedule("0:0.5,300:0.8", duration=600, step=2.0, cells=2, channels=CHANNELS)
@@ -44,6 +50,14 @@ def synthetic(twin: Twin, count: int, seed: int) -> tuple[list[Experiment], dict
             late = np.maximum(drive.time - event, 0)
             fading = np.where(drive.time >= event, np.exp(-late / 25), 0)
             seen[number] += JUMP * rng.standard_normal() * fading[:, None]
+    camera = twin.rig.camera.common_error
+    assert camera is not None
+    if not steady:
+        corners = np.arange(0, drive.time[-1] + camera.drift_time, camera.drift_time)
+        for number in range(count):
+            drift = camera.drift * rng.standard_normal(len(corners))
+            added = camera.offset * rng.standard_normal() + np.interp(drive.time, corners, drift)
+            seen[number] += added[:, None]
     experiments = [
         Experiment(drive.time, drive.duty, channels=CHANNELS, temperatures=one, name=f"{number}")
         for number, one in enumerate(seen)
@@ -73,9 +87,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--steady-camera", action="store_true")
     options = parser.parse_args()
     twin = Twin("dual-cell")
-    experiments, truth = synthetic(twin, options.recordings, options.seed)
+    experiments, truth = synthetic(twin, options.recordings, options.seed, options.steady_camera)
     began, work = time.perf_counter(), time.process_time()
     fits = match_many(twin, [[one] for one in experiments], free=FREE)
     wall, work = time.perf_counter() - began, time.process_time() - work

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
+from matplotlib import pyplot
 
 from jaxtwin import (
     Experiment,
@@ -13,6 +14,7 @@ from jaxtwin import (
     Twin,
     match,
     match_many,
+    plots,
     prediction_band,
     profile,
     simulate,
@@ -137,6 +139,28 @@ def test_hubers_loss_forgives_what_plain_squares_do_not(start: Twin):
     for name, value in TRUTH.items():
         row = fit.parameter(name)
         assert abs(row.value - value) < 4 * row.standard_error
+
+
+def test_a_hand_before_the_camera_is_found_and_shaded(start: Twin):
+    # Ten seconds in which all channels read a hand, each another part of it.
+    clean = recording(2, True, "day 1")
+    assert clean.temperatures is not None
+    spoiled = clean.temperatures.copy()
+    spoiled[120:130] += [8.0, 12.0, 4.0]
+    hand = Experiment(clean.time, clean.duty, channels=CHANNELS, temperatures=spoiled, name="day 1")
+    fit = match(start, [hand, recording(3, False, "day 2")], free=FREE, robust=3.0)
+    weights = fit.weights["day 1"]
+    assert weights[120:130].max() < 0.5
+    assert np.mean(np.delete(weights, np.arange(120, 130), axis=0) == 1.0) > 0.98
+    for name, value in TRUTH.items():
+        row = fit.parameter(name)
+        assert abs(row.value - value) < row.standard_error
+    axes = plots.plot_camera_error(fit).axes[0]
+    shades = [part for part in axes.patches if part.get_gid() == "masked"]
+    pyplot.close("all")
+    spans = [part.get_extents().transformed(axes.transData.inverted()) for part in shades]
+    middle = [box for box in spans if box.x0 <= 125 < box.x1]
+    assert len(middle) == 1
 
 
 def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_linear(calm: Fit):

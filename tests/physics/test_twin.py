@@ -24,7 +24,10 @@ def everything(twin: Twin) -> jax.Array:
     deviation = system.initial_temperature - ambient + 10 * jnp.cos(nodes)
     rate = system.heat_into_nodes(deviation, jnp.array([0.5, -0.3]), ambient) / system.capacitance
     late = sum(time for time in (system.lag, system.delay) if time is not None)
-    return jnp.sin(nodes) @ rate + 0.01 * system.channel_temperatures(deviation).sum() + late
+    drift = 0.0 if system.ambient_drift is None else 1e3 * system.ambient_drift
+    return (
+        jnp.sin(nodes) @ rate + 0.01 * system.channel_temperatures(deviation).sum() + late + drift
+    )
 
 
 @eqx.filter_jit
@@ -127,7 +130,7 @@ def slopes(function: Callable[[Twin], jax.Array], twin: Twin, names: Iterable[st
     found = []
     for name in names:
         at = float(twin.parameters[name])
-        step = 1e-4 * abs(at)
+        step = 1e-4 * abs(at) or 0.1
         above, below = (twin.with_parameters({name: at + way * step}) for way in (1, -1))
         found.append(float(function(above) - function(below)) / (2 * step))
     return found
@@ -174,7 +177,7 @@ def test_precision_is_the_caller_s_and_values_keep_theirs(twin):
 
 
 def test_twin_prints_what_it_is(twin):
-    assert repr(twin) == "<Twin of dual-cell: 44 parameters>"
+    assert repr(twin) == "<Twin of dual-cell: 45 parameters>"
 
 
 def test_wiring_is_equal_for_rigs_of_equal_content_only():

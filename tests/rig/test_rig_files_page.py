@@ -26,7 +26,8 @@ TABLES = {
     "`[camera.common_error]`": schema.CommonErrorTable,
     "`[[channels]]`": schema.ChannelTable,
     "`[limits]`": schema.LimitsTable,
-    "`[initial]`": schema.TemperatureTable,
+    "`[ambient]`": schema.AmbientTable,
+    "`[initial]`": schema.InitialTable,
     "`[parameters]`": schema.ParameterTable,
     "`prior` of a parameter": schema.PriorTable,
 }

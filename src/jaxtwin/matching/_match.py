@@ -14,20 +14,19 @@ from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
 from ..simulation import Run, checked_channels, simulate
+from ._confidence import confidence
 from ._descend import Attempt, Step, descend
 from ._estimate import (
     Knowledge,
     Setting,
     estimate,
     make_problem,
-    residual_noise,
     split_residuals,
 )
 from ._events import Span, given_events, span_weights
 from ._fit import CameraError, Fit, FittedParameter, Iteration, Optimum
 from ._levenberg_marquardt import RUNNING, STATUS, BoundedLevenbergMarquardt
-from ._noise import Noise
-from ._uncertainty import Uncertainty, uncertainty
+from ._uncertainty import Uncertainty
 from ._unknowns import Unknowns, choose_unknowns
 from ._warnings import parameter_warnings
 
@@ -206,7 +205,7 @@ def make_fit(
         name: simulate(twin.with_parameters(value), experiment)
         for name, value, experiment in zip(names, values, setting.experiments, strict=True)
     }
-    alone, common, errors = split_residuals(attempt)
+    _, _, errors = split_residuals(attempt)
     camera = {
         name: CameraError(events, error)
         for name, events, error in zip(names, knowledge.events, errors, strict=True)
@@ -216,8 +215,7 @@ def make_fit(
         for name, run in runs.items()
         for channel, value in _seen(run, camera[name].offset).fit_percent.items()
     }
-    noise = residual_noise(alone, common, knowledge.alone_weights, knowledge.common_weights)
-    told = _uncertainty(attempt, unknowns, knowledge, noise, names)
+    told, noise = confidence(attempt, unknowns, knowledge, names)
     state = attempt.state
     return Fit(
         twin=twin.with_parameters(values[0]),
@@ -252,46 +250,6 @@ def make_fit(
 def _seen(run: Run, offset: Float[np.ndarray, " times"]) -> Run:
     """A run with the camera's common error in its readings."""
     return replace(run, temperatures=run.temperatures + offset[:, None])
-
-
-def _uncertainty(
-    attempt: Attempt,
-    unknowns: Unknowns,
-    knowledge: Knowledge,
-    noise: tuple[Noise, Noise],
-    names: tuple[str, ...],
-) -> Uncertainty:
-    problem = attempt.problem
-    jacobian = attempt.jacobian()
-    alone, common, sizes, row = [], [], [], 0
-    for group in problem.groups:
-        for part, kind in zip(
-            (group.weights.alone, group.weights.common, group.weights.size_weight),
-            (alone, common, sizes),
-            strict=True,
-        ):
-            kind.append(jacobian[row : row + np.size(part)])
-            row += np.size(part)
-    factors = [
-        (now.effective / then.effective) ** 2
-        for now, then in zip(noise, (knowledge.alone, knowledge.common), strict=True)
-    ]
-    lower, upper = unknowns.lower(), unknowns.upper()
-    vector = attempt.vector
-    precision = unknowns.prior_precision()
-    return uncertainty(
-        unknowns.labels(names),
-        [
-            (np.concatenate(alone), factors[0]),
-            (np.concatenate(common), factors[1]),
-            (np.concatenate(sizes), 1.0),
-        ],
-        precision,
-        np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), unknowns.widths()),
-        unknowns.slopes(vector),
-        (vector > lower + 1e-9) & (vector < upper - 1e-9),
-        sum(len(j) for j in alone) / noise[0].correlated,
-    )
 
 
 def _iteration(step: Step, start: int, unknowns: Unknowns, names: tuple[str, ...]) -> Iteration:

@@ -24,7 +24,13 @@ from jaxtyping import Array, Float, Int
 
 from ..io import Experiment
 from ..physics import System, Twin
-from ..simulation import Schedule, build_schedule, reference_temperature, solve_schedule
+from ..simulation import (
+    Schedule,
+    ambient_of_samples,
+    build_schedule,
+    reference_temperature,
+    solve_schedule,
+)
 from ._unknowns import Layout, Unknowns
 from ._weights import Weights, stacked
 
@@ -257,7 +263,6 @@ def channel_rises(
     weights = jnp.asarray(system.wiring.channel_weights)[columns]
     reference = reference_temperature(system, schedule)
     deviation = solve_schedule(system, schedule, system.initial_temperature, weights)
-    ambient = jnp.zeros((deviation.shape[0], 1), deviation.dtype)
-    if schedule.ambient_at is not None:
-        ambient = (jnp.asarray(schedule.ambient_at) - reference)[:, None]
+    ambient = jnp.asarray(ambient_of_samples(system, schedule), deviation.dtype)
+    ambient = jnp.broadcast_to(ambient, (deviation.shape[0], 1))
     return reference + ambient, deviation - ambient

@@ -7,7 +7,8 @@ of a recording with everything else held, and no later sample is looked at.
 Where the drive is off until then, the readings show the start temperature, and the room's by the
 way they drift. Where it is on from the start, the match knows the drive and the rig, and does the
 same. In both cases a rig that is switched on is expected to have stood in its room: beforehand both
-temperatures are what the camera reads first, give or take `AT_REST`.
+temperatures are what the camera reads first, give or take `AT_REST`. A drift of the room does not
+show in a minute: it stays what the rig file says.
 """
 
 from collections.abc import Iterable
@@ -57,6 +58,10 @@ def settle(
     """
     table = twin.rig.parameters
     names = [n for n, row in table.items() if row.scope == "recording"] if own is None else [*own]
+    if twin.rig.ambient_drift is not None:
+        drifts = [name for name, _ in twin.rig.ambient_drift.powers]
+        twin = twin.with_parameters({name: table[name].value for name in drifts})
+        names = [name for name in names if name not in drifts]
     if not names:
         return twin
     label = recording.name or "recording"

@@ -1,13 +1,14 @@
 r"""How sure a match is: covariance, correlations, and what the recordings cannot tell.
 
-With the weighted residuals' Jacobian $J$ split into what channels have alone, what they share, and
-what is known beforehand ($P$), and $A = J^T J$,
+With the Jacobian $J$ of the weighted residuals, whose noise has the covariance $\Gamma$, and with
+what is known beforehand, $P$,
 
-$$\operatorname{cov} = A^{-1} \Big(\sum_g f_g J_g^T J_g + P\Big) A^{-1}$$
+$$A = J^T J + P, \qquad \operatorname{cov} = A^{-1} (J^T \Gamma J + P) A^{-1}$$
 
-where $f_g$ is the variance that the weighted residuals of a part have when their autocorrelation is
-counted (their spectral density at frequency zero): residuals that keep their sign for a minute tell
-as much as one sample a minute.
+(Huber 1967, White 1982): the match weighs its residuals as if they did not depend on each other,
+which costs some sharpness and no honesty as long as $\Gamma$ is in the middle. `_autocovariance`
+says where it comes from. What the recordings alone tell is $J^T J (J^T \Gamma J)^{-1} J^T J$
+(Godambe 1960), the inverse of that covariance without $P$.
 """
 
 from collections.abc import Sequence
@@ -88,36 +89,30 @@ class Uncertainty:
 
 def uncertainty(
     labels: Sequence[str],
-    parts: Sequence[tuple[Float[np.ndarray, "_ values"], float]],
+    told: Float[np.ndarray, "free free"],
+    middle: Float[np.ndarray, "free free"],
     precision: Float[np.ndarray, " values"],
     scale: Float[np.ndarray, " values"],
     slopes: Float[np.ndarray, " values"],
-    inside: Sequence[bool] | np.ndarray,
-    samples: float,
+    inside: Bool[np.ndarray, " values"],
 ) -> Uncertainty:
     """The uncertainty of a match.
 
     **Arguments:**
 
     - `labels`: of the entries of the optimiser's vector.
-    - `parts`: the Jacobian's rows, part by part, each with its $f_g$.
+    - `told`, `middle`: $J^T J$ and $J^T \\Gamma J$ for the entries inside their bounds.
     - `precision`: one over the prior's standard deviation of each entry, 0 where there is none.
     - `scale`: by which entries are measured: the prior's standard deviation, or what stands for
       it.
     - `slopes`: of the physical values in the entries.
     - `inside`: which entries are inside their bounds.
-    - `samples`: how many independent ones the residuals amount to: what is matched to them makes
-      them smaller than the noise is, by the part of them that the directions told by them are.
     """
     free: Int[np.ndarray, " free"] = np.flatnonzero(inside)
     n = len(labels)
     prior = np.diag(precision[free] ** 2)
-    told_directions = int(np.sum(_singular(parts, free, scale)[0] > 1))
-    shrunk = max(1 - told_directions / samples, 0.1)
-    parts = [(j, f if f == 1 else f / shrunk) for j, f in parts]
-    normal = sum(j[:, free].T @ j[:, free] for j, _ in parts) + prior
-    middle = sum(f * (j[:, free].T @ j[:, free]) for j, f in parts) + prior
-    spread, lost = _sandwich(normal, middle)
+    inverse, lost = inverse_told(told + prior)
+    spread = inverse @ (middle + prior) @ inverse
     entries = np.full((n, n), np.nan)
     entries[np.ix_(free, free)] = spread
     covariance = entries * np.outer(slopes, slopes)
@@ -127,9 +122,9 @@ def uncertainty(
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(errors, errors)
     # What the recordings alone tell, per unit of what is known beforehand.
-    singular, directions, lengths = _singular(parts, free, scale)
-    told = np.full(n, np.nan)
-    told[free] = lengths
+    singular, directions, lengths = _singular(told, middle, scale[free])
+    narrower = np.full(n, np.nan)
+    narrower[free] = lengths
     names = [labels[int(number)] for number in free]
     flat = [
         FlatDirection(_largest(names, direction), float(value))
@@ -146,7 +141,7 @@ def uncertainty(
         labels=tuple(labels),
         covariance=covariance,
         correlation=correlation,
-        told=told,
+        told=narrower,
         singular_values=singular[::-1],
         flat=tuple(flat),
         dead=tuple(name for name, length in zip(names, lengths, strict=True) if length < 1e-9),
@@ -155,21 +150,11 @@ def uncertainty(
     )
 
 
-def _singular(
-    parts: Sequence[tuple[Float[np.ndarray, "_ values"], float]],
-    free: Int[np.ndarray, " free"],
-    scale: Float[np.ndarray, " values"],
-) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, "free free"], Float[np.ndarray, " free"]]:
-    """Singular values of the scaled sensitivities, their directions, and lengths of the columns."""
-    rows = np.concatenate([j[:, free] * scale[free] / np.sqrt(max(f, 1e-300)) for j, f in parts])
-    values, directions = np.linalg.eigh(rows.T @ rows)
-    return np.sqrt(np.maximum(values, 0.0)), directions, np.linalg.norm(rows, axis=0)
-
-
-def _sandwich(
-    normal: Float[np.ndarray, "n n"], middle: Float[np.ndarray, "n n"]
+def inverse_told(
+    normal: Float[np.ndarray, "n n"],
 ) -> tuple[Float[np.ndarray, "n n"], Bool[np.ndarray, " n"]]:
-    """$A^{-1} B A^{-1}$, and which entries lie along directions in which A is rounding alone."""
+    """$A^{-1}$ along the directions in which A is more than rounding, and which entries lie along
+    the others."""
     lengths = np.sqrt(np.diag(normal))
     told = lengths > 0
     unit = np.where(told, lengths, 1.0)
@@ -177,8 +162,31 @@ def _sandwich(
     open_ = values <= 1e-13 * values.max(initial=0.0)
     inverse = (vectors * np.where(open_, 0.0, 1 / np.where(open_, 1.0, values))) @ vectors.T
     inverse /= np.outer(unit, unit)
-    lost = np.any(np.abs(vectors[:, open_]) > 1e-3, axis=1) | ~told
-    return inverse @ middle @ inverse, lost
+    return inverse, np.any(np.abs(vectors[:, open_]) > 1e-3, axis=1) | ~told
+
+
+def _singular(
+    told: Float[np.ndarray, "free free"],
+    middle: Float[np.ndarray, "free free"],
+    scale: Float[np.ndarray, " free"],
+) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, "free free"], Float[np.ndarray, " free"]]:
+    r"""Singular values of the scaled sensitivities, their directions, and lengths of the columns.
+
+    Sensitivities are rows whose products are $J^T J (J^T \Gamma J)^{-1} J^T J$.
+    """
+    size = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(told * size)
+    root = np.sqrt(np.maximum(values, 0.0))
+    shown = root > 1e-7 * root.max(initial=0.0)
+    back = np.where(shown, 1 / np.where(shown, root, 1.0), 0.0)
+    # How much stronger the noise is along each direction than the match's weights say.
+    stronger = (vectors * back).T @ (middle * size) @ (vectors * back)
+    stronger += np.diag(~shown).astype(float)
+    information = (vectors * root) @ np.linalg.pinv(stronger, hermitian=True) @ (vectors * root).T
+    values, directions = np.linalg.eigh(information)
+    # Rounding must not make a dead parameter look alive.
+    lengths = np.sqrt(np.where(np.diag(told * size) > 1e-18, np.abs(np.diag(information)), 0.0))
+    return np.sqrt(np.maximum(values, 0.0)), directions, lengths
 
 
 def _largest(names: Sequence[str], direction: Float[np.ndarray, " values"]) -> dict[str, float]:

@@ -58,12 +58,13 @@ def to_spice(twin: Twin, experiment: Experiment, *, output: str = "temperatures.
             f"allowed are the {cells} of {twin.rig.name}"
         )
     values = twin.numbers_si
+    time = experiment.time - experiment.time[0]
     ambient = experiment.ambient
     if ambient is None:
-        ambient = twin.rig.ambient_temperature.evaluate(values) - 273.15
+        drift = 0.0 if twin.rig.ambient_drift is None else twin.rig.ambient_drift.evaluate(values)
+        ambient = twin.rig.ambient_temperature.evaluate(values) - 273.15 + drift * time
     ambient = np.broadcast_to(np.asarray(ambient, float) + 273.15, experiment.time.shape)
     names = _node_names(twin.netlist)
-    time = experiment.time - experiment.time[0]
     return "\n".join(
         [
             *_head(twin, experiment, values),

@@ -37,7 +37,8 @@ class System(eqx.Module):
     - `ambient_conductance`: of each node to the surroundings, W/K.
     - `module`: constants of the cells.
     - `bridge`: supply and switches.
-    - `ambient_temperature`, `initial_temperature` of the nodes: absolute, K.
+    - `ambient_temperature` (at the start), `initial_temperature` of the nodes: absolute, K.
+    - `ambient_drift`: how fast the ambient changes from there, K/s, or None.
     - `gain`: of the channels.
     - `loss`: what the plate loses beyond the network's links, None for nothing.
     - `lag`, `delay`: of the duty cycle that reaches the cells behind the command, s, or None.
@@ -50,6 +51,7 @@ class System(eqx.Module):
     module: ThermoelectricModule
     bridge: Bridge
     ambient_temperature: Float[Array, ""]
+    ambient_drift: Float[Array, ""] | None
     initial_temperature: Float[Array, " nodes"]
     gain: Float[Array, " channels"]
     loss: NonlinearLoss | None
@@ -69,7 +71,10 @@ class System(eqx.Module):
         ambient = jnp.asarray(wiring.ambient_links, dtype) @ conductances
         seebeck, electrical, thermal = wiring.module_constants(parameters_si).reshape(3, -1)
         voltage, supply, on = wiring.bridge_constants(parameters_si)
-        lag, delay = (part and part(parameters_si)[0] for part in (wiring.lag, wiring.delay))
+        lag, delay, drift = (
+            part and part(parameters_si)[0]
+            for part in (wiring.lag, wiring.delay, wiring.ambient_drift)
+        )
         capacitance = wiring.capacitances(parameters_si)
         positive = (resistances, capacitance, electrical, thermal, supply + on + electrical)
         return cls(
@@ -79,6 +84,7 @@ class System(eqx.Module):
             module=ThermoelectricModule(seebeck, electrical, thermal),
             bridge=Bridge(voltage, supply, on, wiring.averaging, wiring.off_phase),
             ambient_temperature=wiring.ambient(parameters_si)[0],
+            ambient_drift=drift,
             initial_temperature=wiring.initial(parameters_si),
             gain=wiring.gains(parameters_si),
             loss=_loss(wiring, parameters_si, conductances),

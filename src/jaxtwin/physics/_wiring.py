@@ -34,7 +34,7 @@ class Wiring:
     - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_links`
       (elements, links): which links are an element's film; all None where losses are linear.
     - `gain_parameters`: names of parameters that act on gains of channels alone.
-    - `lag`, `delay` of the command as `Expressions`, or None.
+    - `lag`, `delay` of the command and `ambient_drift` as `Expressions`, or None.
     - `position` (nodes of the rig,): which node here stands for each node of the rig, and
       `rig_elements`, the same for the plate's elements, which come first.
     """
@@ -51,6 +51,8 @@ class Wiring:
         self.resistances = Expressions([link.resistances for link in links])
         self.initial = Expressions([[node.initial_temperature] for node in nodes])
         self.ambient = Expressions([[rig.ambient_temperature]])
+        drift = rig.ambient_drift
+        self.ambient_drift = None if drift is None else Expressions([[drift]])
         self.gains = Expressions([[channel.gain] for channel in rig.channels])
         self.module_constants = Expressions(
             [[cell.seebeck_coefficient] for cell in cells]
@@ -109,7 +111,8 @@ class Wiring:
 
         # Sizes too: a circuit given link by link does not show them, the channels' weights do.
         sizes = (rig.plate.columns, rig.plate.rows)
-        parts = (rig.driver, rig.channels, rig.ambient_temperature, sizes, position.tolist())
+        ambient = (rig.ambient_temperature, rig.ambient_drift)
+        parts = (rig.driver, rig.channels, ambient, sizes, position.tolist())
         self._key = netlist.fingerprint + repr(parts)
 
     def __eq__(self, other: object) -> bool:

@@ -10,7 +10,7 @@ from ._parameter_table import build_parameter_sets, build_parameters
 from ._plate_table import build_plate
 from ._rig import Rig
 from ._schema import RigTable
-from ._units import TEMPERATURE
+from ._units import TEMPERATURE, TEMPERATURE_RATE
 from ._validate import validate
 
 
@@ -56,6 +56,9 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         source=source,
         maximum_temperature=table.limits
         and fields.constant("limits.temperature", table.limits.temperature, TEMPERATURE),
+        ambient_drift=None
+        if table.ambient.drift is None
+        else fields.value("ambient.drift", table.ambient.drift, TEMPERATURE_RATE),
     )
     fields.check_all_used()
     return rig

@@ -29,6 +29,7 @@ class Rig:
     - `parameters`: the parameter table, name -> `Parameter`, in the order of the file.
     - `parameter_sets`: named sets of values, set -> name -> value in the parameter's unit.
     - `source`: the file that it was read from.
+    - `ambient_drift`: how fast the surroundings change from there, K/s. `None`: they do not.
     - `maximum_temperature`: of any channel, K: driving stops there. `None`: never to be driven.
     """
 
@@ -48,6 +49,7 @@ class Rig:
     parameter_sets: Mapping[str, Mapping[str, float]]
     source: str
     maximum_temperature: float | None = None
+    ambient_drift: Value | None = None
 
     def __hash__(self) -> int:
         # Dictionaries have no hash; the parts that can differ between rigs of one name have.

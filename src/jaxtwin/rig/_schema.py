@@ -138,7 +138,12 @@ class ChannelTable(Table):
     gain: Quantity = "1"
 
 
-class TemperatureTable(Table):
+class AmbientTable(Table):
+    temperature: Quantity
+    drift: Quantity | None = None
+
+
+class InitialTable(Table):
     temperature: Quantity
 
 
@@ -173,8 +178,8 @@ class RigTable(Table):
     driver: DriverTable
     camera: CameraTable
     channels: Annotated[list[ChannelTable], Field(min_length=1)]
-    ambient: TemperatureTable
-    initial: TemperatureTable
+    ambient: AmbientTable
+    initial: InitialTable
     limits: LimitsTable | None = None
     parameters: dict[str, ParameterTable] = {}
     parameter_sets: dict[str, dict[str, float]] = {}

@@ -22,19 +22,19 @@ class Kind:
     - `name`: with its article, for messages.
     - `unit`: the SI unit.
     - `example`: how a value may be written.
-    - `least`: `"positive"`, or `"zero"` where 0 is allowed too.
+    - `least`: `"positive"`, `"zero"` where 0 is allowed too, or `"any"` number.
     - `absolute`: whether it is a point on the temperature scale, which alone may be in degC.
     """
 
     name: str
     unit: str
     example: str
-    least: Literal["positive", "zero"] = "positive"
+    least: Literal["positive", "zero", "any"] = "positive"
     absolute: bool = False
 
     def __str__(self) -> str:
-        above = {"positive": "above 0", "zero": "of at least 0"}[self.least]
-        return f'{self.name} {above}{" K" if self.absolute else ""} such as "{self.example}"'
+        above = {"positive": " above 0", "zero": " of at least 0", "any": ""}[self.least]
+        return f'{self.name}{above}{" K" if self.absolute else ""} such as "{self.example}"'
 
 
 LENGTH = Kind("a length", "m", "4 cm")
@@ -58,6 +58,7 @@ CURRENT = Kind("a current", "A", "6.4 A")
 POWER = Kind("a heat flow", "W", "33 W")
 TEMPERATURE = Kind("a temperature", "K", "15 degC", absolute=True)
 TEMPERATURE_DIFFERENCE = Kind("a temperature difference", "K", "75 K")
+TEMPERATURE_RATE = Kind("a rate of temperature", "K/s", "0.5 K/hour", least="any")
 SPREAD = Kind("a temperature difference", "K", "0.1 K")
 NOISE = Kind("a temperature difference", "K", "0.1 K", least="zero")
 
@@ -85,8 +86,10 @@ def parse_quantity(text: str, kind: Kind) -> float:
 
 def range_problem(number: float, kind: Kind) -> str | None:
     """What is allowed instead, where a number in SI units is out of the range of its kind."""
-    if kind.least == "zero" and number == 0:
+    if kind.least != "positive" and number == 0:
         return None
+    if kind.least == "any":
+        number = abs(number)
     if number <= 0:
         return str(kind)
     # Beyond these, products of two values leave the range of floating point.

@@ -4,12 +4,13 @@ The default solver is exponential time differencing in the modes of the thermal 
 grid that is fine after each input change; any diffrax solver can take its place.
 """
 
+from ._ambient import ambient_of_samples, reference_temperature
 from ._batch import Reductions, simulate_batch
 from ._measures import fit_percent, rmse
 from ._run import Run
 from ._schedule import Schedule, build_schedule
 from ._simulate import checked_channels, response, simulate
-from ._solve import reference_temperature, solve_schedule
+from ._solve import solve_schedule
 from ._solver import HeldInputs, NetworkExponential, NetworkProblem, network_field
 from ._uniformity import Uniformity, uniformity
 
@@ -21,6 +22,7 @@ __all__ = [
     "Run",
     "Schedule",
     "Uniformity",
+    "ambient_of_samples",
     "build_schedule",
     "checked_channels",
     "fit_percent",

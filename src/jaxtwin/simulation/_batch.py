@@ -196,7 +196,8 @@ def _reducer(
     compressed = None
     if with_cost and recorded is not None:
         # Only where the same weights serve all draws, and nothing but the steps moves the readings.
-        if schedule.ambient_at is None and twin.wiring.delay is None:
+        wiring = twin.wiring
+        if schedule.ambient_at is None and wiring.delay is None and wiring.ambient_drift is None:
             compressed = compress(schedule, recorded)
         else:
             of_samples.append("cost")

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..physics import System, Twin
+from ._ambient import ambient_of_samples, reference_temperature
 from ._compressed import CompressedRecording
 from ._initial import initial_temperatures, keeps_symmetry
 from ._modes import Modes
@@ -22,7 +23,6 @@ from ._solve import (
     StepReadings,
     arriving,
     coupling_left,
-    reference_temperature,
     schedule_modes,
     solve_steps,
 )
@@ -117,10 +117,7 @@ def sample_chunk(
         seen = arriving(schedule, system, at_rest)
         deviation = stepped.channels.at_samples(seen, which)
         reference = reference_temperature(system, schedule)
-        ambient = 0.0
-        if schedule.ambient_at is not None:
-            at = jnp.asarray(schedule.ambient_at, deviation.dtype)[which]
-            ambient = (at - reference)[:, None]
+        ambient = ambient_of_samples(system, schedule, which)
         gain = system.gain[columns]
         reading = ambient + gain * (deviation - ambient) + (reference - 273.15)
         return jnp.where(stepped.failed, jnp.nan, reading)

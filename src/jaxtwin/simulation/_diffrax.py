@@ -41,7 +41,8 @@ def solve_with_diffrax(
     else:
         ambient = jnp.asarray(schedule.ambient_at[held]) - reference
 
-    inputs = HeldInputs(starts, duty, ambient, system.lag, system.delay, at_rest)
+    drift = system.ambient_drift if schedule.ambient_at is None else None
+    inputs = HeldInputs(starts, duty, ambient, system.lag, system.delay, at_rest, drift)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(network_field),
         solver,

@@ -33,16 +33,17 @@ class Inputs(eqx.Module):
     """What drives the rig during a step: duty cycles and the ambient's deviation, K.
 
     Where the driver lags behind its command the duty cycles change within the step, and there is
-    one row each for its start, its middle and its end. In a table of many steps both have a leading
-    axis for the steps.
+    one row each for its start, its middle and its end; likewise where the ambient drifts. In a
+    table of many steps both have a leading axis for the steps.
     """
 
-    duty: Float[Array, "*steps_stages cells"]
-    ambient: Float[Array, "*steps"]
+    duty: Float[Array, "*steps_and_stages cells"]
+    ambient: Float[Array, "*steps_stages"]
 
     def at(self, stage: int) -> "Inputs":
         """At the start (0), in the middle (1) or at the end (2) of the step."""
-        return self if self.duty.ndim == 1 else Inputs(self.duty[stage], self.ambient)
+        duty = self.duty if self.duty.ndim == 1 else self.duty[stage]
+        return Inputs(duty, self.ambient if self.ambient.ndim == 0 else self.ambient[stage])
 
 
 @final

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -13,13 +12,13 @@ from .._errors import ParameterError, SimulationError
 from ..io import Experiment
 from ..physics import System, Twin, build_netlist
 from ..rig import Rig, Value
+from ._ambient import ambient_of_samples, reference_temperature
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
 from ._run import Run
 from ._schedule import REFINEMENTS, Schedule, build_schedule, refined_schedule
 from ._solve import (
     arriving,
     coupling_left,
-    reference_temperature,
     schedule_modes,
     solve_steps,
     too_coarse,
@@ -192,10 +191,7 @@ def _absolute(
     deviation: Float[Array, "times nodes"],
     reference: Float[Array, ""],
 ) -> tuple[Float[Array, "times rig_nodes"], Float[Array, "times channels"]]:
-    ambient = 0.0
-    if schedule.ambient_at is not None:
-        ambient = (jnp.asarray(schedule.ambient_at, deviation.dtype) - reference)[:, None]
-    readings = system.channel_temperatures(deviation, ambient)
+    readings = system.channel_temperatures(deviation, ambient_of_samples(system, schedule))
     return deviation[:, system.wiring.position] + reference, readings + reference
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..physics import System
 from ._actuator import lagged_duty
+from ._ambient import ambient_of_steps, reference_temperature
 from ._delay import delayed_schedule
 from ._exponential import Inputs, ModalField, exponential_step, step_factors
 from ._modes import Modes, left_coupling, network_modes
@@ -111,10 +112,7 @@ def solve_steps(
         starts = jnp.cumsum(steps) - steps
         stages = starts[:, None] + steps[:, None] * jnp.array([0.0, 0.5, 1.0], dtype)
         duty = lagged_duty(system.lag, None, starts, duty, stages, at_rest)
-    if schedule.ambient is None:
-        ambient = jnp.zeros(duty.shape[0], dtype)
-    else:
-        ambient = jnp.asarray(schedule.ambient, dtype) - reference
+    ambient = ambient_of_steps(system, schedule)
 
     def advance(state: tuple[Array, Array, Array], step: Any) -> tuple[Any, Any]:
         amplitudes, force, doubt = state
@@ -127,8 +125,7 @@ def solve_steps(
         return after, after
 
     inputs = Inputs(duty, ambient)
-    at_starts = inputs if duty.ndim == 2 else Inputs(duty[:, 0], ambient)
-    at_ends = inputs if duty.ndim == 2 else Inputs(duty[:, 2], ambient)
+    at_starts, at_ends = (jax.vmap(lambda row, s=s: row.at(s))(inputs) for s in (0, 2))
     following = jax.tree.map(lambda a, b: jnp.append(a[1:], b[-1:], axis=0), at_starts, at_ends)
     start = modes.amplitudes(initial - reference)
     first_force = field.force(start, jax.tree.map(lambda rows: rows[0], at_starts))
@@ -170,10 +167,3 @@ def too_coarse(
     Not where a solution did not stay finite: shorter steps do not help it.
     """
     return np.asarray((np.asarray(coupling) > STIFF) | (np.asarray(doubt) > DOUBTFUL))
-
-
-def reference_temperature(system: System, schedule: Schedule) -> Float[Array, ""]:
-    """What deviations are counted from: the ambient at the start, recorded or the rig's, K."""
-    if schedule.ambient is None:
-        return system.ambient_temperature
-    return jnp.asarray(schedule.ambient[0], system.capacitance.dtype)

@@ -24,6 +24,7 @@ class HeldInputs(eqx.Module):
     """Inputs that are held from each of some times to the next: time -> `Inputs`.
 
     - `starts`: `(spans,)`, s. `duty`: `(spans, cells)`. `ambient`: deviation, `(spans,)`, K.
+    - `drift`: of the ambient beside that, K/s, or None.
     - `lag`, `delay`, `at_rest`: of what reaches the cells behind the duty, see `lagged_duty`.
     """
 
@@ -33,19 +34,25 @@ class HeldInputs(eqx.Module):
     lag: Float[Array, ""] | None = None
     delay: Float[Array, ""] | None = None
     at_rest: bool = eqx.field(static=True, default=False)
+    drift: Float[Array, ""] | None = None
 
     def __call__(self, t: RealScalarLike) -> Inputs:
         """What is held at a time."""
         now = jnp.searchsorted(self.starts, t, side="right") - 1
-        return Inputs(self._duty(jnp.asarray(t), now), self.ambient[now])
+        return Inputs(self._duty(jnp.asarray(t), now), self._ambient(t, now))
 
     def over(self, t: RealScalarLike, size: RealScalarLike) -> Inputs:
         """What acts during a step."""
         now = jnp.searchsorted(self.starts, t, side="right") - 1
-        if self.lag is None:
-            return Inputs(self.duty[now], self.ambient[now])
-        stages = t + size * jnp.array([0.0, 0.5, 1.0])
-        return Inputs(self._duty(jnp.asarray(stages), now), self.ambient[now])
+        stages = jnp.asarray(t + size * jnp.array([0.0, 0.5, 1.0]))
+        duty = self.duty[now] if self.lag is None else self._duty(stages, now)
+        return Inputs(duty, self._ambient(stages, now))
+
+    def _ambient(
+        self, t: RealScalarLike | Float[Array, "*times"], now: Int[Array, ""]
+    ) -> Float[Array, "*times_or_none"]:
+        held = self.ambient[now]
+        return held if self.drift is None else held + self.drift * t
 
     def _duty(self, t: Float[Array, "*times"], now: Int[Array, ""]) -> Float[Array, "*times cells"]:
         if self.lag is None:

@@ -1,0 +1,204 @@
+r"""The autocovariance of the noise behind the residuals of a match, and what it does to the values.
+
+Noise of a kind is a sum of white noise and of noise that fades with memories of 1, 2, 4, ...
+samples, up to a tenth of a recording:
+
+$$\Gamma_{ts} = \sum_j \theta_j \rho_j^{|t - s|}, \qquad \theta_j \ge 0$$
+
+A sensitivity that is slow meets such noise where it is strong, one that is fast meets the rest of
+it: what the noise does to the matched values is $J^T \Gamma J$, not $J^T J$ times one number.
+
+The residuals are not that noise. A match takes away from them what its unknowns $u$, the sizes of
+the camera's shapes among them, can imitate: with $A = J^T J + P$
+
+$$r = (1 - J A^{-1} J^T) \varepsilon + \text{(the same for what is known beforehand)}$$
+
+and what is slow suffers most. The variances $\theta$ are therefore found by comparing the
+residuals' periodogram with the one that is expected of such residuals, which is linear in
+$\theta$ (debiased Whittle likelihood: Sykulski, Olhede, Guillaumin, Lilly and Early, Biometrika
+106 (2019) 251-266), by scoring: least squares whose weights follow from the last $\theta$.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import nnls
+from scipy.signal import lfilter
+
+from ._noise import Noise
+
+LONGEST = 0.1
+"""Of the longest recording: noise that stays for longer cannot be told from a parameter."""
+
+UPDATES = 50
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Weighted residuals of one recording whose noise is of one kind.
+
+    - `kind`: number of the kind.
+    - `residuals`: `(times, channels)`.
+    - `slopes`: their derivatives in some of the unknowns; `entries`: which those are.
+    - `roots`: of the weights of the samples, by which residuals and slopes are multiplied.
+    - `independent`: how many independent channels they amount to: one less where their mean was
+      taken away.
+    """
+
+    kind: int
+    residuals: Float[np.ndarray, "times channels"]
+    slopes: Float[np.ndarray, "times channels entries"]
+    entries: Int[np.ndarray, " entries"]
+    roots: Float[np.ndarray, "times channels"]
+    independent: int
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Noise of one kind: variances $\\theta$ and $\\rho$ of its parts, 0 for the white one."""
+
+    variances: Float[np.ndarray, " parts"]
+    rho: Float[np.ndarray, " parts"]
+
+    def noise(self, scale: float) -> Noise:
+        """Its standard deviation times `scale`, and how many samples count as one."""
+        variance = float(self.variances.sum())
+        density = float(self.variances @ ((1 + self.rho) / (1 - self.rho)))
+        return Noise(scale * variance**0.5, density / variance if variance > 0 else 1.0)
+
+
+def fit_noise(
+    series: Sequence[Series],
+    inverse: Float[np.ndarray, "unknowns unknowns"],
+    known: Float[np.ndarray, "unknowns unknowns"],
+) -> tuple[tuple[Mixture, ...], Float[np.ndarray, "unknowns unknowns"]]:
+    r"""The noise of each kind, and $\sum J^T \Gamma J$ over all residuals.
+
+    **Arguments:**
+
+    - `series`: the residuals, at least one.
+    - `inverse`: $A^{-1}$.
+    - `known`: $P$, one over the variances of what is known beforehand.
+    """
+    kinds = 1 + max(one.kind for one in series)
+    rho = _fading(max(len(one.residuals) for one in series))
+    # One part of the noise of one kind each: J^T Gamma J for a variance of 1, and the periodogram
+    # that is expected of all residuals.
+    middles = np.zeros((kinds, len(rho), *known.shape))
+    own = [np.zeros((len(rho), len(_bands(one)))) for one in series]
+    for one, expected in zip(series, own, strict=True):
+        _add_own(one, rho, inverse, middles[one.kind], expected)
+    passed = np.concatenate([middles.reshape(-1, *known.shape), known[None]])
+    passed = inverse @ passed @ inverse
+    expected, seen, counts = [], [], []
+    for one, direct in zip(series, own, strict=True):
+        table = _through_unknowns(one, passed)
+        table[one.kind * len(rho) : (one.kind + 1) * len(rho)] += direct
+        expected.append(table)
+        seen.append(_in_bands(_power(one.residuals), one))
+        counts.append(one.independent * np.diff(np.append(_bands(one), _count(one))))
+    theta = _variances(
+        np.concatenate(expected, axis=1),
+        np.concatenate(seen),
+        np.concatenate(counts),
+    )
+    middle = np.tensordot(theta, middles.reshape(-1, *known.shape), 1)
+    return tuple(Mixture(one, rho) for one in theta.reshape(kinds, -1)), middle
+
+
+def correlated(rho: float, table: Float[np.ndarray, "times ..."]) -> Float[np.ndarray, "times ..."]:
+    r"""$\sum_s \rho^{|t - s|} x_s$: a filter that runs forward and one that runs backward."""
+    if rho == 0:
+        return table
+    taps = [1.0, -rho]
+    back = lfilter([1.0], taps, table[::-1], axis=0)[::-1]
+    return lfilter([1.0], taps, table, axis=0) + back - table
+
+
+def _fading(times: int) -> Float[np.ndarray, " parts"]:
+    memories = 2.0 ** np.arange(max(0, np.floor(np.log2(max(1.0, LONGEST * times))) + 1))
+    return np.append(0.0, np.exp(-1 / memories))
+
+
+def _add_own(
+    one: Series,
+    rho: Float[np.ndarray, " parts"],
+    inverse: Float[np.ndarray, "unknowns unknowns"],
+    middles: Float[np.ndarray, "parts unknowns unknowns"],
+    expected: Float[np.ndarray, "parts bands"],
+) -> None:
+    """Adds one series' $J^T \\Gamma J$, and to its expected periodogram what its own noise does
+    there: once directly and twice crossed with what the unknowns take away."""
+    channels = one.roots.shape[1]
+    at = np.ix_(one.entries, one.entries)
+    moved = np.fft.rfft(one.slopes, axis=0) @ inverse[at]
+    times = len(one.roots)
+    overlap = np.fft.irfft(np.abs(np.fft.rfft(one.roots, 2 * times, axis=0)) ** 2, axis=0)
+    overlap = overlap[:times].sum(axis=1) * one.independent / channels
+    for number, part in enumerate(rho):
+        answer = correlated(part, one.roots[..., None] * one.slopes) * one.roots[..., None]
+        middles[number][at] += np.tensordot(one.slopes, answer, ([0, 1], [0, 1]))
+        lags = overlap * part ** np.arange(times)
+        # Folded: lag k and lag k - times meet at the frequencies of the recording.
+        power = 2 * np.fft.rfft(lags).real - lags[0]
+        crossed = np.sum(moved * np.fft.rfft(answer, axis=0).conj(), axis=(1, 2)).real
+        expected[number] = _in_bands(power - 2 * crossed, one)
+
+
+def _through_unknowns(
+    one: Series, covariances: Float[np.ndarray, "parts unknowns unknowns"]
+) -> Float[np.ndarray, "parts bands"]:
+    """The periodogram that a series gets from unknowns that are off."""
+    spectra = np.fft.rfft(one.slopes, axis=0)
+    split = np.split(spectra, _bands(one)[1:])
+    products = np.stack([np.tensordot(s.conj(), s, ([0, 1], [0, 1])).real for s in split])
+    some = covariances[:, one.entries[:, None], one.entries[None, :]]
+    return np.tensordot(some, products, ([1, 2], [1, 2]))
+
+
+def _variances(
+    expected: Float[np.ndarray, "rows bands"],
+    seen: Float[np.ndarray, " bands"],
+    counts: Int[np.ndarray, " bands"],
+) -> Float[np.ndarray, " parts"]:
+    """$\\theta$ with the largest likelihood, by least squares with weights that follow from it.
+
+    The last row of `expected` is what is known beforehand and has a factor of 1.
+    """
+    parts, known = np.maximum(expected[:-1], 0.0), np.maximum(expected[-1], 0.0)
+    theta, model = np.zeros(len(parts)), np.maximum(seen, 1e-3 * seen.max())
+    if not seen.any():
+        return theta
+    for _ in range(UPDATES):
+        weights = np.sqrt(counts) / model
+        before = theta
+        theta, _ = nnls((parts * weights).T, (seen - known) * weights)
+        if np.abs(theta - before).max() <= 1e-6 * theta.max():
+            break
+        model = np.maximum(theta @ parts + known, 1e-9 * seen.max())
+    return theta
+
+
+def _power(residuals: Float[np.ndarray, "times channels"]) -> Float[np.ndarray, " frequencies"]:
+    return np.sum(np.abs(np.fft.rfft(residuals, axis=0)) ** 2, axis=1)
+
+
+def _count(one: Series) -> int:
+    return len(one.residuals) // 2 + 1
+
+
+def _bands(one: Series) -> Int[np.ndarray, " bands"]:
+    """First frequency of each band: single ones where they are low, wider ones above."""
+    growing = np.floor(1.12 ** np.arange(np.log(_count(one)) / np.log(1.12)))
+    return np.unique(np.append(0, growing - 1)).astype(int)
+
+
+def _in_bands(
+    values: Float[np.ndarray, " frequencies"], one: Series
+) -> Float[np.ndarray, " bands"]:
+    return np.add.reduceat(values, _bands(one))

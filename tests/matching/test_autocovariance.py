@@ -1,0 +1,142 @@
+"""Noise behind residuals: against covariances written down and processes whose statistics are
+known."""
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+
+from jaxtwin.matching._autocovariance import Series, correlated, fit_noise
+from jaxtwin.matching._noise import noise_of
+from jaxtwin.matching._uncertainty import uncertainty
+
+TIMES, CHANNELS, RHO = 400, 4, float(np.exp(-1 / 8))
+NOTHING = np.zeros((3, 3))
+
+
+def slow_and_fast() -> np.ndarray:
+    """Slopes of a linear model `(times, channels, unknowns)`: a level, a rise, a fast transient."""
+    time = np.arange(TIMES) / TIMES
+    shapes = np.stack([np.ones(TIMES), time, np.exp(-40 * time)], axis=1)
+    return np.repeat(shapes[:, None], CHANNELS, axis=1)
+
+
+def first_order(rng: np.random.Generator, rho: float) -> np.ndarray:
+    """A stationary first-order process with a variance of 1."""
+    steps = rng.standard_normal((TIMES + 100, CHANNELS))
+    return np.asarray(lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], steps, axis=0))[100:]
+
+
+def residuals_of(
+    noise: np.ndarray, slopes: np.ndarray, roots: np.ndarray | None = None
+) -> tuple[Series, np.ndarray]:
+    """What least squares leave of the noise, and the inverse of their normal equations."""
+    roots = np.ones(noise.shape) if roots is None else roots
+    slopes = slopes * roots[..., None]
+    flat = slopes.reshape(-1, slopes.shape[-1])
+    inverse = np.linalg.inv(flat.T @ flat)
+    left = roots * noise
+    left = left - (flat @ inverse @ flat.T @ left.ravel()).reshape(noise.shape)
+    return Series(0, left, slopes, np.arange(slopes.shape[-1]), roots, CHANNELS), inverse
+
+
+def test_the_two_filters_are_the_matrix():
+    table = np.random.default_rng(0).standard_normal((50, 2, 3))
+    matrix = toeplitz(RHO ** np.arange(50))
+    expected = np.einsum("ts,sij->tij", matrix, table)
+    np.testing.assert_allclose(correlated(RHO, table), expected, atol=1e-12)
+
+
+def test_the_middle_is_that_of_the_noise_that_is_found():
+    # J^T Gamma J written out, samples that count half or not at all among them.
+    rng = np.random.default_rng(1)
+    roots = np.ones((TIMES, CHANNELS))
+    roots[50:80], roots[200:220, 1] = 0.0, 0.7
+    series, inverse = residuals_of(first_order(rng, RHO), slow_and_fast(), roots)
+    (mixture,), middle = fit_noise([series], inverse, NOTHING)
+    lags = np.arange(TIMES)
+    gamma = toeplitz(sum(v * r**lags for v, r in zip(mixture.variances, mixture.rho, strict=True)))
+    expected = np.zeros((3, 3))
+    for channel in range(CHANNELS):
+        weighted = series.roots[:, channel, None] * series.slopes[:, channel]
+        expected += weighted.T @ gamma @ weighted
+    np.testing.assert_allclose(middle, expected, rtol=1e-9)
+
+
+def test_a_linear_model_in_first_order_noise_has_the_covariance_of_the_theory():
+    # Least squares of y = X b + e: cov b = (X'X)^-1 X' Gamma X (X'X)^-1, Gamma_ts = rho^|t-s|.
+    slopes = slow_and_fast()
+    gamma = toeplitz(RHO ** np.arange(TIMES))
+    normal = np.einsum("tci,tcj->ij", slopes, slopes)
+    theory = np.einsum("tci,ts,scj->ij", slopes, gamma, slopes, optimize=True)
+    theory = np.linalg.inv(normal) @ theory @ np.linalg.inv(normal)
+    found = []
+    for seed in range(40):
+        noise = first_order(np.random.default_rng(seed), RHO)
+        series, inverse = residuals_of(noise, slopes)
+        _, middle = fit_noise([series], inverse, NOTHING)
+        result = uncertainty(
+            ["level", "rise", "transient"],
+            normal,
+            middle,
+            np.zeros(3),
+            np.ones(3),
+            np.ones(3),
+            np.ones(3, dtype=bool),
+        )
+        np.testing.assert_allclose(result.covariance, inverse @ middle @ inverse, rtol=1e-6)
+        found.append(np.diag(result.covariance))
+    # No part of the noise can be negative: on average a little too much is found.
+    ratio = np.mean(found, axis=0) / np.diag(theory)
+    assert np.all((ratio > 0.95) & (ratio < 1.25))
+
+
+def test_what_the_unknowns_take_from_the_residuals_is_given_back():
+    # Six polynomials a channel leave little of what is slow: the plain sum of autocorrelations is
+    # far too small, and so is the noise that would be read from it.
+    time = np.linspace(-1, 1, TIMES)
+    curves = np.polynomial.legendre.legvander(time, 5)
+    slopes = np.zeros((TIMES, CHANNELS, 6 * CHANNELS))
+    for channel in range(CHANNELS):
+        slopes[:, channel, 6 * channel : 6 * channel + 6] = curves
+    true = (1 + RHO) / (1 - RHO)
+    plain, ours = [], []
+    for seed in range(30):
+        noise = first_order(np.random.default_rng(seed), RHO)
+        series, inverse = residuals_of(noise, slopes)
+        (mixture,), _ = fit_noise([series], inverse, np.zeros(inverse.shape))
+        plain.append(noise_of([series.residuals]).effective ** 2)
+        ours.append(mixture.noise(1.0).effective ** 2)
+    assert np.mean(plain) < 0.7 * true
+    assert np.median(ours) == pytest.approx(true, rel=0.2)
+
+
+def test_white_noise_is_white_and_nothing_is_nothing():
+    slopes = slow_and_fast()
+    white = np.random.default_rng(5).standard_normal((TIMES, CHANNELS))
+    series, inverse = residuals_of(0.3 * white, slopes)
+    (mixture,), middle = fit_noise([series], inverse, NOTHING)
+    noise = mixture.noise(2.0)
+    assert noise.deviation == pytest.approx(0.6, rel=0.05)
+    assert noise.correlated == pytest.approx(1.0, abs=0.3)
+    series, inverse = residuals_of(0 * white, slopes)
+    (mixture,), middle = fit_noise([series], inverse, NOTHING)
+    assert mixture.noise(1.0).deviation == 0.0
+    assert not middle.any()
+
+
+def test_a_level_that_the_prior_holds_is_known_as_well_as_both_say():
+    # One unknown: n samples of white noise with a variance of 1, and a prior of precision p:
+    # the variance is 1 / (n + p^2), and the recordings alone narrow it by sqrt(n) / p.
+    normal, precision = np.array([[25.0]]), np.array([2.0])
+    result = uncertainty(
+        ["level"], normal, normal, precision, 1 / precision, np.ones(1), np.ones(1, dtype=bool)
+    )
+    assert result.covariance[0, 0] == pytest.approx(1 / 29)
+    assert result.told[0] == pytest.approx(2.5)
+    # Noise four times as strong where the unknown is told: half as far.
+    louder = uncertainty(
+        ["level"], normal, 4 * normal, precision, 1 / precision, np.ones(1), np.ones(1, dtype=bool)
+    )
+    assert louder.told[0] == pytest.approx(1.25)
+    assert louder.covariance[0, 0] == pytest.approx((100 + 4) / 29**2)
