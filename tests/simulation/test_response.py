@@ -88,7 +88,7 @@ def differences(twin: Twin, experiment: Experiment) -> dict[str, np.ndarray]:
     """Central differences by each parameter, in runs by `simulate`."""
     found = {}
     for name, value in twin.parameters.items():
-        step = 1e-4 * abs(float(value))
+        step = 1e-4 * (abs(float(value)) or 1.0)
         runs = [
             twin.with_parameters({name: float(value) + way * step}).simulate(experiment)
             for way in (1, -1)
@@ -130,7 +130,7 @@ def test_forward_slopes_equal_differences_in_every_parameter(twin, float64):
     of that, 1e-5 K for a doubling of the parameter, a tenth of the error itself.
     """
     found = jax.jit(jax.jacfwd(of_values(twin, EXPERIMENT)))(values_of(twin))
-    change = {name: 1e-5 / abs(float(value)) for name, value in twin.parameters.items()}
+    change = {name: 1e-5 / (abs(float(v)) or 1.0) for name, v in twin.parameters.items()}
     assert_equal_slopes(found, differences(twin, EXPERIMENT), 5e-4, change)
 
 

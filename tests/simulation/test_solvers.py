@@ -9,7 +9,7 @@ from scipy.interpolate import interp1d
 from jaxtwin import Experiment, SimulationError, Twin, simulate_batch
 from jaxtwin.simulation import NetworkExponential, Schedule, build_schedule, solve_schedule
 from jaxtwin.simulation._interpolation import step_polynomials
-from jaxtwin.simulation._schedule import refined_schedule
+from jaxtwin.simulation._schedule import twin_schedule
 from jaxtwin.simulation._simulate import _run_exponential
 from jaxtwin.simulation._solve import DOUBTFUL
 
@@ -149,7 +149,7 @@ def test_a_solution_in_doubt_is_solved_again_with_shorter_steps(float64):
     drive = Experiment(np.arange(201.0), np.full((201, 2), 0.6))
 
     def on_steps_halved(times: int) -> tuple[np.ndarray, float]:
-        _, readings, _, doubt = _run_exponential(twin, refined_schedule(drive, times), None)
+        _, readings, _, doubt = _run_exponential(twin, twin_schedule(twin, drive, times), None)
         return np.asarray(readings) - 273.15, float(doubt)
 
     (longest, doubt), (fine, _) = on_steps_halved(0), on_steps_halved(6)

@@ -27,9 +27,9 @@ from ..physics import System, Twin
 from ..simulation import (
     Schedule,
     ambient_of_samples,
-    build_schedule,
     reference_temperature,
     solve_schedule,
+    twin_schedule,
 )
 from ._unknowns import Layout, Unknowns
 from ._weights import Weights, stacked
@@ -76,7 +76,7 @@ def build_problem(
 ) -> Problem:
     """Groups recordings by the shape of their schedules, so that compiled code is shared."""
     groups: dict[tuple, list[int]] = {}
-    schedules = [build_schedule(experiment) for experiment in experiments]
+    schedules = [twin_schedule(twin, experiment) for experiment in experiments]
     for position, (schedule, experiment) in enumerate(zip(schedules, experiments, strict=True)):
         leaves = jax.tree.leaves((schedule, weights[position]))
         shapes = tuple(np.shape(leaf) for leaf in leaves)

@@ -8,7 +8,7 @@ from ._ambient import ambient_of_samples, reference_temperature
 from ._batch import Reductions, simulate_batch
 from ._measures import fit_percent, rmse
 from ._run import Run
-from ._schedule import Schedule, build_schedule
+from ._schedule import Schedule, build_schedule, twin_schedule
 from ._simulate import checked_channels, response, simulate
 from ._solve import solve_schedule
 from ._solver import HeldInputs, NetworkExponential, NetworkProblem, network_field
@@ -33,5 +33,6 @@ __all__ = [
     "simulate",
     "simulate_batch",
     "solve_schedule",
+    "twin_schedule",
     "uniformity",
 ]

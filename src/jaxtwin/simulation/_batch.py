@@ -27,7 +27,7 @@ from ._chunk import (
 from ._chunk_runner import ChunkRunner, Precision
 from ._compressed import compress
 from ._initial import Initial, checked_initial
-from ._schedule import REFINEMENTS, Schedule, refined_schedule
+from ._schedule import REFINEMENTS, Schedule, twin_schedule
 from ._simulate import checked_channels, simulate
 from ._solve import too_coarse
 
@@ -155,7 +155,7 @@ def simulate_batch(
     runner = ChunkRunner(twin, start, precision, chunk_size, workers)
 
     def solve(draws: dict[str, np.ndarray], refinement: int) -> dict[str, np.ndarray]:
-        schedule = refined_schedule(experiment, refinement)
+        schedule = twin_schedule(twin, experiment, refinement)
         reduce = _reducer(twin, schedule, experiment, columns, wanted, isinstance(start, str))
         return runner.run(draws, schedule, reduce, None if refinement else on_progress)
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..io import Experiment
+from ..physics import Twin
 from ._interpolation import sample_weights, step_polynomials
 
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 64.0
@@ -54,10 +55,19 @@ REFINEMENTS = 3
 """How often steps are halved for a draw whose error is in doubt."""
 
 
-def refined_schedule(experiment: Experiment, refinement: int) -> Schedule:
-    """The schedule of an experiment with all its steps halved some times."""
+SETTLING = 6.0
+"""Seconds after a change for which steps keep their first size where the driver lags behind its
+command: reversed, its duty cycle passes zero in them, where the heat of an on/off drive has a
+corner that a longer step would cut."""
+
+
+def twin_schedule(twin: Twin, experiment: Experiment, refinement: int = 0) -> Schedule:
+    """The default solver's schedule for a twin, with all its steps halved some times."""
     part = 0.5**refinement
-    return build_schedule(experiment, part * FIRST_STEP, part * GROWTH, part * LARGEST_STEP)
+    settling = 0.0 if twin.wiring.lag is None else SETTLING
+    return build_schedule(
+        experiment, part * FIRST_STEP, part * GROWTH, part * LARGEST_STEP, settling
+    )
 
 
 @lru_cache(maxsize=64)
@@ -66,6 +76,7 @@ def build_schedule(
     first_step: float = FIRST_STEP,
     growth: float = GROWTH,
     largest_step: float = LARGEST_STEP,
+    settling: float = 0.0,
 ) -> Schedule:
     """The schedule of an experiment.
 
@@ -75,6 +86,7 @@ def build_schedule(
     - `first_step`: after an input change, s.
     - `growth`: a step is at most this part of the time since the last change.
     - `largest_step`: s.
+    - `settling`: for how long after an input change steps do not grow, s.
     """
     time, duty = experiment.time, experiment.duty
     ambient = experiment.ambient
@@ -84,7 +96,7 @@ def build_schedule(
     switches = 1 + np.flatnonzero(changed)
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
     spans = [
-        _graded(float(time[stop] - time[start]), first_step, growth, largest_step)
+        _graded(float(time[stop] - time[start]), first_step, growth, largest_step, settling)
         for start, stop in pairwise(marks)
     ]
     held = np.repeat(marks[:-1], [len(span) for span in spans])
@@ -109,7 +121,9 @@ def build_schedule(
     )
 
 
-def _graded(duration: float, first: float, growth: float, largest: float) -> list[float]:
+def _graded(
+    duration: float, first: float, growth: float, largest: float, settling: float
+) -> list[float]:
     """Steps that fill a span between two input changes, doubling as time goes by.
 
     The first one comes in nine parts, each twice the last: right after a change the sides of a
@@ -121,7 +135,8 @@ def _graded(duration: float, first: float, growth: float, largest: float) -> lis
         return [duration]
     steps, elapsed = [first / 2**8] + [first / 2**k for k in range(8, 0, -1)], first
     while duration - elapsed > 1e-9:
-        wanted = min(max(first, growth * elapsed), largest, duration - elapsed)
+        grown = max(first, growth * elapsed) if elapsed >= settling else first
+        wanted = min(grown, largest, duration - elapsed)
         size = first * 2.0 ** np.floor(np.log2(wanted / first) + 1e-9)
         size = min(size, duration - elapsed) if size >= first else duration - elapsed
         steps.append(float(size))

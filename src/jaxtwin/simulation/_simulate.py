@@ -15,7 +15,7 @@ from ..rig import Rig, Value
 from ._ambient import ambient_of_samples, reference_temperature
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
 from ._run import Run
-from ._schedule import REFINEMENTS, Schedule, build_schedule, refined_schedule
+from ._schedule import REFINEMENTS, Schedule, twin_schedule
 from ._solve import (
     arriving,
     coupling_left,
@@ -69,13 +69,13 @@ def simulate(
     with jax.enable_x64(True):
         found = None
         for refinement in range(REFINEMENTS + 1 if solver is None else 0):
-            schedule = refined_schedule(experiment, refinement)
+            schedule = twin_schedule(twin, experiment, refinement)
             states, readings, coupling, doubt = _run_exponential(twin, schedule, start)
             if not too_coarse(coupling, doubt):
                 found = states, readings
                 break
         if found is None:
-            schedule = build_schedule(experiment)
+            schedule = twin_schedule(twin, experiment)
             found = _run_checked(
                 twin, schedule, start, experiment, solver, stepsize_controller, dt0
             )
@@ -115,7 +115,7 @@ def response(
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)
-    _, readings, _, _ = _exponential_states(twin, build_schedule(experiment), start)
+    _, readings, _, _ = _exponential_states(twin, twin_schedule(twin, experiment), start)
     return readings[:, columns] - 273.15
 
 
