@@ -98,7 +98,9 @@ def convergence(rig: str) -> list[tuple[int, float]]:
     pairs = []
     for parts in PARTS:
         inside = np.concatenate([[0], parts * np.arange(1, len(edges)) - 1]).astype(np.int32)
-        polynomials = step_polynomials([np.repeat(lengths, parts) / parts])
+        changes = 1 + np.flatnonzero(np.any(duty[1:] != duty[:-1], axis=1))
+        spans = [np.repeat(span, parts) / parts for span in np.split(lengths, changes)]
+        polynomials = step_polynomials(spans)
         at_end = np.minimum(np.arange(len(edges)), 1.0)
         cut = Schedule(
             times=edges,

@@ -31,7 +31,8 @@ class LiveTwin:
 
     The same exponential steps as in `jaxtwin.simulate`, but one after the other; any number of them
     under one command is one compiled call. A command takes effect at the next step, a driver's
-    delay is rounded to steps.
+    delay is rounded to steps. The room stays as warm as at the start, without the rig's drift,
+    until a reading of it says otherwise.
 
     **Arguments:**
 

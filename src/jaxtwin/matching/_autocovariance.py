@@ -34,6 +34,7 @@ LONGEST = 0.1
 """Of the longest recording: noise that stays for longer cannot be told from a parameter."""
 
 UPDATES = 50
+"""Of the weights in the search for the variances, at most; few are needed."""
 
 
 @final
@@ -177,7 +178,7 @@ def _variances(
     for _ in range(UPDATES):
         weights = np.sqrt(counts) / model
         before = theta
-        theta, _ = nnls((parts * weights).T, (seen - known) * weights)
+        theta, _ = nnls((parts * weights).T, (seen - known) * weights, maxiter=100 * len(parts))
         if np.abs(theta - before).max() <= 1e-6 * theta.max():
             break
         model = np.maximum(theta @ parts + known, 1e-9 * seen.max())

@@ -49,8 +49,9 @@ def settle(
     - `recording`: of which the part before `warm_up` is looked at.
     - `warm_up`: from the first sample on, s.
     - `own`: the parameters that belong to a recording; by default those that the rig's table gives
-      the scope `"recording"`. Temperatures are expected at the first reading, others at their value
-      in the twin with the spread of their prior.
+      the scope `"recording"`, but for a drift of the room, which a minute does not show.
+      Temperatures are expected at the first reading, others at their value in the twin with the
+      spread of their prior.
 
     **Returns:** the twin; without parameters of a recording, the one that was given.
 
@@ -58,8 +59,8 @@ def settle(
     """
     table = twin.rig.parameters
     names = [n for n, row in table.items() if row.scope == "recording"] if own is None else [*own]
-    if twin.rig.ambient_drift is not None:
-        drifts = [name for name, _ in twin.rig.ambient_drift.powers]
+    if twin.rig.ambient_drift is not None and own is None:
+        drifts = [name for name, _ in twin.rig.ambient_drift.powers if name in names]
         twin = twin.with_parameters({name: table[name].value for name in drifts})
         names = [name for name in names if name not in drifts]
     if not names:

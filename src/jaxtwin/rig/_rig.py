@@ -29,8 +29,9 @@ class Rig:
     - `parameters`: the parameter table, name -> `Parameter`, in the order of the file.
     - `parameter_sets`: named sets of values, set -> name -> value in the parameter's unit.
     - `source`: the file that it was read from.
-    - `ambient_drift`: how fast the surroundings change from there, K/s. `None`: they do not.
     - `maximum_temperature`: of any channel, K: driving stops there. `None`: never to be driven.
+    - `ambient_drift`: how fast the surroundings change from the first sample on, K/s. `None`: they
+      do not.
     """
 
     name: str

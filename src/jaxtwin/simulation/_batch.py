@@ -136,7 +136,7 @@ def simulate_batch(
     - `chunk_size`: draws at a time, by default by the kind of device.
     - `workers`: threads that work on chunks, by default one a core on a CPU.
     - `on_progress`: called with the number of draws in each chunk when it is done for the first
-      time.
+      time; draws that are solved again come after the last call.
 
     **Returns:** temperatures `(draws, times, channels)`, degC, for the channels that the experiment
     names, else all; or `Reductions`.
@@ -204,7 +204,12 @@ def _reducer(
 
     def reduce(prepared: Prepared) -> dict[str, Array]:
         stepped = step_chunk(prepared, columns=columns, with_plate=bool(of_plate), **grid)
-        result = {"coupling": prepared.coupling, "doubt": stepped.channels.doubt}
+        # Neither shorter steps nor another solver help what is no resistance or capacity.
+        physical = prepared.systems.physical
+        result = {
+            "coupling": jnp.where(physical, prepared.coupling, 0.0),
+            "doubt": jnp.where(physical, stepped.channels.doubt, 0.0),
+        }
         if wanted is None:
             return result | {
                 "temperatures": sample_chunk(prepared, stepped, columns=columns, **grid)
@@ -246,7 +251,10 @@ def _solve_stiff(
     try:
         run = simulate(twin, experiment, initial=initial, solver=Kvaerno5())
     except JaxtwinError:
-        return {} if wanted is None else {"failed": True}
+        # What the steps gave was not trusted.
+        if wanted is None:
+            return {"temperatures": np.nan}
+        return {"failed": True, **dict.fromkeys(wanted, np.nan)}
     if wanted is None:
         return {"temperatures": run.temperatures}
     # The compiled reductions, on a chunk of one.

@@ -54,19 +54,26 @@ class ChunkRunner:
         reduce: Callable[[Prepared], dict[str, Array]],
         on_progress: Callable[[int], None] | None = None,
     ) -> dict[str, Shaped[np.ndarray, "draws *results"]]:
-        """What `reduce` makes of all draws.
+        """Prepares and reduces all draws, chunk by chunk.
 
         **Arguments:**
 
+        - `draws`: name -> `(draws,)`, in the unit of the rig's table.
+        - `schedule`: as commanded.
+        - `reduce`: what is kept of a chunk.
         - `on_progress`: called with the number of draws of each finished chunk.
+
+        **Returns:** what `reduce` makes of all draws, in their order.
         """
         _keep_freed_memory()
         accelerated = jax.default_backend() != "cpu"
         devices = jax.local_devices()
         count = len(next(iter(draws.values())))
-        size = self.chunk_size or min(self._chunk_of_device(accelerated), count)
+        # Draws that are solved again come in any number: few sizes, few compilations.
+        rounded = 1 << (count - 1).bit_length()
+        size = self.chunk_size or min(self._chunk_of_device(accelerated), rounded)
         result: dict[str, np.ndarray] = {}
-        allocating = threading.Lock()
+        one_at_a_time = threading.Lock()
 
         def work(number: int) -> None:
             first = number * size
@@ -81,13 +88,14 @@ class ChunkRunner:
                         prepared = eqx.combine(numbers, rest)
                 with jax.enable_x64(self.precision == "float64"):
                     found = jax.tree.map(np.asarray, reduce(prepared))
-            with allocating:
+            with one_at_a_time:
                 for name in found.keys() - result.keys():
                     result[name] = np.empty((count, *found[name].shape[1:]), found[name].dtype)
             for name, values in found.items():
                 result[name][first : first + size] = values[: count - first]
             if on_progress is not None:
-                on_progress(min(size, count - first))
+                with one_at_a_time:
+                    on_progress(min(size, count - first))
 
         threads = self.workers or (len(devices) if accelerated else os.cpu_count() or 1)
         with ThreadPoolExecutor(max_workers=threads) as pool:

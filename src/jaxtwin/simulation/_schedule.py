@@ -1,6 +1,7 @@
 """When to step and where to read: the time grid of the exponential solver for one experiment.
 
-Inputs are held between samples, so nothing happens between two input changes but relaxation:
+Inputs are held between samples, so little happens between two input changes but relaxation (a
+driver may lag, the ambient may drift):
 steps start small after each change and grow with the time since then.
 All steps are halves, doubles, ... of one size where the samples allow it, so that the exponentials
 of a few sizes serve the whole run.
@@ -20,6 +21,14 @@ from ._interpolation import sample_weights, step_polynomials
 
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 64.0
 """Of steps without refinement: s, part of the time since the last change of an input, s."""
+
+REFINEMENTS = 3
+"""How often steps are halved for a draw whose error is in doubt."""
+
+SETTLING = 6.0
+"""Seconds after a change for which steps keep their first size where the driver lags behind its
+command. Reversed, its duty cycle passes zero there at lags of a few seconds, where the heat of an
+on/off drive has a corner that a longer step would cut."""
 
 
 @final
@@ -51,22 +60,25 @@ class Schedule(eqx.Module):
     ambient_at: Float[Array | np.ndarray, " times"] | None
 
 
-REFINEMENTS = 3
-"""How often steps are halved for a draw whose error is in doubt."""
-
-
-SETTLING = 6.0
-"""Seconds after a change for which steps keep their first size where the driver lags behind its
-command: reversed, its duty cycle passes zero in them, where the heat of an on/off drive has a
-corner that a longer step would cut."""
-
-
 def twin_schedule(twin: Twin, experiment: Experiment, refinement: int = 0) -> Schedule:
-    """The default solver's schedule for a twin, with all its steps halved some times."""
+    """The default solver's schedule for a twin.
+
+    **Arguments:**
+
+    - `twin`: whether its driver lags.
+    - `experiment`: its times, inputs and ambient.
+    - `refinement`: how often steps are halved, 0 to `REFINEMENTS`.
+
+    **Returns:** the schedule, as commanded: see `arriving` for a driver's delay.
+    """
     part = 0.5**refinement
-    settling = 0.0 if twin.wiring.lag is None else SETTLING
     return build_schedule(
-        experiment, part * FIRST_STEP, part * GROWTH, part * LARGEST_STEP, settling
+        experiment,
+        part * FIRST_STEP,
+        part * GROWTH,
+        part * LARGEST_STEP,
+        settling=0.0 if twin.wiring.lag is None else SETTLING,
+        parts=2**refinement,
     )
 
 
@@ -77,6 +89,7 @@ def build_schedule(
     growth: float = GROWTH,
     largest_step: float = LARGEST_STEP,
     settling: float = 0.0,
+    parts: int = 1,
 ) -> Schedule:
     """The schedule of an experiment.
 
@@ -87,6 +100,7 @@ def build_schedule(
     - `growth`: a step is at most this part of the time since the last change.
     - `largest_step`: s.
     - `settling`: for how long after an input change steps do not grow, s.
+    - `parts`: of a span that is too short for steps that grow.
     """
     time, duty = experiment.time, experiment.duty
     ambient = experiment.ambient
@@ -96,7 +110,7 @@ def build_schedule(
     switches = 1 + np.flatnonzero(changed)
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
     spans = [
-        _graded(float(time[stop] - time[start]), first_step, growth, largest_step, settling)
+        _graded(float(time[stop] - time[start]), first_step, growth, largest_step, settling, parts)
         for start, stop in pairwise(marks)
     ]
     held = np.repeat(marks[:-1], [len(span) for span in spans])
@@ -122,17 +136,18 @@ def build_schedule(
 
 
 def _graded(
-    duration: float, first: float, growth: float, largest: float, settling: float
+    duration: float, first: float, growth: float, largest: float, settling: float, parts: int
 ) -> list[float]:
     """Steps that fill a span between two input changes, doubling as time goes by.
 
     The first one comes in nine parts, each twice the last: right after a change the sides of a
     cell may settle within milliseconds, which temperatures elsewhere forgive but derivatives with
     respect to the resistances there do not.
-    A drive that changes at every sample never comes to rest: a step a sample is enough for it.
+    A drive that changes at every sample never comes to rest: a step a sample, or some equal ones,
+    are enough for it.
     """
-    if duration <= 4 * first:
-        return [duration]
+    if duration <= 4 * first * parts:
+        return [duration / parts] * parts
     steps, elapsed = [first / 2**8] + [first / 2**k for k in range(8, 0, -1)], first
     while duration - elapsed > 1e-9:
         grown = max(first, growth * elapsed) if elapsed >= settling else first

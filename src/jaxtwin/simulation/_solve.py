@@ -164,6 +164,7 @@ def too_coarse(
 ) -> Bool[np.ndarray, "*draws"]:
     """Whether steps were too long, by `coupling_left` and the solution's doubt.
 
-    Not where a solution did not stay finite: shorter steps do not help it.
+    A solution that did not stay finite has a doubt of NaN, which is not above the limit: only its
+    coupling can say that shorter steps would help.
     """
     return np.asarray((np.asarray(coupling) > STIFF) | (np.asarray(doubt) > DOUBTFUL))

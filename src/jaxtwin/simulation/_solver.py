@@ -98,7 +98,8 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
     mean duty cycle, that is where `left_coupling` passes about 1 (cells of very low resistance far
     from that point, steps of many seconds): the step is explicit in that part. An adaptive
     controller shortens the steps then; a stiff solver such as `diffrax.Kvaerno5` takes longer
-    ones. `simulate` and `simulate_batch` look at it and change over by themselves.
+    ones. `simulate` and `simulate_batch` look at it, halve their steps, and change
+    over where that does not help.
     """
 
     term_structure: ClassVar = diffrax.ODETerm
@@ -141,7 +142,8 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
         solver_state: _State,
         made_jump: Any,
     ) -> tuple[Any, Any, dict[str, Any], _State, Any]:
-        """One step; inputs are held as they are at its start."""
+        """One step; a command and a recorded ambient are held as they are at its start, lag and
+        drift go on."""
         del terms, made_jump
         modes = solver_state
         size = jnp.asarray(t1) - t0

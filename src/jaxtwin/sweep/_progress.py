@@ -50,7 +50,7 @@ class Meter:
         self.first: tuple[int, float] | None = None
 
     def __call__(self, simulations: int) -> None:
-        """Some simulations are done; may be called from several threads."""
+        """Some simulations are done; called by one thread at a time."""
         self.finished += simulations
         now = time.perf_counter()
         if self.first is None:
