@@ -42,7 +42,7 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
     ends = jnp.cumsum(steps)
     starts = ends - steps
     times = jnp.asarray(schedule.times, dtype)
-    step_of = jnp.clip(jnp.searchsorted(ends, times, method="compare_all"), 0, size.size - 1)
+    step_of = jnp.clip(jnp.searchsorted(ends, times), 0, size.size - 1)
     part = (times - starts[step_of]) / steps[step_of]
     # One table for all draws, whatever their delay.
     weights = sample_weights(jnp.concatenate([wait, polynomials]), step_of, part)
