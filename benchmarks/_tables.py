@@ -28,7 +28,7 @@ def _machine(where: dict[str, Any], quick: bool) -> str:
 
 def _ways(task: str, table: dict[str, Any]) -> str:
     rows = [
-        (name, f"{row['ms_per_draw']:.3g}", f"{row['error_K']:.1e}", f"{row['times_ours']:.2g}")
+        (name, f"{row['ms_per_draw']:.3g}", f"{row['error_K']:.1e}", f"{row['times_ours']:.3g}")
         for name, row in table.items()
     ]
     head = ("way", "ms a draw", "largest error, K", "times jaxtwin's time")
