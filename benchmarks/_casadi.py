@@ -72,7 +72,6 @@ def _compiled(
         states.append(integrator(x0=states[-1][:, -1], p=inputs)["xf"])
         if first.lag:
             now = drive + (now - drive) * ca.exp((start - end) / numbers[-1])
-    rises = ca.DM(first.weights) @ ca.horzcat(*states)
     # Gains differ between draws and are applied afterwards.
     rises = ca.DM(first.weights) @ ca.horzcat(*states)[: first.nodes, :]
     run_one = ca.Function("run", [x0, numbers], [rises])
@@ -151,8 +150,10 @@ def _phases(
 ) -> list[tuple[Any, ca.SX]]:
     """The parts of a PWM period: share and current."""
     if network.averaging == "voltage":
+        current = (-duty * network.supply_voltage - emf) * per_loop
         if network.supply_resistance:
-            raise NotImplementedError("the mean voltage behind a supply's resistance")
-        return [(1, (-duty * network.supply_voltage - emf) * per_loop)]
+            supply = 1 / per_on - 1 / per_loop
+            current /= 1 + duty * supply * per_loop
+        return [(1, current)]
     on = (duty, (-network.supply_voltage - emf) * per_on)
     return [on, (1 - duty, -emf * per_loop)] if network.off_phase == "brake" else [on]

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib import pyplot
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxtwin.plots._png import to_png
@@ -18,9 +19,11 @@ def speed_picture(times: Mapping[str, Points]) -> bytes:
     @styled
     def draw() -> Figure:
         figure, axes = pyplot.subplots(figsize=(7.0, 4.4), layout="constrained")
-        for (name, points), marker in zip(times.items(), "osDv^P", strict=False):
-            counts, seconds = np.array(points, dtype=float).T
-            axes.loglog(counts, counts / seconds, marker=marker, markersize=5, label=name)
+        rates = {
+            name: [(count, count / seconds) for count, seconds in points]
+            for name, points in times.items()
+        }
+        _curves(axes, rates)
         axes.set(xlabel="draws", ylabel="draws a second", title="paper-2024, 1000 s at 1 Hz")
         axes.margins(y=0.12)
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -30,14 +33,12 @@ def speed_picture(times: Mapping[str, Points]) -> bytes:
 
 
 def convergence_picture(errors: Mapping[str, Points]) -> bytes:
-    """Worst error of a run against its number of steps, beside a line of order 4."""
+    """Worst error of a run against its number of steps, beside lines of order 3 and 4."""
 
     @styled
     def draw() -> Figure:
         figure, axes = pyplot.subplots(figsize=(6.0, 4.4), layout="constrained")
-        for (name, points), marker in zip(errors.items(), "osD", strict=False):
-            steps, worst = np.array(points, dtype=float).T
-            axes.loglog(steps, worst, marker=marker, markersize=5, label=name)
+        _curves(axes, errors)
         steps, worst = np.array(next(iter(errors.values())), dtype=float).T
         for order, dashes in ((3, ":"), (4, "--")):
             line = 0.3 * worst[0] * (steps / steps[0]) ** -float(order)
@@ -48,3 +49,8 @@ def convergence_picture(errors: Mapping[str, Points]) -> bytes:
         return figure
 
     return to_png(draw())
+
+
+def _curves(axes: Axes, curves: Mapping[str, Points]) -> None:
+    for (name, points), marker in zip(curves.items(), "osDv^P", strict=False):
+        axes.loglog(*zip(*points, strict=True), marker=marker, markersize=5, label=name)

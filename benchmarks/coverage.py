@@ -43,8 +43,8 @@ def synthetic(
     seen = simulate_batch(twin, drive, truth)
     seen += SENSOR * rng.standard_normal(seen.shape)
     memory = np.exp(-2.0 / 20.0)
-    creep = lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.standard_normal(seen.shape), axis=1)
-    seen += CREEP * creep
+    shocks = np.sqrt(1 - memory**2) * rng.standard_normal(seen.shape)
+    seen += CREEP * np.asarray(lfilter([1.0], [1, -memory], shocks, axis=1))
     for number in range(count):
         for event in 40 + rng.uniform(0, 100) + 164.0 * np.arange(4):
             late = np.maximum(drive.time - event, 0)
@@ -78,7 +78,7 @@ def coverage(fits: Sequence[Fit], truth: dict[str, np.ndarray]) -> dict[str, tup
             logarithmic = fit.twin.rig.parameters[name].is_logarithmic
             at = np.log(row.value / value) if logarithmic else row.value - value
             inside.append(abs(at) < 1.96 * spread)
-            flagged.append(row.told < 1)
+            flagged.append(row.narrowing < 1)
         result[name] = (float(np.mean(inside)), float(np.mean(flagged)))
     return result
 

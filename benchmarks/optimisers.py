@@ -91,7 +91,7 @@ def scipy_trf(problem: Problem, setting: Setting) -> Result:
     end = scipy.optimize.least_squares(
         counted.fn,
         setting.unknowns.start(),
-        counted.jac,
+        counted.jac,  # pyright: ignore[reportArgumentType]
         bounds=(lower, upper),
         x_scale="jac",
         ftol=RTOL,
@@ -121,7 +121,8 @@ def lmfit_leastsq(problem: Problem, setting: Setting) -> Result:
         ftol=RTOL,
         max_nfev=LIMIT,
     )
-    return vector(end.params), counted.residuals, counted.jacobians
+    found: Any = end
+    return vector(found.params), counted.residuals, counted.jacobians
 
 
 WAYS: dict[str, Callable[[Problem, Setting], Result]] = {

@@ -123,7 +123,7 @@ def matched(name: str, twin: Twin, experiments: list[Experiment]) -> str:
         for e, one in zip(fit.recordings, experiments, strict=True)
     }
     half = match(twin, experiments, masks=tail)
-    samples = sum(np.size(one.temperatures) for one in experiments)
+    samples = sum(one.size for one in recorded_temperatures(experiments))
     shapes = sum(
         1 + int(np.ceil(np.ptp(one.time) / error.drift_time) + 1) + len(error.relaxation) * len(c)
         for one, c in zip(experiments, (c.events for c in fit.camera.values()), strict=True)
@@ -144,13 +144,18 @@ def matched(name: str, twin: Twin, experiments: list[Experiment]) -> str:
     return row(name, values, DIGITS)
 
 
+def recorded_temperatures(experiments: list[Experiment]) -> list[np.ndarray]:
+    return [one.temperatures for one in experiments if one.temperatures is not None]
+
+
 def published(experiments: list[Experiment]) -> str:
     """The paper's twin with the paper's values."""
     twin = Twin("paper-2024")
     twin = twin.with_parameters(twin.rig.parameter_sets["published"])
     runs = [twin.simulate(one) for one in experiments]
     pairs = [
-        (one.temperatures, run.temperatures) for one, run in zip(experiments, runs, strict=True)
+        (recorded, run.temperatures)
+        for recorded, run in zip(recorded_temperatures(experiments), runs, strict=True)
     ]
     fits = np.concatenate([np.atleast_1d(fit_percent(*pair)) for pair in pairs])
     errors = np.concatenate([(run - recorded).ravel() for recorded, run in pairs])

@@ -6,7 +6,6 @@ and one beside any long computation waits for its end (seen with jax 0.10.2). On
 other they run where they were called, and draws spread over cores by the chunks they come in.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -39,8 +38,7 @@ def _solve(matrix: Array, right: Array) -> Array:
 
 
 def _one_by_one(
-    call: Callable[..., Any],
-    whole: Callable[..., Any],
+    call: custom_vmap,
     size: int,
     batched: list[bool],
     *given: Array,
@@ -52,12 +50,12 @@ def _one_by_one(
     ]
     result = jax.lax.platform_dependent(
         *rows,
+        # The call with its rule, which holds for a batch of batches too.
         cpu=lambda *rows: jax.lax.map(lambda row: call(*row), rows),
-        default=jax.vmap(whole),
+        default=jax.vmap(call.fun),
     )
     return result, jax.tree.map(lambda _: True, result)
 
 
-# The call itself again, so that the rule holds for a batch of batches too.
-eigh.def_vmap(partial(_one_by_one, eigh, lambda matrix: tuple(jnp.linalg.eigh(matrix))))
-_solve.def_vmap(partial(_one_by_one, _solve, jnp.linalg.solve))
+eigh.def_vmap(partial(_one_by_one, eigh))
+_solve.def_vmap(partial(_one_by_one, _solve))

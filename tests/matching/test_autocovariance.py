@@ -133,10 +133,10 @@ def test_a_level_that_the_prior_holds_is_known_as_well_as_both_say():
         ["level"], normal, normal, precision, 1 / precision, np.ones(1), np.ones(1, dtype=bool)
     )
     assert result.covariance[0, 0] == pytest.approx(1 / 29)
-    assert result.told[0] == pytest.approx(2.5)
+    assert result.narrowing[0] == pytest.approx(2.5)
     # Noise four times as strong where the unknown is told: half as far.
     louder = uncertainty(
         ["level"], normal, 4 * normal, precision, 1 / precision, np.ones(1), np.ones(1, dtype=bool)
     )
-    assert louder.told[0] == pytest.approx(1.25)
+    assert louder.narrowing[0] == pytest.approx(1.25)
     assert louder.covariance[0, 0] == pytest.approx((100 + 4) / 29**2)

@@ -98,7 +98,7 @@ def test_the_jacobian_is_that_of_the_residuals(start: Twin):
 
 def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
     row = calm.parameter("g_T26")
-    assert row.told == 0
+    assert row.narrowing == 0
     assert "no effect" in row.warnings
     assert calm.uncertainty.dead == ("g_T26",)
     assert row.value == pytest.approx(0.9)

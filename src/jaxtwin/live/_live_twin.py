@@ -184,14 +184,13 @@ def _advance(
     def step(_: jax.Array, state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         z, u = state
         if lag is None:
-            now = Inputs(command, ambient)
-            end, _ = exponential_step(z, field.force(z, now), factors, field, now)
-            return end, command
-        # du/dt = (command - u) / lag, at the start, in the middle and at the end of the step.
-        left = jnp.exp(-STEP_SECONDS * jnp.array([0.0, 0.5, 1.0]) / lag)[:, None]
-        stages = command + (u - command) * left
-        now = Inputs(stages, ambient)
+            now, after = Inputs(command, ambient), command
+        else:
+            # du/dt = (command - u) / lag, at the start, in the middle and at the end of the step.
+            left = jnp.exp(-STEP_SECONDS * jnp.array([0.0, 0.5, 1.0]) / lag)[:, None]
+            stages = command + (u - command) * left
+            now, after = Inputs(stages, ambient), stages[-1]
         end, _ = exponential_step(z, field.force(z, now.at(0)), factors, field, now)
-        return end, stages[-1]
+        return end, after
 
     return jax.lax.fori_loop(0, steps, step, (jnp.asarray(amplitudes), jnp.asarray(duty)))

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import final
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -68,9 +66,7 @@ def prediction_band(
     root = directions * np.sqrt(np.maximum(values, 0.0))
     normal = np.random.default_rng(seed).standard_normal((draws, len(values)))
     vectors = np.clip(fit.vector + normal @ root.T, unknowns.lower(), unknowns.upper())
-    with jax.enable_x64(True):
-        drawn = jax.vmap(lambda vector: unknowns.values(vector)[number])(jnp.asarray(vectors))
-    sample = {name: np.asarray(column) for name, column in drawn.items()}
+    sample = unknowns.values(vectors)[number]
     twin = fit.twins[recording]
     experiment = fit.experiments[number] if experiment is None else experiment
     runs = simulate_batch(twin, experiment, sample)

@@ -6,14 +6,18 @@ from jaxtyping import Bool, Float
 
 from ._autocovariance import Series, fit_noise
 from ._descend import Attempt
-from ._estimate import Knowledge, split_residuals
+from ._estimate import Knowledge, Residuals
 from ._noise import Noise
-from ._uncertainty import Uncertainty, inverse_told, uncertainty
+from ._uncertainty import Uncertainty, inverse_of_normal, uncertainty
 from ._unknowns import Unknowns
 
 
 def confidence(
-    attempt: Attempt, unknowns: Unknowns, knowledge: Knowledge, names: tuple[str, ...]
+    attempt: Attempt,
+    residuals: Residuals,
+    unknowns: Unknowns,
+    knowledge: Knowledge,
+    names: tuple[str, ...],
 ) -> tuple[Uncertainty, tuple[Noise, Noise]]:
     """The uncertainty of the matched values, and the noise of what each channel has alone and of
     what all share times the root of their number.
@@ -23,16 +27,16 @@ def confidence(
     """
     vector, precision = attempt.vector, unknowns.prior_precision()
     inside = (vector > unknowns.lower() + 1e-9) & (vector < unknowns.upper() - 1e-9)
-    series, lift = _series(attempt, knowledge, inside)
+    series, lift = _series(attempt, residuals, knowledge, inside)
     count, values = lift.shape
     camera = np.diag((np.arange(count) >= values).astype(float))
-    told = camera.copy()
+    normal = camera.copy()
     for one in series:
         at = np.ix_(one.entries, one.entries)
-        told[at] += np.tensordot(one.slopes, one.slopes, ([0, 1], [0, 1]))
+        normal[at] += np.tensordot(one.slopes, one.slopes, ([0, 1], [0, 1]))
     prior = np.zeros((count, count))
     prior[:values, :values] = np.diag(precision[inside] ** 2)
-    mixtures, middle = fit_noise(series, inverse_told(told + prior)[0], camera + prior)
+    mixtures, middle = fit_noise(series, inverse_of_normal(normal + prior)[0], camera + prior)
     scales = (knowledge.alone.effective, knowledge.common.effective)
     noise = [one.noise(scale) for one, scale in zip(mixtures, scales, strict=True)]
     if all(one.kind == 1 for one in series):
@@ -40,7 +44,7 @@ def confidence(
         noise[0] = noise[1]
     result = uncertainty(
         unknowns.labels(names),
-        lift.T @ told @ lift,
+        lift.T @ normal @ lift,
         lift.T @ (middle + camera) @ lift,
         precision,
         np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), unknowns.widths()),
@@ -51,12 +55,14 @@ def confidence(
 
 
 def _series(
-    attempt: Attempt, knowledge: Knowledge, inside: Bool[np.ndarray, " unknowns"]
+    attempt: Attempt,
+    residuals: Residuals,
+    knowledge: Knowledge,
+    inside: Bool[np.ndarray, " unknowns"],
 ) -> tuple[list[Series], Float[np.ndarray, "all_unknowns values"]]:
     """The weighted residuals of all recordings with their derivatives in the values and in the
     sizes of the camera's shapes, counted in their standard deviations; and how all of these follow
     the values."""
-    alone, common, _ = split_residuals(attempt)
     jacobian = attempt.jacobian()[:, inside]
     row, count = 0, jacobian.shape[1]
     lift, series = [np.eye(count)], []
@@ -71,8 +77,8 @@ def _series(
             of_alone, of_common, of_sizes = (block[number] for block in blocks)
             counted = knowledge.alone_weights[position]
             if (channels := counted.shape[1]) > 1:
-                own = weights.alone * alone[position]
-                series.append(_told_by(0, own, of_alone, np.sqrt(counted), channels - 1))
+                own = weights.alone * residuals.alone[position]
+                series.append(_dependent_part(0, own, of_alone, np.sqrt(counted), channels - 1))
             used = weights.shapes.any(axis=0)
             shapes = weights.shapes * weights.common[:, None] / weights.size_weight
             # The match has each value move the sizes too: undone here.
@@ -80,14 +86,14 @@ def _series(
             slopes[:, 0, : jacobian.shape[1]] = of_common + shapes @ of_sizes
             slopes[:, 0, count:] = -shapes[:, used]
             moments = np.sqrt(knowledge.common_weights[position]) * counted.any(axis=1)
-            shared = (weights.common * common[position])[:, None]
-            series.append(_told_by(1, shared, slopes, moments[:, None], 1))
+            shared = (weights.common * residuals.common[position])[:, None]
+            series.append(_dependent_part(1, shared, slopes, moments[:, None], 1))
             lift.append(of_sizes[used])
             count += int(used.sum())
     return series, np.concatenate(lift)
 
 
-def _told_by(
+def _dependent_part(
     kind: int,
     residuals: Float[np.ndarray, "times channels"],
     slopes: Float[np.ndarray, "times channels all_unknowns"],

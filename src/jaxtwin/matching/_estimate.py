@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import final
+from typing import NamedTuple, final
 
 import jax
 import numpy as np
@@ -164,11 +164,21 @@ def recording_weights(setting: Setting, knowledge: Knowledge, number: int) -> We
     )
 
 
-def split_residuals(
-    attempt: Attempt,
-) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Of each recording what channels have alone `(times, channels)`, what they share less the
-    camera's error `(times,)`, and that error `(times,)`, K."""
+class Residuals(NamedTuple):
+    """Simulated less recorded, of each recording in parts, K.
+
+    - `alone`: what channels have alone.
+    - `common`: what they share, less the camera's error.
+    - `camera`: that error.
+    """
+
+    alone: tuple[Float[np.ndarray, "times channels"], ...]
+    common: tuple[Float[np.ndarray, " times"], ...]
+    camera: tuple[Float[np.ndarray, " times"], ...]
+
+
+def split_residuals(attempt: Attempt) -> Residuals:
+    """The residuals where a descent ended."""
     found: dict[int, tuple[np.ndarray, ...]] = {}
     with jax.enable_x64(True):
         for group, difference in zip(attempt.problem.groups, attempt.differences, strict=True):
@@ -177,8 +187,7 @@ def split_residuals(
             for row, position in enumerate(group.positions):
                 found[position] = (np.asarray(alone[row]), np.asarray(common[row]), error[row])
     ordered = [found[position] for position in sorted(found)]
-    alone, common, errors = zip(*ordered, strict=True)
-    return list(alone), list(common), list(errors)
+    return Residuals(*zip(*ordered, strict=True))
 
 
 def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge:

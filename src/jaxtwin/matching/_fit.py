@@ -36,7 +36,7 @@ class FittedParameter:
     - `prior_value`, `prior_spread`: what was known beforehand, None where nothing was.
     - `prior_distance`: of the value from there in standard deviations; the largest of all
       recordings.
-    - `told`: how many times narrower than beforehand the recordings alone would leave it, the
+    - `narrowing`: how many times narrower than beforehand the recordings alone would leave it, the
       others being known.
     - `warnings`: what to know before believing it.
     """
@@ -56,7 +56,7 @@ class FittedParameter:
     prior_value: float | None = None
     prior_spread: float | None = None
     prior_distance: float | None = None
-    told: float = math.nan
+    narrowing: float = math.nan
     warnings: tuple[str, ...] = ()
 
 

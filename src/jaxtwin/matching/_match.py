@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -200,28 +198,35 @@ def make_fit(
 ) -> Fit:
     """The result of the best attempt."""
     twin, unknowns = setting.twin, setting.unknowns
-    own, values = _values(unknowns, attempt.vector, names)
+    values = [
+        {name: float(value) for name, value in one.items()}
+        for one in unknowns.values(attempt.vector)
+    ]
+    own = {
+        name: {row.name: one[row.name] for row in unknowns.own}
+        for name, one in zip(names, values, strict=True)
+    }
     runs = {
         name: simulate(twin.with_parameters(value), experiment)
         for name, value, experiment in zip(names, values, setting.experiments, strict=True)
     }
-    _, _, errors = split_residuals(attempt)
+    residuals = split_residuals(attempt)
     camera = {
         name: CameraError(events, error)
-        for name, events, error in zip(names, knowledge.events, errors, strict=True)
+        for name, events, error in zip(names, knowledge.events, residuals.camera, strict=True)
     }
     fits = {
         (name, channel): value
         for name, run in runs.items()
         for channel, value in _seen(run, camera[name].offset).fit_percent.items()
     }
-    told, noise = confidence(attempt, unknowns, knowledge, names)
+    known, noise = confidence(attempt, residuals, unknowns, knowledge, names)
     state = attempt.state
     return Fit(
         twin=twin.with_parameters(values[0]),
         recordings=names,
         experiments=setting.experiments,
-        parameters=_table(twin, unknowns, attempt.vector, told),
+        parameters=_table(twin, unknowns, attempt.vector, known),
         recording_values=own,
         fit_percent=fits,
         rmse=float(np.sqrt(attempt.mean_square)),
@@ -239,7 +244,7 @@ def make_fit(
             )
         },
         noise=noise,
-        uncertainty=told,
+        uncertainty=known,
         cost=attempt.cost,
         setting=setting,
         knowledge=knowledge,
@@ -296,43 +301,20 @@ def _starts(unknowns: Unknowns, starts: int, seed: int) -> list[Float[np.ndarray
     return vectors
 
 
-def _values(
-    unknowns: Unknowns, vector: Float[np.ndarray, " unknowns"], names: tuple[str, ...]
-) -> tuple[dict[str, dict[str, float]], list[dict[str, float]]]:
-    """Recording -> its own values, and all matched values of each recording."""
-    with jax.enable_x64(True):
-        traced = unknowns.values(jnp.asarray(vector))
-    clipped = {row.name: (row.lower, row.upper) for row in unknowns.rows}
-    # A value at a bound has been through a logarithm; it must not come back from beyond.
-    values = [
-        {name: float(np.clip(float(value), *clipped[name])) for name, value in one.items()}
-        for one in traced
-    ]
-    own_names = {row.name for row in unknowns.own}
-    own = {
-        name: {key: value for key, value in one.items() if key in own_names}
-        for name, one in zip(names, values, strict=True)
-    }
-    return own, values
-
-
 def labelled(
     unknowns: Unknowns, vector: Float[np.ndarray, " unknowns"], names: tuple[str, ...]
 ) -> dict[str, float]:
-    own, values = _values(unknowns, vector, names)
-    labelled = {row.name: values[0][row.name] for row in unknowns.shared}
-    for recording, one in own.items():
-        labelled |= {f"{name}[{recording}]": value for name, value in one.items()}
-    return labelled
+    """Label -> value in the parameter's unit."""
+    return dict(zip(unknowns.labels(names), unknowns.physical(vector).tolist(), strict=True))
 
 
 def _table(
     twin: Twin,
     unknowns: Unknowns,
     vector: Float[np.ndarray, " unknowns"],
-    told: Uncertainty,
+    known: Uncertainty,
 ) -> tuple[FittedParameter, ...]:
-    errors = np.sqrt(np.diag(told.covariance))
+    errors = np.sqrt(np.diag(known.covariance))
     lower, upper = unknowns.lower(), unknowns.upper()
     with np.errstate(invalid="ignore"):
         touching = (vector <= lower + 1e-9) | (vector >= upper - 1e-9)
@@ -342,7 +324,7 @@ def _table(
     numbers: dict[str, list[int]] = {}
     for number, row in enumerate(unknowns.rows):
         numbers.setdefault(row.name, []).append(number)
-    _, values = _values(unknowns, vector, tuple(str(n) for n in range(unknowns.recordings)))
+    values = unknowns.physical(vector)
     table = []
     for name, row in twin.rig.parameters.items():
         entries = numbers.get(name, [])
@@ -356,7 +338,7 @@ def _table(
             free=bool(entries),
             scope=matched.scope,
             initial=initial,
-            value=float(np.mean([one[name] for one in values])) if entries else initial,
+            value=float(np.mean(values[entries])) if entries else initial,
             published=published.get(name),
             lower=matched.lower,
             upper=matched.upper,
@@ -365,9 +347,9 @@ def _table(
             prior_value=matched.prior_value if has_prior else None,
             prior_spread=matched.prior_spread if has_prior else None,
             prior_distance=max(away[entries].tolist(), key=abs) if has_prior else None,
-            told=float(np.min(told.told[entries])) if entries else float("nan"),
+            narrowing=float(np.min(known.narrowing[entries])) if entries else float("nan"),
         )
-        table.append(replace(one, warnings=parameter_warnings(one, told)))
+        table.append(replace(one, warnings=parameter_warnings(one, known)))
     return tuple(table)
 
 

@@ -29,15 +29,16 @@ class FlatDirection:
 
     - `weights`: label -> share in the direction, largest first; each parameter measured by what is
       known of it beforehand (relative for positive parameters without a prior).
-    - `told`: how much the recordings tell about it: below 1 they tell less than the prior.
+    - `narrowing`: how many times narrower than the prior the recordings alone would leave it: below
+      1 they tell less than the prior.
     """
 
     weights: dict[str, float]
-    told: float
+    narrowing: float
 
     def __str__(self) -> str:
         terms = " ".join(f"{weight:+.2f} {label}" for label, weight in self.weights.items())
-        return f"{terms} (told {self.told:.2g})"
+        return f"{terms} (told {self.narrowing:.2g} times the prior)"
 
 
 @final
@@ -51,8 +52,8 @@ class Uncertainty:
     - `covariance`: in physical units; NaN where a value was held at a bound, infinite variances
       where nothing tells it.
     - `correlation`: of the same.
-    - `told`: how many times narrower than the prior the recordings alone would leave each value,
-      the others being known; 0 for dead parameters.
+    - `narrowing`: how many times narrower than the prior the recordings alone would leave each
+      value, the others being known; 0 for dead parameters.
     - `singular_values`: of the recordings' sensitivity matrix, each column scaled by what is known
       beforehand, largest first: below 1 a direction is the prior's.
     - `flat`: those directions, spelled out.
@@ -64,7 +65,7 @@ class Uncertainty:
     labels: tuple[str, ...]
     covariance: Float[np.ndarray, "values values"]
     correlation: Float[np.ndarray, "values values"]
-    told: Float[np.ndarray, " values"]
+    narrowing: Float[np.ndarray, " values"]
     singular_values: Float[np.ndarray, " directions"]
     flat: tuple[FlatDirection, ...]
     dead: tuple[str, ...]
@@ -89,7 +90,7 @@ class Uncertainty:
 
 def uncertainty(
     labels: Sequence[str],
-    told: Float[np.ndarray, "free free"],
+    normal: Float[np.ndarray, "free free"],
     middle: Float[np.ndarray, "free free"],
     precision: Float[np.ndarray, " values"],
     scale: Float[np.ndarray, " values"],
@@ -101,7 +102,7 @@ def uncertainty(
     **Arguments:**
 
     - `labels`: of the entries of the optimiser's vector.
-    - `told`, `middle`: $J^T J$ and $J^T \\Gamma J$ for the entries inside their bounds.
+    - `normal`, `middle`: $J^T J$ and $J^T \\Gamma J$ for the entries inside their bounds.
     - `precision`: one over the prior's standard deviation of each entry, 0 where there is none.
     - `scale`: by which entries are measured: the prior's standard deviation, or what stands for
       it.
@@ -111,7 +112,7 @@ def uncertainty(
     free: Int[np.ndarray, " free"] = np.flatnonzero(inside)
     n = len(labels)
     prior = np.diag(precision[free] ** 2)
-    inverse, lost = inverse_told(told + prior)
+    inverse, lost = inverse_of_normal(normal + prior)
     spread = inverse @ (middle + prior) @ inverse
     entries = np.full((n, n), np.nan)
     entries[np.ix_(free, free)] = spread
@@ -122,9 +123,9 @@ def uncertainty(
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(errors, errors)
     # What the recordings alone tell, per unit of what is known beforehand.
-    singular, directions, lengths = _singular(told, middle, scale[free])
-    narrower = np.full(n, np.nan)
-    narrower[free] = lengths
+    singular, directions, lengths = _singular(normal, middle, scale[free])
+    narrowing = np.full(n, np.nan)
+    narrowing[free] = lengths
     names = [labels[int(number)] for number in free]
     flat = [
         FlatDirection(_largest(names, direction), float(value))
@@ -141,7 +142,7 @@ def uncertainty(
         labels=tuple(labels),
         covariance=covariance,
         correlation=correlation,
-        told=narrower,
+        narrowing=narrowing,
         singular_values=singular[::-1],
         flat=tuple(flat),
         dead=tuple(name for name, length in zip(names, lengths, strict=True) if length < 1e-9),
@@ -150,23 +151,23 @@ def uncertainty(
     )
 
 
-def inverse_told(
+def inverse_of_normal(
     normal: Float[np.ndarray, "n n"],
 ) -> tuple[Float[np.ndarray, "n n"], Bool[np.ndarray, " n"]]:
     """$A^{-1}$ along the directions in which A is more than rounding, and which entries lie along
     the others."""
     lengths = np.sqrt(np.diag(normal))
-    told = lengths > 0
-    unit = np.where(told, lengths, 1.0)
+    alive = lengths > 0
+    unit = np.where(alive, lengths, 1.0)
     values, vectors = np.linalg.eigh(normal / np.outer(unit, unit))
     open_ = values <= 1e-13 * values.max(initial=0.0)
     inverse = (vectors * np.where(open_, 0.0, 1 / np.where(open_, 1.0, values))) @ vectors.T
     inverse /= np.outer(unit, unit)
-    return inverse, np.any(np.abs(vectors[:, open_]) > 1e-3, axis=1) | ~told
+    return inverse, np.any(np.abs(vectors[:, open_]) > 1e-3, axis=1) | ~alive
 
 
 def _singular(
-    told: Float[np.ndarray, "free free"],
+    normal: Float[np.ndarray, "free free"],
     middle: Float[np.ndarray, "free free"],
     scale: Float[np.ndarray, " free"],
 ) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, "free free"], Float[np.ndarray, " free"]]:
@@ -175,7 +176,7 @@ def _singular(
     Sensitivities are rows whose products are $J^T J (J^T \Gamma J)^{-1} J^T J$.
     """
     size = np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(told * size)
+    values, vectors = np.linalg.eigh(normal * size)
     root = np.sqrt(np.maximum(values, 0.0))
     shown = root > 1e-7 * root.max(initial=0.0)
     back = np.where(shown, 1 / np.where(shown, root, 1.0), 0.0)
@@ -185,7 +186,7 @@ def _singular(
     information = (vectors * root) @ np.linalg.pinv(stronger, hermitian=True) @ (vectors * root).T
     values, directions = np.linalg.eigh(information)
     # Rounding must not make a dead parameter look alive.
-    lengths = np.sqrt(np.where(np.diag(told * size) > 1e-18, np.abs(np.diag(information)), 0.0))
+    lengths = np.sqrt(np.where(np.diag(normal * size) > 1e-18, np.abs(np.diag(information)), 0.0))
     return np.sqrt(np.maximum(values, 0.0)), directions, lengths
 
 

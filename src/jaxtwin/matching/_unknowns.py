@@ -93,9 +93,26 @@ class Unknowns:
             recordings=self.recordings,
         )
 
-    def values(self, vector: Float[Array, " unknowns"]) -> list[dict[str, Float[Array, ""]]]:
+    def physical(
+        self, vector: Float[np.ndarray, "*draws unknowns"]
+    ) -> Float[np.ndarray, "*draws unknowns"]:
+        """The entries in their parameters' units."""
+        found = np.array(vector)
+        logarithmic = np.array([row.is_logarithmic for row in self.rows], dtype=bool)
+        found[..., logarithmic] = np.exp(found[..., logarithmic])
+        # A value at a bound has been through a logarithm; it must not come back from beyond.
+        bounds = [[row.lower for row in self.rows], [row.upper for row in self.rows]]
+        return np.clip(found, *bounds)
+
+    def values(
+        self, vector: Float[np.ndarray, "*draws unknowns"]
+    ) -> list[dict[str, Float[np.ndarray, "*draws"]]]:
         """Name -> value in the parameter's unit, for each recording."""
-        return [self.layout.local_values(vector[one]) for one in self.layout.places()]
+        found, names = self.physical(vector), [row.name for row in self.shared + self.own]
+        return [
+            {name: found[..., entry] for name, entry in zip(names, places, strict=True)}
+            for places in self.layout.places()
+        ]
 
 
 @final

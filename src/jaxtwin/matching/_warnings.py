@@ -15,11 +15,11 @@ FAR = 2.0
 """Standard deviations from the prior that are worth a word."""
 
 
-def parameter_warnings(row: "FittedParameter", told: Uncertainty) -> tuple[str, ...]:
+def parameter_warnings(row: "FittedParameter", known: Uncertainty) -> tuple[str, ...]:
     """Short remarks on one parameter; none where all is well."""
     if not row.free:
         return ()
-    labels = [one for one in told.labels if one == row.name or one.startswith(f"{row.name}[")]
+    labels = [one for one in known.labels if one == row.name or one.startswith(f"{row.name}[")]
     remarks = []
     if row.at_bound:
         remarks.append("at bound")
@@ -27,13 +27,13 @@ def parameter_warnings(row: "FittedParameter", told: Uncertainty) -> tuple[str, 
         remarks.append("near bound")
     if row.prior_distance is not None and abs(row.prior_distance) > FAR:
         remarks.append(f"{row.prior_distance:+.1f} sd from prior")
-    if any(label in told.dead for label in labels):
+    if any(label in known.dead for label in labels):
         remarks.append("no effect")
-    elif row.told < 1:
+    elif row.narrowing < 1:
         remarks.append("not told" if row.prior_spread is None else "prior only")
     elif math.isinf(row.standard_error):
         remarks.append("not told")
-    if any(label in pair[:2] for pair in told.collinear for label in labels):
+    if any(label in pair[:2] for pair in known.collinear for label in labels):
         remarks.append("correlated")
     return tuple(remarks)
 

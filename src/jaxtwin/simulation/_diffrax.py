@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import System
-from ._schedule import Schedule, build_schedule
+from ._schedule import Schedule, twin_schedule
 from ._solver import HeldInputs, NetworkProblem, network_field
 
 
@@ -52,7 +52,7 @@ def solve_with_diffrax(
         y0=initial - reference,
         args=NetworkProblem(system, inputs, reference),
         saveat=diffrax.SaveAt(ts=jnp.asarray(time)),
-        stepsize_controller=_clipped(solver, controller, experiment, changes, system.delay),
+        stepsize_controller=_clipped(solver, controller, experiment, changes, system),
         # Jacobians by forward mode; the twin is small and its step count unbounded beforehand.
         adjoint=diffrax.ForwardMode(),
         max_steps=None,
@@ -67,10 +67,10 @@ def _clipped(
     controller: diffrax.AbstractStepSizeController | None,
     experiment: Experiment,
     changes: Int[np.ndarray, " changes"],
-    delay: Float[Array, ""] | None,
+    system: System,
 ) -> diffrax.AbstractStepSizeController:
     """A controller that ends a step just before each input change and starts one just behind."""
-    time = experiment.time - experiment.time[0]
+    time, delay = experiment.time - experiment.time[0], system.delay
     if controller is None and isinstance(solver, diffrax.AbstractAdaptiveSolver):
         controller = diffrax.PIDController(rtol=1e-7, atol=1e-7)
     if controller is not None:
@@ -87,7 +87,7 @@ def _clipped(
             jumps = jnp.sort(jnp.concatenate([jumps, delay + jnp.append(jumps, 0.0)]))
         return diffrax.ClipStepSizeController(controller, jump_ts=jumps)
     # Without an error estimate: the steps of the default solver, known before anything is traced.
-    schedule = build_schedule(experiment)
+    schedule = twin_schedule(system, experiment)
     sizes = np.asarray(schedule.sizes)[np.asarray(schedule.size)]
     changes = changes[changes < len(time) - 1]  # one at the last sample is never felt
     ends = np.append(np.cumsum(sizes)[:-1], time[-1])

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..io import Experiment
-from ..physics import Twin
+from ..physics import System, Twin
 from ._interpolation import sample_weights, step_polynomials
 
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 64.0
@@ -60,12 +60,12 @@ class Schedule(eqx.Module):
     ambient_at: Float[Array | np.ndarray, " times"] | None
 
 
-def twin_schedule(twin: Twin, experiment: Experiment, refinement: int = 0) -> Schedule:
+def twin_schedule(twin: Twin | System, experiment: Experiment, refinement: int = 0) -> Schedule:
     """The default solver's schedule for a twin.
 
     **Arguments:**
 
-    - `twin`: whether its driver lags.
+    - `twin`: it, or its equations: whether its driver lags.
     - `experiment`: its times, inputs and ambient.
     - `refinement`: how often steps are halved, 0 to `REFINEMENTS`.
 

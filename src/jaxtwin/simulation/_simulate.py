@@ -67,19 +67,17 @@ def simulate(
     _check_values(twin)
     start = checked_initial(twin, initial)
     with jax.enable_x64(True):
-        found = None
         for refinement in range(REFINEMENTS + 1 if solver is None else 0):
             schedule = twin_schedule(twin, experiment, refinement)
             states, readings, coupling, doubt = _run_exponential(twin, schedule, start)
             if not too_coarse(coupling, doubt):
-                found = states, readings
                 break
-        if found is None:
+        else:
             schedule = twin_schedule(twin, experiment)
-            found = _run_checked(
+            states, readings = _run_checked(
                 twin, schedule, start, experiment, solver, stepsize_controller, dt0
             )
-        states, readings = map(np.asarray, found)
+        states, readings = np.asarray(states), np.asarray(readings)
     if not np.isfinite(states).all():
         raise SimulationError(
             f"{twin.rig.name}: the temperatures do not stay finite; look for parameters far "
