@@ -35,7 +35,7 @@ class Bridge(eqx.Module):
     $I (R_E + R_{on} + |d| R_s) = -d V_s - \alpha (T_h - T_c)$.
 
     `averaging = "on-off"` follows the two parts of a PWM period, during which temperatures stand
-    still, and averages their heat flows: for the fraction $|d|$ the cell is connected,
+    still, and averages current and Joule heat: for the fraction $|d|$ the cell is connected,
     $I (R_E + R_{on} + R_s) = \mp V_s - \alpha (T_h - T_c)$; for the rest it is shorted by the
     bridge, $I (R_E + R_{on}) = - \alpha (T_h - T_c)$, or open, $I = 0$.
     The two differ: at half duty the mean voltage makes a quarter of the full Joule heat, on/off
@@ -75,16 +75,14 @@ class Bridge(eqx.Module):
         if self.averaging == "voltage":
             drive = -duty * self.supply_voltage
             current = (drive - emf) / (loop + share * self.supply_resistance)
-            cold, hot = module.heat_flows(current, cold_temperature, hot_temperature)
+            square = current**2
         else:
             drive = -jnp.sign(duty) * self.supply_voltage
             on = (drive - emf) / (loop + self.supply_resistance)
             off = -emf / loop if self.off_phase == "brake" else jnp.zeros_like(emf)
-            cold_on, hot_on = module.heat_flows(on, cold_temperature, hot_temperature)
-            cold_off, hot_off = module.heat_flows(off, cold_temperature, hot_temperature)
             current = share * on + (1 - share) * off
-            cold = share * cold_on + (1 - share) * cold_off
-            hot = share * hot_on + (1 - share) * hot_off
+            square = share * on**2 + (1 - share) * off**2
+        cold, hot = module.mean_heat_flows(current, square, cold_temperature, hot_temperature)
         return CellHeat(cold, hot, current, hot - cold)
 
     def back_emf_conductance(

@@ -107,8 +107,22 @@ class ThermoelectricModule(eqx.Module):
         **Returns:** $q_c$ out of the cold side and $q_h$ into the hot side, W.
         """
         I = jnp.asarray(current)  # noqa: E741
-        peltier = jnp.asarray(self.seebeck_coefficient) * I
-        half_joule = 0.5 * jnp.asarray(self.electrical_resistance) * I**2
+        return self.mean_heat_flows(I, I**2, cold_temperature, hot_temperature)
+
+    def mean_heat_flows(
+        self,
+        current: Float[ArrayLike, "*shape"],
+        squared_current: Float[ArrayLike, "*shape"],
+        cold_temperature: Float[ArrayLike, "*shape"],
+        hot_temperature: Float[ArrayLike, "*shape"],
+    ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
+        """`heat_flows` of a current that changes faster than temperatures do.
+
+        **Arguments:** as those of `heat_flows`, with the means of the current, A, which carries the
+        Peltier heat, and of its square, A^2, which makes the Joule heat.
+        """
+        peltier = jnp.asarray(self.seebeck_coefficient) * jnp.asarray(current)
+        half_joule = 0.5 * jnp.asarray(self.electrical_resistance) * jnp.asarray(squared_current)
         return peltier * cold_temperature - half_joule, peltier * hot_temperature + half_joule
 
     def emf(self, temperature_difference: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:

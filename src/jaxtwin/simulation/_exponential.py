@@ -183,23 +183,18 @@ def exponential_step(
 def _phi(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], ...]:
     r"""$e^{-x}$ and $\varphi_k(-x)$, $k = 1, 2, 3$.
 
-    $\varphi_{k+1}(y) = (\varphi_k(y) - 1/k!) / y$ cancels for small arguments: a series there.
+    $\varphi_{k+1}(y) = (\varphi_k(y) - 1/k!) / y$ cancels for small arguments: there the last one
+    is a series, and the others follow from it.
     """
     small = jnp.abs(x) < 0.3
     tiny, large = jnp.where(small, x, 0.0), jnp.where(small, 1.0, x)
     phi1 = -jnp.expm1(-large) / large
     phi2 = (1 - phi1) / large
     phi3 = (0.5 - phi2) / large
-
-    def series(k: int) -> Array:
-        total = jnp.zeros_like(x)
-        for power in reversed(range(10)):
-            total = total * -tiny + 1 / math.factorial(power + k)
-        return total
-
-    return (
-        jnp.exp(-x),
-        jnp.where(small, series(1), phi1),
-        jnp.where(small, series(2), phi2),
-        jnp.where(small, series(3), phi3),
-    )
+    series = jnp.zeros_like(x)
+    for power in reversed(range(10)):
+        series = series * -tiny + 1 / math.factorial(power + 3)
+    phi3 = jnp.where(small, series, phi3)
+    phi2 = jnp.where(small, 0.5 - tiny * series, phi2)
+    phi1 = jnp.where(small, 1 - tiny * (0.5 - tiny * series), phi1)
+    return jnp.exp(-x), phi1, phi2, phi3
