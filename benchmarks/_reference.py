@@ -62,7 +62,8 @@ def _readings(
         if not solution.success:
             return np.full((len(time), len(network.gain)), np.nan)
         inside = (time > start) & (time <= end)
-        states[inside] = solution.sol(time[inside]).T
+        if inside.any():  # not behind a short delay
+            states[inside] = solution.sol(time[inside]).T
         last = solution.y[:, -1]
     return network.readings(states)
 
