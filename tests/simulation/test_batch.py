@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, Twin, load_rig, simulate_batch
+from jaxtwin import Experiment, JaxtwinError, Twin, load_rig, simulate_batch
 from jaxtwin.simulation import build_schedule
 from jaxtwin.simulation._compressed import compress
 
@@ -16,6 +16,11 @@ ALL = ("cost", "final", "minimum", "maximum", "spread", "deviation")
 @pytest.fixture(scope="module")
 def twin() -> Twin:
     return Twin(load_rig("paper-2024"))
+
+
+@pytest.fixture(scope="module")
+def dual_cell() -> Twin:
+    return Twin("dual-cell")
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +93,51 @@ def test_a_failed_draw_leaves_the_others_alone(twin, experiment, whole):
     np.testing.assert_allclose(
         given(reduced.final)[[0, 1, 3, 4]], whole[[0, 1, 3, 4], -1], atol=1e-9
     )
+
+
+def test_a_driver_without_delay_or_ahead_of_its_command_is_a_failed_draw(dual_cell):
+    time = np.arange(21.0)
+    drive = Experiment(time, np.full((21, 2), 0.5))
+    draws = {"t_delay": np.array([0.5, 0.0, -3.0, 0.5]), "t_lag": np.array([1.0, 1.0, 1.0, -5.0])}
+    reduced = simulate_batch(dual_cell, drive, draws, reductions=["final", "maximum"])
+    np.testing.assert_array_equal(reduced.failed, [False, True, True, True])
+    assert np.isfinite(given(reduced.final)[0]).all()
+    assert np.isnan(given(reduced.final)[1:]).all()
+    assert np.isnan(given(reduced.maximum)[1:]).all()
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"parameters": {}}, "parameters: found none, allowed is name -> draws"),
+        ({"parameters": {"R_X": [1.0]}}, "unknown parameter 'R_X', allowed are C_esp, "),
+        (
+            {"parameters": {"R_E": []}},
+            r"parameter R_E: found draws of shape \(0,\), allowed is one",
+        ),
+        ({"parameters": {"R_E": [[1.0]]}}, r"parameter R_E: found draws of shape \(1, 1\)"),
+        ({"parameters": {"R_E": ["a lot"]}}, r"parameter R_E: found \['a lot'\], allowed are num"),
+        ({"parameters": {"R_E": [2.0, np.nan]}}, "parameter R_E: found nan at draw 1, allowed are"),
+        (
+            {"parameters": {"R_E": [2.0], "R_ph": [0.1, 0.2]}},
+            r"found unequal numbers of draws \(R_E 1, R_ph 2\), allowed is the same number",
+        ),
+        ({"chunk_size": -5}, "chunk_size: found -5, allowed is a whole number above 0"),
+        ({"workers": 0}, "workers: found 0, allowed is a whole number above 0"),
+        ({"reductions": ["cost"]}, 'reductions: found "cost", allowed only for experiments with'),
+    ],
+)
+def test_bad_input_is_refused_before_any_work(twin, asked, message):
+    drive = Experiment(TIME, DUTY)
+    given = {"parameters": DRAWS} | asked
+    with pytest.raises(JaxtwinError, match=message):
+        simulate_batch(twin, drive, **given)
+
+
+def test_several_values_of_a_parameter_that_is_not_drawn_are_refused(twin):
+    several = twin.with_parameters({"R_pc": np.array([0.4, 0.5])})
+    with pytest.raises(JaxtwinError, match=r"parameter R_pc: found several values in the twin"):
+        simulate_batch(several, Experiment(TIME, DUTY), DRAWS)
 
 
 def test_draws_with_stiff_cells_go_to_a_stiff_solver(twin, experiment, runs, monkeypatch):

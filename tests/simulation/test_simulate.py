@@ -191,6 +191,15 @@ def test_resistance_or_heat_capacity_not_above_zero_is_refused(twin, name, what,
         twin.with_parameters({name: value}).simulate(EXPERIMENT)
 
 
+@pytest.mark.parametrize(("name", "what"), [("t_lag", "lag"), ("t_delay", "delay")])
+def test_a_driver_ahead_of_its_command_is_refused(name, what):
+    message = (
+        rf"dual-cell: {what} of the driver \({name}\): found -3 in SI units, allowed .* above 0"
+    )
+    with pytest.raises(ParameterError, match=message):
+        Twin("dual-cell", {name: -3.0}).simulate(EXPERIMENT)
+
+
 def test_several_values_of_a_parameter_are_refused(twin):
     """Draws go to `simulate_batch`."""
     with pytest.raises(ParameterError, match=r"parameter R_E: found 3 values, allowed is one"):

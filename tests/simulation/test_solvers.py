@@ -121,6 +121,19 @@ def test_controller_that_steps_over_input_changes_is_refused(twins):
         )
 
 
+@pytest.mark.parametrize(
+    "options", [{"dt0": 0.1}, {"stepsize_controller": diffrax.ConstantStepSize()}]
+)
+def test_steps_without_a_solver_are_refused(twins, options):
+    with pytest.raises(SimulationError, match=r"found without a solver, allowed is beside one"):
+        twins["startup"].simulate(STEPS, **options)
+
+
+def test_first_step_of_a_solver_without_an_error_estimate_is_refused(twins):
+    with pytest.raises(SimulationError, match=r"dt0: found 0.1, allowed is None for Euler"):
+        twins["startup"].simulate(STEPS, solver=diffrax.Euler(), dt0=0.1)
+
+
 def test_default_solver_compiles_once_for_all_parameter_values(twins, caplog):
     """A second run with other values and other duty cycles of the same shape compiles nothing."""
     twins["startup"].simulate(STEPS)

@@ -101,8 +101,8 @@ class Unknowns:
         logarithmic = np.array([row.is_logarithmic for row in self.rows], dtype=bool)
         found[..., logarithmic] = np.exp(found[..., logarithmic])
         # A value at a bound has been through a logarithm; it must not come back from beyond.
-        bounds = [[row.lower for row in self.rows], [row.upper for row in self.rows]]
-        return np.clip(found, *bounds)
+        lower, upper = np.array([(row.lower, row.upper) for row in self.rows]).T
+        return np.clip(found, lower, upper)
 
     def values(
         self, vector: Float[np.ndarray, "*draws unknowns"]

@@ -76,7 +76,8 @@ class System(eqx.Module):
             for part in (wiring.lag, wiring.delay, wiring.ambient_drift)
         )
         capacitance = wiring.capacitances(parameters_si)
-        positive = (resistances, capacitance, electrical, thermal, supply + on + electrical)
+        positive = [resistances, capacitance, electrical, thermal, supply + on + electrical]
+        positive += [part for part in (lag, delay) if part is not None]
         return cls(
             capacitance=capacitance,
             conductance=jnp.diag(between.sum(axis=1) + ambient) - between,

@@ -1,8 +1,19 @@
 """Sensitivity analysis: which parameters matter, step 4 of the paper."""
 
+from ._drawn import distinct_names, drawn_values, own_draws, paired_twins
 from ._indices import pearson, pearson_interval
 from ._monte_carlo import sensitivity
 from ._sampling import normal_draws
 from ._sensitivity import Sensitivity
 
-__all__ = ["Sensitivity", "normal_draws", "pearson", "pearson_interval", "sensitivity"]
+__all__ = [
+    "Sensitivity",
+    "distinct_names",
+    "drawn_values",
+    "normal_draws",
+    "own_draws",
+    "paired_twins",
+    "pearson",
+    "pearson_interval",
+    "sensitivity",
+]

@@ -5,10 +5,11 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from .._errors import ParameterError, SimulationError
+from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import Twin
 from ..simulation import simulate_batch
+from ._drawn import distinct_names, drawn_values, own_draws, paired_twins
 from ._indices import pearson, pearson_interval
 from ._sampling import normal_draws
 from ._sensitivity import MEAN, Sensitivity
@@ -48,29 +49,19 @@ def sensitivity(
     experiment has no recorded temperatures or a number is out of range.
     """
     began = time.perf_counter()
-    recordings = [experiments] if isinstance(experiments, Experiment) else list(experiments)
-    twins = [twin] * len(recordings) if isinstance(twin, Twin) else list(twin)
-    if not recordings or len(twins) != len(recordings):
-        raise SimulationError(
-            f"sensitivity: found {len(twins)} twins for {len(recordings)} experiments, allowed is "
-            "one for all or one each"
-        )
+    twins, recordings = paired_twins("sensitivity", twin, experiments)
     if draws < 3 or not 0 < spread < 1:
         raise SimulationError(
             f"sensitivity: found draws = {draws}, spread = {spread}, allowed are at least 3 draws "
             "and a spread between 0 and 1"
         )
     first = twins[0]
-    values = _values(first, parameters)
+    values = drawn_values(first, parameters)
     samples = normal_draws(values, float(spread), seed, draws)
     columns: list[tuple[str, np.ndarray]] = []
     failed = np.zeros(draws, dtype=bool)
     for one, experiment in zip(twins, recordings, strict=True):
-        # Draws are relative, so that twins with values of their own get the same ones.
-        own = {
-            name: float(one.parameters[name]) / values[name] * sample
-            for name, sample in samples.items()
-        }
+        own = own_draws(one, values, samples)
         result = simulate_batch(one, experiment, own, reductions=["cost"], on_progress=on_progress)
         assert result.cost is not None
         failed |= result.failed
@@ -83,7 +74,7 @@ def sensitivity(
         rig=first.rig.name,
         names=tuple(values),
         values=np.array(list(values.values())),
-        channels=(*_distinct([name for name, _ in columns]), MEAN),
+        channels=(*distinct_names(name for name, _ in columns), MEAN),
         correlation=correlation,
         interval=pearson_interval(correlation, int((~failed).sum())),
         samples=table,
@@ -93,34 +84,3 @@ def sensitivity(
         seed=seed,
         wall_time=time.perf_counter() - began,
     )
-
-
-def _values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, float]:
-    table = twin.rig.parameters
-    if parameters is None:
-        names = [name for name, row in table.items() if row.free and row.scope == "shared"]
-    else:
-        names = list(dict.fromkeys(parameters))
-    unknown = [name for name in names if name not in table]
-    if unknown or not names:
-        raise ParameterError(
-            f"{twin.rig.name}: parameters: found {', '.join(unknown) or 'none'}, allowed are "
-            f"{', '.join(table)}"
-        )
-    values = {name: float(twin.parameters[name]) for name in names}
-    for name, value in values.items():
-        if value == 0:
-            raise ParameterError(
-                f"{twin.rig.name}: parameter {name}: found 0, allowed is a value to spread around"
-            )
-    return values
-
-
-def _distinct(names: list[str]) -> list[str]:
-    """Channel names; where two recordings share one, the later ones carry a number."""
-    seen: dict[str, int] = {}
-    labels = []
-    for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        labels.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
-    return labels

@@ -5,7 +5,15 @@ grid that is fine after each input change; any diffrax solver can take its place
 """
 
 from ._ambient import ambient_of_samples, reference_temperature
-from ._batch import Reductions, simulate_batch
+from ._batch import (
+    REDUCTIONS,
+    Reductions,
+    checked_precision,
+    checked_reductions,
+    simulate_batch,
+)
+from ._chunk import Reduction
+from ._chunk_runner import Precision
 from ._measures import fit_percent, rmse
 from ._run import Run
 from ._schedule import Schedule, build_schedule, twin_schedule
@@ -15,9 +23,12 @@ from ._solver import HeldInputs, NetworkExponential, NetworkProblem, network_fie
 from ._uniformity import Uniformity, uniformity
 
 __all__ = [
+    "REDUCTIONS",
     "HeldInputs",
     "NetworkExponential",
     "NetworkProblem",
+    "Precision",
+    "Reduction",
     "Reductions",
     "Run",
     "Schedule",
@@ -25,6 +36,8 @@ __all__ = [
     "ambient_of_samples",
     "build_schedule",
     "checked_channels",
+    "checked_precision",
+    "checked_reductions",
     "fit_percent",
     "network_field",
     "reference_temperature",

@@ -42,7 +42,7 @@ REDUCTIONS: tuple[Reduction, ...] = (
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reductions:
     """What was asked of many draws instead of their trajectories; None where it was not.
 
@@ -52,8 +52,8 @@ class Reductions:
     - `minimum`, `maximum`: over time, `(draws, channels)`, degC.
     - `spread`: largest minus smallest plate element at the end, `(draws,)`, K.
     - `deviation`: standard deviation over the plate's elements at the end, `(draws,)`, K.
-    - `failed`: draws with a resistance or capacitance that is not above 0, or whose temperatures
-      do not stay finite, `(draws,)`; their other entries are NaN.
+    - `failed`: draws with a resistance, a capacitance, or a driver's lag or delay that is not above
+      0, or whose temperatures do not stay finite, `(draws,)`; their other entries are NaN.
     """
 
     channels: tuple[str, ...]
@@ -142,17 +142,19 @@ def simulate_batch(
     names, else all; or `Reductions`.
 
     **Raises:** `ParameterError` for unknown names, draws that are not one row of finite numbers or
-    not equally many, or none; `SimulationError` where experiment and rig do not belong together,
-    or the cost is asked for without recorded temperatures.
+    not equally many, or none, or a twin with several values of another parameter;
+    `SimulationError` where experiment and rig do not belong together, the cost is asked for
+    without recorded temperatures, or an option has no meaning.
     """
     names = checked_channels(twin, experiment)
     start = checked_initial(twin, initial)
     draws = _checked_draws(twin, parameters)
-    wanted = None if reductions is None else _checked_reductions(reductions, experiment)
-    if precision not in ("float64", "float32"):
-        raise SimulationError(f'precision: found {precision!r}, allowed is "float64" or "float32"')
+    wanted = None if reductions is None else checked_reductions(reductions, [experiment])
+    for name, number in (("chunk_size", chunk_size), ("workers", workers)):
+        if number is not None and (not isinstance(number, int) or number < 1):
+            raise SimulationError(f"{name}: found {number!r}, allowed is a whole number above 0")
     columns = np.array([twin.channels.index(name) for name in names])
-    runner = ChunkRunner(twin, start, precision, chunk_size, workers)
+    runner = ChunkRunner(twin, start, checked_precision(precision), chunk_size, workers)
 
     def solve(draws: dict[str, np.ndarray], refinement: int) -> dict[str, np.ndarray]:
         schedule = twin_schedule(twin, experiment, refinement)
@@ -281,12 +283,24 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, Any]) -> dict[str, np.nd
     if not parameters:
         raise ParameterError(f"{rig.name}: parameters: found none, allowed is name -> draws")
     draws: dict[str, np.ndarray] = {}
+    held = [name for name in rig.parameters if name not in parameters]
+    several = [name for name in held if np.ndim(twin.parameters[name])]
+    if several:
+        raise ParameterError(
+            f"{rig.name}: parameter {several[0]}: found several values in the twin, allowed is one "
+            "where it is not drawn"
+        )
     for name, values in parameters.items():
         if name not in rig.parameters:
             raise ParameterError(
                 f"{rig.name}: unknown parameter {name!r}, allowed are {', '.join(rig.parameters)}"
             )
-        array = np.asarray(values, dtype=float)
+        try:
+            array = np.asarray(values, dtype=float)
+        except (TypeError, ValueError):
+            raise ParameterError(
+                f"{rig.name}: parameter {name}: found {values!r}, allowed are numbers"
+            ) from None
         if array.ndim != 1 or array.size == 0:
             raise ParameterError(
                 f"{rig.name}: parameter {name}: found draws of shape {array.shape}, allowed is one "
@@ -308,17 +322,28 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, Any]) -> dict[str, np.nd
     return draws
 
 
-def _checked_reductions(
-    reductions: Iterable[Reduction], experiment: Experiment
+def checked_precision(precision: Precision) -> Precision:
+    """**Raises:** `SimulationError` where it is none."""
+    if precision not in ("float64", "float32"):
+        raise SimulationError(f'precision: found {precision!r}, allowed is "float64" or "float32"')
+    return precision
+
+
+def checked_reductions(
+    reductions: Iterable[str], experiments: Iterable[Experiment]
 ) -> tuple[Reduction, ...]:
+    """The reductions that are asked of some experiments.
+
+    **Raises:** `SimulationError` for unknown names, none, or the cost where nothing is recorded.
+    """
     wanted = tuple(reductions)
     unknown = [name for name in wanted if name not in REDUCTIONS]
     if unknown or not wanted:
         raise SimulationError(
             f"reductions: found {', '.join(unknown) or 'none'}, allowed are {', '.join(REDUCTIONS)}"
         )
-    if "cost" in wanted and experiment.temperatures is None:
+    if "cost" in wanted and any(one.temperatures is None for one in experiments):
         raise SimulationError(
-            'reductions: found "cost", allowed only for an experiment with recorded temperatures'
+            'reductions: found "cost", allowed only for experiments with recorded temperatures'
         )
-    return wanted
+    return tuple(name for name in REDUCTIONS if name in wanted)

@@ -97,7 +97,7 @@ class ChunkRunner:
                 with one_at_a_time:
                     on_progress(min(size, count - first))
 
-        threads = self.workers or (len(devices) if accelerated else os.cpu_count() or 1)
+        threads = self.workers or (len(devices) if accelerated else _cores())
         with ThreadPoolExecutor(max_workers=threads) as pool:
             # Exceptions come out where the results are asked for.
             for _ in pool.map(work, range(-(-count // size))):
@@ -108,6 +108,13 @@ class ChunkRunner:
         if accelerated:
             return CHUNK_ACCELERATOR
         return CHUNK_CPU if self.twin.wiring.delay is None else CHUNK_CPU // 2
+
+
+def _cores() -> int:
+    """That this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _padded(values: np.ndarray, size: int) -> np.ndarray:

@@ -52,7 +52,7 @@ def solve_with_diffrax(
         y0=initial - reference,
         args=NetworkProblem(system, inputs, reference),
         saveat=diffrax.SaveAt(ts=jnp.asarray(time)),
-        stepsize_controller=_clipped(solver, controller, experiment, changes, system),
+        stepsize_controller=_clipped(solver, controller, dt0, experiment, changes, system),
         # Jacobians by forward mode; the twin is small and its step count unbounded beforehand.
         adjoint=diffrax.ForwardMode(),
         max_steps=None,
@@ -65,6 +65,7 @@ def solve_with_diffrax(
 def _clipped(
     solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController | None,
+    dt0: float | None,
     experiment: Experiment,
     changes: Int[np.ndarray, " changes"],
     system: System,
@@ -86,6 +87,11 @@ def _clipped(
             # Commands arrive late, the ambient does not.
             jumps = jnp.sort(jnp.concatenate([jumps, delay + jnp.append(jumps, 0.0)]))
         return diffrax.ClipStepSizeController(controller, jump_ts=jumps)
+    if dt0 is not None:
+        raise SimulationError(
+            f"dt0: found {dt0!r}, allowed is None for {type(solver).__name__}, which has no error "
+            "estimate and takes the steps of the default solver"
+        )
     # Without an error estimate: the steps of the default solver, known before anything is traced.
     schedule = twin_schedule(system, experiment)
     sizes = np.asarray(schedule.sizes)[np.asarray(schedule.size)]

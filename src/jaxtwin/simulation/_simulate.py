@@ -60,9 +60,15 @@ def simulate(
     **Returns:** a `Run` at the experiment's times.
 
     **Raises:** `SimulationError` where experiment and rig do not belong together, or the solve
-    does not reach its end; `ParameterError` where a resistance or heat capacity is not above 0, or
-    a parameter holds more than one value.
+    does not reach its end, or a controller comes without a solver; `ParameterError` where a
+    resistance, a heat capacity, or a driver's lag or delay is not above 0, or a parameter holds
+    more than one value.
     """
+    if solver is None and not (stepsize_controller is None and dt0 is None):
+        raise SimulationError(
+            "stepsize_controller, dt0: found without a solver, allowed is beside one; the default "
+            "solver chooses its steps itself"
+        )
     channels = checked_channels(twin, experiment)
     _check_values(twin)
     start = checked_initial(twin, initial)
@@ -160,6 +166,12 @@ def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
         named += [(f"resistance {link.a} - {link.b}", value) for value in link.resistances]
     named += [
         (f"electrical resistance of {c.name}", c.electrical_resistance) for c in netlist.cells
+    ]
+    driver = rig.driver
+    named += [
+        (f"{what} of the driver", value)
+        for what, value in (("lag", driver.lag), ("delay", driver.delay))
+        if value is not None
     ]
     first: dict[Value, str] = {}
     for what, value in named:

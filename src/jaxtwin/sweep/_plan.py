@@ -14,11 +14,16 @@ from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Rig
-from ..sensitivity import normal_draws
-from ..sensitivity._monte_carlo import _distinct as distinct_names
-from ..sensitivity._monte_carlo import _values as drawn_values
-from ..simulation import checked_channels, simulate_batch
-from ..simulation._batch import REDUCTIONS, Precision, Reduction
+from ..sensitivity import distinct_names, drawn_values, normal_draws, own_draws, paired_twins
+from ..simulation import (
+    REDUCTIONS,
+    Precision,
+    Reduction,
+    checked_channels,
+    checked_precision,
+    checked_reductions,
+    simulate_batch,
+)
 
 FORMAT = 1
 """Of the store; another number means other arrays or another order of draws."""
@@ -72,7 +77,7 @@ class Plan:
     def channels(self) -> tuple[str, ...]:
         """Of all experiments in a row; those that share a name are numbered."""
         names = map(checked_channels, self.twins, self.experiments)
-        return tuple(distinct_names([name for own in names for name in own]))
+        return tuple(distinct_names(name for own in names for name in own))
 
     @property
     def recordings(self) -> tuple[str, ...]:
@@ -116,15 +121,10 @@ class Plan:
         kept: dict[str, list[np.ndarray]] = {name: [] for name in self.reductions}
         failed = np.zeros(len(next(iter(samples.values()))), dtype=bool)
         for twin, experiment in zip(self.twins, self.experiments, strict=True):
-            # Draws are relative, so that twins with values of their own get the same ones.
-            own = {
-                name: float(twin.parameters[name]) / self.values[name] * sample
-                for name, sample in samples.items()
-            }
             result = simulate_batch(
                 twin,
                 experiment,
-                own,
+                own_draws(twin, self.values, samples),
                 reductions=self.reductions,
                 precision=self.precision,
                 on_progress=on_progress,
@@ -152,15 +152,7 @@ def plan_sweep(
 
     **Raises:** as `sweep`.
     """
-    recordings = [experiments] if isinstance(experiments, Experiment) else list(experiments)
-    twins = [twin] * len(recordings) if isinstance(twin, Twin) else list(twin)
-    if not recordings or len(twins) != len(recordings):
-        raise SimulationError(
-            f"sweep: found {len(twins)} twins for {len(recordings)} experiments, allowed is one "
-            "for all or one each"
-        )
-    if any(one.rig != twins[0].rig for one in twins):
-        raise SimulationError("sweep: found twins of several rigs, allowed is one rig")
+    twins, recordings = paired_twins("sweep", twin, experiments)
     for name, number, least in (
         ("draws", draws, 1),
         ("chunk_size", chunk_size, 1),
@@ -170,6 +162,10 @@ def plan_sweep(
             raise SimulationError(f"sweep: {name}: found {number}, allowed is at least {least}")
     if not 0 < spread < 1:
         raise SimulationError(f"sweep: spread: found {spread}, allowed is between 0 and 1")
+    if reductions is None:
+        recorded = all(one.temperatures is not None for one in recordings)
+        reductions = ("cost", "final") if recorded else ("final",)
+    asked = checked_reductions(reductions, recordings)
     plan = Plan(
         twins=tuple(twins),
         experiments=tuple(recordings),
@@ -177,31 +173,13 @@ def plan_sweep(
         draws=int(draws),
         spread=float(spread),
         seed=int(seed),
-        reductions=_checked_reductions(reductions, recordings),
-        precision=precision,
+        # In one order: the same sweep whatever the order they were asked for in.
+        reductions=tuple(name for name in REDUCTIONS if name in asked),
+        precision=checked_precision(precision),
         chunk_size=int(chunk_size),
     )
     plan.identity  # noqa: B018 - asks for channels, and so finds experiments of another rig
     return plan
-
-
-def _checked_reductions(
-    reductions: Iterable[str] | None, experiments: Sequence[Experiment]
-) -> tuple[Reduction, ...]:
-    recorded = all(experiment.temperatures is not None for experiment in experiments)
-    if reductions is None:
-        return ("cost", "final") if recorded else ("final",)
-    asked = tuple(reductions)
-    unknown = [name for name in asked if name not in REDUCTIONS]
-    if unknown or not asked:
-        raise SimulationError(
-            f"reductions: found {', '.join(unknown) or 'none'}, allowed are {', '.join(REDUCTIONS)}"
-        )
-    if "cost" in asked and not recorded:
-        raise SimulationError(
-            'reductions: found "cost", allowed only for experiments with recorded temperatures'
-        )
-    return tuple(name for name in REDUCTIONS if name in asked)
 
 
 def _content(rig: Rig) -> str:

@@ -1,0 +1,87 @@
+"""What a study of random draws is made of: twins, experiments, and what is drawn around what."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import ParameterError, SimulationError
+from ..io import Experiment
+from ..physics import Twin
+
+
+def paired_twins(
+    study: str,
+    twin: Twin | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment],
+) -> tuple[list[Twin], list[Experiment]]:
+    """One twin for each experiment.
+
+    **Arguments:**
+
+    - `study`: what asks, for its errors.
+    - `twin`: one for all experiments, or one each.
+    - `experiments`: one or several.
+
+    **Raises:** `SimulationError` where their numbers differ, there are none, or the twins' rigs do.
+    """
+    recordings = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    twins = [twin] * len(recordings) if isinstance(twin, Twin) else list(twin)
+    if not recordings or len(twins) != len(recordings):
+        raise SimulationError(
+            f"{study}: found {len(twins)} twins for {len(recordings)} experiments, allowed is one "
+            "for all or one each"
+        )
+    if any(one.rig != twins[0].rig for one in twins):
+        raise SimulationError(f"{study}: found twins of several rigs, allowed is one rig")
+    return twins, recordings
+
+
+def drawn_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, float]:
+    """Name -> what that parameter is drawn around, in the rig's unit.
+
+    **Arguments:**
+
+    - `parameters`: names; None for those that the rig calls free and all recordings share.
+
+    **Raises:** `ParameterError` for unknown names, none at all, or a value of 0.
+    """
+    table = twin.rig.parameters
+    if parameters is None:
+        names = [name for name, row in table.items() if row.free and row.scope == "shared"]
+    else:
+        names = list(dict.fromkeys(parameters))
+    unknown = [name for name in names if name not in table]
+    if unknown or not names:
+        raise ParameterError(
+            f"{twin.rig.name}: parameters: found {', '.join(unknown) or 'none'}, allowed are "
+            f"{', '.join(table)}"
+        )
+    values = {name: float(twin.parameters[name]) for name in names}
+    for name, value in values.items():
+        if value == 0:
+            raise ParameterError(
+                f"{twin.rig.name}: parameter {name}: found 0, allowed is a value to spread around"
+            )
+    return values
+
+
+def own_draws(
+    twin: Twin, values: Mapping[str, float], samples: Mapping[str, Float[np.ndarray, " draws"]]
+) -> dict[str, Float[np.ndarray, " draws"]]:
+    """Draws around a twin's own values, as far away in proportion as `samples` are from `values`:
+    twins that differ get the same draws."""
+    return {
+        name: float(twin.parameters[name]) / values[name] * sample
+        for name, sample in samples.items()
+    }
+
+
+def distinct_names(names: Iterable[str]) -> list[str]:
+    """Where several share a name, the later ones carry a number."""
+    seen: dict[str, int] = {}
+    labels = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        labels.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return labels
