@@ -1,4 +1,5 @@
-"""The truth that every way is measured against: scipy's Radau at 1e-10, draw by draw."""
+"""The truth that every way is measured against: scipy's Radau at 1e-10, draw by draw, or at the
+next power of ten at which rounding lets it arrive."""
 
 from collections.abc import Callable
 from typing import Any

@@ -28,11 +28,19 @@ def _machine(where: dict[str, Any], quick: bool) -> str:
 
 def _ways(task: str, table: dict[str, Any]) -> str:
     rows = [
-        (name, f"{row['ms_per_draw']:.3g}", f"{row['error_K']:.1e}", f"{row['times_ours']:.3g}")
+        (
+            name,
+            f"{row['ms_per_draw']:.3g}",
+            f"{row['error_K']:.1e}",
+            f"{row['times_ours']:.2g}" if row["times_ours"] < 100 else f"{row['times_ours']:.0f}",
+        )
         for name, row in table.items()
     ]
     head = ("way", "ms a draw", "largest error, K", "times jaxtwin's time")
-    return f"## {task}: 1000 s at 1 Hz, 15 channels\n\n" + _table(head, rows)
+    return (
+        f"## {task}: 1000 s at 1 Hz, 15 channels\n\n"
+        "Medians of four rounds, of times and of ratios within a round.\n\n" + _table(head, rows)
+    )
 
 
 def _scaling(answer: dict[str, Any]) -> str:
@@ -47,7 +55,8 @@ def _scaling(answer: dict[str, Any]) -> str:
     return (
         "## Number of draws\n\n"
         + _table(head, rows)
-        + f"\nTime a draw from 1,000 draws on: largest over smallest {answer['flatness']:.3f}. "
+        + f"\nTime a draw from 1,000 draws on: largest over smallest {answer['flatness']:.2f} "
+        f"(CPU time {answer['cpu_flatness']:.2f}). "
         f"Peak resident memory of {answer['peak_draws']:,} draws: {answer['peak_MiB']:.0f} MiB. "
         f"{threads['draws']:,} draws: one worker {wall['1']:.2f} s ({cpu['1']:.2f} s of CPU time), "
         f"two {wall['2']:.2f} s ({cpu['2']:.2f} s), {threads['two_are_faster_by']:.2f} times as "
@@ -82,6 +91,7 @@ def _matching(answer: dict[str, Any]) -> str:
     rows = [
         (
             name,
+            f"{row['first_seconds']:.1f}",
             f"{row['seconds']:.2f}",
             f"{row['rmse_K']:.4f}",
             row["residuals"],
@@ -89,13 +99,21 @@ def _matching(answer: dict[str, Any]) -> str:
         )
         for name, row in answer["matches"].items()
     ]
-    head = ("way", "s", "RMSE reached, K", "evaluations of residuals", "of the Jacobian")
+    head = (
+        "way",
+        "first time, s",
+        "second time, s",
+        "RMSE reached, K",
+        "evaluations of residuals",
+        "of the Jacobian",
+    )
     return (
         f"## Matching: {answer['recordings']}\n\n"
         f"Jacobian of {jacobian['residuals']} residuals in {jacobian['unknowns']} parameters: "
         f"{1e3 * jacobian['seconds']:.0f} ms warm; the residuals alone "
         f"{1e3 * jacobian['residuals_only_seconds']:.1f} ms. "
-        f"A match of {answer['unknowns']} unknowns, on the same residuals:\n\n" + _table(head, rows)
+        f"A match of {answer['unknowns']} unknowns, on the same residuals, which are compiled "
+        "beforehand for SciPy and lmfit:\n\n" + _table(head, rows)
     )
 
 

@@ -5,6 +5,7 @@ python -m benchmarks.scaling --quick
 
 import time
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import jaxtwin as jt
@@ -13,64 +14,74 @@ from ._measure import in_fresh_process, median_ratio, rounds, run_alone
 from ._task import PUBLISHED
 
 MILLION = 1_000_000
-PATIENCE = 150.0
+PATIENCE = 400.0
 """Seconds that the largest number of draws may take, else it is left out."""
 REDUCTIONS = ("cost", "final")
 PEERS = {
-    "CasADi CVODES, 1e-5": [100, 1000, 10_000],
+    "CasADi CVODES, 1e-5": [100, 1000, 3000],
     "diffrax Kvaerno5, 1e-5": [100, 1000],
-    "scipy LSODA, 1e-6": [100],
+    "scipy LSODA, 1e-6": [30, 100],
 }
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
     """On `paper-2024` around the published values.
 
-    **Returns:** `times`: way -> pairs (draws, seconds) on whole trajectories for the peers, on
-    costs and final temperatures for ours; `flatness`: largest over smallest time a draw from a
-    thousand draws on; `peak_MiB`: resident memory of a fresh process with its largest number of
-    draws; `workers`: wall and CPU seconds of 1 and 2 threads and their ratio.
+    **Returns:** `times`: way -> pairs (draws, seconds), whole trajectories where nothing else is
+    said; `flatness`: of costs and final temperatures in float64, largest over smallest wall time a
+    draw from a thousand draws on; `cpu_flatness`: the same of the CPU time, which does not see
+    what else the machine does; `peak_MiB`: resident memory of a fresh process with its largest
+    number of draws; `workers`: wall and CPU seconds of 1 and 2 threads and their ratio.
     """
     largest = 10_000 if quick else MILLION
     counts = [count for count in (100, 1000, 10_000, 100_000, MILLION) if count <= largest]
-    double = in_fresh_process("scaling:ours", counts, "float64")
-    single = in_fresh_process("scaling:ours", counts[:4], "float32")
+    double = in_fresh_process("scaling:ours", counts, "float64", REDUCTIONS)
+    single = in_fresh_process("scaling:ours", counts[:4], "float32", REDUCTIONS)
+    whole = in_fresh_process("scaling:ours", counts[:3], "float64", None)
     times = {
         "jaxtwin, float64, cost and final": double["times"],
         "jaxtwin, float32, cost and final": single["times"],
+        "jaxtwin, float64": whole["times"],
     }
     for name, sizes in PEERS.items():
         sizes = sizes[:1] if quick else sizes
         times[name] = [(count, _peer(name, count)) for count in sizes]
-    each = [seconds / count for count, seconds in double["times"] if count >= 1000]
     return {
         "times": times,
-        "flatness": max(each) / min(each),
+        "flatness": _flatness(double["times"]),
+        "cpu_flatness": _flatness(double["cpu"]),
         "peak_MiB": double["peak_MiB"],
         "peak_draws": double["times"][-1][0],
         "workers": workers(2000 if quick else 20_000, 1 if quick else 3),
     }
 
 
-def ours(counts: list[int], precision: Any) -> dict[str, Any]:
-    """Times and peak memory of the batch engine, from few draws to many."""
+def _flatness(times: list[tuple[int, float]]) -> float:
+    each = [seconds / count for count, seconds in times if count >= 1000]
+    return max(each) / min(each)
+
+
+def ours(counts: list[int], precision: Any, reductions: Any) -> dict[str, Any]:
+    """Wall and CPU times and peak memory of the batch engine, from few draws to many."""
     twin, experiment = PUBLISHED.twin, PUBLISHED.experiment
 
-    def seconds(count: int) -> float:
+    def seconds(count: int) -> tuple[float, float]:
         draws = PUBLISHED.draws(count)
-        began = time.perf_counter()
-        jt.simulate_batch(twin, experiment, draws, reductions=REDUCTIONS, precision=precision)
-        return time.perf_counter() - began
+        began, busy = time.perf_counter(), time.process_time()
+        jt.simulate_batch(twin, experiment, draws, reductions=reductions, precision=precision)
+        return time.perf_counter() - began, time.process_time() - busy
 
-    times = []
+    times, cpu = [], []
     for count in counts:
         if times and times[-1][1] / times[-1][0] * count > PATIENCE:
             break
         if count <= 1000:
             seconds(count)  # the first call compiles
-        taken = sorted(seconds(count) for _ in range(max(1, min(9, 30_000 // count))))
-        times.append((count, taken[len(taken) // 2]))
-    return {"times": times, "peak_MiB": _peak()}
+        taken = [seconds(count) for _ in range(max(1, min(9, 30_000 // count)))]
+        wall, busy = map(median, zip(*taken, strict=True))
+        times.append((count, wall))
+        cpu.append((count, busy))
+    return {"times": times, "cpu": cpu, "peak_MiB": _peak()}
 
 
 def _peak() -> float:
@@ -105,9 +116,7 @@ def _peer(name: str, count: int) -> float:
     from .ways import peers
 
     run = peers(PUBLISHED)[name][0](PUBLISHED, count)
-    began = time.perf_counter()
-    run()
-    return time.perf_counter() - began
+    return median(rounds({name: run}, 3)[name])
 
 
 if __name__ == "__main__":
