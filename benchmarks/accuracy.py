@@ -4,7 +4,8 @@
 
 Random draws between the bounds, half of them uniform, half log-uniform (where the lower bound is
 above 0), 1000 s at 1 Hz with the recordings' drive, each against Radau at 1e-10 on all cores: a
-second or two a draw and core. And the order of convergence, by cutting all steps into ever more parts.
+second or two a draw and core. And the order of convergence, by cutting all steps into ever more
+parts.
 """
 
 import argparse
