@@ -75,8 +75,7 @@ def coverage(fits: Sequence[Fit], truth: dict[str, np.ndarray]) -> dict[str, tup
             row = fit.parameter(name)
             entry = [label.split("[")[0] for label in fit.uncertainty.labels].index(name)
             spread = np.sqrt(fit.uncertainty.entries[entry, entry])
-            logarithmic = fit.twin.rig.parameters[name].is_logarithmic
-            at = np.log(row.value / value) if logarithmic else row.value - value
+            at = np.log(row.value / value) if row.is_logarithmic else row.value - value
             inside.append(abs(at) < 1.96 * spread)
             flagged.append(row.narrowing < 1)
         result[name] = (float(np.mean(inside)), float(np.mean(flagged)))
@@ -94,10 +93,16 @@ def main() -> None:
     began, work = time.perf_counter(), time.process_time()
     fits = match_many(twin, [[one] for one in experiments], free=FREE)
     wall, work = time.perf_counter() - began, time.process_time() - work
-    print(f"{len(fits)} recordings in {wall:.1f} s ({work:.1f} s of CPU time, with compilation)")
+    kept = [number for number, fit in enumerate(fits) if fit is not None]
+    print(
+        f"{len(fits)} recordings in {wall:.1f} s ({work:.1f} s of CPU time, with compilation), "
+        f"{len(fits) - len(kept)} of them without a fit"
+    )
     print("| parameter | 95 % interval holds the truth | told by the prior only |")
     print("|---|---:|---:|")
-    for name, (inside, flagged) in coverage(fits, truth).items():
+    truth = {name: values[kept] for name, values in truth.items()}
+    found = [fit for fit in fits if fit is not None]
+    for name, (inside, flagged) in coverage(found, truth).items():
         print(f"| {name} | {100 * inside:.1f} % | {100 * flagged:.0f} % |")
 
 

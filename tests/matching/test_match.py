@@ -134,6 +134,13 @@ def test_scopes_can_be_changed(start: Twin):
         ({"free": ["R_E"], "bounds": {"R_E": (3.0, 4.0)}}, MatchError, "1.96.*3 to 4"),
         ({"free": ["R_E"], "bounds": {"R_E": (float("nan"), 4.0)}}, MatchError, "R_E"),
         ({"free": ["R_E"], "starts": 0}, MatchError, "starts"),
+        (
+            {"free": ["R_E"], "bounds": {"R_pc": (0.1, 1.0)}},
+            MatchError,
+            "bounds: found R_pc, .* allowed are R_E",
+        ),
+        ({"free": ["R_E"], "shared": ["T_amb"]}, MatchError, "shared: found T_amb"),
+        ({"free": ["R_E"], "per_recording": ["T_amb"]}, MatchError, "per_recording: found T_amb"),
     ],
 )
 def test_bad_requests_say_what_is_allowed(start, options, error, words):

@@ -32,9 +32,21 @@ def test_a_first_order_process_counts_as_its_theory_says():
 
 def test_hubers_weights_fall_as_one_over_the_residual():
     residuals = np.append(np.random.default_rng(2).normal(size=1000), [10.0, 20.0])
-    weights = huber_weights(residuals, 3.0)
+    weights = huber_weights(residuals, 3.0, np.ones(1002, dtype=bool))
     assert weights[-1] == pytest.approx(weights[-2] / 2)
     assert np.mean(weights[:-2] == 1.0) > 0.99
+
+
+def test_samples_that_do_not_count_do_not_set_the_scale_of_those_that_do():
+    residuals = np.concatenate([np.random.default_rng(2).normal(size=100), np.full(200, 50.0)])
+    weights = huber_weights(residuals, 3.0, np.arange(300) < 100)
+    assert np.all(weights[100:] < 0.1)
+    alone = huber_weights(residuals[:100], 3.0, np.ones(100, dtype=bool))
+    np.testing.assert_array_equal(weights[:100], alone)
+
+
+def test_residuals_that_are_nothing_all_count():
+    np.testing.assert_array_equal(huber_weights(np.zeros(5), 3.0, np.ones(5, bool)), np.ones(5))
 
 
 def test_corrections_are_found_and_steps_of_the_plate_are_not():
@@ -71,8 +83,8 @@ def test_nothing_is_found_in_noise():
 
 def test_shapes_begin_at_their_correction_and_fade():
     time = np.arange(300.0)
-    shapes, spreads = camera_shapes(ERROR, time, (100.0,))
-    none, _ = camera_shapes(ERROR, time, ())
+    shapes, spreads = camera_shapes(ERROR, time, (100.0,), 64)
+    none, _ = camera_shapes(ERROR, time, (), 64)
     used = np.flatnonzero(np.abs(shapes - none).max(axis=0) > 0)
     assert len(used) == 2
     for column, value in zip(shapes[:, used].T, (np.exp(-5.0), np.exp(-1.25)), strict=True):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, Twin, simulate
+from jaxtwin import Experiment, MatchError, SimulationError, Twin, simulate
 from jaxtwin.matching import settle
 
 CHANNELS = ("T11", "T12", "TAM")
@@ -48,3 +48,15 @@ def test_values_that_the_minute_does_not_tell_stay_where_they_were(calm: dict[st
     for name, row in twin.rig.parameters.items():
         if row.scope == "shared":
             assert calm[name] == row.value
+
+
+def test_a_recording_of_another_rig_or_of_nothing_is_refused():
+    drive = Experiment.schedule("0:0", duration=80, channels=("T",))
+    cell = Experiment(drive.time, drive.duty, channels=("T",), temperatures=np.zeros((81, 1)))
+    with pytest.raises(SimulationError, match="found 1 cells, allowed are the 2 of dual-cell"):
+        settle(Twin("dual-cell"), cell)
+    both = Experiment(drive.time, np.zeros((81, 2)), channels=("T",), temperatures=np.zeros(81))
+    with pytest.raises(SimulationError, match="channels: found T, allowed by dual-cell"):
+        settle(Twin("dual-cell"), both)
+    with pytest.raises(MatchError, match="no recorded temperatures"):
+        settle(Twin("dual-cell"), Experiment.schedule("0:0", duration=80, cells=2))

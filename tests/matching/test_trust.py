@@ -1,5 +1,7 @@
 """Priors, the camera as an instrument, uncertainty: on recordings whose truth is known."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,10 +21,12 @@ from jaxtwin import (
     profile,
     simulate,
 )
+from jaxtwin.matching import _estimate
 from jaxtwin.matching._estimate import first_knowledge, make_problem
 from jaxtwin.matching._match import checked_recordings, make_setting
 from jaxtwin.matching._residuals import residual_jacobian, residuals
 from jaxtwin.matching._unknowns import choose_unknowns
+from jaxtwin.matching._warnings import near_bound
 
 # No recording here has the channel T26.
 FREE = ["h_A", "R_pc1_row2", "g_T26", "g_T11", "T_amb"]
@@ -172,6 +176,12 @@ def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_line
     assert found.interval[0] < 20.0 < found.interval[1]
 
 
+@pytest.mark.parametrize("points", [0, 1, 2])
+def test_a_profile_has_three_points_at_least(calm: Fit, points: int):
+    with pytest.raises(MatchError, match=f"points: found {points}, allowed is .* at least 3"):
+        profile(calm, "h_A", points=points)
+
+
 def test_a_prediction_band_holds_the_true_run(calm: Fit):
     band = prediction_band(calm, "day 2", draws=100)
     truth = simulate(Twin("dual-cell", TRUTH), calm.experiments[1]).temperatures
@@ -187,20 +197,39 @@ def test_many_sets_in_one_batch_have_honest_intervals(start: Twin):
         for n in range(16)
     ]
     fits = match_many(start, sets, free=FREE)
+    kept = [fit for fit in fits if fit is not None]
+    assert len(kept) == 16
     inside = [
         abs(fit.parameter(name).value - value) < 1.96 * fit.parameter(name).standard_error
-        for fit in fits
+        for fit in kept
         for name, value in TRUTH.items()
     ]
     assert np.sum(inside) >= 54
-    assert all(fit.uncertainty.dead == ("g_T26",) for fit in fits)
+    assert all(fit.uncertainty.dead == ("g_T26",) for fit in kept)
 
 
 def test_a_batch_gives_what_single_matches_give(start: Twin, disturbed: Fit):
     one = [recording(0, True, "day 1"), recording(1, True, "day 2")]
     (fit, _) = match_many(start, [one, one[::-1]], free=FREE)
+    assert fit is not None
     for name in FREE:
         assert fit.parameter(name).value == pytest.approx(disturbed.parameter(name).value, rel=1e-4)
+
+
+def test_recordings_may_have_very_unequal_numbers_of_corrections(
+    start: Twin, monkeypatch: pytest.MonkeyPatch
+):
+    """Forty corrections in one of four recordings take a second block of the camera's shapes."""
+    runs = [recording(seed, seed == 0, f"{seed}") for seed in range(4)]
+    many = tuple(np.arange(5.0, 285.0, 7.0))
+
+    def detect(time: np.ndarray, common: np.ndarray) -> tuple[float, ...]:
+        return many if np.abs(np.diff(common)).max() > 0.5 else ()
+
+    monkeypatch.setattr(_estimate, "detect_events", detect)
+    fits = match_many(start, [runs[:2], runs[2:]], free=FREE, max_iterations=3)
+    found = [camera.events for fit in fits if fit for camera in fit.camera.values()]
+    assert found == [many, (), (), ()]
 
 
 def test_sets_of_unequal_shape_are_refused(start: Twin):
@@ -220,11 +249,45 @@ def test_sets_of_unequal_shape_are_refused(start: Twin):
         ({"masks": {"day": [(0.0, 300.0)]}}, "no sample left"),
         ({"robust": 0.0}, "robust: found 0.0"),
         ({"bounds": {"h_A": (15.5, 40.0)}}, "h_A"),
+        (
+            {"bounds": {"h_A": (0.0, 40.0)}},
+            "h_A: found bounds 0 to 40 .* are bounds above 0",
+        ),
     ],
 )
 def test_bad_requests_say_what_is_allowed(start: Twin, options, words):
     with pytest.raises(MatchError, match=words):
         match(start, recording(2, False, "day"), free=FREE, **options)
+
+
+def test_bounds_do_not_change_what_a_prior_means(start: Twin):
+    """Below 0 allowed, a prior's spread is in the parameter's unit; above, it is relative."""
+    table = start.rig.parameters
+    below = replace(start.rig, parameters={**table, "h_A": replace(table["h_A"], lower=-1.0)})
+    words = "h_A: found bounds 1 to 40 .*allowed are bounds with a lower one of 0 or less"
+    with pytest.raises(MatchError, match=words):
+        choose_unknowns(Twin(below), 1, free=["h_A"], bounds={"h_A": (1.0, 40.0)})
+
+
+def test_a_temperature_is_near_its_bound_on_its_own_scale(calm: Fit):
+    """A lower bound of 5 degC is no reason to take logarithms."""
+    row = calm.parameter("T_amb")
+    assert not row.is_logarithmic
+    assert calm.parameter("h_A").is_logarithmic
+    assert near_bound(replace(row, lower=5.0, value=5.2, upper=35.0))
+    assert not near_bound(replace(row, lower=5.0, value=5.4, upper=35.0))
+
+
+def test_results_are_compared_by_what_they_are_not_by_their_arrays(calm: Fit):
+    for one in (
+        replace(calm, vector=calm.vector.copy()),
+        replace(calm.setting, samples=tuple(w.copy() for w in calm.setting.samples)),
+        replace(
+            calm.knowledge, common_weights=tuple(w.copy() for w in calm.knowledge.common_weights)
+        ),
+    ):
+        assert one not in (calm, calm.setting, calm.knowledge)
+        assert one in {one}
 
 
 def test_tables_can_be_pasted(disturbed: Fit):

@@ -139,6 +139,7 @@ def test_a_match_finds_the_drift_of_each_recording():
         assert abs(values["T_amb_drift"] - rate) < 4 * spread
         assert spread < 0.6
     (both,) = match_many(Twin("dual-cell"), [runs], free=free, events="none")
+    assert both is not None
     assert both.parameter("T_amb_drift").value == pytest.approx(
         fit.parameter("T_amb_drift").value, rel=1e-3
     )

@@ -19,7 +19,7 @@ class Band:
 
     - `time`: s, `(times,)`. `channels`: names.
     - `lower`, `middle`, `upper`: quantiles of the channels' temperatures without the camera's
-      common error and noise, `(times, channels)`, degC.
+      common error and noise, `(times, channels)`, degC; of the draws that stay finite.
     """
 
     time: Float[np.ndarray, " times"]
@@ -48,8 +48,11 @@ def prediction_band(
     - `draws`, `seed`: of the sample.
     - `level`: probability inside the band.
 
+    **Returns:** the band at the experiment's times, for the channels that it names, else all. Draws
+    whose temperatures do not stay finite are left out of the quantiles.
+
     **Raises:** `MatchError` for a recording that was not matched, a level outside 0 to 1, or fewer
-    than two draws.
+    than two draws; `SimulationError` for an experiment of another rig.
     """
     recording = fit.recordings[0] if recording is None else recording
     if recording not in fit.recordings:

@@ -20,8 +20,16 @@ BLOCK = 64
 two rounds of a match mean no compilation anew."""
 
 
-def camera_shapes(
+def count_shapes(
     error: CommonError, time: Float[np.ndarray, " times"], events: tuple[float, ...]
+) -> int:
+    """How many shapes a recording has, those of zeros that fill a block among them."""
+    count = 1 + len(_corners(error, time)) + len(events) * len(error.relaxation)
+    return -(-count // BLOCK) * BLOCK
+
+
+def camera_shapes(
+    error: CommonError, time: Float[np.ndarray, " times"], events: tuple[float, ...], count: int
 ) -> tuple[Float[np.ndarray, "times shapes"], Float[np.ndarray, " shapes"]]:
     """The shapes of one recording and the standard deviation of the size of each, K.
 
@@ -30,11 +38,10 @@ def camera_shapes(
     - `error`: what is known beforehand.
     - `time`: of the samples, s.
     - `events`: times of the corrections, s; a jump shows from the first sample at or after it.
+    - `count`: of shapes, `count_shapes` at least; the others are zeros.
     """
     shapes, spreads = [np.ones_like(time)], [error.offset]
-    corners = time[0] + error.drift_time * np.arange(
-        np.ceil((time[-1] - time[0]) / error.drift_time) + 1
-    )
+    corners = _corners(error, time)
     for number in range(len(corners)):
         shapes.append(np.interp(time, corners, np.eye(len(corners))[number]))
         spreads.append(error.drift)
@@ -43,10 +50,18 @@ def camera_shapes(
         elapsed = np.where(after, time - event, 0.0)
         shapes += [after * np.exp(-elapsed / tau) for tau in error.relaxation]
         spreads += [error.jump] * len(error.relaxation)
-    empty = -len(shapes) % BLOCK
+    empty = count - len(shapes)
     shapes += [np.zeros_like(time)] * empty
     spreads += [1.0] * empty
     return np.stack(shapes, axis=1), np.array(spreads)
+
+
+def _corners(
+    error: CommonError, time: Float[np.ndarray, " times"]
+) -> Float[np.ndarray, " corners"]:
+    """Times of the corners of the drift, s."""
+    spans = np.ceil((time[-1] - time[0]) / error.drift_time)
+    return time[0] + error.drift_time * np.arange(spans + 1)
 
 
 def detect_events(

@@ -83,6 +83,8 @@ def descend(
     - `scale`: option of the solver.
     - `before`: earlier rounds, which these continue where they ended, or None.
     """
+    # The last chunk is filled up, so that the others' compiled steps are its own.
+    size = min(len(problems), CHUNK)
     found = []
     for first in range(0, len(problems), CHUNK):
         part = slice(first, first + CHUNK)
@@ -100,6 +102,7 @@ def descend(
             scale,
             None if before is None else before[part],
             tell,
+            size,
         )
     return found
 
@@ -113,7 +116,11 @@ def _descend_chunk(
     scale: Float[np.ndarray, " unknowns"] | None,
     before: Sequence[Attempt] | None,
     on_step: OnStep,
+    size: int,
 ) -> list[Attempt]:
+    count = len(problems)
+    problems, starts = _filled(problems, size), _filled(starts, size)
+    before = None if before is None else _filled(before, size)
     with jax.enable_x64(True):
         # Plain floats would be constants of the compiled step: another tolerance, another program.
         solver = eqx.tree_at(
@@ -135,7 +142,7 @@ def _descend_chunk(
             )
         steps = [[] for _ in problems] if before is None else [list(one.steps) for one in before]
         left = np.array([max_iterations - max(0, len(one) - 1) for one in steps])
-        active = np.ones(len(problems), dtype=bool)
+        active = np.arange(size) < count
         for iteration in range(int(left.max(initial=0)) + 1):
             if iteration == 0 and known is not None:
                 trials, (new, slopes) = vectors, known
@@ -182,8 +189,13 @@ def _descend_chunk(
             differences=_of(ended[2][0], number),
             derivatives=_of(ended[2][1], number),
         )
-        for number in range(len(problems))
+        for number in range(count)
     ]
+
+
+def _filled(some: Sequence[Any], size: int) -> list[Any]:
+    """Repeats the last one."""
+    return [*some, *[some[-1]] * (size - len(some))]
 
 
 def _of(tree: Any, number: int) -> Any:

@@ -8,10 +8,11 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import CommonError
-from ._camera_error import camera_shapes, detect_events
+from ._camera_error import camera_shapes, count_shapes, detect_events
 from ._descend import Attempt, Box, OnStep, descend
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._noise import Noise, huber_weights, noise_of
@@ -31,7 +32,7 @@ LOOSE = (3e-2, 1e-2)
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Setting:
     """What a match works on.
 
@@ -70,7 +71,7 @@ class Setting:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Knowledge:
     """What is known of the residuals in a round.
 
@@ -102,6 +103,8 @@ def estimate(
     - `solver`: with the tolerances of the last round.
     - `starts`: of each. `max_iterations`: of each, over all rounds.
     - `on_step`: called with the number of the setting and each step.
+
+    **Raises:** `MatchError` where the recordings of two settings differ in shape.
     """
     settings = list(settings)
     knowledge = [first_knowledge(setting) for setting in settings]
@@ -110,7 +113,12 @@ def estimate(
     for number in range(rounds):
         last = number == rounds - 1
         loose = solver if last else replace(solver, rtol=LOOSE[number])
-        problems = [make_problem(*pair) for pair in zip(settings, knowledge, strict=True)]
+        pairs = list(zip(settings, knowledge, strict=True))
+        # Compiled steps do not follow what is found in one of the settings.
+        shapes = max(shapes_needed(*pair) for pair in pairs)
+        problems = [make_problem(*pair, shapes) for pair in pairs]
+        if number == 0:
+            _check_alike(problems)
         vectors = [one.vector for one in attempts] or starts
         attempts = descend(
             problems,
@@ -142,18 +150,56 @@ def first_knowledge(setting: Setting) -> Knowledge:
     )
 
 
-def make_problem(setting: Setting, knowledge: Knowledge) -> Problem:
-    """The optimiser's problem with the weights that follow from what is known."""
-    weights = [recording_weights(setting, knowledge, n) for n in range(len(setting.experiments))]
+def _check_alike(problems: Sequence[Problem]) -> None:
+    first, *others = [
+        (jax.tree.structure(one), [np.shape(leaf) for leaf in jax.tree.leaves(one)])
+        for one in problems
+    ]
+    for number, other in enumerate(others, start=1):
+        if other != first:
+            raise MatchError(
+                f"sets: found set {number} with recordings of other shapes than set 0, allowed are "
+                "equally many recordings, alike in their samples, in how many channels they have, "
+                "in when their inputs change and in whether the ambient temperature is recorded"
+            )
+
+
+def shapes_needed(setting: Setting, knowledge: Knowledge) -> int:
+    """How many shapes the camera's common error has in the recording where it has the most.
+
+    All have as many, so that their schedules alone say which recordings are solved at once.
+    """
+    error = setting.common_error
+    if error is None:
+        return 0
+    return max(
+        count_shapes(error, experiment.time, events)
+        for experiment, events in zip(setting.experiments, knowledge.events, strict=True)
+    )
+
+
+def make_problem(setting: Setting, knowledge: Knowledge, shapes: int | None = None) -> Problem:
+    """The optimiser's problem with the weights that follow from what is known.
+
+    **Arguments:**
+
+    - `shapes`: of the camera's common error; by default as many as are needed.
+    """
+    count = shapes_needed(setting, knowledge) if shapes is None else shapes
+    weights = [
+        recording_weights(setting, knowledge, number, count)
+        for number in range(len(setting.experiments))
+    ]
     return build_problem(setting.twin, setting.experiments, setting.unknowns, weights)
 
 
-def recording_weights(setting: Setting, knowledge: Knowledge, number: int) -> Weights:
-    """Weights of one recording."""
+def recording_weights(setting: Setting, knowledge: Knowledge, number: int, count: int) -> Weights:
+    """Weights of one recording, with that many shapes of the camera's common error."""
     time = setting.experiments[number].time
     shapes, spreads = np.zeros((len(time), 0)), np.zeros(0)
     if setting.common_error is not None:
-        shapes, spreads = camera_shapes(setting.common_error, time, knowledge.events[number])
+        events = knowledge.events[number]
+        shapes, spreads = camera_shapes(setting.common_error, time, events, count)
     return make_weights(
         knowledge.alone_weights[number],
         knowledge.common_weights[number],
@@ -210,11 +256,15 @@ def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge
     alone_weights = setting.samples
     common_weights = tuple(np.ones(len(one)) for one in common)
     if setting.robust is not None:
+        # A single channel has nothing alone.
         alone_weights = tuple(
-            given * huber_weights(one, setting.robust)
+            given * huber_weights(one, setting.robust, given > 0) if one.shape[1] > 1 else given
             for given, one in zip(setting.samples, alone, strict=True)
         )
-        common_weights = tuple(huber_weights(one, setting.robust) for one in common)
+        common_weights = tuple(
+            huber_weights(one, setting.robust, given.sum(axis=1) > 0)
+            for given, one in zip(setting.samples, common, strict=True)
+        )
     of_alone, of_common = residual_noise(alone, common, alone_weights, common_weights)
     return Knowledge(of_alone, of_common, events, alone_weights, common_weights)
 

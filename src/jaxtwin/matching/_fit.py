@@ -30,6 +30,7 @@ class FittedParameter:
     - `initial`, `value`: before and after, in `unit`. Where each recording has its own, their mean.
     - `published`: what the rig's parameter set `published` says, None where it says nothing.
     - `lower`, `upper`: bounds of the match.
+    - `is_logarithmic`: whether it was matched by its logarithm, so that `prior_spread` is relative.
     - `at_bound`: whether it ended on one: what the data would rather have lies outside.
     - `standard_error`: in `unit`, with the residuals' autocorrelation counted; infinite where
       nothing tells it, NaN where the parameter was held or ended at a bound.
@@ -51,6 +52,7 @@ class FittedParameter:
     published: float | None
     lower: float
     upper: float
+    is_logarithmic: bool
     at_bound: bool
     standard_error: float
     prior_value: float | None = None
@@ -121,7 +123,7 @@ class CameraError:
 
 
 @final
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Fit:
     """A twin matched to recordings.
 

@@ -3,13 +3,23 @@
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from .._errors import MatchError
+import numpy as np
+
+from .._errors import MatchError, ParameterError, SimulationError
 from ..io import Experiment
 from ..physics import Twin
-from ._estimate import estimate
+from ._descend import Attempt
+from ._estimate import Knowledge, Setting, estimate
 from ._fit import Fit
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
-from ._match import Events, checked_recordings, default_solver, make_fit, make_setting
+from ._match import (
+    Events,
+    check_counts,
+    checked_recordings,
+    default_solver,
+    make_fit,
+    make_setting,
+)
 from ._unknowns import choose_unknowns
 
 
@@ -27,7 +37,7 @@ def match_many(
     max_iterations: int = 200,
     solver: BoundedLevenbergMarquardt | None = None,
     on_iteration: Callable[[int, int], None] | None = None,
-) -> tuple[Fit, ...]:
+) -> tuple[Fit | None, ...]:
     """Matches the same twin to many sets of recordings, each on its own, in batches.
 
     All descend together through one compiled program: hundreds of synthetic recordings for a study
@@ -36,27 +46,23 @@ def match_many(
     **Arguments:**
 
     - `twin`: where each match starts.
-    - `sets`: the recordings of each match. All sets have equally many, equally long, with the same
-      number of input changes and of channels.
+    - `sets`: the recordings of each match. All sets have equally many, alike in their numbers of
+      samples and of channels, in when their inputs change (the solver's steps follow from that),
+      and in whether the ambient temperature is recorded.
     - `on_iteration`: called with the number of the set and of its iteration.
     - the others: as in `match`.
 
-    **Returns:** a `Fit` for each set, in order. One that ended at temperatures that are not finite
-    has a `cost` of NaN or infinity and is not `converged`.
+    **Returns:** a `Fit` for each set, in order; None for one whose temperatures, residuals or
+    derivatives do not stay finite, which loses none of the others.
 
-    **Raises:** as `match`; `MatchError` too where there is no set or they differ in shape.
+    **Raises:** as `match`, but for temperatures that are not finite; `MatchError` too where there
+    is no set or they differ in shape.
     """
     if not sets:
         raise MatchError("sets: found none, allowed is one or several sets of recordings")
     began = time.perf_counter()
+    check_counts(max_iterations=max_iterations)
     recordings = [list(one) for one in sets]
-    shapes = [[(one.duty.shape, len(one.channels)) for one in some] for some in recordings]
-    for number, shape in enumerate(shapes):
-        if shape != shapes[0]:
-            raise MatchError(
-                f"sets: found set {number} with recordings of other shapes than set 0, allowed are "
-                "equally many recordings of equal length with equally many channels"
-            )
     names = [checked_recordings(twin, one) for one in recordings]
     unknowns = choose_unknowns(
         twin,
@@ -79,6 +85,19 @@ def match_many(
         None if on_iteration is None else lambda number, step: on_iteration(number, step[0]),
     )
     return tuple(
-        make_fit(setting, knowledge, attempt, 0, name, (), began)
+        _fit(setting, knowledge, attempt, name, began)
         for setting, (attempt, knowledge), name in zip(settings, results, names, strict=True)
     )
+
+
+def _fit(
+    setting: Setting, knowledge: Knowledge, attempt: Attempt, names: tuple[str, ...], began: float
+) -> Fit | None:
+    if not np.isfinite(attempt.cost):
+        return None
+    try:
+        return make_fit(setting, knowledge, attempt, 0, names, (), began)
+    except (ParameterError, SimulationError, np.linalg.LinAlgError):
+        # Values without a meaning, temperatures or derivatives that are not finite: descents do not
+        # look at all of that.
+        return None

@@ -85,9 +85,10 @@ def match(
     **Returns:** a `Fit`, the best of all starts.
 
     **Raises:** `MatchError` where nothing is free, a recording has no temperatures, there are fewer
-    samples than unknowns, bounds exclude the start or the prior, events or masks lie outside their
-    recording, or no start gives finite temperatures; `ParameterError` for unknown names;
-    `SimulationError` for recordings of another rig.
+    samples than unknowns, bounds exclude the start or the prior or change what its spread means, a
+    name that is not free has a scope or bounds, events or masks lie outside their recording, or no
+    start gives finite temperatures; `ParameterError` for unknown names; `SimulationError` for
+    recordings of another rig.
     """
     began = time.perf_counter()
     recordings = [experiments] if isinstance(experiments, Experiment) else list(experiments)
@@ -101,7 +102,7 @@ def match(
         per_recording=per_recording,
         bounds=bounds,
     )
-    _checked_counts(starts=starts, max_iterations=max_iterations)
+    check_counts(starts=starts, max_iterations=max_iterations)
     setting = make_setting(twin, recordings, names, unknowns, events, masks, robust)
     solver = solver or default_solver(setting)
 
@@ -342,6 +343,7 @@ def _table(
             published=published.get(name),
             lower=matched.lower,
             upper=matched.upper,
+            is_logarithmic=matched.is_logarithmic,
             at_bound=bool(np.any(touching[entries])),
             standard_error=float(np.max(errors[entries])) if entries else float("nan"),
             prior_value=matched.prior_value if has_prior else None,
@@ -354,6 +356,19 @@ def _table(
 
 
 def checked_recordings(twin: Twin, recordings: list[Experiment]) -> tuple[str, ...]:
+    """The names under which the results of recordings are kept.
+
+    **Arguments:**
+
+    - `twin`: of the rig that they must belong to.
+    - `recordings`: one or several.
+
+    **Returns:** a name for each: its own, or its number where it has none; a name that occurs again
+    is followed by its number.
+
+    **Raises:** `MatchError` where there is none, or one has no temperatures; `SimulationError` for
+    one of another rig.
+    """
     if not recordings:
         raise MatchError("experiments: found none, allowed is one or several recordings")
     names: list[str] = []
@@ -367,7 +382,11 @@ def checked_recordings(twin: Twin, recordings: list[Experiment]) -> tuple[str, .
     return tuple(names)
 
 
-def _checked_counts(**counts: Any) -> None:
+def check_counts(**counts: Any) -> None:
+    """What is counted must be a whole number above 0.
+
+    **Raises:** `MatchError` where it is not.
+    """
     for name, count in counts.items():
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise MatchError(f"{name}: found {count!r}, allowed is a whole number above 0")

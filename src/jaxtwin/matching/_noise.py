@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 
 @final
@@ -56,10 +56,14 @@ def noise_of(
 
 
 def huber_weights(
-    residuals: Float[np.ndarray, "*shape"], threshold: float
+    residuals: Float[np.ndarray, "*shape"], threshold: float, counted: Bool[np.ndarray, "*shape"]
 ) -> Float[np.ndarray, "*shape"]:
     """Weights that turn least squares into Huber's loss (1964): 1 up to `threshold` robust standard
-    deviations, then falling as one over the residual."""
-    scale = 1.4826 * np.median(np.abs(residuals))
+    deviations of the samples that are counted, then falling as one over the residual.
+
+    All are 1 where most of those residuals are nothing: there is no scale then."""
     size = np.abs(residuals)
+    scale = 1.4826 * np.median(size[counted])
+    if scale == 0:
+        return np.ones_like(size)
     return np.minimum(1.0, threshold * scale / np.maximum(size, 1e-300))

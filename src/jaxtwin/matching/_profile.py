@@ -1,6 +1,6 @@
 r"""Profile likelihood: how much worse the match becomes when one parameter is held elsewhere.
 
-All others are matched anew at each value. Where the excess of $2 \\,\\text{cost}$ stays below
+All others are matched anew at each value. Where the excess of $2 \,\text{cost}$ stays below
 3.84 the value is inside the 95 % interval (Wilks), also where the covariance, which knows the
 slope at one point only, says something else.
 """
@@ -25,6 +25,10 @@ LIMIT = 3.841
 
 PIN = 1e6
 """Holds an entry: one over the standard deviation that it may move by."""
+
+
+LEAST = 3
+"""Points: one on each side of the match."""
 
 
 @final
@@ -54,16 +58,24 @@ def profile(fit: Fit, name: str, values: Sequence[float] | None = None, points: 
 
     - `fit`: a match.
     - `name`: of a parameter that it matched for all recordings together.
-    - `values`: where to hold it, in its unit; by default `points` within three standard errors (a
-      factor of ten where it has none), inside its bounds.
+    - `values`: where to hold it, in its unit; by default `points` within three standard errors
+      (where it has none, within a factor of twenty or three tenths of its range), inside its
+      bounds.
+    - `points`: at least 3.
+
+    **Returns:** the profile; its points increase, and those that bounds let coincide are one.
 
     **Raises:** `ParameterError` for a name that was not matched; `MatchError` for values outside
-    the bounds.
+    the bounds or fewer than 3 points.
     """
     unknowns, setting = fit.setting.unknowns, fit.setting
     shared = [row.name for row in unknowns.shared]
     if name not in shared:
         raise ParameterError(f"profile: found {name!r}, allowed are {', '.join(shared)}")
+    if values is None and points < LEAST:
+        raise MatchError(
+            f"profile: points: found {points}, allowed is a whole number of at least {LEAST}"
+        )
     entry = shared.index(name)
     row = unknowns.shared[entry]
     lower, upper = unknowns.lower()[entry], unknowns.upper()[entry]

@@ -24,6 +24,7 @@ from ..rig import Parameter
 from ._descend import descend
 from ._estimate import Setting, first_knowledge, learn, make_problem
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
+from ._match import checked_recordings
 from ._unknowns import choose_unknowns
 
 WARM_UP = 60.0
@@ -55,7 +56,10 @@ def settle(
 
     **Returns:** the twin; without parameters of a recording, the one that was given.
 
-    **Raises:** `MatchError` where the part holds fewer samples than there are values to take.
+    **Raises:** `MatchError` where the recording has no temperatures, the part holds fewer samples
+    than there are values to take, a value of the twin lies outside its bounds, or the twin gives no
+    finite temperatures; `ParameterError` for unknown names; `SimulationError` for a recording of
+    another rig.
     """
     table = twin.rig.parameters
     names = [n for n, row in table.items() if row.scope == "recording"] if own is None else [*own]
@@ -65,9 +69,8 @@ def settle(
         names = [name for name in names if name not in drifts]
     if not names:
         return twin
-    label = recording.name or "recording"
-    if recording.temperatures is None or not recording.channels:
-        raise MatchError(f"{label}: found no recorded temperatures, allowed is a recording")
+    (label,) = checked_recordings(twin, [recording])
+    assert recording.temperatures is not None
     first = recording.temperatures[0].mean()
     count = int(np.count_nonzero(recording.time < recording.time[0] + warm_up))
     if count < max(2, len(names)):
@@ -132,6 +135,6 @@ def _weights(part: Experiment) -> Float[np.ndarray, "times channels"]:
 def _expected(row: Parameter, first: float) -> Parameter:
     """A value of a recording with what is known of it beforehand."""
     if row.offset == 0:
-        return replace(row, prior_value=row.value, prior_spread=row.prior_spread)
+        return replace(row, prior_value=row.value)
     value = float(np.clip(first, row.lower, row.upper))
     return replace(row, value=value, prior_value=value, prior_spread=AT_REST)

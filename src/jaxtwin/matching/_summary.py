@@ -121,6 +121,6 @@ def _row(row: "FittedParameter") -> tuple[str, ...]:
 def _prior(row: "FittedParameter") -> str:
     if row.prior_spread is None or row.prior_value is None:
         return "-"
-    if row.lower > 0 and row.unit != "degC":
+    if row.is_logarithmic:
         return f"{row.prior_value:.4g} (factor {math.exp(row.prior_spread):.3g})"
     return f"{row.prior_value:.4g} (+- {row.prior_spread:.3g})"

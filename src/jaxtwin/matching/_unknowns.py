@@ -173,7 +173,8 @@ def choose_unknowns(
     - `bounds`: other bounds, name -> (lower, upper) in the parameter's unit.
 
     **Raises:** `ParameterError` for unknown names; `MatchError` where a name is asked for two
-    opposite things, bounds exclude the value, or nothing is left free.
+    opposite things or has a scope or bounds without being free, where bounds exclude the value or
+    what is expected beforehand or change what a prior's spread means, or nothing is left free.
     """
     table = twin.rig.parameters
     free = None if free is None else set(free)
@@ -197,34 +198,59 @@ def choose_unknowns(
         both = sorted(groups[one] & groups[other])
         if both:
             raise MatchError(f"{', '.join(both)}: found in both {one} and {other}, allowed is one")
-    rows = []
-    for name, row in table.items():
-        if name in fixed or not (row.free if free is None else name in free):
-            continue
-        lower, upper = (float(bound) for bound in bounds.get(name, (row.lower, row.upper)))
-        value = float(twin.parameters[name])
-        if not lower <= value <= upper or lower == upper:
-            raise MatchError(
-                f"{name}: found the start value {value:g} {row.unit}, allowed by its bounds is "
-                f"{lower:g} to {upper:g}; move the start or the bounds"
-            )
-        if row.prior_value is not None and not lower <= row.prior_value <= upper:
-            raise MatchError(
-                f"{name}: found bounds {lower:g} to {upper:g} {row.unit}, allowed are bounds that "
-                f"contain what is expected beforehand, {row.prior_value:g}"
-            )
-        scope = "recording" if name in per_recording else "shared" if name in shared else row.scope
-        rows.append(replace(row, value=value, lower=lower, upper=upper, free=True, scope=scope))
-    if not rows:
+    chosen = {
+        name: row
+        for name, row in table.items()
+        if name not in fixed and (row.free if free is None else name in free)
+    }
+    if not chosen:
         raise MatchError(
             f"{twin.rig.name}: no free parameter; set free = true in the rig file's table or pass "
             "free=[...]"
         )
+    for group in ("shared", "per_recording", "bounds"):
+        held = sorted(groups[group] - set(chosen))
+        if held:
+            raise MatchError(
+                f"{group}: found {', '.join(held)}, which is not free, allowed are "
+                f"{', '.join(chosen)}"
+            )
+    rows = []
+    for name, row in chosen.items():
+        scope = "recording" if name in per_recording else "shared" if name in shared else row.scope
+        limits = bounds.get(name, (row.lower, row.upper))
+        bounded = _bounded(row, float(twin.parameters[name]), limits)
+        rows.append(replace(bounded, free=True, scope=scope))
     return Unknowns(
         shared=tuple(row for row in rows if row.scope == "shared"),
         own=tuple(row for row in rows if row.scope == "recording"),
         recordings=recordings,
     )
+
+
+def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Parameter:
+    """A parameter that starts at a value inside bounds under which its prior means the same."""
+    lower, upper = (float(bound) for bound in bounds)
+    found = f"{row.name}: found bounds {lower:g} to {upper:g} {row.unit}".rstrip()
+    if not lower <= value <= upper or lower == upper:
+        raise MatchError(
+            f"{row.name}: found the start value {value:g} {row.unit}, allowed by its bounds is "
+            f"{lower:g} to {upper:g}; move the start or the bounds"
+        )
+    if row.prior_value is not None and not lower <= row.prior_value <= upper:
+        raise MatchError(
+            f"{found}, allowed are bounds that contain what is expected beforehand, "
+            f"{row.prior_value:g}"
+        )
+    bounded = replace(row, value=value, lower=lower, upper=upper)
+    if row.prior_spread is not None and bounded.is_logarithmic != row.is_logarithmic:
+        allowed = "above 0" if row.is_logarithmic else "with a lower one of 0 or less"
+        kind = "relative" if row.is_logarithmic else f"in {row.unit or 'its unit'}"
+        raise MatchError(
+            f"{found}, allowed are bounds {allowed}, because the spread of what is expected "
+            f"beforehand is {kind}"
+        )
+    return bounded
 
 
 def _inward(row: Parameter, value: float) -> float:

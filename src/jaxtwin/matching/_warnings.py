@@ -39,9 +39,9 @@ def parameter_warnings(row: "FittedParameter", known: Uncertainty) -> tuple[str,
 
 
 def near_bound(row: "FittedParameter") -> bool:
-    """Whether a value lies within 1 % of the range from a bound."""
+    """Whether a value lies within 1 % of the range from a bound, as the match measures it."""
     lower, value, upper = row.lower, row.value, row.upper
-    if lower > 0 and math.isfinite(upper):
+    if row.is_logarithmic:
         lower, value, upper = math.log(lower), math.log(value), math.log(upper)
     if not (math.isfinite(lower) and math.isfinite(upper)):
         return False

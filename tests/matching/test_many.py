@@ -1,0 +1,135 @@
+"""Many sets of recordings at once: what one of them cannot spoil for the others."""
+
+import jax
+import numpy as np
+import pytest
+
+from jaxtwin import Experiment, Fit, MatchError, SimulationError, Twin, match_many, simulate
+from jaxtwin.matching import _descend, _match
+
+FREE = ["C_load", "T_amb", "T_start"]
+TRUTH = {"C_load": 24.0, "T_amb": 20.0, "T_start": 18.5}
+
+
+def recording(seed: int) -> Experiment:
+    """Two minutes of a known single cell, with white noise."""
+    drive = Experiment.schedule("0:0.4,60:-0.3", duration=120, channels=("T",))
+    seen = simulate(Twin("single-cell", TRUTH), drive).temperatures
+    seen = seen + 0.05 * np.random.default_rng(seed).standard_normal(seen.shape)
+    return read(drive, seen, f"bench {seed}")
+
+
+def read(drive: Experiment, temperatures: np.ndarray, name: str = "bench") -> Experiment:
+    return Experiment(
+        drive.time,
+        drive.duty,
+        channels=drive.channels,
+        temperatures=temperatures,
+        ambient=drive.ambient,
+        name=name,
+    )
+
+
+def spoiled(one: Experiment, added: np.ndarray | float) -> Experiment:
+    assert one.temperatures is not None
+    return read(one, one.temperatures + added, one.name)
+
+
+def matched(*sets: Experiment, **options) -> tuple[Fit | None, ...]:
+    return match_many(Twin("single-cell"), [[one] for one in sets], free=FREE, **options)
+
+
+@pytest.fixture(scope="module")
+def benches() -> list[Experiment]:
+    return [recording(seed) for seed in range(3)]
+
+
+@pytest.fixture(scope="module")
+def fits(benches: list[Experiment]) -> tuple[Fit | None, ...]:
+    return matched(*benches[:2])
+
+
+def value(fit: Fit | None) -> float:
+    assert fit is not None
+    return fit.parameter("C_load").value
+
+
+def test_hubers_loss_forgives_outliers_of_the_only_channel(benches: list[Experiment]):
+    """A single channel has nothing alone; what counts less is found in what all share."""
+    outliers = np.zeros((121, 1))
+    outliers[10::40], outliers[30::40] = 8.0, -8.0
+    for fit in matched(*(spoiled(one, outliers) for one in benches[:2]), robust=2.0):
+        assert fit is not None
+        (weights,) = fit.weights.values()
+        assert np.all(weights[10::20] < 0.2)
+        assert np.median(weights) == 1.0
+        row = fit.parameter("C_load")
+        assert abs(row.value - TRUTH["C_load"]) < 4 * row.standard_error
+        assert row.standard_error < 0.3
+
+
+def test_a_set_without_finite_residuals_loses_no_other(
+    benches: list[Experiment], fits: tuple[Fit | None, ...]
+):
+    """Readings whose squares are infinite."""
+    good, bad = matched(benches[0], spoiled(benches[1], 1e200))
+    assert bad is None
+    assert value(good) == pytest.approx(value(fits[0]), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "error", [SimulationError("the temperatures do not stay finite"), np.linalg.LinAlgError()]
+)
+def test_a_set_of_which_no_fit_can_be_made_loses_no_other(
+    benches: list[Experiment],
+    fits: tuple[Fit | None, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
+):
+    """`simulate` looks at its error, which descents do not, and may give up; and derivatives that
+    are not finite have no covariance."""
+
+    def give_up(twin: Twin, experiment: Experiment):
+        if experiment is benches[1]:
+            raise error
+        return simulate(twin, experiment)
+
+    monkeypatch.setattr(_match, "simulate", give_up)
+    good, bad = matched(*benches[:2])
+    assert bad is None
+    assert value(good) == value(fits[0])
+
+
+def test_the_rest_of_the_sets_compiles_nothing_new(
+    benches: list[Experiment],
+    fits: tuple[Fit | None, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+):
+    """Three sets, two at a time: the third goes through the program of the first two."""
+    assert len(fits) == 2
+    monkeypatch.setattr(_descend, "CHUNK", 2)
+    told: set[int] = set()
+    with jax.log_compiles():
+        caplog.clear()
+        three = matched(*benches, on_iteration=lambda number, _: told.add(number))
+        assert not [one.message for one in caplog.records if "Compiling" in one.message]
+    assert told == {0, 1, 2}
+    assert [value(one) for one in three[:2]] == [value(one) for one in fits]
+    alone = matched(benches[2], benches[0])
+    assert value(three[2]) == pytest.approx(value(alone[0]), rel=1e-9)
+
+
+def test_sets_that_need_other_programs_are_refused():
+    constant = Experiment.schedule("0:0.4", duration=120, channels=("T",))
+    switched = Experiment.schedule("0:0.4,60:-0.3", duration=120, channels=("T",))
+    warm = Experiment(constant.time, constant.duty, channels=("T",), ambient=20.0)
+    seen = np.full((121, 1), 18.0)
+    for one, other in ((constant, switched), (constant, warm)):
+        with pytest.raises(MatchError, match="set 1 with recordings of other shapes than set 0"):
+            matched(read(one, seen), read(other, seen))
+
+
+def test_at_least_one_iteration_is_asked_for(benches: list[Experiment]):
+    with pytest.raises(MatchError, match="max_iterations: found 0, allowed is a whole number"):
+        matched(benches[0], max_iterations=0)
