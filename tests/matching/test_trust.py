@@ -22,6 +22,7 @@ from jaxtwin import (
 from jaxtwin.matching._estimate import first_knowledge, make_problem
 from jaxtwin.matching._match import checked_recordings, make_setting
 from jaxtwin.matching._residuals import residual_jacobian, residuals
+from jaxtwin.matching._uncertainty import uncertainty
 from jaxtwin.matching._unknowns import choose_unknowns
 
 # No recording here has the channel T26.
@@ -103,6 +104,21 @@ def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
     assert calm.uncertainty.dead == ("g_T26",)
     assert row.value == pytest.approx(0.9)
     assert row.standard_error == pytest.approx(0.15 * 0.9)
+
+
+def test_a_report_says_once_what_narrowing_means():
+    """Recordings see a + 2 b with 44.7 times what was known, and across it a tenth (by hand)."""
+    together = np.array([[400.0, 800.0], [800.0, 1600.05]])
+    known = uncertainty(
+        ("a", "b"), together, together, np.ones(2), np.ones(2), np.ones(2), np.ones(2, bool)
+    )
+    report = known.report()
+    assert report.count("below 1 they say less than was known") == 1
+    (flat,) = known.flat
+    assert str(flat) == "+0.89 a -0.45 b (narrowing 0.1)"
+    assert f"flat: {flat}" in report.splitlines()
+    clear = uncertainty(("a",), *[np.eye(1) * 9] * 2, *[np.ones(1)] * 3, np.ones(1, bool))
+    assert "narrowing" not in clear.report()
 
 
 def test_masked_spans_do_not_count(start: Twin):
