@@ -117,7 +117,8 @@ def test_a_report_says_once_what_narrowing_means():
     (flat,) = known.flat
     assert str(flat) == "+0.89 a -0.45 b (narrowing 0.1)"
     assert f"flat: {flat}" in report.splitlines()
-    clear = uncertainty(("a",), *[np.eye(1) * 9] * 2, *[np.ones(1)] * 3, np.ones(1, bool))
+    one, nine = np.ones(1), 9 * np.eye(1)
+    clear = uncertainty(("a",), nine, nine, one, one, one, np.ones(1, bool))
     assert "narrowing" not in clear.report()
 
 

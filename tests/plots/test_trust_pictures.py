@@ -126,9 +126,9 @@ def test_the_plate_stands_beside_what_was_recorded_of_it():
     colors = {to_hex(patch.get_facecolor()) for patch in grid[2, 1].patches[:-1]}
     assert len(colors) > 3
     for column, sample in enumerate((10, 50)):
-        apart = np.concatenate(
-            [run.experiment.temperatures[sample] - run.temperatures[sample] for run in runs]
-        )
+        recorded = [np.asarray(run.experiment.temperatures)[sample] for run in runs]
+        read = [run.temperatures[sample] for run in runs]
+        apart = np.concatenate(recorded) - np.concatenate(read)
         title = grid[3, column].get_title(loc="right")
         assert title.replace("−", "-") == f"{apart.min():.1f} … {apart.max():.1f} K"
 
