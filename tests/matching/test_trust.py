@@ -1,5 +1,7 @@
 """Priors, the camera as an instrument, uncertainty: on recordings whose truth is known."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +26,7 @@ from jaxtwin.matching._match import checked_recordings, make_setting
 from jaxtwin.matching._residuals import residual_jacobian, residuals
 from jaxtwin.matching._uncertainty import uncertainty
 from jaxtwin.matching._unknowns import choose_unknowns
+from jaxtwin.matching._warnings import parameter_warnings
 
 # No recording here has the channel T26.
 FREE = ["h_A", "R_pc1_row2", "g_T26", "g_T11", "T_amb"]
@@ -104,6 +107,18 @@ def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
     assert calm.uncertainty.dead == ("g_T26",)
     assert row.value == pytest.approx(0.9)
     assert row.standard_error == pytest.approx(0.15 * 0.9)
+
+
+def test_what_the_recordings_leave_open_is_remarked_on(calm: Fit):
+    """Half as sharp as before: the prior's value where there is one, else nobody's."""
+    row = next(row for row in calm.parameters if row.name == "h_A")
+    told, open_ = replace(row, narrowing=2.0), replace(row, narrowing=0.5)
+    assert parameter_warnings(told, calm.uncertainty) == ()
+    assert parameter_warnings(open_, calm.uncertainty) == ("prior only",)
+    without = replace(open_, prior_spread=None)
+    assert parameter_warnings(without, calm.uncertainty) == ("not determined",)
+    endless = replace(told, standard_error=np.inf)
+    assert parameter_warnings(endless, calm.uncertainty) == ("not determined",)
 
 
 def test_a_report_says_once_what_narrowing_means():
