@@ -6,7 +6,7 @@ BIN := .venv/bin
 INSTALLED := .venv/installed
 INSTALLED_DEV := .venv/installed-dev
 
-.PHONY: help bench demo test lint types notebook wheel-check test-lowest clean
+.PHONY: help bench demo test lint types notebook pictures wheel-check test-lowest clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
@@ -14,6 +14,7 @@ help:
 	@echo "make lint         ruff: rules and layout"
 	@echo "make types        pyright"
 	@echo "make notebook     run the notebooks again, in place"
+	@echo "make pictures     draw the pictures of the documentation again"
 	@echo "make wheel-check  build the wheel and use it from a fresh environment"
 	@echo "make test-lowest  the tests on the oldest libraries that pyproject.toml allows"
 	@echo "make bench        measure beside other tools; ARGS=--quick is small"
@@ -34,6 +35,9 @@ types: $(INSTALLED_DEV)
 
 notebook: $(INSTALLED_DEV)
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace notebooks/*.ipynb
+
+pictures: $(INSTALLED)
+	$(BIN)/python docs/make_pictures.py
 
 # The wheel must carry its data files: it is used from outside the checkout.
 wheel-check: $(INSTALLED)

@@ -112,7 +112,7 @@ def test_netcdf_4_without_its_library_says_what_to_install(experiment, tmp_path,
     path = tmp_path / "run.nc"
     experiment.to_xarray().to_netcdf(path, engine="h5netcdf")
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(RecordingError, match=r"pip install jaxtwin\[storage\]"):
+    with pytest.raises(RecordingError, match=r"pip install 'jaxtwin\[storage\]'"):
         read_recording(path)
 
 

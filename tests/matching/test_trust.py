@@ -25,8 +25,9 @@ from jaxtwin.matching import _estimate
 from jaxtwin.matching._estimate import first_knowledge, make_problem
 from jaxtwin.matching._match import checked_recordings, make_setting
 from jaxtwin.matching._residuals import residual_jacobian, residuals
+from jaxtwin.matching._uncertainty import uncertainty
 from jaxtwin.matching._unknowns import choose_unknowns
-from jaxtwin.matching._warnings import near_bound
+from jaxtwin.matching._warnings import near_bound, parameter_warnings
 
 # No recording here has the channel T26.
 FREE = ["h_A", "R_pc1_row2", "g_T26", "g_T11", "T_amb"]
@@ -107,6 +108,34 @@ def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
     assert calm.uncertainty.dead == ("g_T26",)
     assert row.value == pytest.approx(0.9)
     assert row.standard_error == pytest.approx(0.15 * 0.9)
+
+
+def test_what_the_recordings_leave_open_is_remarked_on(calm: Fit):
+    """Half as sharp as before: the prior's value where there is one, else nobody's."""
+    row = next(row for row in calm.parameters if row.name == "h_A")
+    told, open_ = replace(row, narrowing=2.0), replace(row, narrowing=0.5)
+    assert parameter_warnings(told, calm.uncertainty) == ()
+    assert parameter_warnings(open_, calm.uncertainty) == ("prior only",)
+    without = replace(open_, prior_spread=None)
+    assert parameter_warnings(without, calm.uncertainty) == ("not determined",)
+    endless = replace(told, standard_error=np.inf)
+    assert parameter_warnings(endless, calm.uncertainty) == ("not determined",)
+
+
+def test_a_report_says_once_what_narrowing_means():
+    """Recordings see a + 2 b with 44.7 times what was known, and across it a tenth (by hand)."""
+    together = np.array([[400.0, 800.0], [800.0, 1600.05]])
+    known = uncertainty(
+        ("a", "b"), together, together, np.ones(2), np.ones(2), np.ones(2), np.ones(2, bool)
+    )
+    report = known.report()
+    assert report.count("below 1 they say less than was known") == 1
+    (flat,) = known.flat
+    assert str(flat) == "+0.89 a -0.45 b (narrowing 0.1)"
+    assert f"flat: {flat}" in report.splitlines()
+    one, nine = np.ones(1), 9 * np.eye(1)
+    clear = uncertainty(("a",), nine, nine, one, one, one, np.ones(1, bool))
+    assert "narrowing" not in clear.report()
 
 
 def test_masked_spans_do_not_count(start: Twin):

@@ -95,6 +95,16 @@ def test_heat_capacities_and_resistances_stand_beside_what_they_belong_to():
     assert labels.count("air, 15 °C") == 2
 
 
+def test_a_scale_of_colours_only_where_elements_differ():
+    """The authors gave all elements one heat capacity; by geometry they differ."""
+    equal, different = plot_netlist(Twin("paper-2024")), plot_netlist(Twin("dual-cell"))
+    assert len(figure_of(equal).axes) == 1
+    legend = equal.get_legend()
+    assert legend is not None
+    assert "heat capacity, J/K" in [text.get_text() for text in legend.get_texts()]
+    assert len(figure_of(different).axes) == 2
+
+
 def test_temperatures_stand_in_the_picture():
     twin = Twin("dual-cell")
     temperatures = 20.0 + np.arange(len(twin.netlist.nodes))

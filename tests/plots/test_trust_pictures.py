@@ -7,6 +7,7 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from small_results import fit
@@ -32,6 +33,10 @@ def shaded(axes: Axes) -> list[tuple[float, float]]:
     assert all(isinstance(span, Rectangle) for span in spans)
     boxes = [span.get_extents().transformed(axes.transData.inverted()) for span in spans]
     return [(round(box.x0, 6), round(box.x1, 6)) for box in boxes]
+
+
+def legend_texts(figure: Figure) -> list[str]:
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
 
 
 def disturbed() -> Fit:
@@ -73,8 +78,10 @@ def test_masked_spans_are_visible_in_every_picture_of_residuals():
     for figure in pictures:
         for axes in figure.axes:
             assert shaded(axes) == [(30.0, 40.0), (50.0, 59.0)]
+        assert "counted less" in legend_texts(figure)
     plain = plots.plot_residuals(list(result.runs.values()))
     assert all(shaded(axes) == [] for axes in plain.axes)
+    assert "counted less" not in legend_texts(plain)
 
 
 def test_residual_tests_show_residuals_autocorrelation_and_sorted_residuals():
@@ -106,7 +113,7 @@ def test_uniformity_is_drawn_recorded_and_simulated():
 def test_the_plate_stands_beside_what_was_recorded_of_it():
     runs, rig = list(fit().runs.values()), fit().twin.rig
     figure = plots.plot_plate_beside(rig, runs, [10.0, 50.0])
-    grid = np.array(figure.axes[:6]).reshape(3, 2)
+    grid = np.array(figure.axes[:8]).reshape(4, 2)
     elements = len(rig.plate.element_names)
     for column, sample in enumerate((10, 50)):
         expected = plate_map(rig, runs[0].states[sample, :elements]).temperatures
@@ -118,6 +125,12 @@ def test_the_plate_stands_beside_what_was_recorded_of_it():
     assert {len(axes.patches) for axes in grid[1:].flat} == {count}
     colors = {to_hex(patch.get_facecolor()) for patch in grid[2, 1].patches[:-1]}
     assert len(colors) > 3
+    for column, sample in enumerate((10, 50)):
+        recorded = [np.asarray(run.experiment.temperatures)[sample] for run in runs]
+        read = [run.temperatures[sample] for run in runs]
+        apart = np.concatenate(recorded) - np.concatenate(read)
+        title = grid[3, column].get_title(loc="right")
+        assert title.replace("−", "-") == f"{apart.min():.1f} … {apart.max():.1f} K"
 
 
 def test_a_band_is_drawn_and_says_how_much_lies_inside():

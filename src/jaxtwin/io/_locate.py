@@ -17,8 +17,9 @@ def find_recordings(
     """Finds recordings by name, all of them in one folder.
 
     Looked through are the folder given; without one, the folder in the environment variable
-    `JAXTWIN_RECORDINGS`; without that, the first that holds them all of `../shared/recordings`
-    from the current directory and from the checkout, and of what `fetch_recordings` fetched.
+    `JAXTWIN_RECORDINGS`; without that, the first that holds them all of a folder
+    `shared/recordings` beside the current directory, one beside the checkout, where several
+    checkouts can share it, and of what `fetch_recordings` fetched.
 
     **Arguments:**
 

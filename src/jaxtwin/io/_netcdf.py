@@ -75,7 +75,8 @@ def _check_netcdf4(content: bytes) -> None:
         import h5py
     except ImportError:
         raise RecordingError(
-            "is a netCDF 4 file; reading it needs 'pip install jaxtwin[storage]'"
+            "is a netCDF 4 file; reading it needs pip install 'jaxtwin[storage]', in a checkout "
+            "pip install -e '.[storage]'"
         ) from None
     try:
         with h5py.File(io.BytesIO(content)) as file:

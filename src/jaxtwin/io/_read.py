@@ -81,7 +81,8 @@ def check_no_gap(experiment: Experiment) -> None:
     number = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps, the first"
     raise RecordingError(
         f"{number} from {start:g} s to {end:g} s; allowed are steps up to {GAP_FACTOR:g} times the "
-        "median step. Split the recording there"
+        "median step. Split the recording there; of a .db file 'jaxtwin export' writes the part "
+        "between --start and --end"
     )
 
 

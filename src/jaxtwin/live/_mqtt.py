@@ -185,5 +185,8 @@ def _client(*, reconnect: bool) -> Any:
         from paho.mqtt.client import Client
         from paho.mqtt.enums import CallbackAPIVersion
     except ImportError:
-        raise LinkError("mqtt:// needs paho-mqtt: pip install 'jaxtwin[mqtt]'") from None
+        raise LinkError(
+            "mqtt:// needs paho-mqtt: pip install 'jaxtwin[mqtt]', in a checkout "
+            "pip install -e '.[mqtt]'"
+        ) from None
     return Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=reconnect)

@@ -38,7 +38,7 @@ class FlatDirection:
 
     def __str__(self) -> str:
         terms = " ".join(f"{weight:+.2f} {label}" for label, weight in self.weights.items())
-        return f"{terms} (told {self.narrowing:.2g} times the prior)"
+        return f"{terms} (narrowing {self.narrowing:.2g})"
 
 
 @final
@@ -81,7 +81,12 @@ class Uncertainty:
     def report(self) -> str:
         """What the recordings cannot tell, in words."""
         count = f"{len(self.singular_values)} directions, {len(self.flat)}"
-        lines = [f"{count} of them told less by the recordings than beforehand"]
+        lines = [f"{count} of them determined less by the recordings than beforehand"]
+        if self.flat:
+            lines.append(
+                "narrowing: how many times narrower than beforehand the recordings leave a "
+                "direction; below 1 they say less than was known"
+            )
         lines += [f"dead: {', '.join(self.dead)}"] * bool(self.dead)
         lines += [f"flat: {direction}" for direction in self.flat]
         lines += [f"correlated: {a} and {b}, {value:.3f}" for a, b, value in self.collinear]

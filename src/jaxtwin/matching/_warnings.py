@@ -30,9 +30,9 @@ def parameter_warnings(row: "FittedParameter", known: Uncertainty) -> tuple[str,
     if any(label in known.dead for label in labels):
         remarks.append("no effect")
     elif row.narrowing < 1:
-        remarks.append("not told" if row.prior_spread is None else "prior only")
+        remarks.append("not determined" if row.prior_spread is None else "prior only")
     elif math.isinf(row.standard_error):
-        remarks.append("not told")
+        remarks.append("not determined")
     if any(label in pair[:2] for pair in known.collinear for label in labels):
         remarks.append("correlated")
     return tuple(remarks)

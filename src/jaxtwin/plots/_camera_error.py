@@ -7,7 +7,7 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ._masked import shade_masked
+from ._masked import masked_key, shade_masked
 from ._style import INK, MUTED, ORANGE, VERMILION, styled
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def plot_camera_error(fit: "Fit") -> Figure:
                 transform=edge, clip_on=False,
             )  # fmt: skip
         below.set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
-    grid[0, 0].set_ylabel("recorded - twin, K")
+    grid[0, 0].set_ylabel("recorded − twin, K")
     grid[1, 0].set_ylabel("without camera, K")
     figure.legend(
         handles=[
@@ -60,8 +60,9 @@ def plot_camera_error(fit: "Fit") -> Figure:
             Line2D([], [], color=VERMILION, lw=1.6, label="given to the camera"),
             Line2D([], [], color=ORANGE, marker="v", ls="", label="its corrections"),
             Line2D([], [], color=INK, lw=1.2, label="left for the plate"),
+            *masked_key(fit.weights.values()),
         ],
         loc="outside lower center",
-        ncols=4,
+        ncols=5,
     )
     return figure

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from .._errors import SimulationError
 from ..simulation import Run
 from ._labels import label_ends
-from ._masked import shade_masked
+from ._masked import masked_key, shade_masked
 from ._style import CYCLE, INK, MUTED, VERMILION, styled
 
 PANELS = 5  # in a row
@@ -108,12 +108,16 @@ def plot_residuals(
         axes.set_xlim(run.time[0], run.time[-1])
         tail = residual[-max(1, len(run.time) // 20) :].mean(axis=0)
         ends.append(list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
-    row[0].set_ylabel("recorded - twin, K")
+    row[0].set_ylabel("recorded − twin, K")
     for axes, labels in zip(row, ends, strict=True):
         label_ends(axes, labels, spacing=0.08)
     figure.legend(
-        handles=[Line2D([], [], color=INK, lw=2.0, label="mean of the channels")],
+        handles=[
+            Line2D([], [], color=INK, lw=2.0, label="mean of the channels"),
+            *masked_key(weights),
+        ],
         loc="outside lower right",
+        ncols=2,
     )
     return figure
 

@@ -1,8 +1,11 @@
 """Spans of a recording that count less in a match, for all pictures that show one."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.patches import Patch
 
 from ._style import FAINT
 
@@ -26,3 +29,9 @@ def shade_masked(
                 float(time[part[0]]), float(end), color=FAINT, alpha=0.35 + 0.65 * missing, lw=0,
                 zorder=0.4, gid="masked",
             )  # fmt: skip
+
+
+def masked_key(weights: Iterable[Float[np.ndarray, "_ _"]]) -> list[Patch]:
+    """What a legend says of the shading; nothing where there is none."""
+    shaded = any(bool((weight < 1).any()) for weight in weights)
+    return [Patch(color=FAINT, lw=0, label="counted less")] if shaded else []

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 from matplotlib import colormaps, pyplot
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
@@ -73,14 +74,17 @@ def plot_netlist(
         plate.element_names, on_plate, scale.to_rgba(on_plate), strict=True
     ):
         _draw_element(ax, plate, element, text.format(value), color)
-    handles = [*_draw_conduction(ax, twin, values), *_draw_air(ax, twin, values)]
+    handles: list[Artist] = [*_draw_conduction(ax, twin, values), *_draw_air(ax, twin, values)]
     texts = {node.name: text.format(value) + unit for node, value in zip(nodes, shown, strict=True)}
     draw_cells(ax, twin, values, texts)
     handles.append(Line2D([], [], color=VERMILION, lw=2, label="cells and sinks"))
+    if _differ(on_plate):
+        bar = ax.figure.colorbar(scale, ax=ax, shrink=0.5, aspect=24, pad=0.01)
+        bar.set_label(label)
+        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    else:  # a scale would show nothing
+        handles.append(Rectangle((0, 0), 1, 1, fc=scale.to_rgba(on_plate)[0], label=label))
     ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=len(handles))
-    bar = ax.figure.colorbar(scale, ax=ax, shrink=0.5, aspect=24, pad=0.01)
-    bar.set_label(label)
-    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     if figure is not None:
         width, height = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
         inches = min(11.5 / width, 8.6 / height)
@@ -88,10 +92,14 @@ def plot_netlist(
     return ax
 
 
+def _differ(values: Float[np.ndarray, " elements"]) -> bool:
+    return bool(np.ptp(values) > 1e-9 * abs(values.max()))
+
+
 def _limits(values: Float[np.ndarray, " elements"]) -> tuple[float, float]:
     """Lowest and highest, apart even where all are equal."""
     low, high = float(values.min()), float(values.max())
-    return (low, high) if high - low > 1e-9 * abs(high) else (0.9 * low - 0.1, 1.1 * high + 0.1)
+    return (low, high) if _differ(values) else (0.9 * low - 0.1, 1.1 * high + 0.1)
 
 
 def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color) -> None:

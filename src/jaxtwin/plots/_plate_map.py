@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib import pyplot
+from matplotlib import colormaps, pyplot
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
@@ -17,6 +17,9 @@ from ..rig import Cell, Channel, Plate, Rig
 from ._style import BLUE, FAINT, INK, MUTED, VERMILION, styled
 
 _MAP_WIDTH, _ROOM_ABOVE = 4.3, 0.42  # of a panel, inches
+
+HEAT = ListedColormap(colormaps["inferno"](np.linspace(0.18, 1.0, 256)))
+"""Of temperatures; the coldest is a dark violet, as black plates show no difference."""
 
 
 @styled
@@ -57,7 +60,7 @@ def plot_plate_map(
     figure = pyplot.figure(figsize=(_MAP_WIDTH * columns + 1, height * rows), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
     norm = Normalize(float(np.min(temperatures)), float(np.max(temperatures)))
-    scale = ScalarMappable(norm, "inferno")
+    scale = ScalarMappable(norm, HEAT)
     for axes in grid.flat:
         axes.set_axis_off()
     for axes, title, values in zip(grid.flat, titles, temperatures, strict=False):

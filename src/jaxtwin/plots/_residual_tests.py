@@ -43,6 +43,7 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
         for number, (channel, series) in enumerate(zip(run.channels, residuals.T, strict=True)):
             _draw(row, run, channel, series, CYCLE[number % len(CYCLE)])
         _finish(row, run, residuals)
+    grid[0, 1].legend(loc="lower right")
     for axes, text in zip(grid[-1], ("time, s", "lag, s", "standard normal quantile"), strict=True):
         axes.set_xlabel(text)
     return figure
@@ -66,13 +67,13 @@ def _draw(row: np.ndarray, run: Run, channel: str, series: np.ndarray, color: st
 def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     over_time, against_itself, against_normal = row
     over_time.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
-    over_time.set(ylabel="recorded - twin, K", xlim=(run.time[0], run.time[-1]))
+    over_time.set(ylabel="recorded − twin, K", xlim=(run.time[0], run.time[-1]))
     over_time.set_title(run.experiment.name or "recording")
     over_time.set_title(f"RMSE {run.rmse:.2f} K", loc="right", fontsize=9, fontweight="normal")
     tail = residuals[-max(1, len(run.time) // 20) :].mean(axis=0)
     label_ends(over_time, list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
     band = 1.96 / np.sqrt(len(run.time))
-    against_itself.axhspan(-band, band, color=FAINT, zorder=0.4)
+    against_itself.axhspan(-band, band, color=FAINT, zorder=0.4, label="95 % of white noise")
     against_itself.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
     against_itself.set(ylabel="autocorrelation", ylim=(-1.05, 1.05))
     p = min(whiteness(series).p_value for series in residuals.T)

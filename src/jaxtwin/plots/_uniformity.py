@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import CenteredNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -14,7 +14,7 @@ from .._errors import SimulationError
 from ..physics import plate_map
 from ..rig import Channel, Rig
 from ..simulation import Run
-from ._plate_map import draw_cells, frame, places, rectangle
+from ._plate_map import HEAT, draw_cells, frame, places, rectangle
 from ._style import FAINT, INK, MUTED, VERMILION, styled
 
 MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # of a panel, inches
@@ -49,7 +49,7 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
             axes.set_ylim(bottom=0)
         column[0].set_title(run.experiment.name or "recording")
         column[1].set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
-    grid[0, 0].set_ylabel("highest - lowest, K")
+    grid[0, 0].set_ylabel("highest − lowest, K")
     grid[1, 0].set_ylabel("standard deviation, K")
     figure.legend(
         handles=[
@@ -65,6 +65,8 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
 @styled
 def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> Figure:
     """The plate at several times: as the twin has it, as its camera reads it, as it was recorded.
+
+    The last row is recorded less read, on a scale of its own about 0.
 
     **Arguments:**
 
@@ -89,13 +91,18 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
     }
     everything = np.concatenate([values.ravel() for values in rows.values()])
     norm = Normalize(float(everything.min()), float(everything.max()))
-    scale = ScalarMappable(norm, "inferno")
+    scale = ScalarMappable(norm, HEAT)
+    difference = rows["recorded"] - rows["twin: as read"]
+    rows["recorded − twin"] = difference
+    widest = float(np.abs(difference).max()) or 1.0
+    apart = ScalarMappable(CenteredNorm(0.0, widest), "RdBu_r")
     height = ROOM_ABOVE + MAP_WIDTH * rig.plate.height / rig.plate.width
-    figure = pyplot.figure(figsize=(MAP_WIDTH * len(times) + 1.4, height * 3), layout="constrained")
-    grid = figure.subplots(3, len(times), squeeze=False)
+    figure = pyplot.figure(figsize=(MAP_WIDTH * len(times) + 1.4, height * 4), layout="constrained")
+    grid = figure.subplots(4, len(times), squeeze=False)
     # Small places last: taps lie inside of zones.
     order = sorted(range(len(channels)), key=lambda n: -_area(channels[n], rig))
     for number, (panels, (label, values)) in enumerate(zip(grid, rows.items(), strict=True)):
+        colors, rim, unit = (apart, MUTED, "K") if values is difference else (scale, FAINT, "°C")
         for axes, time, one in zip(panels, times, values, strict=True):
             frame(axes, rig.plate)
             axes.set(xticks=[], yticks=[])
@@ -103,8 +110,8 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
             axes.grid(visible=False)
             axes.set_title(f"{time:g} s" if number == 0 else "")
             axes.set_title(
-                f"{one.min():.1f} … {one.max():.1f} °C", loc="right", fontsize=9,
-                fontweight="normal", color=MUTED,
+                f"{one.min():.1f} … {one.max():.1f} {unit}".replace("-", "−"), loc="right",
+                fontsize=9, fontweight="normal", color=MUTED,
             )  # fmt: skip
             if number == 0:
                 _draw_field(axes, rig, one, norm)
@@ -112,14 +119,18 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
             else:
                 for column in order:
                     for place in places(channels[column], rig.plate):
-                        color = scale.to_rgba(np.array([one[column]]))[0]
-                        axes.add_patch(rectangle(place, fc=color, ec=FAINT, lw=0.8))
+                        color = colors.to_rgba(np.array([one[column]]))[0]
+                        axes.add_patch(rectangle(place, fc=color, ec=rim, lw=0.8))
                 outline = (0.0, rig.plate.width, 0.0, rig.plate.height)
                 axes.add_patch(rectangle(outline, fc="none", ec=MUTED, lw=0.8))
         panels[0].set_ylabel(label, color=INK)
-    bar = figure.colorbar(scale, ax=grid, shrink=0.7, aspect=28, pad=0.02)
-    bar.set_label("temperature, °C")
-    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    for one, panels, label, aspect in (
+        (scale, grid[:3], "temperature, °C", 28),
+        (apart, grid[3:], "difference, K", 9),
+    ):
+        bar = figure.colorbar(one, ax=panels, shrink=0.7, aspect=aspect, pad=0.02)
+        bar.set_label(label)
+        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     return figure
 
 
@@ -148,7 +159,7 @@ def _area(channel: Channel, rig: Rig) -> float:
 
 def _draw_field(axes: Axes, rig: Rig, field: np.ndarray, norm: Normalize) -> None:
     axes.imshow(
-        field, norm=norm, cmap="inferno", interpolation="bilinear", aspect="equal",
+        field, norm=norm, cmap=HEAT, interpolation="bilinear", aspect="equal",
         extent=(0.0, 100 * rig.plate.width, 100 * rig.plate.height, 0.0),
     )  # fmt: skip
     frame(axes, rig.plate)

@@ -45,7 +45,8 @@ def uniformity(fit: Fit) -> tuple[Section, dict[str, dict[str, float]]]:
                 "plate-beside",
                 to_png(plot_plate_beside(fit.twin.rig, runs, times or [float(runs[0].time[-1])])),
                 "The plate, between its nodes, as the twin has it; what its camera would read; "
-                "what the camera of the rig did read. Together the recordings cover the plate.",
+                "what the camera of the rig did read; the difference of "
+                "the two. Together the recordings cover the plate.",
             ),
         ),
         level=3,

@@ -56,7 +56,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
     except ImportError:
         raise SimulationError(
             "a sweep's results are kept by zarr, which is not installed: "
-            "pip install 'jaxtwin[storage]'"
+            "pip install 'jaxtwin[storage]', in a checkout pip install -e '.[storage]'"
         ) from None
     except OSError as problem:
         raise SimulationError(f"{folder}: {problem.strerror or problem}") from None
