@@ -162,12 +162,12 @@ def simulate_batch(
         return runner.run(draws, schedule, reduce, None if refinement else on_progress)
 
     result = solve(draws, 0)
-    left = np.flatnonzero(too_coarse(result.pop("coupling"), result.pop("doubt")))
+    left = np.flatnonzero(too_coarse(result.pop("coupling"), result.pop("doubt"), 0))
     for refinement in range(1, REFINEMENTS + 1):
         if left.size == 0:
             break
         finer = solve({name: values[left] for name, values in draws.items()}, refinement)
-        again = too_coarse(finer.pop("coupling"), finer.pop("doubt"))
+        again = too_coarse(finer.pop("coupling"), finer.pop("doubt"), refinement)
         for name, values in finer.items():
             result[name][left] = values
         left = left[again]

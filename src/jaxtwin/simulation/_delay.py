@@ -11,9 +11,11 @@ from jaxtyping import Array, Float
 from ._interpolation import sample_weights, step_polynomials
 from ._schedule import Schedule
 
-BEFORE = 2.0 ** -np.array([9, *range(9, 0, -1)])
+FINEST, FIRST, GROWN = 2.0**-9, 2.0**-5, 16
+BEFORE = np.diff([0.0, *np.geomspace(FINEST, FIRST, 5), *np.geomspace(FIRST, 1.0, GROWN + 1)[1:]])
 """Steps before the first command arrives, as parts of the delay: fine at first, when a plate that
-did not start at rest changes fastest."""
+did not start at rest changes fastest, then a quarter longer each, or samples between their ends
+would be missed by a tenth of a kelvin where the delay is a minute."""
 
 
 def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool) -> Schedule:

@@ -19,7 +19,7 @@ from ..io import Experiment
 from ..physics import System, Twin
 from ._interpolation import sample_weights, step_polynomials
 
-FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 64.0
+FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 32.0
 """Of steps without refinement: s, part of the time since the last change of an input, s."""
 
 REFINEMENTS = 3

@@ -76,7 +76,7 @@ def simulate(
         for refinement in range(REFINEMENTS + 1 if solver is None else 0):
             schedule = twin_schedule(twin, experiment, refinement)
             states, readings, coupling, doubt = _run_exponential(twin, schedule, start)
-            if not too_coarse(coupling, doubt):
+            if not too_coarse(coupling, doubt, refinement):
                 break
         else:
             schedule = twin_schedule(twin, experiment)
