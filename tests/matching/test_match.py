@@ -1,6 +1,7 @@
 """Matching on recordings made by the twin itself, whose truth is known."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -85,6 +86,12 @@ def test_the_result_is_json_and_a_table(clean):
     table = clean.summary()
     for word in (*FREE, "published", "day 1: T_amb", "status"):
         assert word in table
+
+
+def test_the_match_s_own_steps_are_compared_with_those_of_simulate(clean):
+    assert 0 <= clean.solver_gap < 1e-3
+    assert "too long" not in clean.summary()
+    assert "too long for these values: 0.02 K" in replace(clean, solver_gap=0.02).summary()
 
 
 def test_noise_moves_the_values_within_their_standard_errors(start: Twin):

@@ -140,6 +140,7 @@ class Fit:
     - `history`: all iterations of the best start. `optima`: where every start ended, best first.
     - `wall_time`: s, with compilation.
     - `runs`: recording -> the fitted twin's run, without the camera's common error.
+    - `solver_gap`: largest difference of these from what the match's own, longest steps gave, K.
     - `camera`: recording -> the camera's common error.
     - `weights`: recording -> how much each sample counted, 0 to 1, `(times, channels)`.
     - `noise`: of what each channel has alone, and of what all share times the root of their number.
@@ -161,6 +162,7 @@ class Fit:
     optima: tuple[Optimum, ...]
     wall_time: float
     runs: Mapping[str, Run]
+    solver_gap: float
     camera: Mapping[str, CameraError]
     weights: Mapping[str, Float[np.ndarray, "times channels"]]
     noise: tuple[Noise, Noise]

@@ -82,7 +82,9 @@ def match(
     - `solver`: tolerances; see `BoundedLevenbergMarquardt`.
     - `on_iteration`: called after each iteration, to show progress.
 
-    **Returns:** a `Fit`, the best of all starts.
+    **Returns:** a `Fit`, the best of all starts. Evaluations take the default solver's longest
+    steps, as `response` does; the fit's runs are by `simulate`, which looks at its error, and
+    `Fit.solver_gap` says how far apart the two are.
 
     **Raises:** `MatchError` where nothing is free, a recording has no temperatures, there are fewer
     samples than unknowns, bounds exclude the start or the prior or change what its spread means, a
@@ -212,6 +214,9 @@ def make_fit(
         for name, value, experiment in zip(names, values, setting.experiments, strict=True)
     }
     residuals = split_residuals(attempt)
+    parts = zip(setting.experiments, *residuals, strict=True)
+    solved = [one.temperatures + a + (c + error)[:, None] for one, a, c, error in parts]
+    gaps = [run.temperatures - own for run, own in zip(runs.values(), solved, strict=True)]
     camera = {
         name: CameraError(events, error)
         for name, events, error in zip(names, knowledge.events, residuals.camera, strict=True)
@@ -237,6 +242,7 @@ def make_fit(
         optima=optima,
         wall_time=time.perf_counter() - began,
         runs=runs,
+        solver_gap=max(float(np.abs(gap).max()) for gap in gaps),
         camera=camera,
         weights={
             name: weight * moment[:, None]

@@ -23,6 +23,9 @@ COLUMNS = (
 NUMBERS = slice(1, 8)
 """Columns that are aligned to the right."""
 
+LARGE_GAP = 0.01
+"""Of `Fit.solver_gap`, K: a tenth of what a good match leaves."""
+
 
 def summary_table(fit: "Fit", style: Style = "text") -> str:
     """Table 4 of the paper with our column, standard errors, priors and warnings.
@@ -49,6 +52,10 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         f"status: {fit.status}",
         "",
     ]
+    if fit.solver_gap > LARGE_GAP:
+        lines[3:3] = [
+            f"steps of the match too long for these values: {fit.solver_gap:.2g} K from `simulate`"
+        ]
     for row in table:
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
         cells[NUMBERS] = [
