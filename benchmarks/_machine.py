@@ -21,7 +21,7 @@ def machine() -> dict[str, Any]:
         "cores": len(os.sched_getaffinity(0)),
         "memory_GiB": round(memory / 2**30, 1),
         "devices": [f"{device.platform}: {device.device_kind}" for device in jax.devices()],
-        "system": platform.platform(),
+        "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "versions": {library: version(library) for library in LIBRARIES},
         "load_before": round(os.getloadavg()[0], 2),

@@ -45,6 +45,8 @@ def convergence_picture(errors: Mapping[str, Points]) -> bytes:
             line = 0.3 * worst[0] * (steps / steps[0]) ** -float(order)
             axes.loglog(steps, line, dashes, color=MUTED, label=f"order {order}")
         axes.set(xlabel="steps in 1000 s", ylabel="worst error of a channel, K")
+        axes.set_xticks([100, 200, 500, 1000, 2000], ["100", "200", "500", "1000", "2000"])
+        axes.set_xticks([], minor=True)
         axes.set_title("The default steps, each cut into ever more parts")
         axes.legend()
         return figure

@@ -68,6 +68,12 @@ def test_kvaerno5_gives_the_same_with_on_off_switching(dual_cell):
     assert largest_difference(dual_cell, diffrax.Kvaerno5()) < 1e-3
 
 
+def test_samples_before_a_late_command_are_right(dual_cell):
+    """A minute in which a plate warmer than the room cools undriven."""
+    late = dual_cell.with_parameters({"t_delay": 60.0, "T_start": 40.0})
+    assert largest_difference(late, diffrax.Kvaerno5()) < 1e-3
+
+
 def test_explicit_solver_with_small_steps_gives_the_same(dual_cell):
     """Tsit5 at 0.1 s, below every time constant of this twin's nodes."""
     assert largest_difference(dual_cell, diffrax.Tsit5(), stepsize_controller=FIXED) < 1e-3

@@ -90,6 +90,6 @@ def _position(value: float, parameter: FittedParameter) -> float:
     lower, upper = parameter.lower, parameter.upper
     if not (math.isfinite(lower) and math.isfinite(upper)):
         lower, upper = min(parameter.initial, value) - 1, max(parameter.initial, value) + 1
-    if lower > 0:
+    if parameter.is_logarithmic and lower > 0:
         value, lower, upper = math.log(value), math.log(lower), math.log(upper)
     return float(np.clip((value - lower) / (upper - lower), 0, 1))
