@@ -20,12 +20,15 @@ class Expressions:
     **Arguments:**
 
     - `sums`: each entry of the result is the sum of these values.
+
+    `parameters` are the names of those that take part.
     """
 
     def __init__(self, sums: Sequence[Sequence[Value]]):
         distinct = dict.fromkeys(value.powers for terms in sums for value in terms)
         column = {powers: number for number, powers in enumerate(distinct)}
         self.products = tuple(Value(1.0, powers) for powers in distinct)
+        self.parameters = frozenset(name for powers in distinct for name, _ in powers)
         factors = np.zeros((len(sums), len(distinct)))
         for row, terms in enumerate(sums):
             for value in terms:

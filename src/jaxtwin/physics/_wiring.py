@@ -105,9 +105,8 @@ class Wiring:
             self.channel_weights[:, position[element]] += elements[:, element]
 
         tables = [part for part in vars(self).values() if isinstance(part, Expressions)]
-        used = {part: {n for v in part.products for n, _ in v.powers} for part in tables}
-        inner = set().union(*(names for part, names in used.items() if part is not self.gains))
-        self.gain_parameters = frozenset(used[self.gains] - inner)
+        inner = set().union(*(part.parameters for part in tables if part is not self.gains))
+        self.gain_parameters = self.gains.parameters - inner
 
         # Sizes too: a circuit given link by link does not show them, the channels' weights do.
         sizes = (rig.plate.columns, rig.plate.rows)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, final, overload
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,6 +27,7 @@ from ._chunk import (
 )
 from ._chunk_runner import ChunkRunner, Precision
 from ._compressed import compress
+from ._delay import delayed_schedule, has_own_delays
 from ._initial import Initial, checked_initial
 from ._schedule import REFINEMENTS, Schedule, twin_schedule
 from ._simulate import checked_channels, simulate
@@ -154,11 +156,15 @@ def simulate_batch(
         if number is not None and (not isinstance(number, int) or number < 1):
             raise SimulationError(f"{name}: found {number!r}, allowed is a whole number above 0")
     columns = np.array([twin.channels.index(name) for name in names])
+    at_rest = isinstance(start, str)
     runner = ChunkRunner(twin, start, checked_precision(precision), chunk_size, workers)
 
     def solve(draws: dict[str, np.ndarray], refinement: int) -> dict[str, np.ndarray]:
         schedule = twin_schedule(twin, experiment, refinement)
-        reduce = _reducer(twin, schedule, experiment, columns, wanted, isinstance(start, str))
+        # All draws alike share how samples are read.
+        own_delays = has_own_delays(twin, draws)
+        seen = schedule if own_delays else _arriving_alike(twin, schedule, at_rest)
+        reduce = _reducer(twin, seen, own_delays, experiment, columns, wanted, at_rest)
         return runner.run(draws, schedule, reduce, None if refinement else on_progress)
 
     result = solve(draws, 0)
@@ -181,15 +187,34 @@ def simulate_batch(
     return Reductions(channels=names, **result)
 
 
+def _arriving_alike(twin: Twin, schedule: Schedule, at_rest: bool) -> Schedule:
+    """The schedule as it reaches the cells, behind the twin's own delay if it has one."""
+    delay = twin.wiring.delay
+    if delay is None:
+        return schedule
+    with jax.enable_x64(True):
+        late = _delayed(schedule, delay(twin.parameters_si)[0], at_rest)
+    return jax.tree.map(np.asarray, late)
+
+
+_delayed = eqx.filter_jit(delayed_schedule)
+
+
 def _reducer(
     twin: Twin,
     schedule: Schedule,
+    own_delays: bool,
     experiment: Experiment,
     columns: Int[np.ndarray, " channels"],
     wanted: tuple[Reduction, ...] | None,
     at_rest: bool,
 ) -> Callable[[Prepared], dict[str, Array]]:
-    """What is computed of each chunk, from its draws to the results that are kept."""
+    """What is computed of each chunk, from its draws to the results that are kept.
+
+    **Arguments:**
+
+    - `schedule`: as it reaches the cells, or as commanded where draws have their `own_delays`.
+    """
     grid: dict[str, Any] = {"schedule": schedule, "at_rest": at_rest}
     of_plate = [name for name in wanted or () if name in UNIFORMITY]
     of_samples = [name for name in wanted or () if name in EXTREMES]
@@ -198,13 +223,15 @@ def _reducer(
     compressed = None
     if with_cost and recorded is not None:
         # Only where the same weights serve all draws, and nothing but the steps moves the readings.
-        wiring = twin.wiring
-        if schedule.ambient_at is None and wiring.delay is None and wiring.ambient_drift is None:
+        drifts = twin.wiring.ambient_drift is not None
+        if schedule.ambient_at is None and not own_delays and not drifts:
             compressed = compress(schedule, recorded)
         else:
             of_samples.append("cost")
 
     def reduce(prepared: Prepared) -> dict[str, Array]:
+        if not own_delays:
+            prepared = eqx.tree_at(lambda p: p.systems.delay, prepared, None, is_leaf=_is_none)
         stepped = step_chunk(prepared, columns=columns, with_plate=bool(of_plate), **grid)
         # Neither shorter steps nor another solver help what is no resistance or capacity.
         physical = prepared.systems.physical
@@ -239,6 +266,10 @@ def _reducer(
         return result
 
     return reduce
+
+
+def _is_none(leaf: Any) -> bool:
+    return leaf is None
 
 
 def _solve_stiff(

@@ -2,7 +2,7 @@
 
 import os
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal, final
@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Shaped
 
 from ..physics import Twin
 from ._chunk import Prepared, prepare_chunk
+from ._delay import has_own_delays
 from ._schedule import Schedule
 
 Precision = Literal["float64", "float32"]
@@ -71,7 +72,7 @@ class ChunkRunner:
         count = len(next(iter(draws.values())))
         # Draws that are solved again come in any number: few sizes, few compilations.
         rounded = 1 << (count - 1).bit_length()
-        size = self.chunk_size or min(self._chunk_of_device(accelerated), rounded)
+        size = self.chunk_size or min(self._chunk_of_device(accelerated, draws), rounded)
         result: dict[str, np.ndarray] = {}
         one_at_a_time = threading.Lock()
 
@@ -104,10 +105,10 @@ class ChunkRunner:
                 pass
         return result
 
-    def _chunk_of_device(self, accelerated: bool) -> int:
+    def _chunk_of_device(self, accelerated: bool, drawn: Iterable[str]) -> int:
         if accelerated:
             return CHUNK_ACCELERATOR
-        return CHUNK_CPU if self.twin.wiring.delay is None else CHUNK_CPU // 2
+        return CHUNK_CPU // 2 if has_own_delays(self.twin, drawn) else CHUNK_CPU
 
 
 def _cores() -> int:

@@ -4,10 +4,13 @@ Nothing but the inputs depends on time itself, so the whole grid of steps moves 
 steps stay fine behind every change, and temperatures are smooth in the delay.
 """
 
+from collections.abc import Iterable
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..physics import Twin
 from ._interpolation import sample_weights, step_polynomials
 from ._schedule import Schedule
 
@@ -16,6 +19,12 @@ BEFORE = np.diff([0.0, *np.geomspace(FINEST, FIRST, 5), *np.geomspace(FIRST, 1.0
 """Steps before the first command arrives, as parts of the delay: fine at first, when a plate that
 did not start at rest changes fastest, then a quarter longer each, or samples between their ends
 would be missed by a tenth of a kelvin where the delay is a minute."""
+
+
+def has_own_delays(twin: Twin, drawn: Iterable[str]) -> bool:
+    """Whether draws of these parameters have a delay each, not one for all or none."""
+    delay = twin.wiring.delay
+    return delay is not None and not delay.parameters.isdisjoint(drawn)
 
 
 def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool) -> Schedule:

@@ -179,5 +179,5 @@ def too_coarse(
     A solution that did not stay finite has a doubt of NaN, which is not above the limit: only its
     coupling can say that shorter steps would help.
     """
-    doubtful = DOUBTFUL if refinement == 0 else DOUBTFUL / 4
+    doubtful = DOUBTFUL if refinement == 0 else DOUBTFUL / 2
     return np.asarray((np.asarray(coupling) > STIFF) | (np.asarray(doubt) > doubtful))
