@@ -77,7 +77,7 @@ def ours(counts: list[int], precision: Any, reductions: Any) -> dict[str, Any]:
             break
         if count <= 1000:
             seconds(count)  # the first call compiles
-        taken = [seconds(count) for _ in range(max(1, min(9, 30_000 // count)))]
+        taken = [seconds(count) for _ in range(max(1, min(9, 300_000 // count)))]
         wall, busy = map(median, zip(*taken, strict=True))
         times.append((count, wall))
         cpu.append((count, busy))
