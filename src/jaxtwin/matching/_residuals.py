@@ -176,25 +176,21 @@ def weighted_jacobian(
     groups: Sequence[Float[Array, "recordings entries times channels"]], problem: Problem
 ) -> Float[Array, "residuals unknowns"]:
     """The residuals' Jacobian from the `derivatives`."""
-    size, rows = np.shape(problem.centre)[0], []
+    size, columns = np.shape(problem.centre)[0], []
     for group, slopes in zip(problem.groups, groups, strict=True):
 
         def one(slopes: Array, weights: Weights) -> tuple[Array, Array, Array]:
-            parts = jax.vmap(lambda d: weights.weigh(*weights.split(d)))(slopes)
-            alone, common, sizes = (jnp.moveaxis(part, 0, -1) for part in parts)
-            return alone, common, sizes
+            return jax.vmap(lambda d: weights.weigh(*weights.split(d)))(slopes)
 
         places = problem.layout.places()[list(group.positions)]
+        number = np.arange(len(places))[:, None]
         for part in jax.vmap(one)(slopes, group.weights):
-            recordings, entries = part.shape[0], part.shape[-1]
-            flat = part.reshape(recordings, -1, entries)
-            whole = jnp.zeros((*flat.shape[:2], size), flat.dtype)
-            number = np.arange(recordings)[:, None, None]
-            row = np.arange(flat.shape[1])[None, :, None]
-            whole = whole.at[number, row, places[:, None, :]].set(flat)
-            rows.append(whole.reshape(-1, size))
-    rows.append(jnp.diag(jnp.asarray(problem.precision)))
-    return jnp.concatenate(rows)
+            flat = part.reshape(*part.shape[:2], -1)
+            whole = jnp.zeros((size, len(places), flat.shape[-1]), flat.dtype)
+            columns.append(whole.at[places, number].set(flat).reshape(size, -1))
+    columns.append(jnp.diag(jnp.asarray(problem.precision)))
+    # Turned last, where it costs nothing: products of the columns do not care how they lie.
+    return jnp.concatenate(columns, axis=1).T
 
 
 def _local_vectors(

@@ -117,11 +117,8 @@ def settle(
         )
     if not np.isfinite(attempt.cost):
         raise MatchError(f"{label}: the twin gives no finite temperatures")
-    values = {
-        row.name: float(np.clip(np.exp(v) if row.is_logarithmic else v, row.lower, row.upper))
-        for row, v in zip(unknowns.rows, attempt.vector, strict=True)
-    }
-    return twin.with_parameters(values)
+    (values,) = unknowns.values(attempt.vector)
+    return twin.with_parameters({name: float(value) for name, value in values.items()})
 
 
 def _weights(part: Experiment) -> Float[np.ndarray, "times channels"]:
