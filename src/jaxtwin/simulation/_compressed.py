@@ -40,28 +40,37 @@ def compress(
 ) -> CompressedRecording:
     """The recording of an experiment on its schedule, degC."""
     step_of, weights = np.asarray(schedule.step_of), np.asarray(schedule.weights)
-    beyond = np.zeros(recorded.shape[1])
-    steps, kept, targets, ones = [], [], [], []
-    for step in np.unique(step_of):
-        inside = step_of == step
-        w, y, one = weights[inside], recorded[inside], np.ones(inside.sum())
-        if len(w) > POWERS:
-            q, w = np.linalg.qr(w)
-            whole, y, one = y, q.T @ y, q.T @ one
-            beyond += np.sum((whole - q @ y) ** 2, axis=0)
-        steps += [step] * len(w)
-        kept.append(w)
-        targets.append(y)
-        ones.append(one)
-    combined = eqx.tree_at(
-        lambda s: (s.step_of, s.weights),
-        schedule,
-        (np.array(steps, dtype=np.int32), np.concatenate(kept)),
+    order = np.argsort(step_of, kind="stable")
+    steps, first, counts = np.unique(step_of[order], return_index=True, return_counts=True)
+    is_long = counts > POWERS
+    short = order[~np.repeat(is_long, counts)]
+    # The samples of each long step in a table of its own, filled up with nothing: one
+    # factorisation of all, as a loop over steps would take longer than many a draw.
+    place = np.arange(counts.max())
+    filled = place < counts[is_long, None]
+    sample = order[np.where(filled, first[is_long, None] + place, 0)]
+    w, y, one = (
+        np.where(filled[:, :, None], values[sample], 0.0)
+        for values in (weights, recorded, np.ones((len(step_of), 1)))
     )
+    q, r = np.linalg.qr(w)
+    combined, ones = np.swapaxes(q, 1, 2) @ y, np.swapaxes(q, 1, 2) @ one
+    beyond = np.sum((y - q @ combined) ** 2, axis=(0, 1))
+
+    def rows(kept: np.ndarray, tables: np.ndarray) -> np.ndarray:
+        return np.concatenate([kept[short], tables.reshape(-1, kept.shape[1])])
+
     return CompressedRecording(
-        schedule=combined,
-        target=np.concatenate(targets),
-        ones=np.concatenate(ones),
+        schedule=eqx.tree_at(
+            lambda s: (s.step_of, s.weights),
+            schedule,
+            (
+                np.concatenate([step_of[short], np.repeat(steps[is_long], POWERS)]),
+                rows(weights, r),
+            ),
+        ),
+        target=rows(recorded, combined),
+        ones=rows(np.ones((len(step_of), 1)), ones)[:, 0],
         beyond=beyond / len(step_of),
         samples=len(step_of),
     )
