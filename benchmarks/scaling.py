@@ -71,17 +71,23 @@ def ours(counts: list[int], precision: Any, reductions: Any) -> dict[str, Any]:
         jt.simulate_batch(twin, experiment, draws, reductions=reductions, precision=precision)
         return time.perf_counter() - began, time.process_time() - busy
 
-    times, cpu = [], []
-    for count in counts:
-        if times and times[-1][1] / times[-1][0] * count > PATIENCE:
-            break
-        if count <= 1000:
-            seconds(count)  # the first call compiles
-        taken = [seconds(count) for _ in range(max(1, min(9, 300_000 // count)))]
-        wall, busy = map(median, zip(*taken, strict=True))
-        times.append((count, wall))
-        cpu.append((count, busy))
-    return {"times": times, "cpu": cpu, "peak_MiB": _peak()}
+    wall: dict[int, list[float]] = {}
+    cpu: dict[int, list[float]] = {}
+    # Up and down again: what the machine does beside reaches few and many draws alike.
+    for count in [*counts, *counts[-2::-1]]:
+        if wall and max(median(taken) / n for n, taken in wall.items()) * count > PATIENCE:
+            continue
+        if count not in wall:
+            seconds(min(count, 1000))  # the first call compiles
+        for _ in range(max(1, min(9, 100_000 // count))):
+            taken, busy = seconds(count)
+            wall.setdefault(count, []).append(taken)
+            cpu.setdefault(count, []).append(busy)
+    return {
+        "times": [(count, median(taken)) for count, taken in wall.items()],
+        "cpu": [(count, median(taken)) for count, taken in cpu.items()],
+        "peak_MiB": _peak(),
+    }
 
 
 def _peak() -> float:
