@@ -17,15 +17,25 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
-def rounds(ways: Mapping[str, Callable[[], object]], count: int) -> dict[str, list[float]]:
+def rounds(
+    ways: Mapping[str, Callable[[], object]], count: int, warm: bool = False
+) -> dict[str, list[float]]:
     """Wall times in s of each way, one a round.
 
     What else the machine does falls on all ways of a round alike, so that ratios within a round
     hold where times do not.
+
+    **Arguments:**
+
+    - `warm`: whether a way runs once more before it is timed. What the way before it freed is
+      given back to the system, and fresh pages can cost a way with large results as much as its
+      own work.
     """
     times: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(count):
         for name, way in ways.items():
+            if warm:
+                way()
             began = time.perf_counter()
             way()
             times[name].append(time.perf_counter() - began)

@@ -86,7 +86,8 @@ def _around(task: Task, truth: Float[np.ndarray, "d t c"], quick: bool) -> dict[
     for name, options in OWN.items():
         count = 256 if quick else 2048
         ways[name] = ours(task, count, **options), count
-    times = rounds({name: run for name, (run, _) in ways.items()}, 1 if quick else 4)
+    turns = {name: run for name, (run, _) in ways.items()}
+    times = rounds(turns, 1 if quick else 4, warm=not quick)
     per_draw = {name: [t / ways[name][1] for t in taken] for name, taken in times.items()}
     table = {}
     for name, (run, count) in ways.items():
