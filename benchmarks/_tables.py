@@ -39,7 +39,8 @@ def _ways(task: str, table: dict[str, Any]) -> str:
     head = ("way", "ms a draw", "largest error, K", "times jaxtwin's time")
     return (
         f"## {task}: 1000 s at 1 Hz, 15 channels\n\n"
-        "Medians of four rounds, of times and of ratios within a round.\n\n" + _table(head, rows)
+        "Medians of four rounds, of times and of ratios within a round; each way runs twice in a "
+        "row, and the second time counts.\n\n" + _table(head, rows)
     )
 
 
@@ -50,12 +51,14 @@ def _scaling(answer: dict[str, Any]) -> str:
         speeds = {count: f"{count / seconds:,.0f}" for count, seconds in points}
         rows.append((name, *(speeds.get(count, "") for count in counts)))
     head = ("draws a second at", *(f"{count:,} draws" for count in counts))
+    ratios = ", ".join(f"{ratio:.2f} at {count:,}" for count, ratio in answer["against_thousands"])
     threads = answer["workers"]
     wall, cpu = threads["wall_s"], threads["cpu_s"]
     return (
         "## Number of draws\n\n"
         + _table(head, rows)
-        + f"\nTime a draw from 1,000 draws on: largest over smallest {answer['flatness']:.2f} "
+        + f"\nTime a draw over that of the same draws in calls of 1,000, made before and after: "
+        f"{ratios}; largest over smallest {answer['flatness']:.2f} "
         f"(CPU time {answer['cpu_flatness']:.2f}). "
         f"Peak resident memory of {answer['peak_draws']:,} draws: {answer['peak_MiB']:.0f} MiB. "
         f"{threads['draws']:,} draws: one worker {wall['1']:.2f} s ({cpu['1']:.2f} s of CPU time), "
@@ -102,7 +105,7 @@ def _matching(answer: dict[str, Any]) -> str:
     head = (
         "way",
         "first time, s",
-        "second time, s",
+        "warm, s",
         "RMSE reached, K",
         "evaluations of residuals",
         "of the Jacobian",
