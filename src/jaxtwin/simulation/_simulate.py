@@ -104,8 +104,8 @@ def response(
 ) -> Float[Array, "times channels"]:
     """The channels' temperatures as a pure JAX function of the twin's parameters, degC.
 
-    For one's own `jax.jit`, `jax.vmap`, `jax.jacfwd` or `jax.grad`; `simulate` is this with checks
-    and labels.
+    For one's own `jax.jit`, `jax.vmap`, `jax.jacfwd` or `jax.grad`; compiled by itself where it is
+    called outside of `jax.jit`. `simulate` is this with checks and labels.
     Its precision is that of the caller: wrap it in `jax.enable_x64(True)` for float64.
     Always the default solver on its longest steps: only `simulate` looks whether shorter ones, or
     a stiff solver, are needed.
@@ -119,7 +119,7 @@ def response(
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)
-    _, readings, _, _ = _exponential_states(twin, twin_schedule(twin, experiment), start)
+    _, readings, _, _ = _run_exponential(twin, twin_schedule(twin, experiment), start)
     return readings[:, columns] - 273.15
 
 
@@ -180,7 +180,8 @@ def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
     return tuple((what, value) for value, what in first.items())
 
 
-def _exponential_states(
+@eqx.filter_jit
+def _run_exponential(
     twin: Twin, schedule: Schedule, initial: str | Float[Array | np.ndarray, " starts"] | None
 ) -> tuple[Array, Array, Float[Array, ""], Float[Array, ""]]:
     """Absolute temperatures of the rig's nodes `(times, nodes)` and of its channels
@@ -203,9 +204,6 @@ def _absolute(
 ) -> tuple[Float[Array, "times rig_nodes"], Float[Array, "times channels"]]:
     readings = system.channel_temperatures(deviation, ambient_of_samples(system, schedule))
     return deviation[:, system.wiring.position] + reference, readings + reference
-
-
-_run_exponential = eqx.filter_jit(_exponential_states)
 
 
 def _run_checked(
