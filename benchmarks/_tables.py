@@ -57,7 +57,7 @@ def _scaling(answer: dict[str, Any]) -> str:
     return (
         "## Number of draws\n\n"
         + _table(head, rows)
-        + f"\nTime a draw over that of the same draws in calls of 1,000, made before and after: "
+        + "\nTime a draw over that of the same draws in calls of 1,000, made before and after: "
         f"{ratios}; largest over smallest {answer['flatness']:.2f} "
         f"(CPU time {answer['cpu_flatness']:.2f}). "
         f"Peak resident memory of {answer['peak_draws']:,} draws: {answer['peak_MiB']:.0f} MiB. "

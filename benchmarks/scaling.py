@@ -102,8 +102,9 @@ def ours(counts: list[int], precision: Any, reductions: Any) -> dict[str, Any]:
             taken.append(whole[0])
             ratios.append(np.divide(whole, np.sum([*before, *after], axis=0)))
         times.append((count, median(taken)))
-        wall.append((count, float(np.median(ratios, axis=0)[0])))
-        cpu.append((count, float(np.median(ratios, axis=0)[1])))
+        of_wall, of_cpu = np.median(ratios, axis=0).tolist()
+        wall.append((count, of_wall))
+        cpu.append((count, of_cpu))
     return {"times": times, "wall": wall, "cpu": cpu, "peak_MiB": _peak()}
 
 

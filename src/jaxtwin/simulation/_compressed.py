@@ -39,38 +39,31 @@ def compress(
     schedule: Schedule, recorded: Float[np.ndarray, "times channels"]
 ) -> CompressedRecording:
     """The recording of an experiment on its schedule, degC."""
-    step_of, weights = np.asarray(schedule.step_of), np.asarray(schedule.weights)
-    order = np.argsort(step_of, kind="stable")
-    steps, first, counts = np.unique(step_of[order], return_index=True, return_counts=True)
+    step_of = np.asarray(schedule.step_of)
+    count = len(step_of)
+    samples = np.column_stack([schedule.weights, recorded, np.ones(count)])
+    # Samples follow each other in time, and so do those of a step.
+    steps, first, counts = np.unique(step_of, return_index=True, return_counts=True)
     is_long = counts > POWERS
-    short = order[~np.repeat(is_long, counts)]
+    short = ~np.repeat(is_long, counts)
     # The samples of each long step in a table of its own, filled up with nothing: one
     # factorisation of all, as a loop over steps would take longer than many a draw.
     place = np.arange(counts.max())
     filled = place < counts[is_long, None]
-    sample = order[np.where(filled, first[is_long, None] + place, 0)]
-    w, y, one = (
-        np.where(filled[:, :, None], values[sample], 0.0)
-        for values in (weights, recorded, np.ones((len(step_of), 1)))
-    )
+    own = samples[np.where(filled, first[is_long, None] + place, 0)]
+    w, y = np.split(np.where(filled[:, :, None], own, 0.0), [POWERS], axis=2)
     q, r = np.linalg.qr(w)
-    combined, ones = np.swapaxes(q, 1, 2) @ y, np.swapaxes(q, 1, 2) @ one
-    beyond = np.sum((y - q @ combined) ** 2, axis=(0, 1))
-
-    def rows(kept: np.ndarray, tables: np.ndarray) -> np.ndarray:
-        return np.concatenate([kept[short], tables.reshape(-1, kept.shape[1])])
-
+    seen = np.swapaxes(q, 1, 2) @ y
+    beyond = np.sum((y - q @ seen) ** 2, axis=(0, 1))[:-1]
+    combined = np.concatenate([r, seen], axis=2).reshape(-1, samples.shape[1])
+    rows = np.concatenate([samples[short], combined])
+    rows_of = np.concatenate([step_of[short], np.repeat(steps[is_long], POWERS)])
     return CompressedRecording(
         schedule=eqx.tree_at(
-            lambda s: (s.step_of, s.weights),
-            schedule,
-            (
-                np.concatenate([step_of[short], np.repeat(steps[is_long], POWERS)]),
-                rows(weights, r),
-            ),
+            lambda s: (s.step_of, s.weights), schedule, (rows_of, rows[:, :POWERS])
         ),
-        target=rows(recorded, combined),
-        ones=rows(np.ones((len(step_of), 1)), ones)[:, 0],
-        beyond=beyond / len(step_of),
-        samples=len(step_of),
+        target=rows[:, POWERS:-1],
+        ones=rows[:, -1],
+        beyond=beyond / count,
+        samples=count,
     )
