@@ -16,7 +16,7 @@ from jaxtwin import (
     validate,
     validate_split,
 )
-from jaxtwin.matching import settle
+from jaxtwin.matching import estimate_initial_conditions
 
 FREE = ["C_load", "T_amb", "T_start"]
 NOISE = 0.05
@@ -77,8 +77,8 @@ def test_the_true_rig_predicts_an_unseen_day_to_the_noise(truth: Twin, days: lis
     (one,) = result.predictions
     assert one.run.time[0] == 60.0
     # At rest the start is read off; the room's temperature is known from the drift alone.
-    assert one.taken["T_start"] == pytest.approx(22.0, abs=0.3)
-    assert one.taken["T_amb"] == pytest.approx(22.0, abs=0.5)
+    assert one.estimated["T_start"] == pytest.approx(22.0, abs=0.3)
+    assert one.estimated["T_amb"] == pytest.approx(22.0, abs=0.5)
     assert result.rmse < 0.5
 
 
@@ -86,8 +86,8 @@ def test_ambient_and_start_are_found_with_the_drive_on_from_the_start(
     truth: Twin, days: list[Experiment]
 ):
     (one,) = validate(truth, days[2]).predictions
-    assert one.taken["T_start"] == pytest.approx(16.0, abs=1.0)
-    assert one.taken["T_amb"] == pytest.approx(17.0, abs=1.0)
+    assert one.estimated["T_start"] == pytest.approx(16.0, abs=1.0)
+    assert one.estimated["T_amb"] == pytest.approx(17.0, abs=1.0)
 
 
 def test_a_plate_that_is_warmer_than_its_room_shows_it_by_cooling(truth: Twin):
@@ -96,15 +96,15 @@ def test_a_plate_that_is_warmer_than_its_room_shows_it_by_cooling(truth: Twin):
     drive = Experiment.schedule(LATE, duration=240)
     seen = simulate(quick.with_parameters({"T_amb": 20.0, "T_start": 25.0}), drive).temperatures
     warm = Experiment(drive.time, drive.duty, channels=("T",), temperatures=seen)
-    found = settle(quick, warm)
-    assert float(found.parameters["T_amb"]) == pytest.approx(20.0, abs=1.0)
-    assert float(found.parameters["T_start"]) == pytest.approx(25.0, abs=1.0)
+    found = estimate_initial_conditions(quick, warm).values
+    assert found["T_amb"] == pytest.approx(20.0, abs=1.0)
+    assert found["T_start"] == pytest.approx(25.0, abs=1.0)
 
 
 def test_nothing_after_the_warm_up_is_looked_at(truth: Twin, days: list[Experiment]):
     honest = validate(truth, days[0]).predictions[0]
     other = validate(truth, spoiled(days[0], 60.0)).predictions[0]
-    assert other.taken == honest.taken
+    assert other.estimated == honest.estimated
     np.testing.assert_array_equal(other.run.temperatures, honest.run.temperatures)
 
 
@@ -112,7 +112,7 @@ def test_a_fit_predicts_a_day_that_it_has_not_seen(crossed: Validation, days: li
     fit = crossed.predictions[0].fit
     assert fit is not None
     result = validate(fit, days[2])
-    assert set(result.predictions[0].taken) == {"T_amb", "T_start"}
+    assert set(result.predictions[0].estimated) == {"T_amb", "T_start"}
     assert result.mean_fit_percent > 90
 
 

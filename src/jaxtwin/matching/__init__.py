@@ -2,12 +2,12 @@
 
 from ._band import Band, prediction_band
 from ._fit import Fit, FittedParameter, Iteration, Optimum
+from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
 from ._levenberg_marquardt import BoundedLevenbergMarquardt, LMState
 from ._many import match_many
 from ._match import checked_recordings, match
 from ._noise import Noise, noise_of
 from ._profile import Profile, profile
-from ._settle import WARM_UP, settle
 
 __all__ = [
     "WARM_UP",
@@ -15,16 +15,17 @@ __all__ = [
     "BoundedLevenbergMarquardt",
     "Fit",
     "FittedParameter",
+    "InitialConditions",
     "Iteration",
     "LMState",
     "Noise",
     "Optimum",
     "Profile",
     "checked_recordings",
+    "estimate_initial_conditions",
     "match",
     "match_many",
     "noise_of",
     "prediction_band",
     "profile",
-    "settle",
 ]

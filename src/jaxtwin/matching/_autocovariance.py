@@ -42,7 +42,7 @@ UPDATES = 50
 class Series:
     """Weighted residuals of one recording whose noise is of one kind.
 
-    - `kind`: number of the kind.
+    - `kind`: number of the kind. `recording`: number of the recording.
     - `residuals`: `(times, channels)`.
     - `slopes`: their derivatives in some of the unknowns; `entries`: which those are.
     - `roots`: of the weights of the samples, by which residuals and slopes are multiplied.
@@ -51,6 +51,7 @@ class Series:
     """
 
     kind: int
+    recording: int
     residuals: Float[np.ndarray, "times channels"]
     slopes: Float[np.ndarray, "times channels entries"]
     entries: Int[np.ndarray, " entries"]
@@ -110,6 +111,16 @@ def fit_noise(
     )
     middle = np.tensordot(theta, middles.reshape(-1, *known.shape), 1)
     return tuple(Mixture(one, rho) for one in theta.reshape(kinds, -1)), middle
+
+
+def noise_in_unknowns(one: Series, noise: Mixture) -> Float[np.ndarray, "entries entries"]:
+    r"""$J^T \Gamma J$ of one series, in the unknowns on which it depends."""
+    total = np.zeros((len(one.entries), len(one.entries)))
+    for variance, rho in zip(noise.variances, noise.rho, strict=True):
+        if variance > 0:
+            answer = correlated(rho, one.roots[..., None] * one.slopes) * one.roots[..., None]
+            total += variance * np.tensordot(one.slopes, answer, ([0, 1], [0, 1]))
+    return total
 
 
 def correlated(rho: float, table: Float[np.ndarray, "times ..."]) -> Float[np.ndarray, "times ..."]:

@@ -1,10 +1,13 @@
 """What a match is worth: from where a descent ended to the uncertainty of its values."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ._autocovariance import Series, fit_noise
+from ._autocovariance import Mixture, Series, fit_noise, noise_in_unknowns
+from ._between_recordings import RecordingScore, spread_between_recordings
 from ._descend import Attempt
 from ._estimate import Knowledge, Residuals
 from ._noise import Noise
@@ -51,6 +54,8 @@ def confidence(
         unknowns.slopes(vector),
         inside,
     )
+    between = _between_recordings(series, mixtures, camera + prior, unknowns, inside)
+    result = replace(result, between_recordings=between)
     return result, (noise[0], noise[1])
 
 
@@ -78,7 +83,8 @@ def _series(
             counted = knowledge.alone_weights[position]
             if (channels := counted.shape[1]) > 1:
                 own = weights.alone * residuals.alone[position]
-                series.append(_dependent_part(0, own, of_alone, np.sqrt(counted), channels - 1))
+                roots = np.sqrt(counted)
+                series.append(_dependent_part(0, position, own, of_alone, roots, channels - 1))
             used = weights.shapes.any(axis=0)
             shapes = weights.shapes * weights.common[:, None] / weights.size_weight
             # The match has each value move the sizes too: undone here.
@@ -87,14 +93,42 @@ def _series(
             slopes[:, 0, count:] = -shapes[:, used]
             moments = np.sqrt(knowledge.common_weights[position]) * counted.any(axis=1)
             shared = (weights.common * residuals.common[position])[:, None]
-            series.append(_dependent_part(1, shared, slopes, moments[:, None], 1))
+            series.append(_dependent_part(1, position, shared, slopes, moments[:, None], 1))
             lift.append(of_sizes[used])
             count += int(used.sum())
     return series, np.concatenate(lift)
 
 
+def _between_recordings(
+    series: list[Series],
+    mixtures: tuple[Mixture, ...],
+    prior: Float[np.ndarray, "all_unknowns all_unknowns"],
+    unknowns: Unknowns,
+    inside: Bool[np.ndarray, " unknowns"],
+) -> Float[np.ndarray, " unknowns"]:
+    """By how much each entry of the optimiser's vector differs between recordings, one standard
+    deviation; 0 for what has no prior, and for what each recording has of its own."""
+    size = len(prior)
+    scores = [
+        RecordingScore(np.zeros(size), np.zeros((size, size)), np.zeros((size, size)))
+        for _ in range(unknowns.recordings)
+    ]
+    for one in series:
+        of, at = scores[one.recording], np.ix_(one.entries, one.entries)
+        of.score[one.entries] += np.tensordot(one.slopes, one.residuals, ([0, 1], [0, 1]))
+        of.information[at] += np.tensordot(one.slopes, one.slopes, ([0, 1], [0, 1]))
+        of.noise[at] += noise_in_unknowns(one, mixtures[one.kind])
+    spreads = np.array([row.prior_spread or 0.0 for row in unknowns.rows])
+    spreads[len(unknowns.shared) :] = 0.0
+    is_shared = (np.arange(unknowns.size) < len(unknowns.shared)) & inside
+    # The unknowns of the series are the entries inside their bounds, then the camera's sizes.
+    shared = np.flatnonzero(is_shared[inside])
+    return spreads * spread_between_recordings(scores, prior, shared, spreads[is_shared])
+
+
 def _dependent_part(
     kind: int,
+    recording: int,
     residuals: Float[np.ndarray, "times channels"],
     slopes: Float[np.ndarray, "times channels all_unknowns"],
     roots: Float[np.ndarray, "times channels"],
@@ -102,4 +136,4 @@ def _dependent_part(
 ) -> Series:
     """A series with derivatives in those unknowns alone on which it depends."""
     entries = np.flatnonzero(slopes.any(axis=(0, 1)))
-    return Series(kind, residuals, slopes[..., entries], entries, roots, independent)
+    return Series(kind, recording, residuals, slopes[..., entries], entries, roots, independent)

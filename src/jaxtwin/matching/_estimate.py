@@ -16,7 +16,7 @@ from ._camera_error import camera_shapes, count_shapes, detect_events
 from ._descend import Attempt, Box, OnStep, descend
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._noise import Noise, huber_weights, noise_of
-from ._residuals import Problem, build_problem
+from ._residuals import Problem, Ties, build_problem
 from ._unknowns import Unknowns
 from ._weights import Weights, make_weights
 
@@ -178,19 +178,22 @@ def shapes_needed(setting: Setting, knowledge: Knowledge) -> int:
     )
 
 
-def make_problem(setting: Setting, knowledge: Knowledge, shapes: int | None = None) -> Problem:
+def make_problem(
+    setting: Setting, knowledge: Knowledge, shapes: int | None = None, ties: Ties | None = None
+) -> Problem:
     """The optimiser's problem with the weights that follow from what is known.
 
     **Arguments:**
 
     - `shapes`: of the camera's common error; by default as many as are needed.
+    - `ties`: what is known beforehand of combinations of unknowns.
     """
     count = shapes_needed(setting, knowledge) if shapes is None else shapes
     weights = [
         recording_weights(setting, knowledge, number, count)
         for number in range(len(setting.experiments))
     ]
-    return build_problem(setting.twin, setting.experiments, setting.unknowns, weights)
+    return build_problem(setting.twin, setting.experiments, setting.unknowns, weights, ties)
 
 
 def recording_weights(setting: Setting, knowledge: Knowledge, number: int, count: int) -> Weights:

@@ -54,6 +54,22 @@ class Recordings(eqx.Module):
 
 
 @final
+class Ties(eqx.Module):
+    """What is known beforehand of combinations of unknowns, such as the difference of two of them.
+
+    - `rows`, `values`: `rows @ vector - values` is expected to be 0 with a variance of 1.
+    """
+
+    rows: Float[np.ndarray | Array, "ties unknowns"]
+    values: Float[np.ndarray | Array, " ties"]
+
+    @classmethod
+    def none(cls, unknowns: int) -> "Ties":
+        """Nothing is known of any combination."""
+        return cls(np.zeros((0, unknowns)), np.zeros(0))
+
+
+@final
 class Problem(eqx.Module):
     """Everything that the residuals depend on beside the unknowns.
 
@@ -61,6 +77,7 @@ class Problem(eqx.Module):
     - `groups`: the recordings.
     - `centre`, `precision`: of what is known of the unknowns beforehand: expected entries of the
       vector, and one over their standard deviations, 0 where nothing is known.
+    - `ties`: what is known beforehand of combinations of unknowns.
     - `layout`: of the vector of unknowns.
     """
 
@@ -68,11 +85,16 @@ class Problem(eqx.Module):
     groups: tuple[Recordings, ...]
     centre: Float[np.ndarray | Array, " unknowns"]
     precision: Float[np.ndarray | Array, " unknowns"]
+    ties: Ties
     layout: Layout = eqx.field(static=True)
 
 
 def build_problem(
-    twin: Twin, experiments: Sequence[Experiment], unknowns: Unknowns, weights: Sequence[Weights]
+    twin: Twin,
+    experiments: Sequence[Experiment],
+    unknowns: Unknowns,
+    weights: Sequence[Weights],
+    ties: Ties | None = None,
 ) -> Problem:
     """Groups recordings by the shape of their schedules, so that compiled code is shared."""
     groups: dict[tuple, list[int]] = {}
@@ -102,6 +124,7 @@ def build_problem(
         groups=tuple(gathered),
         centre=unknowns.prior_centre(),
         precision=unknowns.prior_precision(),
+        ties=Ties.none(unknowns.size) if ties is None else ties,
         layout=unknowns.layout,
     )
 
@@ -112,7 +135,7 @@ def residuals(
     """The weighted residuals.
 
     **Returns:** for each group of recordings what a channel has alone, what all share and the
-    sizes of the camera's shapes, then the priors; and the mean squared error of all samples, K^2.
+    sizes of the camera's shapes, then priors and ties; and the mean squared error of all samples, K^2.
     """
     return weighted(differences(vector, problem), vector, problem)
 
@@ -136,6 +159,7 @@ def weighted(
         squares += square.sum()
         samples += np.size(group.temperatures)
     parts.append((vector - problem.centre) * problem.precision)
+    parts.append(jnp.asarray(problem.ties.rows) @ vector - problem.ties.values)
     return parts, squares / samples
 
 
@@ -189,6 +213,7 @@ def weighted_jacobian(
             whole = jnp.zeros((size, len(places), flat.shape[-1]), flat.dtype)
             columns.append(whole.at[places, number].set(flat).reshape(size, -1))
     columns.append(jnp.diag(jnp.asarray(problem.precision)))
+    columns.append(jnp.asarray(problem.ties.rows).T)
     # Turned last, where it costs nothing: products of the columns do not care how they lie.
     return jnp.concatenate(columns, axis=1).T
 

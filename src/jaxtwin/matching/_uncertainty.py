@@ -60,6 +60,8 @@ class Uncertainty:
     - `dead`: labels that no sample depends on.
     - `collinear`: pairs whose correlation is above 0.95 in size, with it.
     - `entries`: covariance of the optimiser's vector, in which positive parameters are logarithms.
+    - `between_recordings`: standard deviations by which the rig's own values differ from recording
+      to recording, in the same measure; see `_between_recordings`.
     """
 
     labels: tuple[str, ...]
@@ -71,6 +73,7 @@ class Uncertainty:
     dead: tuple[str, ...]
     collinear: tuple[tuple[str, str, float], ...]
     entries: Float[np.ndarray, "values values"]
+    between_recordings: Float[np.ndarray, " values"]
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -113,6 +116,8 @@ def uncertainty(
       it.
     - `slopes`: of the physical values in the entries.
     - `inside`: which entries are inside their bounds.
+
+    **Returns:** the uncertainty of values that are the same in all recordings.
     """
     free: Int[np.ndarray, " free"] = np.flatnonzero(inside)
     n = len(labels)
@@ -153,6 +158,7 @@ def uncertainty(
         dead=tuple(name for name, length in zip(names, lengths, strict=True) if length < 1e-9),
         collinear=tuple(sorted(pairs, key=lambda pair: -abs(pair[2]))),
         entries=entries,
+        between_recordings=np.zeros(n),
     )
 
 

@@ -23,15 +23,17 @@ def build_netlist(rig: Rig) -> Netlist:
     cells = []
     for cell in rig.cells:
         cold, hot = f"{cell.name}.TC", f"{cell.name}.TH"
-        initial = start if cell.initial_temperature is None else cell.initial_temperature
-        nodes += [Node(side, "cell", cell.side_capacitance, initial) for side in (cold, hot)]
+        behind = cell.sink_initial_temperature or start
+        for side, beside in ((cold, start), (hot, behind)):
+            initial = cell.initial_temperature or beside
+            nodes.append(Node(side, "cell", cell.side_capacitance, initial))
         links += [Link(element, cold, (value,), "contact") for element, value in cell.contacts]
         links.append(Link(cold, hot, (cell.thermal_resistance,), "module"))
         if cell.sink_capacitance is None or cell.sink_air_resistance is None:
             links.append(Link(hot, AMBIENT, (cell.sink_resistance,), "sink"))
         else:
             sink = f"{cell.name}.SINK"
-            nodes.append(Node(sink, "sink", cell.sink_capacitance, start))
+            nodes.append(Node(sink, "sink", cell.sink_capacitance, behind))
             links.append(Link(hot, sink, (cell.sink_resistance,), "sink"))
             links.append(Link(sink, AMBIENT, (cell.sink_air_resistance,), "sink"))
         cells.append(

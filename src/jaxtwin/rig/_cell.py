@@ -22,7 +22,9 @@ class Cell:
     - `sink_resistance`: far side to the surroundings, or to the sink's mass where it has one, K/W.
     - `sink_capacitance`, `sink_air_resistance`: the sink's mass (J/K) and its resistance to the
       surroundings (K/W); both or neither.
-    - `initial_temperature`: of both sides, K; None means that of the plate.
+    - `initial_temperature`: of both sides, K; None means that of what each side touches: the plate,
+      and the sink.
+    - `sink_initial_temperature`: of the sink, K; None means that of the plate.
     """
 
     name: str
@@ -35,3 +37,4 @@ class Cell:
     sink_capacitance: Value | None = None
     sink_air_resistance: Value | None = None
     initial_temperature: Value | None = None
+    sink_initial_temperature: Value | None = None

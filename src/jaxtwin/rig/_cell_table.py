@@ -60,6 +60,7 @@ def build_cell(table: CellTable, plate: Plate, fields: Fields) -> Cell:
         sink_capacitance=optional("sink_capacitance", HEAT_CAPACITY),
         sink_air_resistance=optional("sink_air_resistance", THERMAL_RESISTANCE),
         initial_temperature=optional("initial_temperature", TEMPERATURE),
+        sink_initial_temperature=optional("sink_initial_temperature", TEMPERATURE),
     )
 
 

@@ -93,6 +93,7 @@ class CellTable(Table):
     sink_capacitance: Quantity | None = None
     sink_air_resistance: Quantity | None = None
     initial_temperature: Quantity | None = None
+    sink_initial_temperature: Quantity | None = None
 
 
 class DriverTable(Table):

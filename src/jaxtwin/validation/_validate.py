@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import MatchError
 from ..io import Experiment
-from ..matching import WARM_UP, Fit, checked_recordings, match, settle
+from ..matching import WARM_UP, Fit, checked_recordings, estimate_initial_conditions, match
 from ..physics import Twin
 from ..simulation import Run, simulate
 from ._validation import Prediction, Validation
@@ -26,27 +26,26 @@ def validate(
     """Predicts recordings that the match has not seen.
 
     Only what belongs to a recording and not to the rig (its room's temperature, the rig's at the
-    start, the delay of the drive) is taken from it, and from its first `warm_up` seconds alone: see
-    `jaxtwin.matching.settle`. Everything after that is predicted. The camera's corrections are not:
-    nobody knows them beforehand.
+    start, the delay of the drive) is estimated from it, and from its first `warm_up` seconds alone:
+    see `jaxtwin.matching.estimate_initial_conditions`. Everything after that is predicted. The
+    camera's corrections are not: nobody knows them beforehand.
 
     **Arguments:**
 
     - `fitted`: a fit, or a twin with its values.
     - `recordings`: one or several of the same rig.
     - `warm_up`: s.
-    - `own`: which parameters are taken from a recording; by default those that have a value for
+    - `own`: which parameters are estimated from a recording; by default those that have a value for
       each recording in the fit, or in the rig's table.
 
     **Raises:** `MatchError` where a recording is too short for that or has no temperatures;
     `SimulationError` for recordings of another rig.
     """
-    twin, known = _rest(fitted) if isinstance(fitted, Fit) else (fitted, None)
-    own = known if own is None else list(own)
+    twin = fitted.twin if isinstance(fitted, Fit) else fitted
     several = _listed(recordings)
     names = checked_recordings(twin, several)
     made = [
-        _predict(name, twin, one, warm_up, own, None)
+        _predict(name, fitted, one, warm_up, own, None)
         for name, one in zip(names, several, strict=True)
     ]
     kind = f"predicted after the first {warm_up:g} s"
@@ -83,7 +82,7 @@ def validate_split(
     made = []
     for name, one in zip(names, several, strict=True):
         run = _from(simulate(fit.twins[name], one), at)
-        made.append(Prediction(name, run, fit.twins[name], fit.recording_values[name], fit))
+        made.append(Prediction(name, run, fit.twins[name], fit.recording_values[name], (), fit))
     return Validation(twin.rig.name, f"matched before {at:g} s, predicted from there", tuple(made))
 
 
@@ -109,24 +108,16 @@ def leave_one_out(
     for out, name in enumerate(names):
         others = [one for number, one in enumerate(several) if number != out]
         fit = match(twin, others, **_without(name, options))
-        matched, own = _rest(fit)
-        made.append(_predict(name, matched, several[out], warm_up, own, fit))
+        made.append(_predict(name, fit, several[out], warm_up, None, fit))
     return Validation(twin.rig.name, "each predicted by a match to the others", tuple(made))
-
-
-def _rest(fit: Fit) -> tuple[Twin, list[str]]:
-    """The twin of a fit for a recording that is not among its own, and the values that it needs
-    from there; until then their mean."""
-    own = {row.name: row.value for row in fit.parameters if row.free and row.scope == "recording"}
-    return fit.twin.with_parameters(own), list(own)
 
 
 def _predict(
     name: str,
-    twin: Twin,
+    fitted: Twin | Fit,
     recording: Experiment,
     warm_up: float,
-    own: list[str] | None,
+    own: Iterable[str] | None,
     fit: Fit | None,
 ) -> Prediction:
     start = recording.time[0] + warm_up
@@ -136,11 +127,9 @@ def _predict(
             f"{name}: warm_up = {warm_up:g} s: found {left} samples after it, allowed are at least "
             f"{LEAST}"
         )
-    settled = settle(twin, recording, warm_up, own)
-    table = twin.rig.parameters
-    names = [key for key, row in table.items() if row.scope == "recording"] if own is None else own
-    taken = {key: float(settled.parameters[key]) for key in names}
-    return Prediction(name, _from(simulate(settled, recording), start), settled, taken, fit)
+    found = estimate_initial_conditions(fitted, recording, warm_up, own)
+    run = _from(simulate(found.twin, recording), start)
+    return Prediction(name, run, found.twin, found.values, found.warnings, fit)
 
 
 def _from(run: Run, start: float) -> Run:

@@ -25,14 +25,16 @@ class Prediction:
     - `name`: of the recording.
     - `run`: the predicted part: what was recorded and what the twin says.
     - `twin`: which said it.
-    - `taken`: values that were taken from the part before, name -> value.
+    - `estimated`: values that were estimated from the part before, name -> value.
+    - `warnings`: what that part does not show.
     - `fit`: the match that the prediction rests on; None where that was saved earlier.
     """
 
     name: str
     run: Run
     twin: Twin
-    taken: Mapping[str, float]
+    estimated: Mapping[str, float]
+    warnings: tuple[str, ...]
     fit: Fit | None
 
     @property
@@ -127,8 +129,9 @@ class Validation:
             for row in rows
         ]
         for one in self.predictions:
-            text = ", ".join(f"{name} = {value:.4g}" for name, value in one.taken.items())
-            lines += [f"{one.name}, taken before {one.run.time[0]:g} s: {text}"] * bool(text)
+            text = ", ".join(f"{name} = {value:.4g}" for name, value in one.estimated.items())
+            lines += [f"{one.name}, estimated before {one.run.time[0]:g} s: {text}"] * bool(text)
+            lines += [f"{one.name}: {warning}" for warning in one.warnings]
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -170,7 +173,8 @@ def _prediction(one: Prediction) -> dict[str, Any]:
         "from_s": float(one.run.time[0]),
         "to_s": float(one.run.time[-1]),
         "rmse_K": one.run.rmse,
-        "taken": dict(one.taken),
+        "estimated": dict(one.estimated),
+        "warnings": list(one.warnings),
         "channels": channels,
     }
 

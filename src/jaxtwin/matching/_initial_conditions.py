@@ -1,0 +1,322 @@
+r"""The values that belong to one recording and not to the rig, estimated from its first minute.
+
+A fit says what the rig is like. It cannot say how a new recording begins: the temperatures of the
+room, of the plate and of the sinks, and the delay of the drive. These few values are matched to the
+first part of the recording with everything else held, and no later sample is looked at.
+
+They are different states, and each has its own prior:
+
+- the *room* is expected where the fit's recordings had it, give or take the spread between them;
+  without a fit, where the rig file's prior has it;
+- the *plate* begins where its channels read first;
+- the *sinks* begin near the room, the less so the farther the plate is from it;
+- a rig that stood still before is *at rest*: plate and room are then equal. The difference between
+  the two has a Cauchy prior, which draws them together where nothing speaks against it and lets
+  them go where the readings do. It is put into least squares by reweighting (Holland and Welsch
+  1977).
+
+A minute tells little of a room while the drive is on: a model that is right to a few per cent of
+what the drive does cannot tell a tenth of a kelvin. Samples therefore count less the farther they
+have moved from the first reading. `InitialConditions.covariance` says what is left open.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import MatchError
+from ..io import Experiment
+from ..physics import Twin
+from ..rig import Parameter, Rig, Value
+from ._descend import Attempt, descend
+from ._estimate import Setting, first_knowledge, learn, make_problem
+from ._fit import Fit
+from ._levenberg_marquardt import BoundedLevenbergMarquardt
+from ._match import checked_recordings
+from ._noise import Noise
+from ._residuals import Ties
+from ._unknowns import Unknowns, choose_unknowns
+
+WARM_UP = 60.0
+"""Length of the part of a recording from which its own values are estimated, s."""
+
+REST_SPREAD = 1.0
+"""Scale of the Cauchy prior of the difference between plate and room, K."""
+
+ROOM_SPREAD = 1.0
+"""Standard deviation of the room between recordings before any has been seen, K. It counts as much
+as `ROOM_WEIGHT` recordings."""
+
+ROOM_WEIGHT = 2.0
+
+SINK_SHARE = 0.2
+"""How far a sink may be from the room, as a part of the plate's distance from it."""
+
+MODEL_ERROR = 0.2
+"""Of what a reading has moved since the first one: what a good twin leaves unexplained of it."""
+
+MEMORY = 4.0
+"""Samples of a camera at 1 Hz that count as one."""
+
+REWEIGHTINGS = 4
+ITERATIONS = 50
+
+UNSEEN = 0.7
+"""A value whose standard deviation is still this part of the prior's was not shown by the data."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class InitialConditions:
+    """The values of one recording.
+
+    - `twin`: the twin that was given, with these values.
+    - `values`: name -> value, in the parameter's unit.
+    - `covariance`: of the values in the order of `values`, of the logarithm for those that are
+      matched by their logarithm.
+    - `warnings`: what the first part of the recording does not show, in words.
+    """
+
+    twin: Twin
+    values: Mapping[str, float]
+    covariance: Float[np.ndarray, "values values"]
+    warnings: tuple[str, ...]
+
+
+def estimate_initial_conditions(
+    fitted: Twin | Fit,
+    recording: Experiment,
+    warm_up: float = WARM_UP,
+    own: Iterable[str] | None = None,
+) -> InitialConditions:
+    """Estimates the values of one recording from its first part alone.
+
+    **Arguments:**
+
+    - `fitted`: a fit, whose recordings say what rooms and delays are usual; or a twin, and then
+      the priors of its rig file do.
+    - `recording`: of which the part before `warm_up` is looked at.
+    - `warm_up`: from the first sample on, s.
+    - `own`: the parameters to estimate; by default those that have a value for each recording in
+      the fit or in the rig's table, but for a drift of the room, which a minute does not show.
+
+    **Returns:** the values, their covariance, and the twin that has them.
+
+    **Raises:** `MatchError` where the recording has no temperatures, the part holds fewer samples
+    than there are values to estimate, a value of the twin lies outside its bounds, or the twin
+    gives no finite temperatures; `ParameterError` for unknown names; `SimulationError` for a
+    recording of another rig.
+    """
+    twin, names = _twin_and_names(fitted, own)
+    if not names:
+        return InitialConditions(twin, {}, np.zeros((0, 0)), ())
+    (label,) = checked_recordings(twin, [recording])
+    count = int(np.count_nonzero(recording.time < recording.time[0] + warm_up))
+    if count < max(2, len(names)):
+        raise MatchError(
+            f"{label}: warm_up = {warm_up:g} s: found {count} samples, allowed are at least "
+            f"{max(2, len(names))} for {', '.join(names)}"
+        )
+    part = recording.between(None, recording.time[0] + warm_up)
+    first = _first_reading(part)
+    unknowns = choose_unknowns(twin, 1, free=names, per_recording=names)
+    earlier = fitted.recording_values if isinstance(fitted, Fit) else {}
+    rows = tuple(_expected(row, twin.rig, first, earlier) for row in unknowns.own)
+    unknowns = replace(unknowns, own=rows)
+    attempt = _descend(twin, part, unknowns, first)
+    if not np.isfinite(attempt.cost):
+        raise MatchError(f"{label}: the twin gives no finite temperatures")
+    (values,) = unknowns.values(attempt.vector)
+    values = {name: float(value) for name, value in values.items()}
+    covariance = _covariance(attempt)
+    return InitialConditions(
+        twin=twin.with_parameters(values),
+        values=values,
+        covariance=covariance,
+        warnings=_warnings(unknowns, covariance, warm_up),
+    )
+
+
+def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin, list[str]]:
+    """A twin with the mean of what recordings had, and which of its values to estimate."""
+    if isinstance(fitted, Fit):
+        matched = {r.name: r.value for r in fitted.parameters if r.scope == "recording"}
+        twin = fitted.twin.with_parameters(matched)
+        names = [row.name for row in fitted.parameters if row.free and row.name in matched]
+    else:
+        twin = fitted
+        names = [name for name, row in twin.rig.parameters.items() if row.scope == "recording"]
+    if own is not None:
+        return twin, list(own)
+    drifts = _names(twin.rig.ambient_drift)
+    if not isinstance(fitted, Fit):
+        twin = twin.with_parameters({n: twin.rig.parameters[n].value for n in drifts & {*names}})
+    return twin, [name for name in names if name not in drifts]
+
+
+def _names(*values: Value | None) -> frozenset[str]:
+    """The parameters that take part in some values."""
+    return frozenset(name for value in values if value is not None for name, _ in value.powers)
+
+
+def _room(rig: Rig) -> frozenset[str]:
+    return _names(rig.ambient_temperature)
+
+
+def _plate(rig: Rig) -> frozenset[str]:
+    return _names(rig.initial_temperature) - _room(rig)
+
+
+def _sinks(rig: Rig) -> frozenset[str]:
+    starts = [
+        value for c in rig.cells for value in (c.initial_temperature, c.sink_initial_temperature)
+    ]
+    return _names(*starts) - _room(rig) - _plate(rig)
+
+
+def _first_reading(part: Experiment) -> float:
+    """Mean of the channels' first temperatures, degC."""
+    assert part.temperatures is not None
+    return float(part.temperatures[0].mean())
+
+
+def _expected(
+    row: Parameter, rig: Rig, first: float, earlier: Mapping[str, Mapping[str, float]]
+) -> Parameter:
+    """A value of a recording with its prior."""
+    if row.name in _plate(rig) | _sinks(rig):
+        # The first readings and the ties to the room say the rest.
+        spread = 10.0 + 0.5 * abs(first - row.value)
+        return _around(replace(row, value=first), first, spread)
+    seen = np.array([values[row.name] for values in earlier.values() if row.name in values])
+    if row.is_logarithmic:
+        seen = np.log(seen)
+    usual = ROOM_SPREAD if row.name in _room(rig) else row.prior_spread
+    if not len(seen) or usual is None:
+        return row if row.prior_value is None else replace(row, prior_value=row.value)
+    squares = ROOM_WEIGHT * usual**2 + float(np.sum((seen - seen.mean()) ** 2))
+    variance = squares / (ROOM_WEIGHT + len(seen) - 1) * (1 + 1 / len(seen))
+    centre = float(np.exp(seen.mean()) if row.is_logarithmic else seen.mean())
+    return _around(row, centre, math.sqrt(variance))
+
+
+def _around(row: Parameter, centre: float, spread: float) -> Parameter:
+    """With a prior, and bounds that do not cut it off."""
+    if row.is_logarithmic:
+        return replace(row, prior_value=centre, prior_spread=spread)
+    lower, upper = min(row.lower, centre - 5 * spread), max(row.upper, centre + 5 * spread)
+    return replace(row, prior_value=centre, prior_spread=spread, lower=lower, upper=upper)
+
+
+def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> Attempt:
+    """The values with the largest posterior density."""
+    error = twin.rig.camera.common_error
+    assert part.temperatures is not None
+    camera = Noise(twin.rig.camera.noise, MEMORY)
+    setting = Setting(
+        twin=twin,
+        experiments=(part,),
+        unknowns=unknowns,
+        samples=(_weights(part.temperatures, camera.effective),),
+        events=None if error is not None and error.detect else ((),),
+        common_error=error,
+        robust=None,
+    )
+    knowledge = replace(first_knowledge(setting), alone=camera, common=camera)
+    solver = BoundedLevenbergMarquardt(rtol=1e-6)
+    room, attempts = None, None
+    for _ in range(REWEIGHTINGS):
+        problem = make_problem(setting, knowledge, ties=_ties(twin.rig, unknowns, room, first))
+        attempts = descend(
+            [problem],
+            solver,
+            [unknowns.start()] if attempts is None else [attempts[0].vector],
+            ITERATIONS,
+            setting.box,
+            setting.scale,
+            attempts,
+        )
+        (attempt,) = attempts
+        if not np.isfinite(attempt.cost):
+            break
+        # A correction of the camera in this minute must not be taken for a plate that cools. Only
+        # their times are learned: a minute is too short to learn the noise from.
+        events = learn(setting, knowledge, attempt).events
+        weights = _weights(
+            part.temperatures, camera.effective, part.temperatures + attempt.differences[0][0]
+        )
+        knowledge = replace(knowledge, events=events, alone_weights=(weights,))
+        (values,) = unknowns.values(attempt.vector)
+        room = next((float(values[name]) for name in _room(twin.rig) if name in values), None)
+    return attempt
+
+
+def _ties(rig: Rig, unknowns: Unknowns, room: float | None, first: float) -> Ties:
+    """Plate and sinks to the room: rows of differences, one over their standard deviations.
+
+    **Arguments:**
+
+    - `room`: as the last round has it, degC; None for a rig at rest.
+    - `first`: what was read first, degC.
+    """
+    names = [row.name for row in unknowns.own]
+    rooms = [names.index(name) for name in _room(rig) if name in names]
+    if not rooms:
+        return Ties.none(len(names))
+    away = 0.0 if room is None else first - room
+    spreads = dict.fromkeys(_plate(rig), math.hypot(REST_SPREAD, away))
+    spreads |= dict.fromkeys(_sinks(rig), math.hypot(REST_SPREAD, SINK_SHARE * away))
+    rows = []
+    for name, spread in spreads.items():
+        if name in names:
+            row = np.zeros(len(names))
+            row[names.index(name)], row[rooms[0]] = 1 / spread, -1 / spread
+            rows.append(row)
+    return Ties(np.array(rows).reshape(-1, len(names)), np.zeros(len(rows)))
+
+
+def _weights(
+    recorded: Float[np.ndarray, "times channels"],
+    noise: float,
+    simulated: Float[np.ndarray, "times channels"] | None = None,
+) -> Float[np.ndarray, "times channels"]:
+    """Of each sample, 0 to 1: the noise's variance over that of noise and the model's error.
+
+    The model's error keeps its sign for the whole part, so that all samples together tell no more
+    of it than one. It grows with what has moved, recorded or simulated: a drive that begins late
+    has moved one of the two alone.
+    """
+    moved = np.abs(recorded - recorded[0])
+    if simulated is not None:
+        moved = np.maximum(moved, np.abs(simulated - simulated[0]))
+    return 1 / (1 + (MODEL_ERROR * moved * math.sqrt(len(moved)) / noise) ** 2)
+
+
+def _covariance(attempt: Attempt) -> Float[np.ndarray, "values values"]:
+    """Inverse of the normal matrix, priors and ties among its rows."""
+    jacobian = attempt.jacobian()
+    return np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+
+
+def _warnings(
+    unknowns: Unknowns, covariance: Float[np.ndarray, "values values"], warm_up: float
+) -> tuple[str, ...]:
+    spreads = np.sqrt(np.diag(covariance))
+    warnings = []
+    for row, spread in zip(unknowns.own, spreads, strict=True):
+        if row.prior_spread is not None and spread > UNSEEN * row.prior_spread:
+            warnings.append(
+                f"{row.name}: the first {warm_up:g} s do not show it; it stays near its prior, "
+                f"{row.prior_value:.4g} {row.unit}".rstrip()
+            )
+    correlation = covariance / np.outer(spreads, spreads)
+    names = [row.name for row in unknowns.own]
+    for a, b in zip(*np.nonzero(np.triu(np.abs(correlation) > 0.95, 1)), strict=True):
+        warnings.append(
+            f"{names[a]} and {names[b]} cannot be told apart in the first {warm_up:g} s"
+        )
+    return tuple(warnings)
