@@ -8,12 +8,10 @@ their noise explains. A random-effects model of this kind is that of Laird and W
 
 With the score $s_i = J_i^T r_i$ of a recording, its information $I_i = J_i^T J_i$ and its noise
 $M_i = J_i^T \Gamma J_i$, all after its own values and the camera's sizes have been eliminated,
-and with $A = \sum_i I_i + P$,
+$K_{ij} = \delta_{ij} - I_i (\sum_k I_k)^{-1}$ takes away whatever a common value can explain, the
+pull of its prior and a match that ended a little beside its optimum too:
 
-$$s = K (e + \operatorname{diag}(I_i) b), \qquad K_{ij} = \delta_{ij} - I_i A^{-1},
-\qquad \operatorname{cov} e = \operatorname{diag}(M_i),$$
-
-to which the pull of the priors adds $I A^{-1} P A^{-1} I$.
+$$K s = K (e + \operatorname{diag}(I_i) b), \qquad \operatorname{cov} e = \operatorname{diag}(M_i).$$
 
 The likelihood of $\tau$ is that of a normal distribution. A few recordings say little about it, and
 its maximum is often 0; the estimate is therefore the posterior mean of $\tau^2$ with a half-normal
@@ -32,14 +30,15 @@ TAU_SCALE = 0.25
 GRID = np.linspace(0.0, 3.0, 601)
 """Values of $\\tau$ over which the posterior is summed."""
 
-NEGLIGIBLE = 1e-9
-"""Of the largest variance of a score: directions below it are rounding."""
+NEGLIGIBLE = 1e-4
+"""Of the largest variance of a score: in directions below it the noise is not known well enough."""
 
 
 class RecordingScore(NamedTuple):
     """What one recording says of all unknowns at the match.
 
-    - `score`: $J^T r$. `information`: $J^T J$. `noise`: $J^T \\Gamma J$.
+    - `score`: $J^T r$, and for what the recording alone has with the slope of its prior.
+      `information`: $J^T J$. `noise`: $J^T \\Gamma J$.
     """
 
     score: Float[np.ndarray, " unknowns"]
@@ -65,9 +64,8 @@ def spread_between_recordings(
       the same in all recordings.
     """
     reduced = [_without_nuisance(one, prior, shared, spreads) for one in scores]
-    known = prior[np.ix_(shared, shared)] * np.outer(spreads, spreads)
     count, size = len(reduced), len(shared)
-    inverse = np.linalg.pinv(sum(one.information for one in reduced) + known, hermitian=True)
+    inverse = np.linalg.pinv(sum(one.information for one in reduced), hermitian=True)
     stacked = np.concatenate([one.information for one in reduced])
     mixing = np.eye(count * size) - np.tile(stacked @ inverse, (1, count))
     by_noise, by_differences = (
@@ -77,9 +75,7 @@ def spread_between_recordings(
             [one.information @ one.information for one in reduced],
         )
     )
-    # What was expected beforehand pulls the match away from the recordings.
-    by_noise += stacked @ inverse @ known @ inverse @ stacked.T
-    score = np.concatenate([one.score for one in reduced])
+    score = mixing @ np.concatenate([one.score for one in reduced])
     variances, directions = np.linalg.eigh(by_noise)
     kept = variances > NEGLIGIBLE * variances.max(initial=0.0)
     whitened = directions[:, kept] / np.sqrt(variances[kept])
@@ -98,7 +94,10 @@ def _without_nuisance(
     shared: Int[np.ndarray, " shared"],
     spreads: Float[np.ndarray, " shared"],
 ) -> RecordingScore:
-    """The efficient score for the shared parameters, measured in their priors' deviations."""
+    """The efficient score for the shared parameters, measured in their priors' deviations.
+
+    The priors of what is eliminated are noise of its score.
+    """
     others = np.setdiff1d(np.arange(len(one.score)), shared)
     normal = one.information + prior
     across = normal[np.ix_(shared, others)]
@@ -106,8 +105,12 @@ def _without_nuisance(
     lift = np.zeros((len(shared), len(one.score)))
     lift[np.arange(len(shared)), shared] = spreads
     lift[:, others] = -spreads[:, None] * eliminate
+    of_others = np.zeros_like(prior)
+    of_others[np.ix_(others, others)] = prior[np.ix_(others, others)]
     return RecordingScore(
-        lift @ one.score, lift @ one.information @ lift.T, lift @ one.noise @ lift.T
+        lift @ one.score,
+        lift @ (one.information + of_others) @ lift.T,
+        lift @ (one.noise + of_others) @ lift.T,
     )
 
 

@@ -54,7 +54,9 @@ def confidence(
         unknowns.slopes(vector),
         inside,
     )
-    between = _between_recordings(series, mixtures, camera + prior, unknowns, inside)
+    pull = np.zeros(count)
+    pull[:values] = ((vector - unknowns.prior_centre()) * precision**2)[inside]
+    between = _between_recordings(series, mixtures, camera + prior, pull, unknowns, inside)
     result = replace(result, between_recordings=between)
     return result, (noise[0], noise[1])
 
@@ -103,6 +105,7 @@ def _between_recordings(
     series: list[Series],
     mixtures: tuple[Mixture, ...],
     prior: Float[np.ndarray, "all_unknowns all_unknowns"],
+    pull: Float[np.ndarray, " all_unknowns"],
     unknowns: Unknowns,
     inside: Bool[np.ndarray, " unknowns"],
 ) -> Float[np.ndarray, " unknowns"]:
@@ -118,6 +121,14 @@ def _between_recordings(
         of.score[one.entries] += np.tensordot(one.slopes, one.residuals, ([0, 1], [0, 1]))
         of.information[at] += np.tensordot(one.slopes, one.slopes, ([0, 1], [0, 1]))
         of.noise[at] += noise_in_unknowns(one, mixtures[one.kind])
+    values = int(inside.sum())
+    for number, of in enumerate(scores):
+        # Each value of one recording alone is told by it and by its prior.
+        own = [place for place in unknowns.layout.places()[number] if inside[place]]
+        own = np.cumsum(inside)[[place for place in own if place >= len(unknowns.shared)]] - 1
+        of.score[own] += pull[own]
+        # The camera's sizes are solved for exactly.
+        of.score[values:] = 0.0
     spreads = np.array([row.prior_spread or 0.0 for row in unknowns.rows])
     spreads[len(unknowns.shared) :] = 0.0
     is_shared = (np.arange(unknowns.size) < len(unknowns.shared)) & inside
