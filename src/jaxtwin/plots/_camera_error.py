@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ._masked import masked_key, shade_masked
+from ._missing import mean_of_seen
 from ._style import INK, MUTED, ORANGE, VERMILION, styled
 
 if TYPE_CHECKING:
@@ -34,14 +35,14 @@ def plot_camera_error(fit: "Fit") -> Figure:
     for (above, below), (name, run) in zip(grid.T, fit.runs.items(), strict=True):
         assert run.experiment.temperatures is not None
         camera = fit.camera[name]
-        shared = (run.experiment.temperatures - run.temperatures).mean(axis=1)
+        shared = mean_of_seen(run.experiment.temperatures - run.temperatures)
         above.plot(run.time, shared, color=MUTED, lw=1.0)
         above.plot(run.time, camera.offset, color=VERMILION, lw=1.6)
         below.plot(run.time, shared - camera.offset, color=INK, lw=1.0)
         for axes, series, title in ((above, shared, name), (below, shared - camera.offset, "")):
             shade_masked(axes, run.time, fit.weights[name])
             axes.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
-            rms = float(np.sqrt(np.mean(series**2)))
+            rms = float(np.sqrt(np.nanmean(series**2)))
             axes.set_title(title)
             axes.set_title(f"{rms:.2f} K rms", loc="right", fontsize=9, fontweight="normal")
         if camera.events:

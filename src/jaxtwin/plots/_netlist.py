@@ -17,7 +17,7 @@ from .._network_counts import network_counts, network_text
 from ..physics import Twin
 from ..rig import AMBIENT, Plate
 from ._netlist_cells import draw_cells, draw_contacts, outlined
-from ._netlist_layout import LEGEND, Layout, netlist_layout
+from ._netlist_layout import LEGEND, netlist_layout
 from ._style import BLUE, INK, MUTED, VERMILION, styled
 
 _WIDEST = {"conduction": 6.0, "film": 4.5}  # line of the largest conductance of a kind, points
@@ -78,10 +78,13 @@ def plot_netlist(
     on_plate = shown[: len(plate.element_names)]
     colormap = ListedColormap(colormaps[colors](np.linspace(0.06, 0.62, 256)))
     scale = ScalarMappable(Normalize(*_limits(on_plate)), colormap)
+    written = [text.format(value) for value in on_plate]
+    longest = max(map(len, (*plate.element_names, *written)))
+    narrow = (0.06 + 0.075 * longest) * layout.inch  # left of the middle, where links run
     for element, value, color in zip(
-        plate.element_names, on_plate, scale.to_rgba(on_plate), strict=True
+        plate.element_names, written, scale.to_rgba(on_plate), strict=True
     ):
-        _draw_element(ax, plate, element, text.format(value), color, layout)
+        _draw_element(ax, plate, element, value, color, narrow)
     handles: list[Artist] = [*_draw_conduction(ax, twin, values), *_draw_air(ax, twin, values)]
     texts = {node.name: text.format(value) + unit for node, value in zip(nodes, shown, strict=True)}
     draw_contacts(ax, twin, values, layout)
@@ -116,7 +119,7 @@ def _limits(values: Float[np.ndarray, " elements"]) -> tuple[float, float]:
     return (low, high) if _differ(values) else (0.9 * low - 0.1, 1.1 * high + 0.1)
 
 
-def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color, layout: Layout) -> None:
+def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color, narrow: float) -> None:
     left, right, top, bottom = (100 * edge for edge in plate.extent(element))
     ax.add_patch(
         Rectangle((left, top), right - left, bottom - top, fc=color, ec="white", lw=1.5, zorder=1)
@@ -129,8 +132,7 @@ def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color, layou
         "fontsize": 7.5,
         "zorder": 6,
     }
-    needed = 0.06 + 0.075 * max(len(element), len(value))  # inches, left of the middle
-    if (right - left) / 2 > needed * layout.inch:
+    if (right - left) / 2 > narrow:
         ax.annotate(element, (left, top), (3, -3), fontweight="bold", **corner)
         ax.annotate(value, (left, top), (3, -13), **corner)
     else:
