@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -38,8 +39,10 @@ def test_what_nothing_tells_is_unbounded_and_what_was_held_has_no_interval():
     ("interval", "text"),
     [
         ((3.14159e-7, 0.84), "3.1e-7 to 0.84"),
+        ((1.02, 141.0), "1 to 140"),
         ((14.234, 15.111), "14.2 to 15.1"),
-        ((0.61234, 0.61301), "0.6123 to 0.613"),
+        ((0.61234, 0.61301), "0.61234 to 0.61301"),
+        ((16.93, 19.48), "16.9 to 19.5"),
         ((-0.5, 0.3), "-0.5 to 0.3"),
         ((2.0, 2.0), "2 to 2"),
     ],
@@ -49,7 +52,15 @@ def test_digits_tell_the_ends_apart(interval, text):
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(1.605e-5, "1.605e-5"), (681234.0, "6.812e5"), (2e10, "2e10"), (0.5, "0.5")]
+    ("value", "text"),
+    [
+        (1.605e-5, "1.605e-5"),
+        (6812345.0, "6.812e6"),
+        (2e10, "2e10"),
+        (0.5, "0.5"),
+        (-43210.0, "-43210"),
+        (np.inf, "inf"),
+    ],
 )
 def test_powers_of_ten_are_short(value, text):
     assert short_number(value) == text
