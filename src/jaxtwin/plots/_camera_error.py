@@ -55,11 +55,12 @@ def plot_camera_error(fit: "Fit") -> Figure:
         below.set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
     grid[0, 0].set_ylabel("recorded − twin, K")
     grid[1, 0].set_ylabel("without camera, K")
+    corrections = Line2D([], [], color=ORANGE, marker="v", ls="", label="its corrections")
     figure.legend(
         handles=[
             Line2D([], [], color=MUTED, lw=1.2, label="mean of the channels"),
             Line2D([], [], color=VERMILION, lw=1.6, label="given to the camera"),
-            Line2D([], [], color=ORANGE, marker="v", ls="", label="its corrections"),
+            *([corrections] if any(one.events for one in fit.camera.values()) else []),
             Line2D([], [], color=INK, lw=1.2, label="left for the plate"),
             *masked_key(fit.weights.values()),
         ],

@@ -87,6 +87,8 @@ def _draw_parameter(axes: Axes, fit: Fit, parameter: FittedParameter) -> None:
         axes.minorticks_off()
     else:
         axes.yaxis.set_major_locator(MaxNLocator(3))
+        if np.abs(values).max() < 1e-3:  # else a power of ten stands where the title does
+            axes.yaxis.set_major_formatter(lambda value, _: short_number(value))
     axes.tick_params(labelsize=7.5, pad=2)
     color = VERMILION if parameter.at_bound else INK
     axes.set_title(symbol(parameter.name), fontsize=10, color=color, pad=3)

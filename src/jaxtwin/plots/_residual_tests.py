@@ -73,7 +73,8 @@ def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     over_time.set_title(run.experiment.name or "recording")
     over_time.set_title(f"RMSE {run.rmse:.2f} K", loc="right", fontsize=9, fontweight="normal")
     tail = last_seen(residuals, len(run.time) // 20)
-    label_ends(over_time, list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
+    ends = list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False))
+    label_ends(over_time, ends, spacing=0.075)
     band = 1.96 / np.sqrt(len(run.time))
     against_itself.axhspan(-band, band, color=FAINT, zorder=0.4, label="95 % of white noise")
     against_itself.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
@@ -81,6 +82,6 @@ def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     p = min(whiteness(filled(series)).p_value for series in residuals.T)
     text = f"p = {p:.2g}" if p > 1e-99 else "p below 1e-99"
     against_itself.set_title(text, loc="right", fontsize=9, fontweight="normal")
-    ends = np.array([-3.3, 3.3])
-    against_normal.plot(ends, ends, color=INK, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
+    line = np.array([-3.3, 3.3])
+    against_normal.plot(line, line, color=INK, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
     against_normal.set(ylabel="standardised residual")
