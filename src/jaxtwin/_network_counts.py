@@ -14,3 +14,10 @@ def network_counts(netlist: Netlist, rig: Rig) -> dict[str, float | int]:
         "plate_capacitance_J_per_K": netlist.capacitance(values, "plate"),
         "plate_to_ambient_W_per_K": netlist.ambient_conductance(values, "plate"),
     }
+
+
+def network_text(counts: dict[str, float | int]) -> str:
+    """What there is of a network, in the words of all places that say it."""
+    names = {"states": "state", "plate_nodes": "plate element", "plate_resistances": "resistance"}
+    parts = [f"{counts[key]} {one}{'s' * (counts[key] != 1)}" for key, one in names.items()]
+    return f"{', '.join(parts)} on the plate"

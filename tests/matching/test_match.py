@@ -114,6 +114,9 @@ def test_bounds_hold_and_are_reported(start: Twin):
     assert row.value == 1.6
     assert row.at_bound
     assert np.isnan(row.standard_error)
+    assert np.isnan(row.interval).all()
+    (at_bound,) = [p for p in fit.to_dict()["parameters"] if p["name"] == "R_E"]
+    assert at_bound["interval"] == [None, None]
     assert not fit.parameter("R_Tez").at_bound
 
 

@@ -110,6 +110,32 @@ def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
     assert row.standard_error == pytest.approx(0.15 * 0.9)
 
 
+def test_intervals_are_in_the_scale_of_the_match(calm: Fit):
+    """Of a logarithm v exp(+- 1.96 s), with s of the optimiser's own vector; else v +- 1.96 s."""
+    known = calm.uncertainty
+    row = calm.parameter("h_A")
+    entry = known.labels.index("h_A")
+    s = np.sqrt(known.entries[entry, entry])
+    assert row.relative_standard_error == pytest.approx(s, rel=1e-12)
+    ends = row.value * np.exp([-1.96 * s, 1.96 * s])
+    assert row.interval == pytest.approx(ends, rel=1e-4)
+    room = calm.parameter("T_amb")
+    assert np.isnan(room.relative_standard_error)
+    reach = 1.96 * room.standard_error
+    assert room.interval == pytest.approx((room.value - reach, room.value + reach), rel=1e-4)
+
+
+def test_a_summary_shows_intervals(calm: Fit):
+    rows = tuple(
+        replace(row, interval=(1e-9, 2.5), value=1.605e-5) if row.name == "h_A" else row
+        for row in calm.parameters
+    )
+    for style in ("text", "markdown", "latex"):
+        text = replace(calm, parameters=rows).summary(style)
+        assert "1e-9 to 2.5" in text
+        assert "std. error" not in text
+
+
 def test_what_the_recordings_leave_open_is_remarked_on(calm: Fit):
     """Half as sharp as before: the prior's value where there is one, else nobody's."""
     row = next(row for row in calm.parameters if row.name == "h_A")

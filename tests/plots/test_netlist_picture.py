@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import combinations
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -12,11 +13,66 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
 from matplotlib.text import Text
 
-from jaxtwin import ParameterError
+from jaxtwin import ParameterError, load_rig
 from jaxtwin.physics import Twin
 from jaxtwin.plots import plot_netlist
 
 RIGS = ("paper-2024", "dual-cell")
+
+PLATE = """
+format = 1
+name = "plate"
+[plate]
+columns = {sizes}
+rows = {sizes}
+thickness = "1 mm"
+density = "8960 kg/m^3"
+specific_heat = "390 J/(kg K)"
+conductivity = "401 W/(m K)"
+film_coefficient = "15 W/(m^2 K)"
+[driver]
+supply_voltage = "12 V"
+on_resistance = "0.1 ohm"
+counts = 255
+polarity = 1
+averaging = "on-off"
+[camera]
+resolution = [80, 60]
+noise = "0.1 K"
+view = {{ x = [0, 80], y = [10, 50] }}
+[[channels]]
+name = "T1"
+nodes = ["V11"]
+[ambient]
+temperature = "20 degC"
+[initial]
+temperature = "20 degC"
+"""
+CELL = """
+[[cells]]
+name = "P{number}"
+module = "TEC1-12706"
+side_capacitance = "17 J/K"
+contacts = {{ {contacts} }}
+sink_resistance = "0.5 K/W"
+"""
+PLATES = {
+    "2 x 2, one cell": (2, [("V11", "V12", "V21", "V22")]),
+    "2 x 2, a cell each": (2, [("V11",), ("V12",), ("V21",), ("V22",)]),
+    "5 x 5, nine cells": (5, [(f"V{row}{column}",) for row in (1, 3, 5) for column in (1, 3, 5)]),
+    "1 x 1, two cells": (1, [("V11",), ("V11",)]),
+}
+"""Name -> elements along a side, and the elements that each cell touches."""
+
+
+def square(path: Path, elements: int, cells: list[tuple[str, ...]]) -> Twin:
+    """A copper plate of 4 cm squares."""
+    text = PLATE.format(sizes=["4 cm"] * elements)
+    for number, names in enumerate(cells, start=1):
+        contacts = ", ".join(f'{name} = "0.6 K/W"' for name in names)
+        text += CELL.format(number=number, contacts=contacts)
+    path.write_text(text, encoding="utf-8")
+    return Twin(load_rig(path))
 
 
 @pytest.fixture(autouse=True)
@@ -40,12 +96,30 @@ def texts(axes: Axes) -> list[Text]:
 def test_no_label_lies_on_another_or_outside_of_the_figure(rig, heated):
     twin = Twin(rig)
     temperatures = np.linspace(-18.8, 188.8, len(twin.netlist.nodes)) if heated else None
-    axes = plot_netlist(twin, temperatures)
+    assert_legible(plot_netlist(twin, temperatures))
+
+
+@pytest.mark.parametrize("name", PLATES)
+def test_square_plates_can_be_read_too(name, tmp_path):
+    """Nothing on anything else, no warning of matplotlib, and a size that a slide can show."""
+    axes = plot_netlist(square(tmp_path / "plate.toml", *PLATES[name]))
+    assert_legible(axes)
+    width, height = figure_of(axes).get_size_inches()
+    assert 5 < width < 13
+    assert 5 < height < 15
+
+
+def assert_legible(axes: Axes) -> None:
     figure = figure_of(axes)
     figure.canvas.draw()
     boxes = [(text.get_text(), text.get_window_extent()) for text in texts(axes)]
     for (one, a), (other, b) in combinations(boxes, 2):
         assert not a.overlaps(b), (one, other)
+    legend = axes.get_legend()
+    assert legend is not None
+    key = legend.get_window_extent()
+    assert figure.bbox.x0 <= key.x0
+    assert key.x1 <= figure.bbox.x1
     for text, box in boxes:
         assert figure.bbox.containsx(box.x0), text
         assert figure.bbox.containsx(box.x1), text
@@ -90,9 +164,18 @@ def test_heat_capacities_and_resistances_stand_beside_what_they_belong_to():
     assert labels.count("28.4") == 24 - 6  # the narrow columns say name and value in one
     assert sum("V21" in label and label.endswith("28.4") for label in labels) == 1
     assert labels.count("plate side, 17 J/K") == labels.count("far side, 17 J/K") == 2
-    for resistance in ("0.09 K/W", "1.86 K/W", "0.6 K/W"):
+    for cell, element in (("P1", "V23"), ("P2", "V26")):
+        assert labels.count(f"{cell}\n0.09 K/W") == labels.count(f"on {element}") == 1
+    for resistance in ("1.86 K/W", "0.6 K/W"):
         assert labels.count(resistance) == 2
     assert labels.count("air, 15 °C") == 2
+
+
+def test_the_counts_are_those_of_the_command_line():
+    """`jaxtwin netlist`: 83 resistances on the plate, as in the model file."""
+    labels = [text.get_text() for text in texts(plot_netlist(Twin("paper-2024")))]
+    assert "28 states, 24 plate elements, 83 resistances on the plate" in labels
+    assert "as given, 83 resistances on the plate" in str(load_rig("paper-2024"))
 
 
 def test_a_scale_of_colours_only_where_elements_differ():

@@ -2,6 +2,8 @@
 
 import io
 import re
+from copy import copy
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -14,11 +16,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.image import imread
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
+from matplotlib.text import Annotation
 from small_results import analysis, fit, recordings
 
 from jaxtwin import Experiment, SimulationError, ThermoelectricModule, plots
+from jaxtwin.matching._interval import interval_text, short_number
 from jaxtwin.plots._labels import spread
-from jaxtwin.plots._parameters import _number, _position
+from jaxtwin.plots._parameters import _position
 from jaxtwin.plots._style import symbol
 
 
@@ -101,6 +105,41 @@ def test_marks_of_a_dc_sweep_are_the_highest_points_of_its_curves():
             assert heights(mark)[0] >= heights(curve)[top]
 
 
+@pytest.mark.parametrize("name", ["CP10-127-05", "TEC1-12706"])
+def test_no_mark_of_a_dc_sweep_is_cut_off(name):
+    """The bundled datasheets; with 10 K the second one's coefficient of performance is 4.03."""
+    module = ThermoelectricModule.from_datasheet(name)
+    for axes in plots.plot_dc_sweep(module, T_hot=323.0).axes:
+        low, high = axes.get_ylim()
+        marks = [heights(line)[0] for line in axes.lines if len(places(line)) == 1]
+        assert len(marks) >= 6
+        assert low < min(marks)
+        assert max(marks) < low + 0.97 * (high - low)
+
+
+def test_missing_samples_are_gaps():
+    """A channel without samples for a while and none at the end; everything else is unmoved."""
+    full = fit().runs["synthetic-A"]
+    temperatures = np.array(full.experiment.temperatures)
+    temperatures[20:30, 0] = temperatures[40:, 1] = np.nan
+    experiment = copy(full.experiment)
+    object.__setattr__(experiment, "temperatures", temperatures)
+    run = replace(full, experiment=experiment)
+    (axes,) = plots.plot_residuals([run]).axes
+    drawn = [heights(line) for line in axes.lines]
+    assert np.isnan(drawn[0][20:30]).all()
+    residual = temperatures - run.temperatures
+    np.testing.assert_allclose(drawn[5], np.nanmean(residual, axis=1))
+    assert all(np.isfinite(text.get_position()).all() for text in axes.texts)
+    above = plots.plot_recordings([run.experiment]).axes[0]
+    assert all(np.isfinite(text.xy).all() for text in above.texts if isinstance(text, Annotation))
+    band = plots.plot_bands(run, run.temperatures - 99.0, run.temperatures + 99.0)
+    assert band.axes[0].get_title(loc="right") == "100 % inside"
+    _, against_itself, against_normal = plots.plot_residual_tests([run]).axes
+    assert len(places(against_normal.lines[0])) == 50
+    assert np.isfinite(heights(against_itself.lines[0])).all()
+
+
 def test_history_ends_at_the_fits_rmse_and_shows_each_free_parameter():
     figure = plots.plot_history(fit())
     cost, *panels = figure.axes
@@ -119,7 +158,24 @@ def test_parameters_stand_between_their_bounds_on_a_logarithmic_scale():
     assert _position(row.upper, row) == 1
     assert _position(0.01, row) == pytest.approx(0.5)
     table, _ = plots.plot_parameters(fit()).axes
-    assert _number(row.value) in texts(table)
+    assert short_number(row.value) in texts(table)
+
+
+def test_intervals_and_remarks_stand_beside_the_parameters():
+    """As far as the bounds reach: R_pc, which nothing tells, from one to the other."""
+    rows = {row.name: row for row in fit().parameters if row.free}
+    rows["R_pc"] = replace(rows["R_pc"], interval=(0.0, np.inf), warnings=("not determined",))
+    told = rows["R_E"] = replace(rows["R_E"], interval=(0.001, 0.1), warnings=())
+    table, scale = plots.plot_parameters(replace(fit(), parameters=tuple(rows.values()))).axes
+    assert {"unknown", interval_text(told.interval)} <= set(texts(table))
+    assert "not determined" in texts(scale)
+    spans = {
+        list(rows)[int(heights(line)[0])]: places(line)
+        for line in scale.lines
+        if line.get_gid() == "interval"
+    }
+    np.testing.assert_array_equal(spans["R_pc"], [0, 1])
+    np.testing.assert_allclose(spans["R_E"], [1 / 3, 2 / 3])  # of 1e-5 to 10 ohm
 
 
 def test_tornado_sorts_the_correlations_and_spans_their_intervals():

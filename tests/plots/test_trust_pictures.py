@@ -110,6 +110,17 @@ def test_uniformity_is_drawn_recorded_and_simulated():
         np.testing.assert_array_equal(heights(twin), run.uniformity.deviation)
 
 
+def test_no_panel_of_uniformity_is_cut_off():
+    """The last of them has the largest spread: panels of a row share their limits."""
+    first = fit().runs["synthetic-A"]
+    apart = np.linspace(0.0, 30.0, len(first.channels))
+    last = replace(first, temperatures=first.temperatures + apart)
+    for axes in plots.plot_uniformity([first, last]).axes:
+        low, high = axes.get_ylim()
+        assert low == 0
+        assert all(heights(line).max() < high for line in axes.lines)
+
+
 def test_the_plate_stands_beside_what_was_recorded_of_it():
     runs, rig = list(fit().runs.values()), fit().twin.rig
     figure = plots.plot_plate_beside(rig, runs, [10.0, 50.0])

@@ -3,16 +3,20 @@
 import json
 import re
 import tomllib
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import xarray
 from small_results import analysis, fit, recordings
 
 import jaxtwin.report._match as report_match
 import jaxtwin.report._sensitivity as report_sensitivity
-from jaxtwin import RecordingError, load_rig
+from jaxtwin import Experiment, RecordingError, load_rig
+from jaxtwin.matching._interval import interval_text
 from jaxtwin.report import _demo, write_demo
 from jaxtwin.report._checks import check_table
+from jaxtwin.report._corrections import shows_sawtooth
 from jaxtwin.report._source import Source, find_source
 
 PICTURES = {
@@ -73,6 +77,34 @@ def test_a_number_that_is_off_is_marked():
     assert set(verdicts.values()) == {"as it should be"}
 
 
+@pytest.mark.parametrize("seen", [False, True])
+def test_the_report_speaks_of_a_sawtooth_where_there_is_one(seen):
+    """Four corrections 70 s apart, as uncooled cameras make them, against noise alone."""
+    run = fit().runs["synthetic-A"]
+    time = np.arange(0.0, 300.0)
+    duty, noise = np.zeros((300, 2)), 0.01 * np.random.default_rng(0).standard_normal((300, 5))
+    temperatures = 20.0 + noise + (5.0 * (time[:, None] % 70.0) / 70.0 if seen else 0.0)
+    experiment = Experiment(time, duty, channels=run.channels, temperatures=temperatures)
+    rest, states = np.full((300, 5), 20.0), np.full((300, len(run.nodes)), 20.0)
+    flat = replace(run, experiment=experiment, temperatures=rest, states=states)
+    assert shows_sawtooth([flat]) == seen
+
+
+def test_remarks_of_a_match_stand_in_its_tables():
+    rows = tuple(
+        replace(row, interval=(0.0, np.inf), warnings=("not determined", "correlated"))
+        if row.name == "R_pc"
+        else row
+        for row in fit().parameters
+    )
+    table = report_match._table_4(replace(fit(), parameters=rows), "Table 4.")
+    (open_,) = [row for row in table.rows if row[0] == "R_pc"]
+    assert open_[5] == "unknown"
+    assert open_[-1] == "!not determined, correlated"
+    (told,) = [row for row in table.rows if row[0] == "R_E"]
+    assert told[5] == interval_text(fit().parameter("R_E").interval)
+
+
 def test_the_report_holds_pictures_numbers_fits_and_says_what_it_was_done_on(tmp_path, monkeypatch):
     source = Source(recordings(), False, "Done on a minute of the synthetic recordings.")
     monkeypatch.setattr(_demo, "find_source", lambda folder: source)
@@ -94,6 +126,10 @@ def test_the_report_holds_pictures_numbers_fits_and_says_what_it_was_done_on(tmp
     assert {path.stem for path in folder.glob("*.png")} == PICTURES
     assert html.count("data:image/png") == len(PICTURES)
     assert source.note in html
+    assert "95 % interval" in html
+    assert "std. error</th>" not in html.replace("error / std. error</th>", "")
+    assert "sawtooth" not in html  # the synthetic camera has none
+    assert "on different days" not in html
     assert len(steps) > 5
 
     numbers = json.loads((folder / "numbers.json").read_text())

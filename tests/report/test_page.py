@@ -2,6 +2,7 @@
 
 import base64
 import re
+import struct
 from html.parser import HTMLParser
 
 from hypothesis import given
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from jaxtwin.report._blocks import Numbers, Picture, Section, Table, Text
 from jaxtwin.report._page import GENERATOR, page_html
 
-PNG = b"\x89PNG, or so"
+PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 1800, 750) + b" and so on"
 
 
 class Page(HTMLParser):
@@ -57,8 +58,24 @@ def test_nothing_is_loaded_from_elsewhere():
     assert "<script" not in html
 
 
-def test_pictures_are_inside():
-    assert base64.b64encode(PNG).decode() in page(Picture("p", PNG, "a picture"))
+def test_pictures_are_inside_once():
+    assert page(Picture("p", PNG, "a picture")).count(base64.b64encode(PNG).decode()) == 1
+
+
+def test_a_picture_is_enlarged_and_put_back_by_links():
+    """Targets that the style shows over the whole window; its width in pixels is the PNG's own."""
+    html = page(Picture("p", PNG, "a picture"))
+    seen = Page(html).seen
+    links = [attributes["href"] for tag, attributes in seen if tag == "a"]
+    assert {"#p", "#at-p"} <= set(links)
+    targets = {
+        attributes["id"]: (tag, attributes) for tag, attributes in seen if "id" in attributes
+    }
+    assert targets["at-p"][0] == "div"
+    assert targets["p"] == ("figure", {"id": "p", "style": "--pixels: 1800"})
+    (image,) = [attributes for tag, attributes in seen if tag == "img"]
+    assert (image["width"], image["height"]) == ("1800", "750")
+    assert "figure:target" in html
 
 
 def test_the_contents_lead_to_the_parts():
@@ -70,6 +87,8 @@ def test_the_contents_lead_to_the_parts():
 
 def test_columns_of_numbers_are_set_to_the_right_and_marks_lose_their_sign():
     html = page(Table("t", ("name", "value"), [("a", "-1.5e-5"), ("b", "!10 000"), ("c", "-")]))
+    ranges = page(Table("t", ("interval",), [("3.1e-7 to 0.84",), ("-0.5 to 0.3",), ("unknown",)]))
+    assert ranges.count("<td class=n>") == 3
     assert "<td class=n>-1.5e-5</td>" in html
     assert "<td class=n><mark>10 000</mark></td>" in html
     assert "<td class=short>a</td>" in html

@@ -32,9 +32,10 @@ def check(rig: RigArgument, json: JsonOption = None) -> None:
 
 def network_line(counts: dict[str, float | int]) -> str:
     """The counts of a network for a person."""
+    from .._network_counts import network_text
+
     return (
-        f"{counts['states']} states, {counts['plate_nodes']} plate elements, "
-        f"{counts['plate_resistances']} resistances on the plate, "
+        f"{network_text(counts)}, "
         f"{counts['plate_capacitance_J_per_K']:.1f} J/K in the plate, "
         f"{counts['plate_to_ambient_W_per_K']:.4g} W/K from the plate to ambient"
     )

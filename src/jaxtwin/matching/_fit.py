@@ -22,7 +22,7 @@ from ._uncertainty import Uncertainty
 @final
 @dataclass(frozen=True)
 class FittedParameter:
-    """One row of Table 4 of the paper.
+    r"""One row of Table 4 of the paper.
 
     **Arguments:**
 
@@ -40,6 +40,10 @@ class FittedParameter:
     - `narrowing`: how many times narrower than beforehand the recordings alone would leave it, the
       others being known.
     - `warnings`: what to know before believing it.
+    - `relative_standard_error`: of its natural logarithm, where it was matched by that; else NaN.
+    - `interval`: both ends of its 95 % interval, in `unit`: $v e^{\pm 1.96 s}$ where it was matched
+      by its logarithm, else $v \pm 1.96 s$, whatever the bounds. Unbounded where nothing tells it,
+      NaN where `standard_error` is. Where each recording has its own, with the largest error.
     """
 
     name: str
@@ -60,6 +64,8 @@ class FittedParameter:
     prior_distance: float | None = None
     narrowing: float = math.nan
     warnings: tuple[str, ...] = ()
+    relative_standard_error: float = math.nan
+    interval: tuple[float, float] = (math.nan, math.nan)
 
 
 @final
@@ -203,7 +209,7 @@ class Fit:
         return rows[name]
 
     def summary(self, style: Style = "text") -> str:
-        """The parameters in the layout of Table 4 of the paper with standard errors, priors and
+        """The parameters in the layout of Table 4 of the paper with 95 % intervals, priors and
         warnings; in plain text also the fit of each channel and what the recordings cannot tell.
 
         **Arguments:**
@@ -287,6 +293,8 @@ def fitted_table(
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(one) for one in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -23,6 +23,7 @@ from ._estimate import (
 )
 from ._events import Span, given_events, span_weights
 from ._fit import CameraError, Fit, FittedParameter, Iteration, Optimum
+from ._interval import interval_95
 from ._levenberg_marquardt import RUNNING, STATUS, BoundedLevenbergMarquardt
 from ._uncertainty import Uncertainty
 from ._unknowns import Unknowns, choose_unknowns
@@ -322,6 +323,8 @@ def _table(
     known: Uncertainty,
 ) -> tuple[FittedParameter, ...]:
     errors = np.sqrt(np.diag(known.covariance))
+    # What nothing tells has a finite share in the vector's covariance.
+    vector_errors = np.where(np.isinf(errors), np.inf, np.sqrt(np.diag(known.entries)))
     lower, upper = unknowns.lower(), unknowns.upper()
     with np.errstate(invalid="ignore"):
         touching = (vector <= lower + 1e-9) | (vector >= upper - 1e-9)
@@ -337,6 +340,9 @@ def _table(
         entries = numbers.get(name, [])
         matched = unknowns.rows[entries[0]] if entries else row
         initial = float(twin.parameters[name])
+        value = float(np.mean(values[entries])) if entries else initial
+        error = float(np.max(vector_errors[entries])) if entries else float("nan")
+        logarithmic = matched.is_logarithmic
         has_prior = bool(entries) and matched.prior_spread is not None
         one = FittedParameter(
             name=name,
@@ -345,17 +351,19 @@ def _table(
             free=bool(entries),
             scope=matched.scope,
             initial=initial,
-            value=float(np.mean(values[entries])) if entries else initial,
+            value=value,
             published=published.get(name),
             lower=matched.lower,
             upper=matched.upper,
-            is_logarithmic=matched.is_logarithmic,
+            is_logarithmic=logarithmic,
             at_bound=bool(np.any(touching[entries])),
             standard_error=float(np.max(errors[entries])) if entries else float("nan"),
             prior_value=matched.prior_value if has_prior else None,
             prior_spread=matched.prior_spread if has_prior else None,
             prior_distance=max(away[entries].tolist(), key=abs) if has_prior else None,
             narrowing=float(np.min(known.narrowing[entries])) if entries else float("nan"),
+            relative_standard_error=error if logarithmic else float("nan"),
+            interval=interval_95(value, error, is_logarithmic=logarithmic),
         )
         table.append(replace(one, warnings=parameter_warnings(one, known)))
     return tuple(table)

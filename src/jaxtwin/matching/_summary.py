@@ -3,6 +3,8 @@
 import math
 from typing import TYPE_CHECKING, Literal
 
+from ._interval import interval_text, short_number
+
 if TYPE_CHECKING:
     from ._fit import Fit, FittedParameter
 
@@ -13,7 +15,7 @@ COLUMNS = (
     "initial",
     "published",
     "ours",
-    "std. error",
+    "95 % interval",
     "prior",
     "min",
     "max",
@@ -28,7 +30,7 @@ LARGE_GAP = 0.01
 
 
 def summary_table(fit: "Fit", style: Style = "text") -> str:
-    """Table 4 of the paper with our column, standard errors, priors and warnings.
+    """Table 4 of the paper with our column, 95 % intervals, priors and warnings.
 
     In plain text the fit of each channel follows, and what the recordings cannot tell.
     """
@@ -108,18 +110,16 @@ def _escaped(text: str) -> str:
 
 
 def _row(row: "FittedParameter") -> tuple[str, ...]:
-    error = row.standard_error
-    spread = "-" if math.isnan(error) else "unknown" if math.isinf(error) else f"{error:.2g}"
-    published = "-" if row.published is None else f"{row.published:.4g}"
+    published = "-" if row.published is None else short_number(row.published)
     return (
         row.name,
-        f"{row.initial:.4g}",
+        short_number(row.initial),
         published,
-        f"{row.value:.4g}",
-        spread,
+        short_number(row.value),
+        interval_text(row.interval),
         _prior(row),
-        f"{row.lower:.3g}",
-        f"{row.upper:.3g}",
+        short_number(row.lower, 3),
+        short_number(row.upper, 3),
         row.unit or "1",
         ", ".join(row.warnings),
     )

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ._masked import masked_key, shade_masked
+from ._missing import mean_of_seen
 from ._style import INK, MUTED, ORANGE, VERMILION, styled
 
 if TYPE_CHECKING:
@@ -34,14 +35,14 @@ def plot_camera_error(fit: "Fit") -> Figure:
     for (above, below), (name, run) in zip(grid.T, fit.runs.items(), strict=True):
         assert run.experiment.temperatures is not None
         camera = fit.camera[name]
-        shared = (run.experiment.temperatures - run.temperatures).mean(axis=1)
+        shared = mean_of_seen(run.experiment.temperatures - run.temperatures)
         above.plot(run.time, shared, color=MUTED, lw=1.0)
         above.plot(run.time, camera.offset, color=VERMILION, lw=1.6)
         below.plot(run.time, shared - camera.offset, color=INK, lw=1.0)
         for axes, series, title in ((above, shared, name), (below, shared - camera.offset, "")):
             shade_masked(axes, run.time, fit.weights[name])
             axes.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
-            rms = float(np.sqrt(np.mean(series**2)))
+            rms = float(np.sqrt(np.nanmean(series**2)))
             axes.set_title(title)
             axes.set_title(f"{rms:.2f} K rms", loc="right", fontsize=9, fontweight="normal")
         if camera.events:
@@ -54,11 +55,12 @@ def plot_camera_error(fit: "Fit") -> Figure:
         below.set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
     grid[0, 0].set_ylabel("recorded − twin, K")
     grid[1, 0].set_ylabel("without camera, K")
+    corrections = Line2D([], [], color=ORANGE, marker="v", ls="", label="its corrections")
     figure.legend(
         handles=[
             Line2D([], [], color=MUTED, lw=1.2, label="mean of the channels"),
             Line2D([], [], color=VERMILION, lw=1.6, label="given to the camera"),
-            Line2D([], [], color=ORANGE, marker="v", ls="", label="its corrections"),
+            *([corrections] if any(one.events for one in fit.camera.values()) else []),
             Line2D([], [], color=INK, lw=1.2, label="left for the plate"),
             *masked_key(fit.weights.values()),
         ],

@@ -14,6 +14,7 @@ from .._errors import SimulationError
 from ..simulation import Run
 from ._labels import label_ends
 from ._masked import masked_key, shade_masked
+from ._missing import last_seen, mean_of_seen
 from ._style import CYCLE, INK, MUTED, VERMILION, styled
 
 PANELS = 5  # in a row
@@ -60,7 +61,7 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
         axes.set_xlabel("time, s")
         axes.xaxis.set_major_locator(MaxNLocator(2))
     grid[0, 0].set_xlim(min(run.time[0] for run in runs), max(run.time[-1] for run in runs))
-    mean = np.mean([value for fit in fits for value in fit.values()])
+    mean = np.nanmean([value for fit in fits for value in fit.values()])
     figure.legend(
         handles=[
             Line2D([], [], color=MUTED, lw=2.6, alpha=0.55, label="recorded"),
@@ -101,12 +102,12 @@ def plot_residuals(
         residual = _recorded(run) - run.temperatures
         for number, part in enumerate(residual.T):
             axes.plot(run.time, part, color=CYCLE[number % len(CYCLE)], lw=0.9)
-        axes.plot(run.time, residual.mean(axis=1), color=INK, lw=2.0)
+        axes.plot(run.time, mean_of_seen(residual), color=INK, lw=2.0)
         axes.axhline(0.0, color=MUTED, lw=0.8, zorder=0)
         axes.set(title=run.experiment.name or "recording", xlabel="time, s")
         axes.set_title(f"RMSE {run.rmse:.2f} K", loc="right", fontsize=9, fontweight="normal")
         axes.set_xlim(run.time[0], run.time[-1])
-        tail = residual[-max(1, len(run.time) // 20) :].mean(axis=0)
+        tail = last_seen(residual, len(run.time) // 20)
         ends.append(list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
     row[0].set_ylabel("recorded − twin, K")
     for axes, labels in zip(row, ends, strict=True):

@@ -40,6 +40,7 @@ def plot_dc_sweep(
     figure = pyplot.figure(figsize=(10.4, 4.3), layout="constrained")
     figure.suptitle(title, x=0.01, ha="left")
     heat, cop = figure.subplots(1, 2)
+    best_cops: list[float] = []
     for difference, color, pumped, performance in zip(
         differences, colors, sweep.heat_flow, sweep.cop, strict=True
     ):
@@ -55,11 +56,13 @@ def plot_dc_sweep(
             )  # fmt: skip
         if difference > 0:
             best = _best_cop_current(module, difference, T_hot)
-            _mark(cop, best, module.dc_sweep([best], [difference], T_hot).cop.item(), color)
+            best_cops.append(module.dc_sweep([best], [difference], T_hot).cop.item())
+            _mark(cop, best, best_cops[-1], color)
     top = float(np.max(sweep.heat_flow))
     heat.set(title="Heat pumped", xlabel="current, A", ylabel="$Q_c$, W", ylim=(0, 1.13 * top))
     cop.set(title="Coefficient of performance", xlabel="current, A", ylabel="$Q_c / P$")
-    cop.set_ylim(0, 4)
+    # Without a temperature difference it has no limit as the current falls to 0.
+    cop.set_ylim(0, 1.08 * max(best_cops, default=4.0))
     for axes in (heat, cop):
         axes.set_xlim(0, currents[-1])
     cop.legend(title="$\\Delta T$", ncols=2)

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from ..matching import Fit, FittedParameter
+from ..matching._interval import short_number
 from ._style import BLUE, CYCLE, INK, MUTED, VERMILION, styled, symbol
 
 COLUMNS = 6  # panels of parameters in a row
@@ -79,10 +80,15 @@ def _draw_parameter(axes: Axes, fit: Fit, parameter: FittedParameter) -> None:
             axes.axhline(bound, color=INK, lw=1.2, ls=":")
     if values.min() > 0 and values.max() > 10 * values.min():
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(numticks=4))
+        # Within two decades powers of ten alone would be one or two labels.
+        few = values.max() < 100 * values.min()
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 3) if few else (1,), numticks=4))
+        axes.yaxis.set_major_formatter(lambda value, _: short_number(value))
         axes.minorticks_off()
     else:
         axes.yaxis.set_major_locator(MaxNLocator(3))
+        if np.abs(values).max() < 1e-3:  # else a power of ten stands where the title does
+            axes.yaxis.set_major_formatter(lambda value, _: short_number(value))
     axes.tick_params(labelsize=7.5, pad=2)
     color = VERMILION if parameter.at_bound else INK
     axes.set_title(symbol(parameter.name), fontsize=10, color=color, pad=3)

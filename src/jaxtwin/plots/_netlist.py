@@ -13,12 +13,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from .._errors import ParameterError
+from .._network_counts import network_counts, network_text
 from ..physics import Twin
 from ..rig import AMBIENT, Plate
-from ._netlist_cells import draw_cells, outlined
-from ._style import BLUE, INK, VERMILION, styled
+from ._netlist_cells import draw_cells, draw_contacts, outlined
+from ._netlist_layout import LEGEND, netlist_layout
+from ._style import BLUE, INK, MUTED, VERMILION, styled
 
-_WIDEST = {"conduction": 7.0, "film": 5.0}  # line of the largest conductance of a kind, points
+_WIDEST = {"conduction": 6.0, "film": 4.5}  # line of the largest conductance of a kind, points
 _THINNEST = 0.7
 
 
@@ -30,8 +32,9 @@ def plot_netlist(
 
     Plate elements are drawn at their true size. Lines between their centres are links, a stub with
     a ring at its end stands for all links from an element to the air; both are as wide as they
-    conduct, each on a scale of its own that the legend gives. Below the plate stands what is behind
-    each cell, with the resistances between.
+    conduct, each on a scale of its own that the legend gives. A stub with a dot and a cell's name
+    is that cell's contact; below the plate stands what is behind each cell, with the resistances
+    between.
 
     **Arguments:**
 
@@ -64,19 +67,31 @@ def plot_netlist(
         ax = figure.subplots()
     ax.set_aspect("equal")
     ax.set_axis_off()
-    ax.set_title(f"{twin.rig.name}: {len(nodes)} nodes, {len(twin.netlist.links)} links")
+    ax.set_title(twin.rig.name, pad=19)
+    ax.annotate(
+        network_text(network_counts(twin.netlist, twin.rig)), (0, 1), (0, 6), color=MUTED,
+        xycoords="axes fraction", textcoords="offset points", fontsize=9,
+    )  # fmt: skip
 
     plate = twin.rig.plate
+    layout = netlist_layout(plate, len(twin.netlist.cells))
     on_plate = shown[: len(plate.element_names)]
     colormap = ListedColormap(colormaps[colors](np.linspace(0.06, 0.62, 256)))
     scale = ScalarMappable(Normalize(*_limits(on_plate)), colormap)
+    written = [text.format(value) for value in on_plate]
+    longest = max(map(len, (*plate.element_names, *written)))
+    narrow = (0.06 + 0.075 * longest) * layout.inch  # left of the middle, where links run
     for element, value, color in zip(
-        plate.element_names, on_plate, scale.to_rgba(on_plate), strict=True
+        plate.element_names, written, scale.to_rgba(on_plate), strict=True
     ):
-        _draw_element(ax, plate, element, text.format(value), color)
+        _draw_element(ax, plate, element, value, color, narrow)
     handles: list[Artist] = [*_draw_conduction(ax, twin, values), *_draw_air(ax, twin, values)]
     texts = {node.name: text.format(value) + unit for node, value in zip(nodes, shown, strict=True)}
-    draw_cells(ax, twin, values, texts)
+    draw_contacts(ax, twin, values, layout)
+    lowest = draw_cells(ax, twin, values, texts, layout)
+    margin = 0.1 * layout.inch
+    ax.set_xlim(layout.left - margin, layout.left + layout.width + margin)
+    ax.set_ylim(lowest + 1.5 * margin, -margin)
     handles.append(Line2D([], [], color=VERMILION, lw=2, label="cells and sinks"))
     if _differ(on_plate):
         bar = ax.figure.colorbar(scale, ax=ax, shrink=0.5, aspect=24, pad=0.01)
@@ -84,11 +99,13 @@ def plot_netlist(
         bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     else:  # a scale would show nothing
         handles.append(Rectangle((0, 0), 1, 1, fc=scale.to_rgba(on_plate)[0], label=label))
-    ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=len(handles))
+    in_one_row = layout.width > 2 * LEGEND * layout.inch
+    columns = len(handles) if in_one_row else 3
+    ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=columns)
     if figure is not None:
-        width, height = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
-        inches = min(11.5 / width, 8.6 / height)
-        figure.set_size_inches(inches * width + 1.1, inches * height + 0.8)
+        width, height = np.ptp(ax.get_xlim()) / layout.inch, np.ptp(ax.get_ylim()) / layout.inch
+        beside, below = 1.0 if _differ(on_plate) else 0.2, 0.85 if in_one_row else 1.05
+        figure.set_size_inches(width + beside, height + below)
     return ax
 
 
@@ -102,7 +119,7 @@ def _limits(values: Float[np.ndarray, " elements"]) -> tuple[float, float]:
     return (low, high) if _differ(values) else (0.9 * low - 0.1, 1.1 * high + 0.1)
 
 
-def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color) -> None:
+def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color, narrow: float) -> None:
     left, right, top, bottom = (100 * edge for edge in plate.extent(element))
     ax.add_patch(
         Rectangle((left, top), right - left, bottom - top, fc=color, ec="white", lw=1.5, zorder=1)
@@ -115,7 +132,7 @@ def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color) -> No
         "fontsize": 7.5,
         "zorder": 6,
     }
-    if right - left > 7 * plate.width:
+    if (right - left) / 2 > narrow:
         ax.annotate(element, (left, top), (3, -3), fontweight="bold", **corner)
         ax.annotate(value, (left, top), (3, -13), **corner)
     else:

@@ -2,12 +2,12 @@
 
 import math
 
-import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..matching import Fit, FittedParameter
+from ..matching._interval import interval_text, short_number
 from ._style import BLUE, FAINT, INK, MUTED, VERMILION, styled, symbol
 
 
@@ -15,8 +15,9 @@ from ._style import BLUE, FAINT, INK, MUTED, VERMILION, styled, symbol
 def plot_parameters(fit: Fit) -> Figure:
     """The free parameters as a table, and where each lies between its bounds.
 
-    The scale is logarithmic for parameters above 0. Where each recording has its own value, their
-    mean is shown.
+    A line through a matched value is its 95 % interval, as far as the bounds reach. The scale is
+    logarithmic for parameters above 0. Where each recording has its own value, their mean is shown.
+    Behind each stand the remarks of the match.
 
     **Arguments:**
 
@@ -25,22 +26,29 @@ def plot_parameters(fit: Fit) -> Figure:
     **Returns:** the figure.
     """
     free = [parameter for parameter in fit.parameters if parameter.free]
-    figure = pyplot.figure(figsize=(11.0, 1.3 + 0.3 * len(free)), layout="constrained")
-    table, scale = figure.subplots(1, 2, width_ratios=(1.0, 1.25), sharey=True)
+    figure = pyplot.figure(figsize=(13.4, 1.3 + 0.3 * len(free)), layout="constrained")
+    table, scale = figure.subplots(1, 2, width_ratios=(1.0, 1.08), sharey=True)
     _write_table(table, free)
     for place, parameter in enumerate(free):
         scale.plot([0, 1], [place, place], color=FAINT, lw=7, solid_capstyle="round", zorder=1)
         ends = [_position(value, parameter) for value in (parameter.initial, parameter.value)]
         scale.plot(ends, [place, place], color=MUTED, lw=1.0, zorder=2)
+        if not math.isnan(parameter.interval[0]):
+            span = [_position(end, parameter) for end in parameter.interval]
+            scale.plot(
+                span, [place, place], color=VERMILION, lw=3.5, alpha=0.45, solid_capstyle="butt",
+                zorder=2.5, gid="interval",
+            )  # fmt: skip
         scale.plot(ends[0], place, "o", mfc="white", mec=INK, ms=6, zorder=3)
         if parameter.published is not None:
             at = _position(parameter.published, parameter)
             scale.plot(at, place, "D", mfc="white", mec=BLUE, mew=1.4, ms=5.5, zorder=4)
         scale.plot(ends[1], place, "o", color=VERMILION, ms=7, zorder=5)
-        if parameter.at_bound:
-            _write(scale, 1.04, place, "at bound", ha="left", color=VERMILION, fontsize=8.5)
+        color = VERMILION if parameter.at_bound else INK
+        remarks = ", ".join(parameter.warnings)
+        _write(scale, 1.04, place, remarks, ha="left", color=color, fontsize=8.5)
     scale.set_ylim(len(free) - 0.4, -1.2)
-    scale.set_xlim(-0.03, 1.18)
+    scale.set_xlim(-0.03, 1.42)
     for text, at, ha in (("lower bound", 0, "left"), ("upper bound", 1, "right")):
         scale.annotate(text, (at, -0.8), ha=ha, va="center", fontsize=9, color=MUTED)
     scale.set_axis_off()
@@ -48,10 +56,11 @@ def plot_parameters(fit: Fit) -> Figure:
         scale.plot([], [], "o", mfc="white", mec=INK, ms=6, label="initial")[0],
         scale.plot([], [], "D", mfc="white", mec=BLUE, mew=1.4, ms=5.5, label="published")[0],
         scale.plot([], [], "o", color=VERMILION, ms=7, label="matched")[0],
+        scale.plot([], [], color=VERMILION, lw=3.5, alpha=0.45, label="its 95 % interval")[0],
     ]
     if all(parameter.published is None for parameter in free):
         del handles[1]
-    figure.legend(handles=handles, loc="outside upper right", ncols=3)
+    figure.legend(handles=handles, loc="outside upper right", ncols=4)
     figure.suptitle(
         f"{fit.twin.rig.name}: mean fit {fit.mean_fit_percent:.1f} %, RMSE {fit.rmse:.2f} K",
         x=0.01, ha="left",
@@ -60,19 +69,21 @@ def plot_parameters(fit: Fit) -> Figure:
 
 
 def _write_table(axes: Axes, free: list[FittedParameter]) -> None:
-    columns = {"initial": 0.40, "published": 0.60, "matched": 0.79}
+    columns = {"initial": 0.27, "published": 0.43, "matched": 0.60, "95 % interval": 0.99}
     for heading, at in columns.items():
         axes.annotate(heading, (at, -0.8), ha="right", va="center", fontsize=9, color=MUTED)
     for place, parameter in enumerate(free):
         _write(axes, 0.0, place, symbol(parameter.name), ha="left")
-        _write(axes, columns["initial"], place, _number(parameter.initial))
-        _write(axes, columns["published"], place, _number(parameter.published), color=BLUE)
+        _write(axes, columns["initial"], place, short_number(parameter.initial))
+        published = "-" if parameter.published is None else short_number(parameter.published)
+        _write(axes, columns["published"], place, published, color=BLUE)
         _write(
-            axes, columns["matched"], place, _number(parameter.value),
+            axes, columns["matched"], place, short_number(parameter.value),
             color=VERMILION, fontweight="bold",
         )  # fmt: skip
         unit = parameter.unit.replace("degC", "°C").replace("ohm", "Ω")
-        _write(axes, 0.81, place, unit, ha="left", color=MUTED, fontsize=8.5)
+        _write(axes, 0.62, place, unit, ha="left", color=MUTED, fontsize=8.5)
+        _write(axes, columns["95 % interval"], place, interval_text(parameter.interval))
     axes.set_xlim(0, 1)
     axes.set_axis_off()
 
@@ -81,15 +92,13 @@ def _write(axes: Axes, x: float, y: int, text: str, ha: str = "right", **look) -
     axes.text(x, y, text, ha=ha, va="center", **look)
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}".replace("e-0", "e-").replace("e+0", "e")
-
-
 def _position(value: float, parameter: FittedParameter) -> float:
-    """0 at the lower bound, 1 at the upper one."""
+    """0 at the lower bound, 1 at the upper one; what lies outside is there too."""
     lower, upper = parameter.lower, parameter.upper
     if not (math.isfinite(lower) and math.isfinite(upper)):
-        lower, upper = min(parameter.initial, value) - 1, max(parameter.initial, value) + 1
+        ends = (parameter.initial, parameter.value)
+        lower, upper = min(ends) - 1, max(ends) + 1
+    value = min(max(value, lower), upper)
     if parameter.is_logarithmic and lower > 0:
         value, lower, upper = math.log(value), math.log(lower), math.log(upper)
-    return float(np.clip((value - lower) / (upper - lower), 0, 1))
+    return (value - lower) / (upper - lower)

@@ -10,6 +10,7 @@ from .._errors import SimulationError
 from ..simulation import Run
 from ..validation import autocorrelation, normal_quantiles, whiteness
 from ._labels import label_ends
+from ._missing import filled, last_seen
 from ._style import CYCLE, FAINT, INK, MUTED, styled
 
 LONGEST = 300
@@ -55,11 +56,12 @@ def _draw(row: np.ndarray, run: Run, channel: str, series: np.ndarray, color: st
     sample = float(np.median(np.diff(run.time)))
     lags = min(LONGEST, len(series) // 2)
     against_itself.plot(
-        sample * np.arange(lags + 1), autocorrelation(series, lags), color=color, lw=1.2
+        sample * np.arange(lags + 1), autocorrelation(filled(series), lags), color=color, lw=1.2
     )
-    deviation = series.std() or 1.0
+    seen = series[np.isfinite(series)]
+    deviation = seen.std() or 1.0
     against_normal.plot(
-        normal_quantiles(len(series)), np.sort(series - series.mean()) / deviation, color=color,
+        normal_quantiles(len(seen)), np.sort(seen - seen.mean()) / deviation, color=color,
         lw=1.4, label=channel,
     )  # fmt: skip
 
@@ -70,15 +72,16 @@ def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     over_time.set(ylabel="recorded − twin, K", xlim=(run.time[0], run.time[-1]))
     over_time.set_title(run.experiment.name or "recording")
     over_time.set_title(f"RMSE {run.rmse:.2f} K", loc="right", fontsize=9, fontweight="normal")
-    tail = residuals[-max(1, len(run.time) // 20) :].mean(axis=0)
-    label_ends(over_time, list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
+    tail = last_seen(residuals, len(run.time) // 20)
+    ends = list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False))
+    label_ends(over_time, ends, spacing=0.075)
     band = 1.96 / np.sqrt(len(run.time))
     against_itself.axhspan(-band, band, color=FAINT, zorder=0.4, label="95 % of white noise")
     against_itself.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
     against_itself.set(ylabel="autocorrelation", ylim=(-1.05, 1.05))
-    p = min(whiteness(series).p_value for series in residuals.T)
+    p = min(whiteness(filled(series)).p_value for series in residuals.T)
     text = f"p = {p:.2g}" if p > 1e-99 else "p below 1e-99"
     against_itself.set_title(text, loc="right", fontsize=9, fontweight="normal")
-    ends = np.array([-3.3, 3.3])
-    against_normal.plot(ends, ends, color=INK, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
+    line = np.array([-3.3, 3.3])
+    against_normal.plot(line, line, color=INK, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
     against_normal.set(ylabel="standardised residual")

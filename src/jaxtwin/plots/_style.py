@@ -33,6 +33,7 @@ STYLE: dict[str, Any] = {
     "axes.titlelocation": "left",
     "axes.titlesize": 11,
     "axes.titleweight": "bold",
+    "figure.constrained_layout.wspace": 0.05,  # between the last tick of a panel and the next
     "figure.titlesize": 13,
     "figure.titleweight": "bold",
     "font.size": 10,

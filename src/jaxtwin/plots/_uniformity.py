@@ -43,12 +43,13 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
             axes.plot(run.time, was, color=MUTED, lw=2.4, alpha=0.55)
             axes.plot(run.time, says, color=VERMILION, lw=1.4)
             axes.set_title(
-                f"mean {was.mean():.2f} K, twin {says.mean():.2f} K", loc="right", fontsize=9,
-                fontweight="normal",
+                f"mean {np.nanmean(was):.2f} K, twin {np.nanmean(says):.2f} K", loc="right",
+                fontsize=9, fontweight="normal",
             )  # fmt: skip
-            axes.set_ylim(bottom=0)
         column[0].set_title(run.experiment.name or "recording")
         column[1].set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
+    for axes in grid[:, 0]:
+        axes.set_ylim(bottom=0)  # of the whole row, which no longer follows what is drawn
     grid[0, 0].set_ylabel("highest − lowest, K")
     grid[1, 0].set_ylabel("standard deviation, K")
     figure.legend(
@@ -90,11 +91,11 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
         "recorded": np.concatenate([recorded for _, recorded in columns], axis=1),
     }
     everything = np.concatenate([values.ravel() for values in rows.values()])
-    norm = Normalize(float(everything.min()), float(everything.max()))
+    norm = Normalize(float(np.nanmin(everything)), float(np.nanmax(everything)))
     scale = ScalarMappable(norm, HEAT)
     difference = rows["recorded"] - rows["twin: as read"]
     rows["recorded − twin"] = difference
-    widest = float(np.abs(difference).max()) or 1.0
+    widest = float(np.nanmax(np.abs(difference), initial=0.0)) or 1.0
     apart = ScalarMappable(CenteredNorm(0.0, widest), "RdBu_r")
     height = ROOM_ABOVE + MAP_WIDTH * rig.plate.height / rig.plate.width
     figure = pyplot.figure(figsize=(MAP_WIDTH * len(times) + 1.4, height * 4), layout="constrained")
@@ -110,9 +111,8 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
             axes.grid(visible=False)
             axes.set_title(f"{time:g} s" if number == 0 else "")
             axes.set_title(
-                f"{one.min():.1f} … {one.max():.1f} {unit}".replace("-", "−"), loc="right",
-                fontsize=9, fontweight="normal", color=MUTED,
-            )  # fmt: skip
+                _range(one, unit), loc="right", fontsize=9, fontweight="normal", color=MUTED
+            )
             if number == 0:
                 _draw_field(axes, rig, one, norm)
                 draw_cells(axes, rig)
@@ -132,6 +132,14 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
         bar.set_label(label)
         bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     return figure
+
+
+def _range(values: np.ndarray, unit: str) -> str:
+    """Lowest and highest of the channels that have a sample."""
+    seen = values[np.isfinite(values)]
+    if not len(seen):
+        return "no sample"
+    return f"{seen.min():.1f} … {seen.max():.1f} {unit}".replace("-", "−")
 
 
 def _samples(run: Run, times: Sequence[float]) -> list[int]:

@@ -1,5 +1,6 @@
 """Step 4 of the paper: behavioural matching."""
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -7,12 +8,14 @@ import numpy as np
 
 from .._progress import Progress
 from ..data import synthetic_truth
-from ..matching import Fit, Iteration, match
+from ..matching import Fit, FittedParameter, Iteration, match
+from ..matching._interval import interval_text, short_number
 from ..physics import Twin
 from ..plots import plot_comparison, plot_history, plot_parameters, plot_residuals, to_png
 from ..rig import Rig, read_parameters
 from ..simulation import Run
 from ._blocks import Numbers, Picture, Section, Table, Text
+from ._corrections import shows_sawtooth
 from ._source import Source, recorded, synthetic_source
 
 STARTS = 3
@@ -21,6 +24,12 @@ AMBIENT, START = "T_amb", "T_start"
 EDGES = ("R_Tey", "R_Tex1", "R_Tey1", "R_Tey2", "R_Tey3")
 """Edges of the plate to the air: in the synthetic truth 6 % of what the faces lose, and partly in
 parallel with them, so that noise of 0.1 K hides them."""
+
+
+REMARKS = (
+    "Not determined: the recordings do not tell it. At bound: they would rather have it beyond. "
+    "Correlated: another parameter can stand in for it."
+)
 
 
 def match_fixed(
@@ -58,7 +67,8 @@ def match_fixed(
             Picture(
                 "parameters",
                 to_png(plot_parameters(fit)),
-                "Between their bounds, on logarithmic scales: initial, published and matched.",
+                "Between their bounds, on logarithmic scales: initial, published and matched, with "
+                "the 95 % interval as far as the bounds reach.",
             ),
             _table_4(fit, "The paper's Table 4 with our column."),
             Table(
@@ -93,8 +103,13 @@ def match_own(
         "One ambient for each recording",
         (
             Text(
-                "The recordings were made on different days. With an ambient temperature matched "
-                "for each of them, the same sixteen parameters fit better:"
+                (
+                    "The recordings were made on different days. "
+                    if source.real
+                    else "Each synthetic recording has an ambient temperature of its own. "
+                )
+                + "With an ambient temperature matched for each of them, the same sixteen "
+                "parameters fit better:"
             ),
             _numbers(fit, f"mean fit (ambient 15 °C: {fixed.mean_fit_percent:.1f} %)"),
             Picture(
@@ -106,11 +121,7 @@ def match_own(
             Picture(
                 "residuals",
                 to_png(plot_residuals(runs)),
-                "What is left. What all channels of a recording share (black) jumps within a "
-                "second, which a plate cannot do: the camera recalibrates itself."
-                if source.real
-                else "What is left: the noise that was put in, and the start temperatures, which "
-                "differ between the recordings and are held at 15 °C here.",
+                _what_is_left(source, runs),
             ),
             Table(
                 "Ambient temperatures of this match, °C. They are what the circuit needs to fit, "
@@ -145,7 +156,7 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
         on_iteration=_news(progress),
     )
     rows = [row for row in fit.parameters if row.free and row.scope == "shared"]
-    deviations = [(row.value - truth[row.name]) / row.standard_error for row in rows]
+    deviations = [_deviation(row, truth[row.name]) for row in rows]
     inside = sum(abs(deviation) <= 2 for deviation in deviations)
     worst = max(abs(row.value / truth[row.name] - 1) for row in rows)
     section = Section(
@@ -166,14 +177,15 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
                 )
             ),
             Table(
-                "Truth and match; the ratio is that of the error to the standard error.",
+                "Truth and match; the ratio is that of the error to the standard error, both of "
+                "the logarithm, by which positive parameters are matched.",
                 (
                     "parameter",
                     "unit",
                     "truth",
                     "matched",
+                    "95 % interval",
                     "error",
-                    "std. error",
                     "error / std. error",
                 ),
                 [
@@ -182,8 +194,8 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
                         row.unit,
                         f"{truth[row.name]:g}",
                         f"{row.value:.4g}",
+                        interval_text(row.interval),
                         f"{100 * (row.value / truth[row.name] - 1):+.2f} %",
-                        f"{100 * row.standard_error / row.value:.2f} %",
                         f"{deviation:+.2f}",
                     )
                     for row, deviation in zip(rows, deviations, strict=True)
@@ -199,6 +211,13 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
         **fit.to_dict(),
     }
     return section, numbers
+
+
+def _deviation(row: FittedParameter, truth: float) -> float:
+    """How many standard errors a value is off, in the scale of the match."""
+    if row.is_logarithmic:
+        return math.log(row.value / truth) / row.relative_standard_error
+    return (row.value - truth) / row.standard_error
 
 
 def _numbers(fit: Fit, label: str) -> Numbers:
@@ -222,23 +241,38 @@ def _table_4(fit: Fit, caption: str) -> Table:
     for row in fit.parameters:
         if not row.free or row.scope == "recording":
             continue
-        error = row.standard_error
         rows.append(
             (
                 row.name,
                 row.description,
-                _short(row.initial),
-                _short(row.published),
-                ("!" if row.at_bound else "") + _short(row.value),
-                "-" if not np.isfinite(error) else f"{error:.2g}",
-                _short(row.lower),
-                _short(row.upper),
+                short_number(row.initial),
+                "-" if row.published is None else short_number(row.published),
+                ("!" if row.warnings else "") + short_number(row.value),
+                interval_text(row.interval),
+                short_number(row.lower),
+                short_number(row.upper),
                 row.unit,
-                "!at bound" if row.at_bound else "",
+                ("!" if row.warnings else "") + ", ".join(row.warnings),
             )
         )
-    head = ("parameter", "", "initial", "published", "ours", "std. error", "min", "max", "unit", "")
-    return Table(caption, head, rows)
+    interval = "95 % interval"
+    head = ("parameter", "", "initial", "published", "ours", interval, "min", "max", "unit", "")
+    return Table(f"{caption} {REMARKS}", head, rows)
+
+
+def _what_is_left(source: Source, runs: list[Run]) -> str:
+    shared = "What all channels of a recording share (black)"
+    if shows_sawtooth(runs):
+        return (
+            f"What is left. {shared} jumps within a second, which a plate cannot do: the camera "
+            "recalibrates itself."
+        )
+    if source.real:
+        return f"What is left. {shared} is what the circuit or the surroundings lack."
+    return (
+        "What is left: the noise that was put in, and the start temperatures, which differ between "
+        "the recordings and are held at 15 °C here."
+    )
 
 
 def _fit_table(published: list[Run], fixed: Fit, own: Fit) -> Table:
@@ -261,10 +295,6 @@ def _mean_fit(runs: Iterable[Run]) -> float:
 def _start(run: Run) -> float:
     """Mean of all channels over the first five samples, degC."""
     return float(np.mean(recorded(run.experiment)[:5]))
-
-
-def _short(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def _news(progress: Progress, starts: int = 1) -> Callable[[Iteration], None]:

@@ -2,6 +2,7 @@
 
 import base64
 import re
+import struct
 from collections.abc import Sequence
 from html import escape
 from importlib import resources
@@ -13,7 +14,8 @@ GENERATOR = '<meta name="generator" content="jaxtwin">'
 
 SHORT = 16  # characters of a cell that is not broken into lines
 
-_NUMBER = re.compile(r"!?[-+−]?[\d  ]*\.?\d+(e[-+]?\d+)?( ?[%KsW])?|!?-|")
+_ONE = r"[-+−]?[\d  ]*\.?\d+(e[-+]?\d+)?( ?[%KsW])?"
+_NUMBER = re.compile(rf"!?{_ONE}|{_ONE} to {_ONE}|unknown|!?-|")
 
 
 def page_html(title: str, lead: Sequence[Block], sections: Sequence[Section], foot: str) -> str:
@@ -69,11 +71,24 @@ def _block(block: Block) -> str:
         case Table():
             return _table(block)
         case Picture():
-            data = base64.b64encode(block.png).decode()
-            return (
-                f'<figure><img src="data:image/png;base64,{data}" alt="{escape(block.caption)}">'
-                f"<figcaption>{_inline(block.caption)}</figcaption></figure>"
-            )
+            return _picture(block)
+
+
+def _picture(picture: Picture) -> str:
+    """A figure that a click shows over the whole window at its true size, and another hides.
+
+    The style does that by `:target`: the page has no script, and each picture is in it once.
+    """
+    data = base64.b64encode(picture.png).decode()
+    width, height = struct.unpack(">II", picture.png[16:24])  # of the PNG's first chunk
+    name, alt = escape(picture.name), escape(picture.caption)
+    return (
+        f'<div id="at-{name}"><figure id="{name}" style="--pixels: {width}">'
+        f'<a class=close href="#at-{name}">close</a>'
+        f'<a class=picture href="#{name}" title="enlarge">'
+        f'<img src="data:image/png;base64,{data}" alt="{alt}" width={width} height={height}></a>'
+        f"<figcaption>{_inline(picture.caption)}</figcaption></figure></div>"
+    )
 
 
 def _table(table: Table) -> str:

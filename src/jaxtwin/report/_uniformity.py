@@ -4,6 +4,7 @@ from ..matching import Fit
 from ..plots import plot_plate_beside, plot_uniformity, to_png
 from ..simulation import Run
 from ._blocks import Picture, Section, Table, Text
+from ._corrections import shows_sawtooth
 
 MAP_TIMES = (100.0, 500.0, 1000.0)
 """Of the maps, s; those that a recording does not reach are left out."""
@@ -16,6 +17,9 @@ def uniformity(fit: Fit) -> tuple[Section, dict[str, dict[str, float]]]:
     """
     runs = list(fit.runs.values())
     numbers = {name: _numbers(run) for name, run in fit.runs.items()}
+    channels = "what all channels share does not count"
+    if shows_sawtooth(runs):
+        channels += ", so the camera's sawtooth drops out"
     times = [time for time in MAP_TIMES if all(run.time[0] <= time <= run.time[-1] for run in runs)]
     section = Section(
         "Uniformity",
@@ -23,8 +27,7 @@ def uniformity(fit: Fit) -> tuple[Section, dict[str, dict[str, float]]]:
             Text(
                 "The rig was built to make a plate evenly warm. How far it is from that is the "
                 "spread over the channels of a recording, highest less lowest, and their standard "
-                "deviation; what all channels share does not count, so the camera's sawtooth "
-                "drops out."
+                f"deviation; {channels}."
             ),
             Table(
                 "Over time, K. The plate's own spread is that of all its elements, of which the "
@@ -45,8 +48,8 @@ def uniformity(fit: Fit) -> tuple[Section, dict[str, dict[str, float]]]:
                 "plate-beside",
                 to_png(plot_plate_beside(fit.twin.rig, runs, times or [float(runs[0].time[-1])])),
                 "The plate, between its nodes, as the twin has it; what its camera would read; "
-                "what the camera of the rig did read; the difference of "
-                "the two. Together the recordings cover the plate.",
+                "what was recorded; the difference of the two. Together the recordings cover the "
+                "plate.",
             ),
         ),
         level=3,

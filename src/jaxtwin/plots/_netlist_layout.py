@@ -1,0 +1,72 @@
+"""How large the picture of a network is, so that everything in it can be read."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from ..rig import Plate
+
+WIDEST, HIGHEST = 11.0, 5.2
+"""Of a plate whose elements can be read at this size, inches."""
+
+SMALLEST_SIDE, LARGEST_SIDE = 1.15, 2.2
+"""Of a typical element: room for its name and what it is connected to, inches."""
+
+LARGEST_PLATE = 18.0
+"""However many elements there are, inches."""
+
+BOX, BOX_HEIGHT, GAP = 1.5, 0.47, 0.34
+"""Of a node behind the plate, and between two of them, inches."""
+
+PITCH = 2.85
+"""Between two cells, whose values stand beside them, inches."""
+
+IN_A_ROW = 4
+LEGEND = 6.0
+"""Width of a legend of three columns, inches."""
+
+
+@final
+@dataclass(frozen=True)
+class Layout:
+    """Where things stand, on axes whose unit is 1 cm of the plate.
+
+    **Arguments:**
+
+    - `inch`: cm on the axes that make an inch of the picture.
+    - `plate`: left and right edge, top and bottom edge, cm.
+    - `width`: of the whole drawing, cm; it is centred on the plate.
+    - `columns`: how many cells stand in a row.
+    """
+
+    inch: float
+    plate: tuple[float, float, float, float]
+    width: float
+    columns: int
+
+    @property
+    def left(self) -> float:
+        """Left edge of the drawing, cm."""
+        left, right, _, _ = self.plate
+        return (left + right - self.width) / 2
+
+    def cell_centre(self, number: int, count: int) -> float:
+        """Where a cell stands of which there are so many, cm from the plate's left edge."""
+        row = number // self.columns
+        in_row = min(self.columns, count - row * self.columns)
+        return self.left + self.width * (number % self.columns + 0.5) / in_row
+
+
+def netlist_layout(plate: Plate, cells: int) -> Layout:
+    """The layout for a plate with this many cells."""
+    width, height = 100 * plate.width, 100 * plate.height
+    extents = 100 * np.array([plate.extent(element) for element in plate.element_names])
+    side = float(np.median(np.minimum(*(np.diff(extents)[:, ::2].T))))
+    scale = min(WIDEST / width, HIGHEST / height)  # inches a cm
+    scale = float(np.clip(scale, SMALLEST_SIDE / side, LARGEST_SIDE / side))
+    inch = 1 / min(scale, LARGEST_PLATE / max(width, height))
+    rows = -(-cells // IN_A_ROW)
+    columns = -(-cells // rows) if rows else 1
+    widest = max(width, inch * PITCH * columns, inch * LEGEND)
+    return Layout(inch, (0.0, width, 0.0, height), widest, columns)

@@ -1,0 +1,29 @@
+"""Whether a camera's corrections can be seen in what recordings and twin differ by."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..matching._camera_error import detect_events
+from ..simulation import Run
+from ._source import recorded
+
+SAWTOOTH = 3
+"""Corrections in a recording that make a sawtooth; one jump may be anything."""
+
+
+def shows_sawtooth(runs: Iterable[Run]) -> bool:
+    """Whether in one of the recordings all channels jump together again and again, which a plate
+    cannot do: an infrared camera that corrects itself does.
+
+    **Arguments:**
+
+    - `runs`: of recordings, by a twin that repeats them well.
+    """
+    return any(len(_corrections(run)) >= SAWTOOTH for run in runs)
+
+
+def _corrections(run: Run) -> tuple[float, ...]:
+    difference = recorded(run.experiment) - run.temperatures
+    complete = np.isfinite(difference).all(axis=1)
+    return detect_events(run.time[complete], difference[complete].mean(axis=1))
