@@ -5,7 +5,15 @@ import pytest
 from scipy.stats import pearsonr
 
 import jaxtwin as jt
-from jaxtwin import Experiment, ParameterError, SimulationError, Twin, sensitivity, simulate
+from jaxtwin import (
+    Experiment,
+    ParameterError,
+    RecordingError,
+    SimulationError,
+    Twin,
+    sensitivity,
+    simulate,
+)
 
 NAMES = ["R_E", "R_pc", "R_Tez"]
 
@@ -68,6 +76,13 @@ def test_labels_and_saved_file(result: jt.Sensitivity, tmp_path):
     result.save(tmp_path / "sens.nc")
     with xarray.open_dataset(tmp_path / "sens.nc", engine="scipy") as saved:
         np.testing.assert_array_equal(saved["correlation"].values, result.correlation)
+
+
+@pytest.mark.parametrize("name", ["sens.csv", "sens.xlsx", "sens"])
+def test_an_ending_of_another_format_is_refused(result: jt.Sensitivity, tmp_path, name):
+    with pytest.raises(RecordingError, match=r"ending: found '.*', allowed is \.nc"):
+        result.save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_sample_of_salib_fits_its_problem(result: jt.Sensitivity):

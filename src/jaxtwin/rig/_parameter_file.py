@@ -20,7 +20,7 @@ from dataclasses import replace
 from typing import Any, NoReturn
 
 from .._errors import ParameterError
-from .._whole_file import write_whole_file
+from .._whole_file import check_ending, write_whole_file
 from ._bundled import read_toml
 from ._parameter import Parameter
 from ._problems import refuse, unknown
@@ -38,7 +38,7 @@ def write_parameters(
 
     **Arguments:**
 
-    - `path`: of the file; one that is there is replaced.
+    - `path`: of the file, .toml; one that is there is replaced.
     - `parameters`: with the values to write; `dataclasses.replace(parameter, value=...)` makes one
       with another value.
     - `recordings`: recording -> parameter -> value in the parameter's unit, for those that have a
@@ -46,8 +46,9 @@ def write_parameters(
     - `comment`: stands at the top of the file.
 
     **Raises:** `ParameterError` where a value is no finite number or outside its bounds, a
-    recording has an unknown parameter, or the file cannot be written.
+    recording has an unknown parameter, the ending is another, or the file cannot be written.
     """
+    check_ending(path, [".toml"], ParameterError)
     table = {parameter.name: parameter for parameter in parameters}
     source = os.fspath(path)
     for name, parameter in table.items():

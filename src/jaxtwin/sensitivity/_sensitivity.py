@@ -111,9 +111,9 @@ class Sensitivity:
         }
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes everything as netCDF, as a whole or not at all.
+        """Writes everything as netCDF (.nc), as a whole or not at all.
 
-        **Raises:** `RecordingError` where the file cannot be written.
+        **Raises:** `RecordingError` for another ending, and where the file cannot be written.
         """
         from ..io import save_dataset
 
