@@ -10,7 +10,8 @@ from ..io import Experiment
 from ..physics import Twin
 from ..simulation import simulate_batch
 from ._drawn import distinct_names, drawn_values, own_draws, paired_twins
-from ._indices import pearson, pearson_interval
+from ._indices import pearson, spearman
+from ._intervals import pearson_interval, spearman_interval
 from ._sampling import normal_draws
 from ._sensitivity import MEAN, Sensitivity
 
@@ -69,14 +70,16 @@ def sensitivity(
     cost = np.column_stack([column for _, column in columns])
     cost = np.column_stack([cost, cost.mean(axis=1)])
     table = np.column_stack(list(samples.values()))
-    correlation = pearson(cost[~failed], table[~failed])
+    counted = cost[~failed], table[~failed]
     return Sensitivity(
         rig=first.rig.name,
         names=tuple(values),
         values=np.array(list(values.values())),
         channels=(*distinct_names(name for name, _ in columns), MEAN),
-        correlation=correlation,
-        interval=pearson_interval(correlation, int((~failed).sum())),
+        correlation=pearson(*counted),
+        interval=pearson_interval(*counted),
+        rank_correlation=spearman(*counted),
+        rank_interval=spearman_interval(*counted),
         samples=table,
         cost=cost,
         failed=failed,

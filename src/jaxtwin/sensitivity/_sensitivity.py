@@ -26,7 +26,8 @@ class Sensitivity:
 
     - `rig`: name. `names`, `values`: of the parameters that were drawn, and what around.
     - `channels`: the recorded channels and "mean".
-    - `correlation`: Pearson's, `(channels, parameters)`; `interval`: its 95 % interval.
+    - `correlation`: Pearson's, `(channels, parameters)`; `interval`: its 95 % confidence interval.
+    - `rank_correlation`: Spearman's, of the ranks; `rank_interval`: its 95 % confidence interval.
     - `samples`: `(draws, parameters)`, in the parameters' units.
     - `cost`: mean squared error of each channel and their mean, `(draws, channels)`, K^2.
     - `failed`: draws that gave no finite temperatures; they do not count.
@@ -39,6 +40,8 @@ class Sensitivity:
     channels: tuple[str, ...]
     correlation: Float[np.ndarray, "channels parameters"]
     interval: Float[np.ndarray, "channels parameters 2"]
+    rank_correlation: Float[np.ndarray, "channels parameters"]
+    rank_interval: Float[np.ndarray, "channels parameters 2"]
     samples: Float[np.ndarray, "draws parameters"]
     cost: Float[np.ndarray, "draws channels"]
     failed: Bool[np.ndarray, " draws"]
