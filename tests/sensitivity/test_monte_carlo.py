@@ -1,8 +1,11 @@
 """The analysis on a short recording made by the twin itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy.stats import pearsonr
+from matplotlib import pyplot
+from scipy.stats import kstest, pearsonr, truncnorm
 
 import jaxtwin as jt
 from jaxtwin import (
@@ -85,10 +88,65 @@ def test_an_ending_of_another_format_is_refused(result: jt.Sensitivity, tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_a_sample_of_salib_fits_its_problem(result: jt.Sensitivity):
+def test_salibs_problem_has_the_distribution_of_the_draws(twin: Twin):
+    """SALib takes truncnorm's bounds as lower and upper limit, mean and standard deviation, and
+    hands them to SciPy. A wide spread, so that the cut at 0 shows."""
+    drive = Experiment.schedule("0:0.8", duration=4, step=2.0, cells=2, channels=("T11",))
+    made = replace(drive, temperatures=np.array([[15.0], [16.0], [17.0]]))
+    wide = sensitivity(twin, made, draws=2000, spread=0.7, parameters=["R_E", "R_pc"])
+    problem = wide.to_salib()
+    assert problem["dists"] == ["truncnorm"] * problem["num_vars"]
+    for (low, high, mean, deviation), draws in zip(problem["bounds"], wide.samples.T, strict=True):
+        edges = ((low - mean) / deviation, (high - mean) / deviation)
+        promised = truncnorm(*edges, loc=mean, scale=deviation)
+        assert kstest(draws, promised.cdf).pvalue > 0.01
+        assert promised.ppf([0.0, 1.0]).tolist() == [0.0, high]
+
+
+@pytest.mark.salib
+def test_salib_samples_the_problem_within_its_limits(result: jt.Sensitivity):
+    """Total indices of x1 + x2 / 10 + 0 x3 in relative values: near 1, 0.01 and 0."""
+    from SALib.analyze import sobol as analyser
+    from SALib.sample import sobol as sampler
+
     problem = result.to_salib()
-    assert problem["num_vars"] == len(problem["names"]) == len(problem["bounds"]) == 3
-    np.testing.assert_allclose(problem["bounds"][0], [1.9675, 0.25 * 1.9675], rtol=1e-4)
+    problem["bounds"] = [
+        [low / mean, high / mean, 1.0, 3 * deviation / mean]
+        for low, high, mean, deviation in problem["bounds"]
+    ]
+    sample = sampler.sample(problem, 1024, calc_second_order=False, seed=1)
+    assert (sample > 0).all()
+    assert np.isfinite(sample).all()
+    outputs = sample @ np.array([1.0, 0.1, 0.0])
+    total = analyser.analyze(problem, outputs, calc_second_order=False, seed=1)["ST"]
+    np.testing.assert_allclose(total, [1 / 1.01, 0.01 / 1.01, 0.0], atol=0.02)
+
+
+def test_the_table_has_a_row_for_each_channel_and_parameter(result: jt.Sensitivity):
+    table = result.to_dataframe()
+    assert table.shape == (9, 6)
+    row = table.loc["TAM", "R_pc"]
+    place = result.channels.index("TAM"), result.names.index("R_pc")
+    assert row["correlation"] == result.correlation[place]
+    assert row["rank_correlation"] == result.rank_correlation[place]
+    assert (row["rank_lower"], row["rank_upper"]) == tuple(result.rank_interval[place])
+
+
+def test_told_are_those_whose_interval_leaves_zero_out(result: jt.Sensitivity):
+    for ranks, interval in ((False, result.interval), (True, result.rank_interval)):
+        low, high = interval[2].T
+        signs = {
+            n: 1 if a > 0 else -1 for n, a, b in zip(NAMES, low, high, strict=True) if a * b > 0
+        }
+        assert result.told(ranks=ranks) == signs
+    # The heat of the drive, which the recording has less of than the twin.
+    assert result.told(ranks=True)["R_E"] == 1
+
+
+def test_the_plot_has_a_column_for_each_parameter(result: jt.Sensitivity):
+    axes = result.plot()
+    assert len(axes.get_xticks()) == 3
+    pyplot.close(axes.figure)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from ._levenberg_marquardt import BoundedLevenbergMarquardt, LMState
 from ._many import match_many
 from ._match import checked_recordings, match
 from ._noise import Noise, noise_of
+from ._own_values import twin_for, unseen_twin
 from ._profile import Profile, profile
 from ._settle import WARM_UP, settle
 
@@ -27,4 +28,6 @@ __all__ = [
     "prediction_band",
     "profile",
     "settle",
+    "twin_for",
+    "unseen_twin",
 ]

@@ -97,7 +97,7 @@ def _interval(
     many draws.
     """
     draws = len(y)
-    unknown = ~(y.any(axis=0)[:, None] & x.any(axis=0)[None, :])
+    unknown = ~np.outer(np.any(y, axis=0), np.any(x, axis=0))
     if draws < 4:
         return np.stack([-np.ones(unknown.shape), np.ones(unknown.shape)], axis=-1)
     half = np.empty(unknown.shape)

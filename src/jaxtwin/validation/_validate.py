@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import MatchError
 from ..io import Experiment
-from ..matching import WARM_UP, Fit, checked_recordings, match, settle
+from ..matching import WARM_UP, Fit, checked_recordings, match, settle, unseen_twin
 from ..physics import Twin
 from ..simulation import Run, simulate
 from ._validation import Prediction, Validation
@@ -41,7 +41,7 @@ def validate(
     **Raises:** `MatchError` where a recording is too short for that or has no temperatures;
     `SimulationError` for recordings of another rig.
     """
-    twin, known = _rest(fitted) if isinstance(fitted, Fit) else (fitted, None)
+    twin, known = unseen_twin(fitted) if isinstance(fitted, Fit) else (fitted, None)
     own = known if own is None else list(own)
     several = _listed(recordings)
     names = checked_recordings(twin, several)
@@ -109,16 +109,9 @@ def leave_one_out(
     for out, name in enumerate(names):
         others = [one for number, one in enumerate(several) if number != out]
         fit = match(twin, others, **_without(name, options))
-        matched, own = _rest(fit)
+        matched, own = unseen_twin(fit)
         made.append(_predict(name, matched, several[out], warm_up, own, fit))
     return Validation(twin.rig.name, "each predicted by a match to the others", tuple(made))
-
-
-def _rest(fit: Fit) -> tuple[Twin, list[str]]:
-    """The twin of a fit for a recording that is not among its own, and the values that it needs
-    from there; until then their mean."""
-    own = {row.name: row.value for row in fit.parameters if row.free and row.scope == "recording"}
-    return fit.twin.with_parameters(own), list(own)
 
 
 def _predict(
