@@ -70,11 +70,12 @@ def told_text(few: Sensitivity, many: Sensitivity) -> str:
     with few draws and with many, and where the two disagree."""
     early, late = few.told(), many.told()
     changed = [name for name in early if name not in late or late[name] != early[name]]
-    sentences = [
+    first = (
         "Parameters whose correlation with the mean of all channels can be told from chance, with "
         f"its sign: of {_grouped(len(few.samples))} draws, {_named(early)}; of "
         f"{_grouped(len(many.samples))} draws, {_named(late)}."
-    ]
+    )
+    sentences = [first]
     if changed:
         sentences.append(f"The many draws do not confirm {', '.join(changed)}.")
     sentences.append(
