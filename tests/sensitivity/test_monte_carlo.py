@@ -145,7 +145,7 @@ def test_told_are_those_whose_interval_leaves_zero_out(result: jt.Sensitivity):
 def test_the_plot_has_a_column_for_each_parameter(result: jt.Sensitivity):
     axes = result.plot()
     assert len(axes.get_xticks()) == 3
-    pyplot.close(axes.figure)
+    pyplot.close("all")
 
 
 @pytest.mark.parametrize(
