@@ -1,5 +1,6 @@
 """What all tests share: shape checks, reproducible examples, float64 on request."""
 
+import importlib.util
 import os
 import shutil
 from collections.abc import Iterator
@@ -35,11 +36,23 @@ def float64() -> Iterator[None]:
 PROGRAMS = {"ngspice": "ngspice", "mosquitto": "mosquitto", "compiler": "c++"}
 """Marker -> the program that its tests need."""
 
+MODULES = {"salib": "SALib"}
+"""Marker -> the Python module that its tests need."""
+
+
+def found() -> dict[str, str | None]:
+    """Marker -> where its program or module is, None where it is not installed."""
+    places = {marker: shutil.which(program) for marker, program in PROGRAMS.items()}
+    for marker, module in MODULES.items():
+        spec = importlib.util.find_spec(module)
+        places[marker] = spec and spec.origin
+    return places
+
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leaves out what needs a program that is not installed; it counts as deselected."""
-    for marker, program in PROGRAMS.items():
-        if shutil.which(program):
+    """Leaves out what needs a program or module that is not installed; it counts as deselected."""
+    for marker, place in found().items():
+        if place:
             continue
         left_out = [item for item in items if item.get_closest_marker(marker)]
         config.hook.pytest_deselected(items=left_out)
@@ -47,8 +60,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_report_header() -> list[str]:
-    """Says at the top which programs are there."""
+    """Says at the top which programs and modules are there."""
     return [
-        f"{program}: {shutil.which(program) or 'not installed, its tests do not run'}"
-        for program in PROGRAMS.values()
+        f"{(PROGRAMS | MODULES)[marker]}: {place or 'not installed, its tests do not run'}"
+        for marker, place in found().items()
     ]

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +19,13 @@ from jaxtwin import (
     Twin,
     bundled_rigs,
     load_rig,
+    read_parameters,
     read_recording,
     validate,
     write_recording,
 )
 from jaxtwin.cli import app, run
-from jaxtwin.commands._sources import find_recording
+from jaxtwin.commands._sources import find_recording, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
 
 COMMANDS = [
@@ -289,6 +291,20 @@ def test_match_saves_what_the_other_commands_take(minute, capsys):
     assert len(json.loads(printed(capsys))["ranking"]) == 16
     with xarray.open_dataset("s.nc") as stored:
         assert stored.sizes["draw"] == 8
+
+
+def test_an_unseen_recording_gets_its_own_ambient_and_not_that_of_another():
+    """The synthetic truth names its three recordings; under another name the room of B is found
+    from its first minute, and a drive without temperatures gets the shared value."""
+    rig, recording = load_rig("paper-2024"), read_recording(synthetic_recordings()[1])
+    drive = Experiment.schedule("0:0.5", duration=10, cells=2)
+    unseen = replace(recording, name="unseen")
+    twins = open_twins(rig, None, synthetic_truth(), [recording, unseen, drive])
+    known, found, shared = (float(twin.parameters["T_amb"]) for twin in twins)
+    assert known == read_parameters(synthetic_truth(), rig, "synthetic-B")["T_amb"]
+    assert found == pytest.approx(known, abs=0.3)
+    assert shared == read_parameters(synthetic_truth(), rig)["T_amb"]
+    assert abs(shared - known) > 0.5
 
 
 def test_validate_predicts_after_the_warm_up_and_draws_the_residuals(minute, capsys):

@@ -1,10 +1,32 @@
-"""Writing a file as a whole or not at all."""
+"""Writing a file as a whole or not at all, in the format that its ending says."""
 
 import os
 import uuid
+from collections.abc import Sequence
 from pathlib import Path
 
 from ._errors import JaxtwinError
+
+
+def check_ending(
+    path: str | os.PathLike[str], endings: Sequence[str], error: type[JaxtwinError]
+) -> str:
+    """Refuses a path whose ending promises another format than the one that would be written.
+
+    **Arguments:**
+
+    - `endings`: that are allowed, in lower case and with their dot.
+
+    **Returns:** the ending, in lower case.
+
+    **Raises:** `error` for any other.
+    """
+    ending = Path(path).suffix
+    if ending.lower() not in endings:
+        raise error(
+            f"{os.fspath(path)}: ending: found {ending!r}, allowed is {' or '.join(endings)}"
+        )
+    return ending.lower()
 
 
 def write_whole_file(

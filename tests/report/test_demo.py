@@ -12,11 +12,12 @@ from small_results import analysis, fit, recordings
 
 import jaxtwin.report._match as report_match
 import jaxtwin.report._sensitivity as report_sensitivity
-from jaxtwin import Experiment, RecordingError, load_rig
+from jaxtwin import Experiment, RecordingError, Sensitivity, load_rig
 from jaxtwin.matching._interval import interval_text
 from jaxtwin.report import _demo, write_demo
 from jaxtwin.report._checks import check_table
 from jaxtwin.report._corrections import shows_sawtooth
+from jaxtwin.report._sensitivity import told_text
 from jaxtwin.report._source import Source, find_source
 
 PICTURES = {
@@ -103,6 +104,26 @@ def test_remarks_of_a_match_stand_in_its_tables():
     assert open_[-1] == "!not determined, correlated"
     (told,) = [row for row in table.rows if row[0] == "R_E"]
     assert told[5] == interval_text(fit().parameter("R_E").interval)
+
+
+def test_what_few_draws_tell_is_compared_by_name_and_sign():
+    """Two sets of one size that differ: a parameter lost, one with the other sign."""
+    names = ("R_pc", "R_E", "R_Tez", "R_Tfx")
+    row = analysis().channels.index("mean")
+
+    def telling(signs: dict[str, int]) -> Sensitivity:
+        interval = np.tile([-0.5, 0.5], (len(analysis().channels), 4, 1))
+        for name, sign in signs.items():
+            interval[row, names.index(name)] += sign
+        return replace(analysis(), names=names, interval=interval, rank_interval=interval)
+
+    text = told_text(telling({"R_pc": -1, "R_Tez": -1}), telling({"R_pc": -1, "R_Tez": 1}))
+    assert "of 20 draws, R_pc (−), R_Tez (−)" in text
+    assert "of 20 draws, R_pc (−), R_Tez (+)" in text
+    assert "do not confirm R_Tez." in text
+    text = told_text(telling({"R_pc": -1, "R_E": 1}), telling({"R_pc": -1, "R_Tfx": 1}))
+    assert "do not confirm R_E." in text
+    assert "do not confirm" not in told_text(telling({}), telling({"R_pc": 1}))
 
 
 def test_the_report_holds_pictures_numbers_fits_and_says_what_it_was_done_on(tmp_path, monkeypatch):

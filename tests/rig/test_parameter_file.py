@@ -157,6 +157,12 @@ def test_nothing_is_written_for_an_unknown_parameter_of_a_recording(rig, tmp_pat
     assert not path.exists()
 
 
+def test_an_ending_of_another_format_is_refused(rig, tmp_path):
+    with pytest.raises(ParameterError, match=r"ending: found '\.json', allowed is \.toml"):
+        write_parameters(tmp_path / "fit.json", rig.parameters.values())
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_folder_that_is_not_there_is_told(rig, tmp_path):
     with pytest.raises(ParameterError, match="cannot be written"):
         write_parameters(tmp_path / "no" / "fit.toml", rig.parameters.values())

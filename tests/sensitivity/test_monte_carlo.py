@@ -1,11 +1,22 @@
 """The analysis on a short recording made by the twin itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy.stats import pearsonr
+from matplotlib import pyplot
+from scipy.stats import kstest, pearsonr, truncnorm
 
 import jaxtwin as jt
-from jaxtwin import Experiment, ParameterError, SimulationError, Twin, sensitivity, simulate
+from jaxtwin import (
+    Experiment,
+    ParameterError,
+    RecordingError,
+    SimulationError,
+    Twin,
+    sensitivity,
+    simulate,
+)
 
 NAMES = ["R_E", "R_pc", "R_Tez"]
 
@@ -70,10 +81,71 @@ def test_labels_and_saved_file(result: jt.Sensitivity, tmp_path):
         np.testing.assert_array_equal(saved["correlation"].values, result.correlation)
 
 
-def test_a_sample_of_salib_fits_its_problem(result: jt.Sensitivity):
+@pytest.mark.parametrize("name", ["sens.csv", "sens.xlsx", "sens"])
+def test_an_ending_of_another_format_is_refused(result: jt.Sensitivity, tmp_path, name):
+    with pytest.raises(RecordingError, match=r"ending: found '.*', allowed is \.nc"):
+        result.save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_salibs_problem_has_the_distribution_of_the_draws(twin: Twin):
+    """SALib takes truncnorm's bounds as lower and upper limit, mean and standard deviation, and
+    hands them to SciPy. A wide spread, so that the cut at 0 shows."""
+    drive = Experiment.schedule("0:0.8", duration=4, step=2.0, cells=2, channels=("T11",))
+    made = replace(drive, temperatures=np.array([[15.0], [16.0], [17.0]]))
+    wide = sensitivity(twin, made, draws=2000, spread=0.7, parameters=["R_E", "R_pc"])
+    problem = wide.to_salib()
+    assert problem["dists"] == ["truncnorm"] * problem["num_vars"]
+    for (low, high, mean, deviation), draws in zip(problem["bounds"], wide.samples.T, strict=True):
+        edges = ((low - mean) / deviation, (high - mean) / deviation)
+        promised = truncnorm(*edges, loc=mean, scale=deviation)
+        assert kstest(draws, promised.cdf).pvalue > 0.01
+        np.testing.assert_allclose(promised.ppf([0.0, 1.0]), [0.0, high], atol=1e-12)
+
+
+@pytest.mark.salib
+def test_salib_samples_the_problem_within_its_limits(result: jt.Sensitivity):
+    """Total indices of x1 + x2 / 10 + 0 x3 in relative values: near 1, 0.01 and 0."""
+    from SALib.analyze import sobol as analyser
+    from SALib.sample import sobol as sampler
+
     problem = result.to_salib()
-    assert problem["num_vars"] == len(problem["names"]) == len(problem["bounds"]) == 3
-    np.testing.assert_allclose(problem["bounds"][0], [1.9675, 0.25 * 1.9675], rtol=1e-4)
+    problem["bounds"] = [
+        [low / mean, high / mean, 1.0, 3 * deviation / mean]
+        for low, high, mean, deviation in problem["bounds"]
+    ]
+    sample = sampler.sample(problem, 1024, calc_second_order=False, seed=1)
+    assert (sample > 0).all()
+    assert np.isfinite(sample).all()
+    outputs = sample @ np.array([1.0, 0.1, 0.0])
+    total = analyser.analyze(problem, outputs, calc_second_order=False, seed=1)["ST"]
+    np.testing.assert_allclose(total, [1 / 1.01, 0.01 / 1.01, 0.0], atol=0.02)
+
+
+def test_the_table_has_a_row_for_each_channel_and_parameter(result: jt.Sensitivity):
+    table = result.to_dataframe()
+    assert table.shape == (9, 6)
+    row = table.loc["TAM", "R_pc"]
+    place = result.channels.index("TAM"), result.names.index("R_pc")
+    assert row["correlation"] == result.correlation[place]
+    assert row["rank_correlation"] == result.rank_correlation[place]
+    assert (row["rank_lower"], row["rank_upper"]) == tuple(result.rank_interval[place])
+
+
+def test_told_are_those_whose_interval_leaves_zero_out(result: jt.Sensitivity):
+    for ranks, interval in ((False, result.interval), (True, result.rank_interval)):
+        low, high = interval[2].T
+        signs = np.where(low > 0, 1, np.where(high < 0, -1, 0))
+        expected = {name: sign for name, sign in zip(NAMES, signs, strict=True) if sign}
+        assert result.told(ranks=ranks) == expected
+    # The heat of the drive, which the recording has less of than the twin.
+    assert result.told(ranks=True)["R_E"] == 1
+
+
+def test_the_plot_has_a_column_for_each_parameter(result: jt.Sensitivity):
+    axes = result.plot()
+    assert len(axes.get_xticks()) == 3
+    pyplot.close("all")
 
 
 @pytest.mark.parametrize(

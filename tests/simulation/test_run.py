@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxtwin import Experiment, RecordingError, Run, SimulationError, Twin
+from jaxtwin import Experiment, RecordingError, Run, SimulationError, Twin, read_recording
 from jaxtwin.simulation import fit_percent, rmse
 
 TIME = np.arange(31.0)
@@ -91,6 +91,22 @@ def test_saved_data_set_reads_back_the_same(run, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
     with xarray.open_dataset(tmp_path / "run.nc", engine="scipy") as data:
         xarray.testing.assert_identical(data.load(), run.to_xarray())
+
+
+def test_a_table_of_what_the_camera_reads_is_a_recording(run, tmp_path):
+    """With the ending .csv; every number reads back the same to its last bit."""
+    run.save(tmp_path / "run.csv")
+    table = read_recording(tmp_path / "run.csv")
+    np.testing.assert_array_equal(table.temperatures, run.temperatures)
+    np.testing.assert_array_equal(table.duty, run.experiment.duty)
+    assert (table.channels, table.ambient) == (run.channels, run.experiment.ambient)
+
+
+@pytest.mark.parametrize("name", ["run.xlsx", "run", "run.nc.gz"])
+def test_an_ending_of_another_format_is_refused(run, tmp_path, name):
+    with pytest.raises(RecordingError, match=r"ending: found '.*', allowed is \.nc or \.csv"):
+        run.save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
 
 
 def test_file_that_cannot_be_written_is_an_error(run, tmp_path):

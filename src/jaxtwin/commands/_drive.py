@@ -26,7 +26,7 @@ def drive(
         float, typer.Option(metavar="S", help="Of the schedule, in the time of the rig.")
     ] = 1000.0,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Record at the same time.")
+        Path | None, typer.Option("--out", metavar="FILE", help="Record at the same time, .db.")
     ] = None,
     silence: Annotated[
         float, typer.Option(min=0.1, metavar="S", help="Stop after so long without data.")
@@ -39,7 +39,7 @@ def drive(
     from ..live import drive as run_plan
     from ..rig import load_rig
 
-    check_output(out)
+    check_output(out, ".db")
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)
         plan = Experiment.schedule(duty, duration=duration, cells=len(loaded.cells))

@@ -16,9 +16,7 @@ from ._signals import stop_signals
 def record(
     rig: RigArgument,
     link: LinkOption,
-    out: Annotated[
-        Path, typer.Option("--out", metavar="FILE", help="The recording, session.db say.")
-    ],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The recording, .db.")],
     append: Annotated[bool, typer.Option("--append", help="Go on with a recording.")] = False,
     frames: Annotated[bool, typer.Option("--frames", help="Keep camera frames too.")] = False,
     duration: Annotated[
@@ -34,7 +32,7 @@ def record(
     from ..live import Recorder, Session, connect, opener, report
     from ..rig import load_rig
 
-    check_output(out)
+    check_output(out, ".db")
     check_json(json)
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)

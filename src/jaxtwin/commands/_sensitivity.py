@@ -15,7 +15,7 @@ from ._options import (
 )
 from ._output import aligned, check_json, check_output, say, write_json
 from ._progress import show_progress
-from ._sources import open_recordings, open_twin
+from ._sources import open_recordings, open_twins
 
 if TYPE_CHECKING:
     from ..sensitivity import Sensitivity
@@ -44,7 +44,7 @@ def sensitivity(
         progress.step("reading")
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
-        twins = [open_twin(loaded, set_name, parameters, one.name) for one in experiments]
+        twins = open_twins(loaded, set_name, parameters, experiments)
         done, total = 0, draws * len(experiments)
 
         def tell(finished: int) -> None:
@@ -63,13 +63,19 @@ def sensitivity(
 
 
 def _table(result: "Sensitivity") -> str:
-    row = result.channels.index("mean")
-    rows = [("parameter", "correlation", "95 % interval")]
+    table = result.to_dataframe().loc["mean"]
+    rows = [("parameter", "correlation", "95 % interval", "rank correlation", "95 % interval")]
     for name in result.ranking():
-        column = result.names.index(name)
-        low, high = result.interval[row, column]
-        index = result.correlation[row, column]
-        rows.append((name, f"{index:+.3f}", f"{low:+.3f} ... {high:+.3f}"))
+        row = table.loc[name]
+        rows.append(
+            (
+                name,
+                f"{row.correlation:+.3f}",
+                f"{row.lower:+.3f} ... {row.upper:+.3f}",
+                f"{row.rank_correlation:+.3f}",
+                f"{row.rank_lower:+.3f} ... {row.rank_upper:+.3f}",
+            )
+        )
     failed = int(result.failed.sum())
     tail = f"\n{failed} of {len(result.failed)} draws failed and do not count" if failed else ""
     return f"correlation with the mean cost of all channels\n{aligned(rows)}{tail}"

@@ -55,7 +55,7 @@ def simulate(
         run = twin.simulate(experiment)
         numbers = _numbers(run, time.perf_counter() - began)
         progress.step(f"writing {out}")
-        _save(run, out)
+        run.save(out)
     say(_table(run, numbers), json)
     write_json(json, numbers)
 
@@ -94,20 +94,3 @@ def _table(run: "Run", numbers: dict[str, Any]) -> str:
     if fits:
         text += f"\nmean fit {numbers['mean_fit_percent']:.1f} %, RMSE {numbers['rmse_K']:.2f} K"
     return text
-
-
-def _save(run: "Run", out: Path) -> None:
-    from ..io import Experiment, write_recording
-
-    if out.suffix.lower() == ".nc":
-        run.save(out)
-        return
-    experiment = run.experiment
-    simulated = Experiment(
-        experiment.time,
-        experiment.duty,
-        channels=run.channels,
-        temperatures=run.temperatures,
-        ambient=experiment.ambient,
-    )
-    write_recording(simulated, out)

@@ -41,6 +41,30 @@ def open_twin(
     return Twin(rig, values)
 
 
+def open_twins(
+    rig: "Rig", set_name: str | None, parameters: Path | None, experiments: "Sequence[Experiment]"
+) -> "list[Twin]":
+    """The twin of each experiment, with its own values where the parameter file has some.
+
+    Of a recording whose name the file does not have they are estimated from its first minute, as
+    `jaxtwin.validate` does; a drive without recorded temperatures gets the file's shared values.
+
+    **Raises:** as `open_twin`; `MatchError` where a recording is too short for that.
+    """
+    from ..matching import estimate_initial_conditions
+    from ..rig import recording_parameters
+
+    known = {} if parameters is None else recording_parameters(parameters)
+    own = list(dict.fromkeys(name for names in known.values() for name in names))
+    twins = []
+    for one in experiments:
+        twin = open_twin(rig, set_name, parameters, one.name or None)
+        if own and one.name not in known and one.temperatures is not None:
+            twin = estimate_initial_conditions(twin, one, own=own).twin
+        twins.append(twin)
+    return twins
+
+
 def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":
     """Reads recordings of a rig.
 

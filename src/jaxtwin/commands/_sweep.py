@@ -8,7 +8,7 @@ import typer
 from ._options import JsonOption, ParametersOption, RigArgument, SeedOption, SetOption
 from ._output import check_json, say, write_json
 from ._progress import show_progress
-from ._sources import open_recordings, open_twin
+from ._sources import open_recordings, open_twins
 
 if TYPE_CHECKING:
     from ..io import Experiment
@@ -85,7 +85,7 @@ def sweep(
         progress.step("reading")
         loaded = load_rig(rig)
         experiments = _experiments(loaded, recordings or [], duty, duration)
-        twins = [open_twin(loaded, set_name, parameters, one.name or None) for one in experiments]
+        twins = open_twins(loaded, set_name, parameters, experiments)
         if coordinator is not None:
             progress.step(f"meeting at {coordinator}")
             part = meet(coordinator, processes, process_id)

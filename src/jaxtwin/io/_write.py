@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._errors import RecordingError
-from .._whole_file import write_whole_file
+from .._whole_file import check_ending, write_whole_file
 from ._csv import format_csv
 from ._experiment import Experiment
 from ._netcdf import format_netcdf
@@ -52,8 +52,9 @@ def write_recording(experiment: Experiment, path: str | Path) -> Path:
 def save_dataset(dataset: "xarray.Dataset", path: str | os.PathLike[str]) -> None:
     """Writes labelled results as netCDF 3, which needs no extra library to write or read.
 
-    **Raises:** `RecordingError` where the file cannot be written.
+    **Raises:** `RecordingError` for another ending than .nc, and where the file cannot be written.
     """
+    check_ending(path, [".nc"], RecordingError)
     plain = dataset.copy()
     for name, variable in plain.variables.items():
         # netCDF 3 has no booleans.

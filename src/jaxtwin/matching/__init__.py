@@ -7,6 +7,7 @@ from ._levenberg_marquardt import BoundedLevenbergMarquardt, LMState
 from ._many import match_many
 from ._match import checked_recordings, match
 from ._noise import Noise, noise_of
+from ._own_values import twin_for
 from ._profile import Profile, profile
 
 __all__ = [
@@ -28,4 +29,5 @@ __all__ = [
     "noise_of",
     "prediction_band",
     "profile",
+    "twin_for",
 ]

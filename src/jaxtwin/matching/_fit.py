@@ -254,9 +254,9 @@ class Fit:
         }
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the fitted parameters in the form of a rig file's parameter table.
+        """Writes the fitted parameters in the form of a rig file's parameter table (.toml).
 
-        **Raises:** `ParameterError` where the file cannot be written.
+        **Raises:** `ParameterError` for another ending, and where the file cannot be written.
         """
         write_parameters(
             path,

@@ -144,9 +144,7 @@ def estimate_initial_conditions(
 def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin, list[str]]:
     """A twin with the mean of what recordings had, and which of its values to estimate."""
     if isinstance(fitted, Fit):
-        matched = {r.name: r.value for r in fitted.parameters if r.scope == "recording"}
-        twin = fitted.twin.with_parameters(matched)
-        names = [row.name for row in fitted.parameters if row.free and row.name in matched]
+        twin, names = mean_twin(fitted)
     else:
         twin = fitted
         names = [name for name, row in twin.rig.parameters.items() if row.scope == "recording"]
@@ -156,6 +154,12 @@ def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin
     if not isinstance(fitted, Fit):
         twin = twin.with_parameters({n: twin.rig.parameters[n].value for n in drifts & {*names}})
     return twin, [name for name in names if name not in drifts]
+
+
+def mean_twin(fit: Fit) -> tuple[Twin, list[str]]:
+    """The twin of a fit with the mean of what its recordings have of their own, and what that is."""
+    own = {row.name: row.value for row in fit.parameters if row.free and row.scope == "recording"}
+    return fit.twin.with_parameters(own), list(own)
 
 
 def _names(*values: Value | None) -> frozenset[str]:

@@ -1,8 +1,7 @@
 """Step 4 of the paper, its second half: which parameters matter."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-import numpy as np
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 
@@ -23,9 +22,6 @@ def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitiv
     """
     few, many = (_draw(fit, count, progress) for count in (FEW, draws))
     rate = draws * len(fit.experiments) / many.wall_time
-    row = many.channels.index("mean")
-    told = np.count_nonzero((many.interval[row] > 0).all(1) | (many.interval[row] < 0).all(1))
-    told_few = np.count_nonzero((few.interval[row] > 0).all(1) | (few.interval[row] < 0).all(1))
     section = Section(
         "Sensitivity: which parameters matter",
         (
@@ -34,8 +30,7 @@ def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitiv
                 "with a standard deviation of 25 % and kept positive, and each draw is simulated "
                 "through all recordings. The index is the Pearson correlation of a parameter with "
                 "a channel's mean squared error, as in the paper; lines are its 95 % interval. "
-                f"With the paper's {FEW} draws, {told_few} of {len(many.names)} parameters can be "
-                f"told from chance; with {_grouped(draws)}, {told}."
+                + told_text(few, many)
             ),
             Numbers(
                 (
@@ -70,6 +65,32 @@ def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitiv
     return section, few, many
 
 
+def told_text(few: Sensitivity, many: Sensitivity) -> str:
+    """Which parameters' correlations with the mean cost can be told from chance, by name and sign,
+    with few draws and with many, and where the two disagree."""
+    early, late = few.told(), many.told()
+    changed = [name for name in early if name not in late or late[name] != early[name]]
+    first = (
+        "Parameters whose correlation with the mean of all channels can be told from chance, with "
+        f"its sign: of {_grouped(len(few.samples))} draws, {_named(early)}; of "
+        f"{_grouped(len(many.samples))} draws, {_named(late)}."
+    )
+    sentences = [first]
+    if changed:
+        sentences.append(f"The many draws do not confirm {', '.join(changed)}.")
+    sentences.append(
+        "Costs have heavy tails, on which Pearson's correlation rests. By Spearman's rank "
+        f"correlation, for which every draw counts alike, of {_grouped(len(many.samples))} draws: "
+        f"{_named(many.told(ranks=True))}."
+    )
+    return " ".join(sentences)
+
+
+def _named(told: Mapping[str, int]) -> str:
+    words = [f"{name} ({'+' if sign > 0 else '−'})" for name, sign in told.items()]
+    return ", ".join(words) or "none"
+
+
 def _draw(fit: Fit, draws: int, progress: Progress) -> Sensitivity:
     progress.step(f"sensitivity, {_grouped(draws)} draws")
     done, total = 0, draws * len(fit.experiments)
@@ -79,7 +100,7 @@ def _draw(fit: Fit, draws: int, progress: Progress) -> Sensitivity:
         done += finished
         progress.news(f"{_grouped(done)} of {_grouped(total)} simulations")
 
-    return sensitivity(list(fit.twins.values()), fit.experiments, draws=draws, on_progress=tell)
+    return sensitivity(fit, draws=draws, on_progress=tell)
 
 
 @styled

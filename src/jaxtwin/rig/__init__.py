@@ -8,7 +8,12 @@ from ._datasheet import Datasheet, load_module
 from ._driver import Driver
 from ._load import load_rig
 from ._parameter import Parameter
-from ._parameter_file import parameters_toml, read_parameters, write_parameters
+from ._parameter_file import (
+    parameters_toml,
+    read_parameters,
+    recording_parameters,
+    write_parameters,
+)
 from ._plate import AMBIENT, FILM_REFERENCE, Plate
 from ._rig import Rig
 from ._value import Value
@@ -34,5 +39,6 @@ __all__ = [
     "load_rig",
     "parameters_toml",
     "read_parameters",
+    "recording_parameters",
     "write_parameters",
 ]

@@ -20,7 +20,7 @@ from dataclasses import replace
 from typing import Any, NoReturn
 
 from .._errors import ParameterError
-from .._whole_file import write_whole_file
+from .._whole_file import check_ending, write_whole_file
 from ._bundled import read_toml
 from ._parameter import Parameter
 from ._problems import refuse, unknown
@@ -38,7 +38,7 @@ def write_parameters(
 
     **Arguments:**
 
-    - `path`: of the file; one that is there is replaced.
+    - `path`: of the file, .toml; one that is there is replaced.
     - `parameters`: with the values to write; `dataclasses.replace(parameter, value=...)` makes one
       with another value.
     - `recordings`: recording -> parameter -> value in the parameter's unit, for those that have a
@@ -46,8 +46,9 @@ def write_parameters(
     - `comment`: stands at the top of the file.
 
     **Raises:** `ParameterError` where a value is no finite number or outside its bounds, a
-    recording has an unknown parameter, or the file cannot be written.
+    recording has an unknown parameter, the ending is another, or the file cannot be written.
     """
+    check_ending(path, [".toml"], ParameterError)
     table = {parameter.name: parameter for parameter in parameters}
     source = os.fspath(path)
     for name, parameter in table.items():
@@ -118,6 +119,22 @@ def read_parameters(
             _refuse(source, field, unknown("parameter", name, table))
         values[name] = _value(source, field, name, {**table[name], "value": value}, rig)
     return values
+
+
+def recording_parameters(path: str | os.PathLike[str]) -> dict[str, tuple[str, ...]]:
+    """Which parameters have a value for each recording in a parameter file.
+
+    **Returns:** recording -> names, for the recordings in the file.
+
+    **Raises:** `ParameterError` where the file cannot be read or its recordings are no tables.
+    """
+    data, source = read_toml(path, ParameterError)
+    recordings = data.get("recordings", {})
+    if not isinstance(recordings, dict) or not all(
+        isinstance(own, dict) for own in recordings.values()
+    ):
+        _refuse(source, "recordings", "allowed are tables [recordings.NAME]")
+    return {name: tuple(own) for name, own in recordings.items()}
 
 
 def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:

@@ -1,7 +1,8 @@
 """Sensitivity analysis: which parameters matter, step 4 of the paper."""
 
 from ._drawn import distinct_names, drawn_values, own_draws, paired_twins
-from ._indices import pearson, pearson_interval
+from ._indices import pearson, spearman
+from ._intervals import pearson_interval, spearman_interval
 from ._monte_carlo import sensitivity
 from ._sampling import normal_draws
 from ._sensitivity import Sensitivity
@@ -16,4 +17,6 @@ __all__ = [
     "pearson",
     "pearson_interval",
     "sensitivity",
+    "spearman",
+    "spearman_interval",
 ]

@@ -7,26 +7,40 @@ from jaxtyping import Float
 
 from .._errors import ParameterError, SimulationError
 from ..io import Experiment
+from ..matching import Fit, twin_for
 from ..physics import Twin
 
 
 def paired_twins(
     study: str,
-    twin: Twin | Sequence[Twin],
-    experiments: Experiment | Sequence[Experiment],
+    twin: Twin | Fit | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment] | None,
 ) -> tuple[list[Twin], list[Experiment]]:
     """One twin for each experiment.
 
     **Arguments:**
 
     - `study`: what asks, for its errors.
-    - `twin`: one for all experiments, or one each.
-    - `experiments`: one or several.
+    - `twin`: one for all experiments, one each, or a fit, which has one for each: see
+      `jaxtwin.matching.twin_for`.
+    - `experiments`: one or several; None for those of the fit.
 
-    **Raises:** `SimulationError` where their numbers differ, there are none, or the twins' rigs do.
+    **Raises:** `SimulationError` where their numbers differ, there are none, or the twins' rigs do;
+    `MatchError` where a recording that the fit has not seen is too short to take its own values
+    from.
     """
+    if experiments is None:
+        if not isinstance(twin, Fit):
+            raise SimulationError(
+                f"{study}: experiments: found none, allowed is one or several; only a fit brings "
+                "its own"
+            )
+        experiments = twin.experiments
     recordings = [experiments] if isinstance(experiments, Experiment) else list(experiments)
-    twins = [twin] * len(recordings) if isinstance(twin, Twin) else list(twin)
+    if isinstance(twin, Fit):
+        twins = [twin_for(twin, one) for one in recordings]
+    else:
+        twins = [twin] * len(recordings) if isinstance(twin, Twin) else list(twin)
     if not recordings or len(twins) != len(recordings):
         raise SimulationError(
             f"{study}: found {len(twins)} twins for {len(recordings)} experiments, allowed is one "

@@ -2,24 +2,32 @@
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import rankdata
 
 
 def pearson(
     outputs: Float[np.ndarray, "draws outputs"], samples: Float[np.ndarray, "draws parameters"]
 ) -> Float[np.ndarray, "outputs parameters"]:
     """Pearson correlation of each output with each parameter; 0 where one of them is constant."""
-    y = outputs - outputs.mean(axis=0)
-    x = samples - samples.mean(axis=0)
-    lengths = np.linalg.norm(y, axis=0)[:, None] * np.linalg.norm(x, axis=0)[None, :]
-    return np.divide(y.T @ x, lengths, out=np.zeros(lengths.shape), where=lengths > 0)
+    return standardised(outputs).T @ standardised(samples) / len(samples)
 
 
-def pearson_interval(
-    correlation: Float[np.ndarray, "*shape"], draws: int
-) -> Float[np.ndarray, "*shape 2"]:
-    """95 % interval of a correlation, by Fisher's z transform; -1 to 1 below four draws."""
-    if draws < 4:
-        return np.stack([-np.ones_like(correlation), np.ones_like(correlation)], axis=-1)
-    z = np.arctanh(np.clip(correlation, -1 + 1e-12, 1 - 1e-12))
-    half = 1.959963984540054 / np.sqrt(draws - 3)
-    return np.tanh(np.stack([z - half, z + half], axis=-1))
+def spearman(
+    outputs: Float[np.ndarray, "draws outputs"], samples: Float[np.ndarray, "draws parameters"]
+) -> Float[np.ndarray, "outputs parameters"]:
+    """Spearman rank correlation of each output with each parameter; 0 where one is constant."""
+    return pearson(ranks(outputs), ranks(samples))
+
+
+def ranks(values: Float[np.ndarray, "draws columns"]) -> Float[np.ndarray, "draws columns"]:
+    """Ranks in each column, from 0 to 1; equal values share their mean rank."""
+    return (rankdata(values, axis=0) - 0.5) / len(values)
+
+
+def standardised(
+    values: Float[np.ndarray, "draws columns"],
+) -> Float[np.ndarray, "draws columns"]:
+    """Columns with mean 0 and standard deviation 1; 0 in those that are constant."""
+    centred = np.where(np.ptp(values, axis=0) > 0, values - values.mean(axis=0), 0.0)
+    deviation = np.sqrt(np.mean(centred**2, axis=0))
+    return np.divide(centred, deviation, out=np.zeros_like(centred), where=deviation > 0)

@@ -9,6 +9,15 @@ from scipy.special import ndtr, ndtri
 BLOCK = 1024
 """Draws made from one state of the generator; a part of a long sweep starts at its block."""
 
+FARTHEST = float(ndtri(1 - 2.0**-53))
+"""The largest normal score that a uniform number of float64 gives, 8.2 standard deviations."""
+
+
+def limits(value: float, spread: float) -> tuple[float, float]:
+    """Between which `normal_draws` draws a parameter around a value: from 0 outwards."""
+    farthest = value * (1 + spread * FARTHEST)
+    return min(0.0, farthest), max(0.0, farthest)
+
 
 def normal_draws(
     values: Mapping[str, float], spread: float, seed: int, stop: int, start: int = 0

@@ -2,14 +2,16 @@
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from .._errors import ParameterError
+from ._sampling import limits
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
     from matplotlib.axes import Axes
 
@@ -26,7 +28,8 @@ class Sensitivity:
 
     - `rig`: name. `names`, `values`: of the parameters that were drawn, and what around.
     - `channels`: the recorded channels and "mean".
-    - `correlation`: Pearson's, `(channels, parameters)`; `interval`: its 95 % interval.
+    - `correlation`: Pearson's, `(channels, parameters)`; `interval`: its 95 % confidence interval.
+    - `rank_correlation`: Spearman's, of the ranks; `rank_interval`: its 95 % confidence interval.
     - `samples`: `(draws, parameters)`, in the parameters' units.
     - `cost`: mean squared error of each channel and their mean, `(draws, channels)`, K^2.
     - `failed`: draws that gave no finite temperatures; they do not count.
@@ -39,6 +42,8 @@ class Sensitivity:
     channels: tuple[str, ...]
     correlation: Float[np.ndarray, "channels parameters"]
     interval: Float[np.ndarray, "channels parameters 2"]
+    rank_correlation: Float[np.ndarray, "channels parameters"]
+    rank_interval: Float[np.ndarray, "channels parameters 2"]
     samples: Float[np.ndarray, "draws parameters"]
     cost: Float[np.ndarray, "draws channels"]
     failed: Bool[np.ndarray, " draws"]
@@ -64,6 +69,32 @@ class Sensitivity:
         self._row(channel)
         return plot_tornado(self, channel, ax=ax)
 
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """The correlations of all channels and parameters as a matrix; a number stands where the
+        95 % interval leaves 0 out."""
+        from ..plots import plot_sensitivity_matrix
+
+        return plot_sensitivity_matrix(self, ax=ax)
+
+    def told(self, channel: str = MEAN, *, ranks: bool = False) -> dict[str, Literal[1, -1]]:
+        """Parameters that can be told from chance: those whose 95 % interval leaves 0 out.
+
+        **Arguments:**
+
+        - `channel`: one of `channels`.
+        - `ranks`: whether of the rank correlation.
+
+        **Returns:** name -> sign of the correlation.
+
+        **Raises:** `ParameterError` where there is no such channel.
+        """
+        low, high = (self.rank_interval if ranks else self.interval)[self._row(channel)].T
+        return {
+            name: 1 if below > 0 else -1
+            for name, below, above in zip(self.names, low, high, strict=True)
+            if below > 0 or above < 0
+        }
+
     def to_xarray(self) -> "xarray.Dataset":
         """Everything with labels: dims draw, channel, parameter, bound."""
         import xarray
@@ -72,6 +103,16 @@ class Sensitivity:
             {
                 "correlation": (("channel", "parameter"), self.correlation, {"units": "1"}),
                 "interval": (("channel", "parameter", "bound"), self.interval, {"units": "1"}),
+                "rank_correlation": (
+                    ("channel", "parameter"),
+                    self.rank_correlation,
+                    {"units": "1"},
+                ),
+                "rank_interval": (
+                    ("channel", "parameter", "bound"),
+                    self.rank_interval,
+                    {"units": "1"},
+                ),
                 "sample": (("draw", "parameter"), self.samples),
                 "cost": (("draw", "channel"), self.cost, {"units": "K2"}),
                 "failed": ("draw", self.failed),
@@ -85,17 +126,42 @@ class Sensitivity:
             attrs={"rig": self.rig, "spread": self.spread, "seed": self.seed},
         )
 
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """The indices as a table: a row for each channel and parameter, its index, and columns
+        correlation, lower, upper, rank_correlation, rank_lower and rank_upper."""
+        import pandas
+
+        columns = {
+            "correlation": self.correlation,
+            "lower": self.interval[..., 0],
+            "upper": self.interval[..., 1],
+            "rank_correlation": self.rank_correlation,
+            "rank_lower": self.rank_interval[..., 0],
+            "rank_upper": self.rank_interval[..., 1],
+        }
+        rows = pandas.MultiIndex.from_product(
+            [self.channels, self.names], names=["channel", "parameter"]
+        )
+        return pandas.DataFrame({name: part.ravel() for name, part in columns.items()}, index=rows)
+
     def to_salib(self) -> dict[str, Any]:
-        """The problem in SALib's form, for its samplers and analysers: normal distributions."""
+        """The problem in SALib's form, for its samplers and analysers.
+
+        Distributions are those of the draws, normal and cut off at 0: SALib's `truncnorm`, whose
+        bounds are lower and upper limit, mean and standard deviation.
+        """
         return {
             "num_vars": len(self.names),
             "names": list(self.names),
-            "bounds": [[value, self.spread * abs(value)] for value in self.values.tolist()],
-            "dists": ["norm"] * len(self.names),
+            "bounds": [
+                [*limits(value, self.spread), value, self.spread * abs(value)]
+                for value in self.values.tolist()
+            ],
+            "dists": ["truncnorm"] * len(self.names),
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Correlations in plain types for JSON."""
+        """Correlations and their intervals in plain types for JSON."""
         return {
             "rig": self.rig,
             "draws": len(self.samples),
@@ -103,21 +169,27 @@ class Sensitivity:
             "spread": self.spread,
             "seed": self.seed,
             "wall_time_s": self.wall_time,
-            "correlation": {
-                channel: dict(zip(self.names, row.tolist(), strict=True))
-                for channel, row in zip(self.channels, self.correlation, strict=True)
-            },
+            "correlation": self._by_name(self.correlation),
+            "interval": self._by_name(self.interval),
+            "rank_correlation": self._by_name(self.rank_correlation),
+            "rank_interval": self._by_name(self.rank_interval),
             "ranking": list(self.ranking()),
         }
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes everything as netCDF, as a whole or not at all.
+        """Writes everything as netCDF (.nc), as a whole or not at all.
 
-        **Raises:** `RecordingError` where the file cannot be written.
+        **Raises:** `RecordingError` for another ending, and where the file cannot be written.
         """
         from ..io import save_dataset
 
         save_dataset(self.to_xarray(), path)
+
+    def _by_name(self, numbers: Float[np.ndarray, "channels parameters *bounds"]) -> dict[str, Any]:
+        return {
+            channel: dict(zip(self.names, row.tolist(), strict=True))
+            for channel, row in zip(self.channels, numbers, strict=True)
+        }
 
     def _row(self, channel: str) -> int:
         if channel not in self.channels:

@@ -1,13 +1,15 @@
 """What a simulation gives."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import SimulationError
+from .._errors import RecordingError, SimulationError
+from .._whole_file import check_ending
 from ..io import Experiment
 from ._measures import fit_percent, rmse
 from ._uniformity import Uniformity, uniformity
@@ -133,13 +135,25 @@ class Run:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the run as netCDF, as a whole or not at all.
+        """Writes the run in the format that the ending says, as a whole or not at all.
 
-        **Raises:** `RecordingError` where the file cannot be written.
+        **Arguments:**
+
+        - `path`: with `.nc` everything that `to_xarray` holds, as netCDF; with `.csv` a table of
+          times, duty cycles, what the camera reads and the ambient temperature, in the form of a
+          recording, which `read_recording` reads back.
+
+        **Raises:** `RecordingError` for another ending, and where the file cannot be written.
         """
-        from ..io import save_dataset
+        from ..io import save_dataset, write_recording
 
-        save_dataset(self.to_xarray(), path)
+        if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
+            save_dataset(self.to_xarray(), path)
+        else:
+            simulated = replace(
+                self.experiment, channels=self.channels, temperatures=self.temperatures
+            )
+            write_recording(simulated, Path(path))
 
     def __repr__(self) -> str:
         low, high = self.temperatures.min(), self.temperatures.max()

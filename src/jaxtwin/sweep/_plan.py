@@ -12,6 +12,7 @@ from jaxtyping import Float, Shaped
 from .. import __version__
 from .._errors import SimulationError
 from ..io import Experiment
+from ..matching import Fit
 from ..physics import Twin
 from ..rig import Rig
 from ..sensitivity import distinct_names, drawn_values, normal_draws, own_draws, paired_twins
@@ -137,8 +138,8 @@ class Plan:
 
 
 def plan_sweep(
-    twin: Twin | Sequence[Twin],
-    experiments: Experiment | Sequence[Experiment],
+    twin: Twin | Fit | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment] | None,
     *,
     draws: int,
     spread: float | int,

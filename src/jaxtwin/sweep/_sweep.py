@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from ..io import Experiment
+from ..matching import Fit
 from ..physics import Twin
 from ..simulation._batch import Precision
 from ._open import count_failed, open_sweep
@@ -73,8 +74,8 @@ class Sweep:
 
 
 def sweep(
-    twin: Twin | Sequence[Twin],
-    experiments: Experiment | Sequence[Experiment],
+    twin: Twin | Fit | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment] | None,
     folder: str | os.PathLike[str],
     *,
     draws: int,
@@ -95,9 +96,10 @@ def sweep(
 
     **Arguments:**
 
-    - `twin`: what the parameters are spread around; one, or one for each experiment with values of
-      its own.
-    - `experiments`: one or several, each run for every draw.
+    - `twin`: what the parameters are spread around; one, one for each experiment, or a fit, with
+      the own values of each recording (of one that it has not seen they are taken from its first
+      minute, see `jaxtwin.matching.twin_for`).
+    - `experiments`: one or several, each run for every draw; None for those of a fit.
     - `folder`: of the Zarr store. Missing or empty it is made; else it must hold this sweep.
     - `draws`, `spread`, `seed`: as in `sensitivity`.
     - `parameters`: which to draw; by default the free ones that all recordings share.
@@ -113,7 +115,8 @@ def sweep(
 
     **Raises:** `ParameterError` for unknown names or a value of zero; `SimulationError` for numbers
     out of range, experiments that do not belong to the rig, a folder of another sweep or of
-    something else, or a disk that does not take the results.
+    something else, or a disk that does not take the results; `MatchError` where a recording that a
+    fit has not seen is too short to take its own values from.
     """
     began = time.perf_counter()
     plan = plan_sweep(

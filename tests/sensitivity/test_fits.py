@@ -1,0 +1,65 @@
+"""Studies around a fit: each recording under its own values."""
+
+from dataclasses import replace
+
+import pytest
+from small_results import fit, recordings
+
+from jaxtwin import Experiment, SimulationError, Twin, read_recording, sensitivity, validate
+from jaxtwin.data import synthetic_recordings
+from jaxtwin.sensitivity import paired_twins
+from jaxtwin.sweep._plan import plan_sweep
+
+
+def ambients(twins: list[Twin]) -> list[float]:
+    return [float(twin.parameters["T_amb"]) for twin in twins]
+
+
+@pytest.fixture(scope="module")
+def matched() -> list[float]:
+    """The ambient temperatures of the fit, which differ."""
+    first, second = (values["T_amb"] for values in fit().recording_values.values())
+    assert abs(first - second) > 1
+    return [first, second]
+
+
+def test_matched_recordings_have_their_own_values_whatever_their_order_and_names(matched):
+    twins, experiments = paired_twins("study", fit(), None)
+    assert (ambients(twins), tuple(experiments)) == (matched, recordings())
+    renamed = [replace(one, name="copy") for one in reversed(recordings())]
+    twins, _ = paired_twins("study", fit(), renamed)
+    assert ambients(twins) == matched[::-1]
+
+
+def test_an_unseen_recording_has_the_values_that_validate_takes_from_its_first_minute():
+    unseen = read_recording(synthetic_recordings()[2])
+    (twin,), _ = paired_twins("study", fit(), unseen)
+    (prediction,) = validate(fit(), unseen).predictions
+    assert twin.parameters == prediction.twin.parameters
+
+
+def test_a_drive_without_temperatures_has_the_mean_of_the_matched_values(matched):
+    drive = Experiment.schedule("0:0.5", duration=60, cells=2)
+    (twin,), _ = paired_twins("study", fit(), drive)
+    assert ambients([twin]) == [pytest.approx(sum(matched) / 2)]
+
+
+def test_a_sensitivity_of_a_fit_is_that_of_its_twins():
+    options = {"draws": 20, "parameters": ["R_pc", "R_E", "R_Tez", "R_Tfx"]}
+    ours = sensitivity(fit(), **options)
+    theirs = sensitivity(list(fit().twins.values()), recordings(), **options)
+    assert ours.cost.tolist() == theirs.cost.tolist()
+
+
+def test_a_sweep_of_a_fit_is_that_of_its_twins(matched):
+    plan = plan_sweep(
+        fit(), None, draws=4, spread=0.25, seed=0, parameters=None, reductions=None,
+        precision="float64", chunk_size=4,
+    )  # fmt: skip
+    assert [values["T_amb"] for values in plan.identity["parameters"]] == matched
+    assert plan.recordings == ("synthetic-A", "synthetic-B")
+
+
+def test_a_twin_brings_no_experiments():
+    with pytest.raises(SimulationError, match="sensitivity: experiments: found none"):
+        sensitivity(fit().twin)
