@@ -11,7 +11,8 @@ $M_i = J_i^T \Gamma J_i$, all after its own values and the camera's sizes have b
 $K_{ij} = \delta_{ij} - I_i (\sum_k I_k)^{-1}$ takes away whatever a common value can explain, the
 pull of its prior and a match that ended a little beside its optimum too:
 
-$$K s = K (e + \operatorname{diag}(I_i) b), \qquad \operatorname{cov} e = \operatorname{diag}(M_i).$$
+$$K s = K (e + \operatorname{diag}(I_i) b), \qquad
+\operatorname{cov} e = \operatorname{diag}(M_i).$$
 
 The likelihood of $\tau$ is that of a normal distribution. A few recordings say little about it, and
 its maximum is often 0; the estimate is therefore the posterior mean of $\tau^2$ with a half-normal
@@ -25,7 +26,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 TAU_SCALE = 0.25
-"""Of the half-normal prior of $\\tau$: a quarter of what was not known of a parameter beforehand."""
+"""Of the half-normal prior of $\\tau$: a quarter of what was not known beforehand."""
 
 GRID = np.linspace(0.0, 3.0, 601)
 """Values of $\\tau$ over which the posterior is summed."""

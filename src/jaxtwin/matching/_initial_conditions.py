@@ -157,7 +157,7 @@ def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin
 
 
 def mean_twin(fit: Fit) -> tuple[Twin, list[str]]:
-    """The twin of a fit with the mean of what its recordings have of their own, and what that is."""
+    """The twin of a fit with the mean of its recordings' own values, and the names of these."""
     own = {row.name: row.value for row in fit.parameters if row.free and row.scope == "recording"}
     return fit.twin.with_parameters(own), list(own)
 
@@ -232,17 +232,17 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
     )
     knowledge = replace(first_knowledge(setting), alone=camera, common=camera)
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
-    room, attempts = None, None
+    room, attempts = None, []
     for _ in range(REWEIGHTINGS):
         problem = make_problem(setting, knowledge, ties=_ties(twin.rig, unknowns, room, first))
         attempts = descend(
             [problem],
             solver,
-            [unknowns.start()] if attempts is None else [attempts[0].vector],
+            [one.vector for one in attempts] or [unknowns.start()],
             ITERATIONS,
             setting.box,
             setting.scale,
-            attempts,
+            attempts or None,
         )
         (attempt,) = attempts
         if not np.isfinite(attempt.cost):
@@ -256,7 +256,7 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
         knowledge = replace(knowledge, events=events, alone_weights=(weights,))
         (values,) = unknowns.values(attempt.vector)
         room = next((float(values[name]) for name in _room(twin.rig) if name in values), None)
-    return attempt
+    return attempts[0]
 
 
 def _ties(rig: Rig, unknowns: Unknowns, room: float | None, first: float) -> Ties:

@@ -135,7 +135,8 @@ def residuals(
     """The weighted residuals.
 
     **Returns:** for each group of recordings what a channel has alone, what all share and the
-    sizes of the camera's shapes, then priors and ties; and the mean squared error of all samples, K^2.
+    sizes of the camera's shapes, then priors and ties; and the mean squared error of all samples,
+    K^2.
     """
     return weighted(differences(vector, problem), vector, problem)
 
