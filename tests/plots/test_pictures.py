@@ -106,7 +106,7 @@ def test_history_ends_at_the_fits_rmse_and_shows_each_free_parameter():
     cost, *panels = figure.axes
     assert heights(cost.lines[0])[-1] == pytest.approx(fit().rmse)
     shown = {panel.get_title(loc="left"): panel for panel in panels}
-    assert set(shown) == {symbol(row.name) for row in fit().parameters if row.free}
+    assert set(shown) == {symbol(row.name) for row in fit().parameters.values() if row.free}
     last = heights(shown[symbol("R_E")].lines[0])[-1]
     assert last == pytest.approx(fit().parameter("R_E").value)
     own = [heights(line)[-1] for line in shown[symbol("T_amb")].lines]

@@ -1,6 +1,6 @@
 """Rigs: plate, cells, driver, camera and parameters, read from rig files and checked."""
 
-from ._bundled import bundled_modules, bundled_rigs
+from ._bundled import bundled_modules, bundled_rigs, read_toml
 from ._camera import Camera, Channel, CommonError
 from ._cell import Cell
 from ._circuit import Circuit, CircuitLink
@@ -10,6 +10,7 @@ from ._load import load_rig
 from ._parameter import Parameter
 from ._parameter_file import parameters_toml, read_parameters, write_parameters
 from ._plate import AMBIENT, FILM_REFERENCE, Plate
+from ._problems import refuse, unknown
 from ._rig import Rig
 from ._value import Value
 
@@ -34,5 +35,8 @@ __all__ = [
     "load_rig",
     "parameters_toml",
     "read_parameters",
+    "read_toml",
+    "refuse",
+    "unknown",
     "write_parameters",
 ]

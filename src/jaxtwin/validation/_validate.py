@@ -117,7 +117,8 @@ def leave_one_out(
 def _rest(fit: Fit) -> tuple[Twin, list[str]]:
     """The twin of a fit for a recording that is not among its own, and the values that it needs
     from there; until then their mean."""
-    own = {row.name: row.value for row in fit.parameters if row.free and row.scope == "recording"}
+    rows = fit.parameters.values()
+    own = {row.name: row.value for row in rows if row.free and row.scope == "recording"}
     return fit.twin.with_parameters(own), list(own)
 
 
