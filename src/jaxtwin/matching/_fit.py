@@ -160,7 +160,7 @@ class Fit:
     **Arguments:**
 
     - `twin`: with the fitted values; those of the first recording where each has its own.
-    - `recordings`: names. `fingerprints`: of their contents, SHA-256.
+    - `recordings`: names. `fingerprints`: of their contents, SHA-256. `channels`: of each.
     - `parameters`: name -> a row for every parameter of the rig, in the order of its table.
     - `recording_values`: recording -> name -> value, for parameters with one for each recording.
     - `fit_percent`: (recording, channel) -> NRMSE fit, %; NaN for a channel that never changes.
@@ -180,6 +180,7 @@ class Fit:
     twin: Twin
     recordings: tuple[str, ...]
     fingerprints: tuple[str, ...]
+    channels: tuple[tuple[str, ...], ...]
     parameters: FittedParameters
     recording_values: Mapping[str, Mapping[str, float]]
     fit_percent: Mapping[tuple[str, str], float]

@@ -65,7 +65,7 @@ Stretches = tuple[tuple[int, float], ...]
 class StoredRecording:
     """What a saved fit says of one recording.
 
-    - `fingerprint`: of its contents. `samples`: how many times it has.
+    - `fingerprint`: of its contents. `channels`: their names. `samples`: how many times it has.
     - `events`: times of the camera's corrections, s.
     - `fit_percent`: channel -> NRMSE fit, %.
     - `given_weights`, `alone_weights`, `common_weights`: how much samples counted by masks, by
@@ -73,6 +73,7 @@ class StoredRecording:
     """
 
     fingerprint: str
+    channels: tuple[str, ...]
     samples: int
     events: tuple[float, ...]
     fit_percent: dict[str, float]
@@ -193,6 +194,7 @@ def _recording(fit: Fit, number: int) -> dict[str, Any]:
     percent = {c: value for (one, c), value in fit.fit_percent.items() if one == name}
     return {
         "fingerprint": fit.fingerprints[number],
+        "channels": fit.channels[number],
         "samples": len(knowledge.common_weights[number]),
         "events": knowledge.events[number],
         "fit_percent": percent,

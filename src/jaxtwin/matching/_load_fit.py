@@ -6,6 +6,7 @@ import os
 import reprlib
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NoReturn
 
 import jax
@@ -87,6 +88,7 @@ def load_fit(
         twin=start.with_parameters({**shared, **own[0]}),
         recordings=names,
         fingerprints=tuple(one.fingerprint for one in several),
+        channels=tuple(one.channels for one in several),
         parameters=FittedParameters(stored.parameters),
         recording_values=dict(zip(names, own, strict=True)),
         fit_percent={
@@ -125,7 +127,7 @@ def _rig(source: str, table: dict[str, Any], given: Rig | str | os.PathLike[str]
             _refuse(source, f"fit.{key}", f"found {table.get(key)!r}, allowed is text")
     if given is None:
         given = rig_to_load(table["rig"], table["rig_file"])
-        if given == table["rig_file"] and not os.path.exists(given):
+        if given == table["rig_file"] and not Path(given).exists():
             _refuse(
                 source,
                 "fit.rig_file",
@@ -137,7 +139,7 @@ def _rig(source: str, table: dict[str, Any], given: Rig | str | os.PathLike[str]
             source,
             "fit.rig_fingerprint",
             f"the rig {rig.name!r} ({rig.source}) is not the one that was matched, which was "
-            f"{table['rig']!r} ({table['rig_file']}), or has changed since; pass that rig as rig=...",
+            f"{table['rig']!r} ({table['rig_file']}), or has changed since; pass it as rig=...",
         )
     return rig
 
@@ -277,7 +279,7 @@ def _uncertainty(
 def _weights(
     source: str, name: str, kind: str, one: StoredRecording
 ) -> Float[np.ndarray, "times columns"]:
-    columns = 1 if kind == "common_weights" else len(one.fit_percent)
+    columns = 1 if kind == "common_weights" else len(one.channels)
     try:
         return unrolled(getattr(one, kind), one.samples, columns)
     except ValueError as problem:
@@ -298,6 +300,8 @@ def _recordings(
             there = ", ".join(e.name or "one without a name" for e in given) or "none"
             raise MatchError(
                 f"experiments: found {there}, of which none has the contents of {name!r} "
+                f"(fingerprint {one.fingerprint[:12]}...) that was matched; allowed are the recordings "
+                "of the fit, read as they were then"
             )
         found.append(by_content[one.fingerprint])
     return tuple(found)

@@ -264,6 +264,7 @@ def make_fit(
         twin=twin.with_parameters(values[0]),
         recordings=names,
         fingerprints=tuple(one.fingerprint for one in setting.experiments),
+        channels=tuple(one.channels for one in setting.experiments),
         parameters=_table(twin, unknowns, attempt.vector, known),
         recording_values=own,
         fit_percent=fits,
