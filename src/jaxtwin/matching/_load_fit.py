@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pydantic
 from jaxtyping import Float
@@ -300,8 +301,8 @@ def _recordings(
             there = ", ".join(e.name or "one without a name" for e in given) or "none"
             raise MatchError(
                 f"experiments: found {there}, of which none has the contents of {name!r} "
-                f"(fingerprint {one.fingerprint[:12]}...) that was matched; allowed are the recordings "
-                "of the fit, read as they were then"
+                f"(fingerprint {one.fingerprint[:12]}...) that was matched; allowed are those of "
+                "the fit, read as they were then"
             )
         found.append(by_content[one.fingerprint])
     return tuple(found)
@@ -312,8 +313,10 @@ def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Co
     count = shapes_needed(fit.setting, fit.knowledge)
     weights = recording_weights(fit.setting, fit.knowledge, number, count)
     with jax.enable_x64(True):
-        _, _, sizes = weights.split(run.temperatures - experiment.temperatures)
-        error = weights.shapes @ np.asarray(sizes)
+        # A sample that is missing has no weight.
+        difference = np.nan_to_num(run.temperatures - np.asarray(experiment.temperatures))
+        _, _, sizes = weights.split(jnp.asarray(difference))
+        error = np.asarray(weights.shapes) @ np.asarray(sizes)
     return Comparison(run, CameraError(fit.knowledge.events[number], error))
 
 
