@@ -200,7 +200,7 @@ def test_another_recording_is_refused(saved: Path, recordings: list[Experiment])
 
 
 def test_another_rig_is_refused(saved: Path, tmp_path: Path):
-    with pytest.raises(ParameterError, match="fit.rig_fingerprint: the rig 'dual-cell' .* not the"):
+    with pytest.raises(ParameterError, match=r"fit.rig_fingerprint: the rig 'dual-cell' .* not"):
         Fit.load(saved, rig="dual-cell")
     assert Fit.load(saved, rig=load_rig("single-cell")).twin.rig.name == "single-cell"
     lost = tmp_path / "fit.toml"
@@ -226,7 +226,7 @@ def test_another_rig_is_refused(saved: Path, tmp_path: Path):
         (
             r"\nC_load = { value = .*?,",
             "\nC_load = { value = nan,",
-            r"parameters.C_load: found nan",
+            r"C_load: found nan",
         ),
         (r"\[fit.parameters.R_E\]\n", "[fit.more]\n", r"fit.parameters.R_E: found None, allowed"),
         (r"\ninitial = .*", "\ninitial = inf", r"fit.parameters.C_load.initial: found inf"),
@@ -242,6 +242,14 @@ def test_a_damaged_file_says_where(saved: Path, tmp_path: Path, pattern, instead
     path.write_text(text, "utf-8")
     with pytest.raises(ParameterError, match=f"damaged.toml: .*{words}"):
         Fit.load(path)
+
+
+def test_a_channel_that_never_changes_is_named_and_left_out_of_the_mean(fit: Fit):
+    monday, tuesday = fit.fit_percent
+    found = replace(fit, fit_percent={monday: np.nan, tuesday: 80.0})
+    assert found.mean_fit_percent == 80.0
+    assert "monday: T constant" in found.summary()
+    assert found.to_dict()["fit_percent"]["monday"]["T"] is None
 
 
 def test_access_is_plain_and_unknown_names_are_met_with_the_nearest(fit: Fit):
