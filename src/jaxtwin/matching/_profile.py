@@ -18,7 +18,7 @@ else.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import final
 
@@ -85,9 +85,10 @@ def profile(
     **Returns:** the profile; its points increase, and those that bounds let coincide are one.
 
     **Raises:** `ParameterError` for a name that was not matched; `MatchError` for values outside
-    the bounds or fewer than 3 points.
+    the bounds, fewer than 3 points, or a fit that was loaded without its recordings.
     """
-    unknowns, setting = fit.setting.unknowns, fit.setting
+    unknowns = fit.setting.unknowns
+    setting = replace(fit.setting, experiments=fit.experiments)  # not those of a bare file
     shared = [row.name for row in unknowns.shared]
     if name not in shared:
         raise ParameterError(f"profile: found {name!r}, allowed are {', '.join(shared)}")
