@@ -138,7 +138,7 @@ def test_a_summary_shows_intervals(calm: Fit):
 
 def test_what_the_recordings_leave_open_is_remarked_on(calm: Fit):
     """Half as sharp as before: the prior's value where there is one, else nobody's."""
-    row = next(row for row in calm.parameters if row.name == "h_A")
+    row = next(row for row in calm.parameters.values() if row.name == "h_A")
     told, open_ = replace(row, narrowing=2.0), replace(row, narrowing=0.5)
     assert parameter_warnings(told, calm.uncertainty) == ()
     assert parameter_warnings(open_, calm.uncertainty) == ("prior only",)
@@ -346,7 +346,7 @@ def test_results_are_compared_by_what_they_are_not_by_their_arrays(calm: Fit):
 
 
 def test_tables_can_be_pasted(disturbed: Fit):
-    names = [row.name for row in disturbed.parameters if row.free]
+    names = [row.name for row in disturbed.parameters.values() if row.free]
     markdown = disturbed.summary("markdown").splitlines()
     assert len(markdown) == 2 + len(names)
     assert len({line.count("|") for line in markdown}) == 1

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin import ParameterError, load_rig
+from jaxtwin import Experiment, ParameterError, SimulationError, load_rig
 from jaxtwin.physics import Twin
 from jaxtwin.physics._wiring import wiring_of
 from jaxtwin.rig import Channel, Value
@@ -70,8 +70,28 @@ def test_temperatures_are_given_in_the_unit_of_the_table():
 
 
 def test_unknown_parameter_is_refused_with_those_that_are_known():
-    with pytest.raises(ParameterError, match=r"dual-cell: unknown parameter 'R_e', .*R_E"):
+    with pytest.raises(ParameterError, match="unknown parameter 'R_e', did you mean 'R_E'"):
         Twin("dual-cell", {"R_e": 2.0})
+
+
+def test_a_parameter_file_gives_its_values(tmp_path):
+    path = tmp_path / "fit.toml"
+    path.write_text('[parameters]\nR_E = { value = 2200.0, unit = "mohm" }\n', "utf-8")
+    for twin in (Twin("dual-cell", path), Twin("dual-cell").with_parameters(str(path))):
+        assert float(twin.parameters["R_E"]) == pytest.approx(2.2)
+    with pytest.raises(ParameterError, match="cannot be read"):
+        Twin("dual-cell", tmp_path / "none.toml")
+
+
+def test_a_schedule_in_words_needs_a_duration(twin):
+    """It is the experiment that `Experiment.schedule` makes of it."""
+    run = twin.simulate("0:0.3/0.2,5:0.5", duration=10.0)
+    same = Experiment.schedule("0:0.3/0.2,5:0.5", duration=10.0, cells=2)
+    assert run.experiment == same
+    with pytest.raises(SimulationError, match=r"found the schedule '0:0.3' and no duration"):
+        twin.simulate("0:0.3")
+    with pytest.raises(SimulationError, match=r"the duration 10.0 beside an experiment"):
+        twin.simulate(same, duration=10.0)
 
 
 def test_unknown_parameter_of_a_changed_twin_is_refused(twin):

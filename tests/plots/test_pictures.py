@@ -145,7 +145,7 @@ def test_history_ends_at_the_fits_rmse_and_shows_each_free_parameter():
     cost, *panels = figure.axes
     assert heights(cost.lines[0])[-1] == pytest.approx(fit().rmse)
     shown = {panel.get_title(loc="left"): panel for panel in panels}
-    assert set(shown) == {symbol(row.name) for row in fit().parameters if row.free}
+    assert set(shown) == {symbol(row.name) for row in fit().parameters.values() if row.free}
     last = heights(shown[symbol("R_E")].lines[0])[-1]
     assert last == pytest.approx(fit().parameter("R_E").value)
     own = [heights(line)[-1] for line in shown[symbol("T_amb")].lines]
@@ -163,7 +163,7 @@ def test_parameters_stand_between_their_bounds_on_a_logarithmic_scale():
 
 def test_intervals_and_remarks_stand_beside_the_parameters():
     """As far as the bounds reach: R_pc, which nothing tells, from one to the other."""
-    rows = {row.name: row for row in fit().parameters if row.free}
+    rows = {row.name: row for row in fit().parameters.values() if row.free}
     rows["R_pc"] = replace(rows["R_pc"], interval=(0.0, np.inf), warnings=("not determined",))
     told = rows["R_E"] = replace(rows["R_E"], interval=(0.001, 0.1), warnings=())
     table, scale = plots.plot_parameters(replace(fit(), parameters=tuple(rows.values()))).axes

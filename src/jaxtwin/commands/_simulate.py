@@ -1,5 +1,6 @@
 """`jaxtwin simulate`: one run of a rig."""
 
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -77,10 +78,14 @@ def _numbers(run: "Run", wall_time: float) -> dict[str, Any]:
         "final_degC": dict(zip(run.channels, run.temperatures[-1].tolist(), strict=True)),
     }
     if run.experiment.temperatures is not None:
+        from ..simulation import mean_fit_percent
+
         fits = run.fit_percent
         numbers["rmse_K"] = run.rmse
-        numbers["mean_fit_percent"] = sum(fits.values()) / len(fits)
-        numbers["fit_percent"] = fits
+        mean = mean_fit_percent(fits.values())
+        numbers["mean_fit_percent"] = None if math.isnan(mean) else mean
+        # JSON has no NaN: the fit of a channel that never changes is null.
+        numbers["fit_percent"] = {c: None if math.isnan(fit) else fit for c, fit in fits.items()}
     return numbers
 
 
@@ -89,8 +94,15 @@ def _table(run: "Run", numbers: dict[str, Any]) -> str:
     head = ["channel", f"degC at {run.time[-1]:g} s"] + (["fit, %"] if fits else [])
     rows = [head]
     for channel, final in numbers["final_degC"].items():
-        rows.append([channel, f"{final:.2f}"] + ([f"{fits[channel]:.1f}"] if fits else []))
+        rows.append([channel, f"{final:.2f}"] + ([_fit(fits[channel])] if fits else []))
     text = aligned(rows)
     if fits:
-        text += f"\nmean fit {numbers['mean_fit_percent']:.1f} %, RMSE {numbers['rmse_K']:.2f} K"
+        mean = _fit(numbers["mean_fit_percent"], " %")
+        text += f"\nmean fit {mean}, RMSE {numbers['rmse_K']:.2f} K"
     return text
+
+
+def _fit(percent: float | None, unit: str = "") -> str:
+    from ..simulation import fit_text
+
+    return fit_text(math.nan if percent is None else percent, unit)

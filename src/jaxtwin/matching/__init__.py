@@ -1,7 +1,15 @@
 """Behavioural matching: parameters from recordings, step 4 of the paper."""
 
 from ._band import Band, prediction_band
-from ._fit import Fit, FittedParameter, Iteration, Optimum
+from ._fit import (
+    CameraError,
+    Comparison,
+    Fit,
+    FittedParameter,
+    FittedParameters,
+    Iteration,
+    Optimum,
+)
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
 from ._levenberg_marquardt import BoundedLevenbergMarquardt, LMState
 from ._many import match_many
@@ -14,8 +22,11 @@ __all__ = [
     "WARM_UP",
     "Band",
     "BoundedLevenbergMarquardt",
+    "CameraError",
+    "Comparison",
     "Fit",
     "FittedParameter",
+    "FittedParameters",
     "InitialConditions",
     "Iteration",
     "LMState",

@@ -1,5 +1,6 @@
 """What a match does not know, carried on to what it predicts."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple, final
 
@@ -132,10 +133,4 @@ def _normal(
 
 def _reading_noise(fit: Fit) -> float:
     """Standard deviation of what a reading has beside the twin's temperature, K."""
-    alone, common = fit.noise
-    channels = np.mean([len(experiment.channels) for experiment in fit.experiments])
-    variance = common.deviation**2 / channels
-    if channels > 1:
-        variance += alone.deviation**2
-    errors = [camera.error for camera in fit.camera.values()]
-    return float(np.sqrt(variance + np.mean(np.concatenate(errors) ** 2)))
+    return math.hypot(fit.rmse, fit.camera_error)

@@ -268,7 +268,12 @@ def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge
             huber_weights(one, setting.robust, given.sum(axis=1) > 0)
             for given, one in zip(setting.samples, common, strict=True)
         )
-    of_alone, of_common = residual_noise(alone, common, alone_weights, common_weights)
+    noise = residual_noise(alone, common, alone_weights, common_weights)
+    # Residuals that are nothing tell no noise to weigh by.
+    of_alone, of_common = (
+        found if found.deviation > 0 else before
+        for found, before in zip(noise, (knowledge.alone, knowledge.common), strict=True)
+    )
     return Knowledge(of_alone, of_common, events, alone_weights, common_weights)
 
 

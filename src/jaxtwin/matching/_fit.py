@@ -2,21 +2,26 @@
 
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Literal, final
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from html import escape
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 from jaxtyping import Float
 
+from .._errors import MatchError, ParameterError
 from ..io import Experiment
 from ..physics import Twin
-from ..rig import Parameter, write_parameters
-from ..simulation import Run
+from ..rig import Parameter, Rig, unknown, write_parameters
+from ..simulation import Run, mean_fit_percent
 from ._estimate import Knowledge, Setting
 from ._noise import Noise
 from ._summary import Style, summary_table
 from ._uncertainty import Uncertainty
+
+if TYPE_CHECKING:
+    import pandas
 
 
 @final
@@ -129,36 +134,61 @@ class CameraError:
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The fitted twin beside a recording.
+
+    - `run`: of the fitted twin, without the camera's common error.
+    - `camera`: the camera's common error.
+    """
+
+    run: Run
+    camera: CameraError
+
+
+@final
+class FittedParameters(dict[str, FittedParameter]):
+    """Name -> parameter, in the order of the rig's table; an unknown name is a `ParameterError`
+    that suggests the nearest one."""
+
+    def __missing__(self, name: object) -> FittedParameter:
+        raise ParameterError(f"fit: {unknown('parameter', str(name), self)}")
+
+
+@final
 @dataclass(frozen=True, repr=False, eq=False)
 class Fit:
     """A twin matched to recordings.
 
+    `fit["R_E"].value` and `fit["R_E"].standard_error` are what is asked for most. A fit that `load`
+    read without its recordings has everything but `experiments`, `runs` and `camera`.
+
     **Arguments:**
 
     - `twin`: with the fitted values; those of the first recording where each has its own.
-    - `recordings`: names.
-    - `experiments`: the recordings.
-    - `parameters`: a row for every parameter of the rig.
+    - `recordings`: names. `fingerprints`: of their contents, SHA-256. `channels`: of each.
+    - `parameters`: name -> a row for every parameter of the rig, in the order of its table.
     - `recording_values`: recording -> name -> value, for parameters with one for each recording.
-    - `fit_percent`: (recording, channel) -> NRMSE fit, %.
+    - `fit_percent`: (recording, channel) -> NRMSE fit, %; NaN for a channel that never changes.
     - `rmse`: over all channels, K.
     - `status`, `converged`: why the best start stopped, and whether at an optimum.
     - `history`: all iterations of the best start. `optima`: where every start ended, best first.
     - `wall_time`: s, with compilation.
-    - `runs`: recording -> the fitted twin's run, without the camera's common error.
-    - `solver_gap`: largest difference of these from what the match's own, longest steps gave, K.
-    - `camera`: recording -> the camera's common error.
-    - `weights`: recording -> how much each sample counted, 0 to 1, `(times, channels)`.
+    - `solver_gap`: largest difference of the runs from what the match's own, longest steps gave, K.
+    - `camera_error`: root mean square of the camera's common error, K.
     - `noise`: of what each channel has alone, and of what all share times the root of their number.
     - `uncertainty`: covariance, correlations, what the recordings cannot tell.
     - `cost`: half the sum of squared weighted residuals, priors among them.
     - `setting`, `knowledge`, `vector`: from which the match can go on.
+    - `date`: when the match ended, UTC, ISO 8601. `versions`: of jaxtwin and jax.
+    - `comparisons`: of the fitted twin with each recording; None where those are not at hand.
     """
 
     twin: Twin
     recordings: tuple[str, ...]
-    experiments: tuple[Experiment, ...]
-    parameters: tuple[FittedParameter, ...]
+    fingerprints: tuple[str, ...]
+    channels: tuple[tuple[str, ...], ...]
+    parameters: FittedParameters
     recording_values: Mapping[str, Mapping[str, float]]
     fit_percent: Mapping[tuple[str, str], float]
     rmse: float
@@ -167,16 +197,51 @@ class Fit:
     history: tuple[Iteration, ...]
     optima: tuple[Optimum, ...]
     wall_time: float
-    runs: Mapping[str, Run]
     solver_gap: float
-    camera: Mapping[str, CameraError]
-    weights: Mapping[str, Float[np.ndarray, "times channels"]]
+    camera_error: float
     noise: tuple[Noise, Noise]
     uncertainty: Uncertainty
     cost: float
     setting: Setting
     knowledge: Knowledge
     vector: Float[np.ndarray, " unknowns"]
+    date: str
+    versions: Mapping[str, str]
+    comparisons: tuple[Comparison, ...] | None
+
+    @property
+    def experiments(self) -> tuple[Experiment, ...]:
+        """The recordings.
+
+        **Raises:** `MatchError` where the fit was loaded without them.
+        """
+        self._compared()
+        return self.setting.experiments
+
+    @property
+    def runs(self) -> dict[str, Run]:
+        """Recording -> the fitted twin's run, without the camera's common error.
+
+        **Raises:** `MatchError` where the fit was loaded without its recordings.
+        """
+        pairs = zip(self.recordings, self._compared(), strict=True)
+        return {name: one.run for name, one in pairs}
+
+    @property
+    def camera(self) -> dict[str, CameraError]:
+        """Recording -> the camera's common error.
+
+        **Raises:** `MatchError` where the fit was loaded without its recordings.
+        """
+        pairs = zip(self.recordings, self._compared(), strict=True)
+        return {name: one.camera for name, one in pairs}
+
+    @property
+    def weights(self) -> dict[str, Float[np.ndarray, "times channels"]]:
+        """Recording -> how much each sample counted, 0 to 1, `(times, channels)`."""
+        known = self.knowledge
+        parts = zip(self.recordings, known.alone_weights, known.common_weights, strict=True)
+        return {name: weight * moment[:, None] for name, weight, moment in parts}
 
     @property
     def plant_fit_percent(self) -> dict[tuple[str, str], float]:
@@ -189,8 +254,8 @@ class Fit:
 
     @property
     def mean_fit_percent(self) -> float:
-        """Mean of the fits of all channels of all recordings, %."""
-        return float(np.mean(list(self.fit_percent.values())))
+        """Mean of the fits of all channels that ever change, over all recordings, %."""
+        return mean_fit_percent(self.fit_percent.values())
 
     @property
     def twins(self) -> dict[str, Twin]:
@@ -200,13 +265,16 @@ class Fit:
             for name, values in self.recording_values.items()
         }
 
-    def parameter(self, name: str) -> FittedParameter:
+    def __getitem__(self, name: str) -> FittedParameter:
         """The row of one parameter.
 
-        **Raises:** `KeyError` where the rig has none of this name.
+        **Raises:** `ParameterError` where the rig has none of this name.
         """
-        rows = {row.name: row for row in self.parameters}
-        return rows[name]
+        return self.parameters[name]
+
+    def parameter(self, name: str) -> FittedParameter:
+        """The same as `fit[name]`."""
+        return self.parameters[name]
 
     def summary(self, style: Style = "text") -> str:
         """The parameters in the layout of Table 4 of the paper with 95 % intervals, priors and
@@ -222,7 +290,7 @@ class Fit:
         """The result in plain types for JSON; infinite and missing numbers become None."""
         rows = [
             {field: _plain(getattr(row, field)) for field in FittedParameter.__dataclass_fields__}
-            for row in self.parameters
+            for row in self.parameters.values()
         ]
         fits: dict[str, dict[str, float | None]] = {name: {} for name in self.recordings}
         for (recording, channel), value in self.fit_percent.items():
@@ -253,20 +321,84 @@ class Fit:
             ],
         }
 
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for every parameter, its name as index, the fields of `FittedParameter` as columns;
+        `warnings` as one text."""
+        import pandas
+
+        rows = [
+            asdict(row) | {"warnings": ", ".join(row.warnings)} for row in self.parameters.values()
+        ]
+        return pandas.DataFrame(rows).set_index("name")
+
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the fitted parameters in the form of a rig file's parameter table (.toml).
+        """Writes the fit as TOML (.toml), as a whole or not at all.
+
+        The file is a parameter file, which `read_parameters`, `Twin` and the command line take, and
+        holds in further tables what `load` needs: uncertainty, fits, history, fingerprints of the
+        recordings, versions.
 
         **Raises:** `ParameterError` for another ending, and where the file cannot be written.
         """
+        from ._fit_file import fit_tables
+
         write_parameters(
             path,
-            fitted_table(self.twin.rig.parameters, self.parameters),
+            fitted_table(self.twin.rig.parameters, tuple(self.parameters.values())),
             recordings={k: v for k, v in self.recording_values.items() if v} or None,
             comment=(
                 f"{self.twin.rig.name} matched to {', '.join(self.recordings)}\n"
                 f"mean fit {self.mean_fit_percent:.2f} %, RMSE {self.rmse:.4f} K\n{self.status}"
             ),
+            tables=fit_tables(self),
         )
+
+    @classmethod
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        rig: Rig | str | os.PathLike[str] | None = None,
+        experiments: Experiment | Sequence[Experiment] | None = None,
+    ) -> "Fit":
+        """Reads a fit that `save` wrote.
+
+        **Arguments:**
+
+        - `path`: of the file.
+        - `rig`: the rig, or what `load_rig` takes; by default the bundled rig or the file that the
+          fit was made with.
+        - `experiments`: the recordings that were matched, in any order and under any name: they are
+          known by their fingerprints. With them the fit has its runs again and `profile` works.
+
+        **Raises:** `ParameterError` where the file cannot be read, something in it is missing or
+        damaged, or the rig is another; `MatchError` where a recording that was matched is not among
+        the experiments; `RigError` where the rig cannot be read.
+        """
+        from ._load_fit import load_fit
+
+        return load_fit(path, rig, experiments)
+
+    def _compared(self) -> tuple[Comparison, ...]:
+        if self.comparisons is None:
+            raise MatchError(
+                f"fit of {self.twin.rig.name}: found no recordings, it was loaded without them; "
+                f"Fit.load(path, experiments=...) takes {', '.join(self.recordings)}"
+            )
+        return self.comparisons
+
+    def _repr_html_(self) -> str:
+        head = "".join(
+            f"<th>{name}</th>" for name in ("", "value", "standard error", "unit", "remarks")
+        )
+        rows = "".join(
+            f"<tr><th>{escape(row.name)}</th><td>{row.value:.4g}</td>"
+            f"<td>{row.standard_error:.2g}</td><td>{escape(row.unit)}</td>"
+            f"<td>{escape(', '.join(row.warnings))}</td></tr>"
+            for row in self.parameters.values()
+            if row.free
+        )
+        return f"<table><caption>{escape(repr(self))}</caption><tr>{head}</tr>{rows}</table>"
 
     def __repr__(self) -> str:
         return (

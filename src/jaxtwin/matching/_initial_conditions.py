@@ -158,7 +158,8 @@ def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin
 
 def mean_twin(fit: Fit) -> tuple[Twin, list[str]]:
     """The twin of a fit with the mean of its recordings' own values, and the names of these."""
-    own = {row.name: row.value for row in fit.parameters if row.free and row.scope == "recording"}
+    rows = fit.parameters.values()
+    own = {row.name: row.value for row in rows if row.free and row.scope == "recording"}
     return fit.twin.with_parameters(own), list(own)
 
 

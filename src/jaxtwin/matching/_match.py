@@ -1,13 +1,18 @@
 """Behavioural matching: a twin's parameters from recordings, step 4 of the paper."""
 
 import time
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
+from itertools import count as count_from
 from typing import Any, Literal
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
+from .. import __version__
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
@@ -22,7 +27,15 @@ from ._estimate import (
     split_residuals,
 )
 from ._events import Span, given_events, span_weights
-from ._fit import CameraError, Fit, FittedParameter, Iteration, Optimum
+from ._fit import (
+    CameraError,
+    Comparison,
+    Fit,
+    FittedParameter,
+    FittedParameters,
+    Iteration,
+    Optimum,
+)
 from ._interval import interval_95
 from ._levenberg_marquardt import RUNNING, STATUS, BoundedLevenbergMarquardt
 from ._uncertainty import Uncertainty
@@ -87,11 +100,12 @@ def match(
     steps, as `response` does; the fit's runs are by `simulate`, which looks at its error, and
     `Fit.solver_gap` says how far apart the two are.
 
-    **Raises:** `MatchError` where nothing is free, a recording has no temperatures, there are fewer
-    samples than unknowns, bounds exclude the start or the prior or change what its spread means, a
-    name that is not free has a scope or bounds, events or masks lie outside their recording, or no
-    start gives finite temperatures; `ParameterError` for unknown names; `SimulationError` for
-    recordings of another rig.
+    **Raises:** `MatchError` where nothing is free, a recording has no temperatures, fewer samples
+    count than there are unknowns, nothing moves in any recording, bounds exclude the start or the
+    prior or change what its spread means, a name that is not free has a scope or bounds, events or
+    masks lie outside their recording, or no start gives finite temperatures; `ParameterError` for
+    unknown names and for a parameter with several values; `SimulationError` for recordings of
+    another rig.
     """
     began = time.perf_counter()
     recordings = [experiments] if isinstance(experiments, Experiment) else list(experiments)
@@ -151,10 +165,18 @@ def make_setting(
     robust: float | None,
 ) -> Setting:
     """Checks what is said about single recordings and puts a match together."""
-    samples = sum(len(one.time) * len(one.channels) for one in recordings)
-    if samples < unknowns.size:
+    weights = tuple(span_weights(names, recordings, masks))
+    samples = sum(int(np.count_nonzero(one)) for one in weights)
+    if samples <= unknowns.size:
+        masked = ", the others are masked" if masks else ""
         raise MatchError(
-            f"found {samples} samples for {unknowns.size} unknowns, allowed is at least as many"
+            f"found {samples} samples for {unknowns.size} unknowns{masked}, allowed is at least "
+            "one more than unknowns, because the rest of the residuals tells the noise"
+        )
+    if not any(_is_excited(one, weight) for one, weight in zip(recordings, weights, strict=True)):
+        raise MatchError(
+            f"{', '.join(names)}: found no excitation, every duty cycle is 0 and no reading ever "
+            "changes; allowed is at least one recording in which something happens"
         )
     error = twin.rig.camera.common_error
     if events is not None and error is None:
@@ -178,11 +200,21 @@ def make_setting(
         twin=twin,
         experiments=tuple(recordings),
         unknowns=unknowns,
-        samples=tuple(span_weights(names, recordings, masks)),
+        samples=weights,
         events=times,
         common_error=error,
         robust=robust,
     )
+
+
+def _is_excited(recording: Experiment, weight: Float[np.ndarray, "times channels"]) -> bool:
+    """Whether a recording is driven, or any of its channels changes where it counts."""
+    assert recording.temperatures is not None
+    counted = np.where(weight > 0, recording.temperatures, np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of channels that are masked throughout
+        spread = np.nanmax(counted, axis=0) - np.nanmin(counted, axis=0)
+    return bool(np.any(recording.duty) or np.any(spread > 0))
 
 
 def default_solver(setting: Setting) -> BoundedLevenbergMarquardt:
@@ -232,7 +264,8 @@ def make_fit(
     return Fit(
         twin=twin.with_parameters(values[0]),
         recordings=names,
-        experiments=setting.experiments,
+        fingerprints=tuple(one.fingerprint for one in setting.experiments),
+        channels=tuple(one.channels for one in setting.experiments),
         parameters=_table(twin, unknowns, attempt.vector, known),
         recording_values=own,
         fit_percent=fits,
@@ -242,21 +275,17 @@ def make_fit(
         history=tuple(_iteration(step, start, unknowns, names) for step in attempt.steps),
         optima=optima,
         wall_time=time.perf_counter() - began,
-        runs=runs,
         solver_gap=max(float(np.abs(gap).max()) for gap in gaps),
-        camera=camera,
-        weights={
-            name: weight * moment[:, None]
-            for name, weight, moment in zip(
-                names, knowledge.alone_weights, knowledge.common_weights, strict=True
-            )
-        },
+        camera_error=float(np.sqrt(np.mean(np.concatenate(residuals.camera) ** 2))),
         noise=noise,
         uncertainty=known,
         cost=attempt.cost,
         setting=setting,
         knowledge=knowledge,
         vector=attempt.vector,
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        versions={"jaxtwin": __version__, "jax": jax.__version__},
+        comparisons=tuple(Comparison(runs[name], camera[name]) for name in names),
     )
 
 
@@ -321,7 +350,7 @@ def _table(
     unknowns: Unknowns,
     vector: Float[np.ndarray, " unknowns"],
     known: Uncertainty,
-) -> tuple[FittedParameter, ...]:
+) -> FittedParameters:
     errors = np.sqrt(np.diag(known.covariance))
     # What nothing tells has a finite share in the vector's covariance.
     vector_errors = np.where(np.isinf(errors), np.inf, np.sqrt(np.diag(known.entries)))
@@ -335,7 +364,7 @@ def _table(
     for number, row in enumerate(unknowns.rows):
         numbers.setdefault(row.name, []).append(number)
     values = unknowns.physical(vector)
-    table = []
+    table = FittedParameters()
     for name, row in twin.rig.parameters.items():
         entries = numbers.get(name, [])
         matched = unknowns.rows[entries[0]] if entries else row
@@ -365,8 +394,8 @@ def _table(
             relative_standard_error=error if logarithmic else float("nan"),
             interval=interval_95(value, error, is_logarithmic=logarithmic),
         )
-        table.append(replace(one, warnings=parameter_warnings(one, known)))
-    return tuple(table)
+        table[name] = replace(one, warnings=parameter_warnings(one, known))
+    return table
 
 
 def checked_recordings(twin: Twin, recordings: list[Experiment]) -> tuple[str, ...]:
@@ -377,8 +406,8 @@ def checked_recordings(twin: Twin, recordings: list[Experiment]) -> tuple[str, .
     - `twin`: of the rig that they must belong to.
     - `recordings`: one or several.
 
-    **Returns:** a name for each: its own, or its number where it has none; a name that occurs again
-    is followed by its number.
+    **Returns:** a name for each, no two alike: its own, or its number where it has none; a name
+    that occurs again is followed by its number, or by the next that no other name has.
 
     **Raises:** `MatchError` where there is none, or one has no temperatures; `SimulationError` for
     one of another rig.
@@ -391,9 +420,13 @@ def checked_recordings(twin: Twin, recordings: list[Experiment]) -> tuple[str, .
         if experiment.temperatures is None or not experiment.channels:
             raise MatchError(f"{name}: found no recorded temperatures, allowed is a recording")
         checked_channels(twin, experiment)
-        # Two recordings of one name must not share a row of a table.
-        names.append(name if name not in names else f"{name} ({number})")
-    return tuple(names)
+        names.append(name)
+    # Two recordings of one name must not share a row of a table.
+    found: list[str] = []
+    for number, name in enumerate(names, start=1):
+        free = (f"{name} ({other})" for other in count_from(number))
+        found.append(name if name not in found else next(one for one in free if one not in names))
+    return tuple(found)
 
 
 def check_counts(**counts: Any) -> None:

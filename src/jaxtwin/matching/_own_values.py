@@ -18,9 +18,8 @@ def twin_for(fit: Fit, experiment: Experiment) -> Twin:
 
     **Raises:** what `estimate_initial_conditions` raises.
     """
-    for name, matched in zip(fit.recordings, fit.experiments, strict=True):
-        if matched == experiment:
-            return fit.twins[name]
+    if experiment.fingerprint in fit.fingerprints:
+        return fit.twins[fit.recordings[fit.fingerprints.index(experiment.fingerprint)]]
     if experiment.temperatures is None:
         return mean_twin(fit)[0]
     return estimate_initial_conditions(fit, experiment).twin

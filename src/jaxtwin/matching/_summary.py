@@ -3,6 +3,7 @@
 import math
 from typing import TYPE_CHECKING, Literal
 
+from ..simulation import fit_text
 from ._interval import interval_text, short_number
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def summary_table(fit: "Fit", style: Style = "text") -> str:
 
     In plain text the fit of each channel follows, and what the recordings cannot tell.
     """
-    rows = [_row(row) for row in fit.parameters if row.free]
+    rows = [_row(row) for row in fit.parameters.values() if row.free]
     if style == "markdown":
         return _markdown(rows)
     if style == "latex":
@@ -64,7 +65,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
             cell.rjust(width) for cell, width in zip(row[NUMBERS], widths[NUMBERS], strict=True)
         ]
         lines.append("  ".join(cells).rstrip())
-    held = [row for row in fit.parameters if not row.free]
+    held = [row for row in fit.parameters.values() if not row.free]
     if held:
         values = ", ".join(f"{row.name} = {row.value:.4g} {row.unit}".rstrip() for row in held)
         lines += ["", f"held: {values}"]
@@ -72,14 +73,14 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
     for name, values in own.items():
         text = ", ".join(f"{key} = {value:.4g}" for key, value in values.items())
         lines.append(f"{name}: {text}")
-    for name, camera in fit.camera.items():
-        if camera.events:
-            times = ", ".join(f"{event:g}" for event in camera.events)
+    for name, events in zip(fit.recordings, fit.knowledge.events, strict=True):
+        if events:
+            times = ", ".join(f"{event:g}" for event in events)
             lines.append(f"{name}: corrections of the camera at {times} s")
     lines += ["", "fit of each channel, 100 (1 - |y - yhat| / |y - mean y|), %:"]
     for name in fit.recordings:
         channels = [
-            f"{channel} {value:.1f}"
+            f"{channel} {fit_text(value)}"
             for (recording, channel), value in fit.fit_percent.items()
             if recording == name
         ]

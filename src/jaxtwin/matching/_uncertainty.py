@@ -60,6 +60,9 @@ class Uncertainty:
     - `dead`: labels that no sample depends on.
     - `collinear`: pairs whose correlation is above 0.95 in size, with it.
     - `entries`: covariance of the optimiser's vector, in which positive parameters are logarithms.
+    - `inverse_hessian`: $A^{-1}$, what the covariance of that vector would be if the weighted
+      residuals were independent with a standard deviation of 1; NaN where a value was held at a
+      bound.
     - `between_recordings`: standard deviations by which the rig's own values differ from recording
       to recording, in the same measure; see `_between_recordings`.
     """
@@ -73,6 +76,7 @@ class Uncertainty:
     dead: tuple[str, ...]
     collinear: tuple[tuple[str, str, float], ...]
     entries: Float[np.ndarray, "values values"]
+    inverse_hessian: Float[np.ndarray, "values values"]
     between_recordings: Float[np.ndarray, " values"]
 
     @property
@@ -126,12 +130,11 @@ def uncertainty(
     spread = inverse @ (middle + prior) @ inverse
     entries = np.full((n, n), np.nan)
     entries[np.ix_(free, free)] = spread
-    covariance = entries * np.outer(slopes, slopes)
-    for number in free[lost]:
-        covariance[number, number] = np.inf
-    errors = np.sqrt(np.diag(covariance))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        correlation = covariance / np.outer(errors, errors)
+    inverse_hessian = np.full((n, n), np.nan)
+    inverse_hessian[np.ix_(free, free)] = inverse
+    endless = np.zeros(n, dtype=bool)
+    endless[free[lost]] = True
+    covariance, correlation = physical_covariance(entries, slopes, endless)
     # What the recordings alone tell, per unit of what is known beforehand.
     singular, directions, lengths = _singular(normal, middle, scale[free])
     narrowing = np.full(n, np.nan)
@@ -142,12 +145,6 @@ def uncertainty(
         for value, direction in zip(singular, directions.T, strict=True)
         if value < 1
     ]
-    pairs = [
-        (names[a], names[b], float(correlation[free[a], free[b]]))
-        for a in range(len(free))
-        for b in range(a)
-        if abs(correlation[free[a], free[b]]) > CLOSE
-    ]
     return Uncertainty(
         labels=tuple(labels),
         covariance=covariance,
@@ -155,11 +152,49 @@ def uncertainty(
         narrowing=narrowing,
         singular_values=singular[::-1],
         flat=tuple(flat),
-        dead=tuple(name for name, length in zip(names, lengths, strict=True) if length < 1e-9),
-        collinear=tuple(sorted(pairs, key=lambda pair: -abs(pair[2]))),
+        dead=dead_labels(labels, narrowing),
+        collinear=close_pairs(labels, correlation),
         entries=entries,
+        inverse_hessian=inverse_hessian,
         between_recordings=np.zeros(n),
     )
+
+
+def physical_covariance(
+    entries: Float[np.ndarray, "values values"],
+    slopes: Float[np.ndarray, " values"],
+    endless: Bool[np.ndarray, " values"],
+) -> tuple[Float[np.ndarray, "values values"], Float[np.ndarray, "values values"]]:
+    """Covariance and correlation in physical units.
+
+    **Arguments:**
+
+    - `entries`: covariance of the optimiser's vector. `slopes`: of the physical values in it.
+    - `endless`: which values nothing tells: their variances are infinite.
+    """
+    covariance = entries * np.outer(slopes, slopes)
+    covariance[endless, endless] = np.inf
+    errors = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return covariance, covariance / np.outer(errors, errors)
+
+
+def dead_labels(labels: Sequence[str], narrowing: Float[np.ndarray, " values"]) -> tuple[str, ...]:
+    """Labels that no sample depends on."""
+    return tuple(label for label, one in zip(labels, narrowing, strict=True) if one < 1e-9)
+
+
+def close_pairs(
+    labels: Sequence[str], correlation: Float[np.ndarray, "values values"]
+) -> tuple[tuple[str, str, float], ...]:
+    """Pairs of labels whose correlation is above 0.95 in size, closest first."""
+    pairs = [
+        (labels[a], labels[b], float(correlation[a, b]))
+        for a in range(len(labels))
+        for b in range(a)
+        if abs(correlation[a, b]) > CLOSE
+    ]
+    return tuple(sorted(pairs, key=lambda pair: -abs(pair[2])))
 
 
 def inverse_of_normal(

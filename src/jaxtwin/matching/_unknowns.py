@@ -13,6 +13,9 @@ from .._errors import MatchError, ParameterError
 from ..physics import Twin
 from ..rig import Parameter
 
+NARROWEST = 1e-100
+"""Spread of a prior, and one over the widest: their squares have to be numbers."""
+
 
 @final
 @dataclass(frozen=True)
@@ -172,11 +175,13 @@ def choose_unknowns(
     - `shared`, `per_recording`: parameters whose scope differs from the table's.
     - `bounds`: other bounds, name -> (lower, upper) in the parameter's unit.
 
-    **Raises:** `ParameterError` for unknown names; `MatchError` where a name is asked for two
-    opposite things or has a scope or bounds without being free, where bounds exclude the value or
-    what is expected beforehand or change what a prior's spread means, or nothing is left free.
+    **Raises:** `ParameterError` for unknown names and for a parameter with several values;
+    `MatchError` where a name is asked for two opposite things or has a scope or bounds without
+    being free, where bounds exclude the value or what is expected beforehand or change what a
+    prior's spread means, where that spread is nothing or endless, or nothing is left free.
     """
     table = twin.rig.parameters
+    twin.numbers_si  # noqa: B018 - refuses a parameter with several values
     free = None if free is None else set(free)
     fixed, shared, per_recording = set(fixed), set(shared), set(per_recording)
     bounds = bounds or {}
@@ -241,6 +246,11 @@ def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Param
         raise MatchError(
             f"{found}, allowed are bounds that contain what is expected beforehand, "
             f"{row.prior_value:g}"
+        )
+    if row.prior_spread is not None and not NARROWEST <= row.prior_spread <= 1 / NARROWEST:
+        raise MatchError(
+            f"{row.name}: found the prior spread {row.prior_spread:g}, allowed is {NARROWEST:g} to "
+            f"{1 / NARROWEST:g}; hold what is known, leave the prior out where nothing is"
         )
     bounded = replace(row, value=value, lower=lower, upper=upper)
     if row.prior_spread is not None and bounded.is_logarithmic != row.is_logarithmic:

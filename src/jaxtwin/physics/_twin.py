@@ -11,8 +11,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from .._errors import ParameterError
-from ..rig import Rig, load_rig
+from .._errors import ParameterError, SimulationError
+from ..rig import Rig, load_rig, read_parameters, unknown
 from ._netlist import Netlist
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
@@ -34,27 +34,32 @@ class Twin(eqx.Module):
 
     - `rig`: a `Rig`, or what `load_rig` takes.
     - `parameters`: values that replace those of the rig's table, name -> value in the table's unit;
-      one of `rig.parameter_sets`, for example.
+      one of `rig.parameter_sets`, for example. Or the path of a parameter file, such as a saved
+      fit, which is read by `read_parameters`.
 
-    **Raises:** `ParameterError` for a name that the rig does not have or a value that is no number.
+    **Raises:** `ParameterError` for a name that the rig does not have, a value that is no number,
+    or a file that cannot be read or is of another rig.
     """
 
     parameters: dict[str, Float[Array | np.ndarray, "*draws"]]
     rig: Rig = eqx.field(static=True)
 
     def __init__(
-        self, rig: Rig | str | os.PathLike[str], parameters: Mapping[str, Any] | None = None
+        self,
+        rig: Rig | str | os.PathLike[str],
+        parameters: Mapping[str, Any] | str | os.PathLike[str] | None = None,
     ):
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
         values = {name: np.asarray(row.value) for name, row in self.rig.parameters.items()}
-        self.parameters = _replaced(self.rig, values, parameters)
+        self.parameters = _replaced(self.rig, values, _from_file(self.rig, parameters))
 
-    def with_parameters(self, parameters: Mapping[str, Any]) -> "Twin":
-        """The same rig with other values, name -> value in the unit of the rig's table.
+    def with_parameters(self, parameters: Mapping[str, Any] | str | os.PathLike[str]) -> "Twin":
+        """The same rig with other values, name -> value in the unit of the rig's table, or those of
+        a parameter file.
 
         **Raises:** `ParameterError` as above.
         """
-        values = _replaced(self.rig, self.parameters, parameters)
+        values = _replaced(self.rig, self.parameters, _from_file(self.rig, parameters))
         return eqx.tree_at(lambda twin: twin.parameters, self, values)
 
     @property
@@ -121,15 +126,50 @@ class Twin(eqx.Module):
         names = ", ".join(element.name for element in self.netlist.cells)
         raise ParameterError(f"{self.rig.name}: found cell {cell!r}, allowed are {names}")
 
-    def simulate(self, experiment: "Experiment", **options: Any) -> "Run":
-        """Runs the twin through an experiment: `jaxtwin.simulate(self, experiment, ...)`."""
+    def simulate(
+        self, experiment: "Experiment | str", *, duration: float | None = None, **options: Any
+    ) -> "Run":
+        """Runs the twin through an experiment: `jaxtwin.simulate(self, experiment, ...)`.
+
+        **Arguments:**
+
+        - `experiment`: an experiment, or a duty schedule in words such as `"0:0.5,500:0.78"`: see
+          `Experiment.schedule`.
+        - `duration`: of that schedule, s.
+        - `options`: those of `jaxtwin.simulate`.
+
+        **Raises:** `SimulationError` for a schedule without a duration, or a duration beside an
+        experiment; what `Experiment.schedule` and `jaxtwin.simulate` raise.
+        """
         # The twin knows nothing of solvers; this is a convenience for people at a prompt.
+        from ..io import Experiment
         from ..simulation import simulate
 
+        if isinstance(experiment, str):
+            if duration is None:
+                raise SimulationError(
+                    f"{self.rig.name}: simulate: found the schedule {experiment!r} and no "
+                    f"duration, allowed is simulate({experiment!r}, duration=600.0), in s"
+                )
+            cells = len(self.netlist.cells)
+            experiment = Experiment.schedule(experiment, duration=duration, cells=cells)
+        elif duration is not None:
+            raise SimulationError(
+                f"{self.rig.name}: simulate: found the duration {duration!r} beside an experiment, "
+                "allowed is one beside a schedule in words; Experiment.between shortens an "
+                "experiment"
+            )
         return simulate(self, experiment, **options)
 
     def __repr__(self) -> str:
         return f"<Twin of {self.rig.name}: {len(self.parameters)} parameters>"
+
+
+def _from_file(
+    rig: Rig, parameters: Mapping[str, Any] | str | os.PathLike[str] | None
+) -> Mapping[str, Any] | None:
+    is_path = isinstance(parameters, str | os.PathLike)
+    return read_parameters(parameters, rig) if is_path else parameters
 
 
 def _replaced(
@@ -138,9 +178,7 @@ def _replaced(
     replaced = dict(values)
     for name, value in (changes or {}).items():
         if name not in rig.parameters:
-            raise ParameterError(
-                f"{rig.name}: unknown parameter {name!r}, allowed are {', '.join(rig.parameters)}"
-            )
+            raise ParameterError(f"{rig.name}: {unknown('parameter', name, rig.parameters)}")
         replaced[name] = _checked(rig, name, value)
     return replaced
 

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from .._errors import SimulationError
-from ..simulation import Run
+from ..simulation import Run, fit_text, mean_fit_percent
 from ._labels import label_ends
 from ._masked import masked_key, shade_masked
 from ._missing import last_seen, mean_of_seen
@@ -49,7 +49,7 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
             axes.plot(run.time, recorded, color=MUTED, lw=2.6, alpha=0.55)
             axes.plot(run.time, run.channel(channel), color=VERMILION, lw=1.4)
             axes.set_title(channel)
-            axes.set_title(f"{fit[channel]:.1f} %", loc="right", color=VERMILION)
+            axes.set_title(fit_text(fit[channel], " %"), loc="right", color=VERMILION)
         for axes in panels[len(channels) :]:
             axes.set_axis_off()
         panels[0].set_ylabel("temperature, °C")
@@ -61,7 +61,7 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
         axes.set_xlabel("time, s")
         axes.xaxis.set_major_locator(MaxNLocator(2))
     grid[0, 0].set_xlim(min(run.time[0] for run in runs), max(run.time[-1] for run in runs))
-    mean = np.nanmean([value for fit in fits for value in fit.values()])
+    mean = mean_fit_percent(value for fit in fits for value in fit.values())
     figure.legend(
         handles=[
             Line2D([], [], color=MUTED, lw=2.6, alpha=0.55, label="recorded"),

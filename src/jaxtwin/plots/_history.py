@@ -28,7 +28,7 @@ def plot_history(fit: Fit) -> Figure:
 
     **Returns:** the figure.
     """
-    free = [parameter for parameter in fit.parameters if parameter.free]
+    free = [parameter for parameter in fit.parameters.values() if parameter.free]
     rows = math.ceil(len(free) / COLUMNS)
     figure = pyplot.figure(figsize=(12.6, max(2.8, 0.7 + 1.45 * rows)), layout="constrained")
     grid = figure.add_gridspec(rows, COLUMNS + 2)

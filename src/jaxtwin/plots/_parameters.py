@@ -25,7 +25,7 @@ def plot_parameters(fit: Fit) -> Figure:
 
     **Returns:** the figure.
     """
-    free = [parameter for parameter in fit.parameters if parameter.free]
+    free = [parameter for parameter in fit.parameters.values() if parameter.free]
     figure = pyplot.figure(figsize=(13.4, 1.3 + 0.3 * len(free)), layout="constrained")
     table, scale = figure.subplots(1, 2, width_ratios=(1.0, 1.08), sharey=True)
     _write_table(table, free)

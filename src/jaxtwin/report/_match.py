@@ -13,7 +13,7 @@ from ..matching._interval import interval_text, short_number
 from ..physics import Twin
 from ..plots import plot_comparison, plot_history, plot_parameters, plot_residuals, to_png
 from ..rig import Rig, read_parameters
-from ..simulation import Run
+from ..simulation import Run, mean_fit_percent
 from ._blocks import Numbers, Picture, Section, Table, Text
 from ._corrections import shows_sawtooth
 from ._source import Source, recorded, synthetic_source
@@ -95,7 +95,7 @@ def match_own(
     fit = match(
         Twin(rig, rig.parameter_sets["initial"]),
         source.experiments,
-        free=[row.name for row in fixed.parameters if row.free] + [AMBIENT],
+        free=[row.name for row in fixed.parameters.values() if row.free] + [AMBIENT],
         on_iteration=_news(progress),
     )
     runs = list(fit.runs.values())
@@ -155,7 +155,7 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
         + [AMBIENT, START],
         on_iteration=_news(progress),
     )
-    rows = [row for row in fit.parameters if row.free and row.scope == "shared"]
+    rows = [row for row in fit.parameters.values() if row.free and row.scope == "shared"]
     deviations = [_deviation(row, truth[row.name]) for row in rows]
     inside = sum(abs(deviation) <= 2 for deviation in deviations)
     worst = max(abs(row.value / truth[row.name] - 1) for row in rows)
@@ -221,7 +221,7 @@ def _deviation(row: FittedParameter, truth: float) -> float:
 
 
 def _numbers(fit: Fit, label: str) -> Numbers:
-    free = [row for row in fit.parameters if row.free]
+    free = [row for row in fit.parameters.values() if row.free]
     return Numbers(
         (
             (f"{fit.mean_fit_percent:.1f} %", label),
@@ -238,7 +238,7 @@ def _steps(fit: Fit) -> int:
 
 def _table_4(fit: Fit, caption: str) -> Table:
     rows = []
-    for row in fit.parameters:
+    for row in fit.parameters.values():
         if not row.free or row.scope == "recording":
             continue
         rows.append(
@@ -289,7 +289,7 @@ def _fit_table(published: list[Run], fixed: Fit, own: Fit) -> Table:
 
 
 def _mean_fit(runs: Iterable[Run]) -> float:
-    return float(np.mean([fit for run in runs for fit in run.fit_percent.values()]))
+    return mean_fit_percent(fit for run in runs for fit in run.fit_percent.values())
 
 
 def _start(run: Run) -> float:

@@ -10,7 +10,7 @@ from ..matching import Fit
 from ..physics import ThermoelectricModule, Twin
 from ..plots import plot_comparison, plot_dc_sweep, plot_plate_map, to_png
 from ..rig import bundled_modules, load_module
-from ..simulation import Run
+from ..simulation import Run, mean_fit_percent
 from ._blocks import Numbers, Picture, Section, Text
 from ._source import Source
 
@@ -140,7 +140,7 @@ def fit_numbers(runs: Sequence[Run]) -> dict[str, float]:
     fits = [fit for run in runs for fit in run.fit_percent.values()]
     squares = [run.rmse**2 for run in runs for _ in run.channels]
     return {
-        "mean_fit_percent": float(np.mean(fits)),
+        "mean_fit_percent": mean_fit_percent(fits),
         "rmse_K": float(np.sqrt(np.mean(squares))),
     }
 

@@ -1,6 +1,6 @@
 """Rigs: plate, cells, driver, camera and parameters, read from rig files and checked."""
 
-from ._bundled import bundled_modules, bundled_rigs
+from ._bundled import bundled_modules, bundled_rigs, read_toml
 from ._camera import Camera, Channel, CommonError
 from ._cell import Cell
 from ._circuit import Circuit, CircuitLink
@@ -15,6 +15,7 @@ from ._parameter_file import (
     write_parameters,
 )
 from ._plate import AMBIENT, FILM_REFERENCE, Plate
+from ._problems import refuse, unknown
 from ._rig import Rig
 from ._value import Value
 
@@ -39,6 +40,9 @@ __all__ = [
     "load_rig",
     "parameters_toml",
     "read_parameters",
+    "read_toml",
     "recording_parameters",
+    "refuse",
+    "unknown",
     "write_parameters",
 ]

@@ -33,6 +33,7 @@ def write_parameters(
     parameters: Iterable[Parameter],
     recordings: Mapping[str, Mapping[str, float]] | None = None,
     comment: str = "",
+    tables: str = "",
 ) -> None:
     """Writes a parameter file: as a whole or not at all.
 
@@ -44,6 +45,8 @@ def write_parameters(
     - `recordings`: recording -> parameter -> value in the parameter's unit, for those that have a
       value for each recording.
     - `comment`: stands at the top of the file.
+    - `tables`: TOML of other tables, which stands at its end and which readers of parameters pass
+      over.
 
     **Raises:** `ParameterError` where a value is no finite number or outside its bounds, a
     recording has an unknown parameter, the ending is another, or the file cannot be written.
@@ -64,6 +67,7 @@ def write_parameters(
     for recording, values in (recordings or {}).items():
         text += f"\n[recordings.{_quoted(recording)}]\n"
         text += "".join(f"{name} = {float(value)!r}\n" for name, value in values.items())
+    text += f"\n{tables}" * bool(tables)
     write_whole_file(source, text.encode("utf-8", "replace"), ParameterError)
 
 

@@ -1,7 +1,9 @@
 """The rig: everything that a rig file documents, checked and in SI units."""
 
+import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import final
 
 from ._camera import Camera, Channel
@@ -51,6 +53,18 @@ class Rig:
     source: str
     maximum_temperature: float | None = None
     ambient_drift: Value | None = None
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of everything that the rig's temperatures depend on beside its parameters'
+        values, as hexadecimal digits."""
+        words = ("name", "title", "description", "references", "source", "parameters")
+        parts = {field.name: getattr(self, field.name) for field in fields(self)}
+        equations = {
+            name: part for name, part in parts.items() if name not in (*words, "parameter_sets")
+        }
+        units = {name: (row.scale, row.offset) for name, row in self.parameters.items()}
+        return hashlib.sha256(repr((equations, units)).encode()).hexdigest()
 
     def __hash__(self) -> int:
         # Dictionaries have no hash; the parts that can differ between rigs of one name have.

@@ -14,7 +14,7 @@ from ._batch import (
 )
 from ._chunk import Reduction
 from ._chunk_runner import Precision
-from ._measures import fit_percent, rmse
+from ._measures import fit_percent, fit_text, mean_fit_percent, rmse
 from ._run import Run
 from ._schedule import Schedule, build_schedule, twin_schedule
 from ._simulate import checked_channels, response, simulate
@@ -39,6 +39,8 @@ __all__ = [
     "checked_precision",
     "checked_reductions",
     "fit_percent",
+    "fit_text",
+    "mean_fit_percent",
     "network_field",
     "reference_temperature",
     "response",

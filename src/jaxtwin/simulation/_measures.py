@@ -1,5 +1,7 @@
 """How near a simulation is to a recording."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from jaxtyping import Float
 
@@ -11,12 +13,24 @@ def fit_percent(
     r"""NRMSE fit of each channel, %:
     $100 (1 - \lVert y - \hat y \rVert_2 / \lVert y - \bar y \rVert_2)$.
 
-    100 is a perfect fit, 0 is what the channel's own mean would reach.
+    100 is a perfect fit, 0 is what the channel's own mean would reach; NaN for a channel that never
+    changes, of which the measure says nothing.
     """
     error = np.linalg.norm(recorded - simulated, axis=-2)
     spread = np.linalg.norm(recorded - recorded.mean(axis=-2, keepdims=True), axis=-2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return 100 * (1 - error / spread)
+    constant = recorded.max(axis=-2) == recorded.min(axis=-2)  # rounding: a mean may be beside it
+    return 100 * (1 - error / np.where(constant, np.nan, spread))
+
+
+def mean_fit_percent(fits: Iterable[float]) -> float:
+    """Mean of the fits of several channels, %, without the constant ones; NaN where all are."""
+    told = [fit for fit in fits if not np.isnan(fit)]
+    return float(np.mean(told)) if told else float("nan")
+
+
+def fit_text(percent: float, unit: str = "") -> str:
+    """A channel's fit for tables and pictures; a word where it never changes and has none."""
+    return "constant" if np.isnan(percent) else f"{percent:.1f}{unit}"
 
 
 def rmse(recorded: Float[np.ndarray, "*shape"], simulated: Float[np.ndarray, "*shape"]) -> float:

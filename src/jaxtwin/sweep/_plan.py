@@ -1,8 +1,7 @@
 """What a sweep consists of: which draws, in which chunks, and what is kept of them."""
 
-import hashlib
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, final
 
@@ -14,7 +13,6 @@ from .._errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
-from ..rig import Rig
 from ..sensitivity import distinct_names, drawn_values, normal_draws, own_draws, paired_twins
 from ..simulation import (
     REDUCTIONS,
@@ -93,7 +91,7 @@ class Plan:
             "format": FORMAT,
             "program": f"jaxtwin {__version__}",
             "rig": self.twins[0].rig.name,
-            "rig_content": _content(self.twins[0].rig),
+            "rig_content": self.twins[0].rig.fingerprint,
             "recordings": list(self.recordings),
             "experiments": [experiment.fingerprint for experiment in self.experiments],
             "parameters": [
@@ -181,12 +179,3 @@ def plan_sweep(
     )
     plan.identity  # noqa: B018 - asks for channels, and so finds experiments of another rig
     return plan
-
-
-def _content(rig: Rig) -> str:
-    """Changes with everything in a rig that its temperatures depend on."""
-    words = ("name", "title", "description", "references", "source", "parameters", "parameter_sets")
-    parts = {field.name: getattr(rig, field.name) for field in fields(rig)}
-    equations = {name: part for name, part in parts.items() if name not in words}
-    units = {name: (row.scale, row.offset) for name, row in rig.parameters.items()}
-    return hashlib.sha256(repr((equations, units)).encode()).hexdigest()

@@ -1,5 +1,6 @@
 """Predicting what a match has not seen: another recording, the rest of one, each one in turn."""
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ LEAST = 30
 
 
 def validate(
-    fitted: Twin | Fit,
+    fitted: Twin | Fit | str | os.PathLike[str],
     recordings: Experiment | Sequence[Experiment],
     *,
     warm_up: float = WARM_UP,
@@ -32,15 +33,17 @@ def validate(
 
     **Arguments:**
 
-    - `fitted`: a fit, or a twin with its values.
+    - `fitted`: a fit, the path of a saved one, or a twin with its values.
     - `recordings`: one or several of the same rig.
     - `warm_up`: s.
     - `own`: which parameters are estimated from a recording; by default those that have a value for
       each recording in the fit, or in the rig's table.
 
     **Raises:** `MatchError` where a recording is too short for that or has no temperatures;
-    `SimulationError` for recordings of another rig.
+    `SimulationError` for recordings of another rig; `ParameterError` where a saved fit cannot be
+    read.
     """
+    fitted = Fit.load(fitted) if isinstance(fitted, str | os.PathLike) else fitted
     twin = fitted.twin if isinstance(fitted, Fit) else fitted
     several = _listed(recordings)
     names = checked_recordings(twin, several)

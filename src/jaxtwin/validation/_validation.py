@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..matching import Fit
 from ..physics import Twin
-from ..simulation import Run
+from ..simulation import Run, fit_text, mean_fit_percent
 from ._whiteness import Whiteness, whiteness
 
 
@@ -53,7 +53,7 @@ class Prediction:
 
     def __repr__(self) -> str:
         first, last = self.run.time[0], self.run.time[-1]
-        fit = np.mean(list(self.run.fit_percent.values()))
+        fit = mean_fit_percent(self.run.fit_percent.values())
         return f"<Prediction of {self.name}, {first:g} to {last:g} s: fit {fit:.2f} %>"
 
 
@@ -84,8 +84,8 @@ class Validation:
 
     @property
     def mean_fit_percent(self) -> float:
-        """Mean over all channels of all recordings, %."""
-        return float(np.mean(list(self.fit_percent.values())))
+        """Mean over all channels of all recordings, %, without those that never change."""
+        return mean_fit_percent(self.fit_percent.values())
 
     @property
     def rmse(self) -> float:
@@ -111,7 +111,7 @@ class Validation:
                     (
                         one.name,
                         channel,
-                        f"{fit:.1f}",
+                        fit_text(fit),
                         f"{np.sqrt(np.mean(error**2)):.3f}",
                         f"{error.mean():+.3f}",
                         f"{test.correlated * sample:.0f}",

@@ -1,0 +1,267 @@
+"""What a saved fit holds beside the parameter table, and how it is written.
+
+```toml
+[parameters]                # and [recordings.NAME]: a parameter file, see `jaxtwin.rig`
+R_E = { value = 2.2, unit = "ohm", bounds = [1.0, 4.0], free = true }
+
+[fit]                       # the numbers of the match
+rig = "dual-cell"
+rmse = 0.21
+
+[fit.parameters.R_E]        # what the parameter table does not say
+initial = 1.96
+standard_error = 0.02
+
+[fit.unknowns]              # the optimiser's vector; positive parameters are logarithms
+labels = ["R_E", "T_amb[monday]"]
+covariance = [[1e-4, 0.0], [0.0, 1e-2]]
+
+[fit.recordings.monday]
+fingerprint = "9f86d081..."
+```
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from jaxtyping import Float
+
+from ..rig import bundled_rigs
+from ._fit import Fit, FittedParameter, Iteration, Optimum
+from ._noise import Noise
+from ._uncertainty import FlatDirection
+
+if TYPE_CHECKING:
+    pass
+
+FORMAT = 1
+"""Of the tables; another number means others."""
+
+TABLE = {
+    "name",
+    "unit",
+    "description",
+    "free",
+    "scope",
+    "value",
+    "lower",
+    "upper",
+    "is_logarithmic",
+    "published",
+    "prior_value",
+    "prior_spread",
+}
+"""Fields of a fitted parameter that follow from the parameter table and the rig."""
+
+Stretches = tuple[tuple[int, float], ...]
+"""Weights channel by channel: how many samples in a row have which weight."""
+
+
+@final
+@dataclass(frozen=True)
+class StoredRecording:
+    """What a saved fit says of one recording.
+
+    - `fingerprint`: of its contents. `channels`: their names. `samples`: how many times it has.
+    - `events`: times of the camera's corrections, s.
+    - `fit_percent`: channel -> NRMSE fit, %.
+    - `given_weights`, `alone_weights`, `common_weights`: how much samples counted by masks, by
+      masks and the robust loss, and what all channels share by the robust loss.
+    """
+
+    fingerprint: str
+    channels: tuple[str, ...]
+    samples: int
+    events: tuple[float, ...]
+    fit_percent: dict[str, float]
+    given_weights: Stretches
+    alone_weights: Stretches
+    common_weights: Stretches
+
+
+@final
+@dataclass(frozen=True)
+class StoredUnknowns:
+    """What a saved fit says of the optimiser's vector; see `Uncertainty`.
+
+    - `undetermined`: labels of values with an infinite standard error.
+    """
+
+    labels: tuple[str, ...]
+    undetermined: tuple[str, ...]
+    narrowing: tuple[float, ...]
+    singular_values: tuple[float, ...]
+    flat: tuple[FlatDirection, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    inverse_hessian: tuple[tuple[float, ...], ...]
+    between_recordings: tuple[float, ...]
+
+
+@final
+@dataclass(frozen=True)
+class StoredFit:
+    """The table [fit].
+
+    - `rig`, `rig_file`, `rig_fingerprint`: the rig's name, where it was read from, its contents.
+    - `noise`, `weighed_by`: noise of both kinds that was found, and that the weights followed.
+    - the others: as in `Fit`.
+    """
+
+    format: int
+    rig: str
+    rig_file: str
+    rig_fingerprint: str
+    date: str
+    versions: dict[str, str]
+    status: str
+    converged: bool
+    rmse: float
+    cost: float
+    wall_time: float
+    solver_gap: float
+    camera_error: float
+    noise: tuple[Noise, Noise]
+    weighed_by: tuple[Noise, Noise]
+    unknowns: StoredUnknowns
+    recordings: dict[str, StoredRecording]
+    parameters: dict[str, FittedParameter]
+    history: tuple[Iteration, ...]
+    optima: tuple[Optimum, ...]
+    robust: float | None = None
+
+
+def fit_tables(fit: Fit) -> str:
+    """The table [fit] with all that belongs to it, as TOML."""
+    rig, known = fit.twin.rig, fit.uncertainty
+    head = {
+        "format": FORMAT,
+        "rig": rig.name,
+        "rig_file": rig.source,
+        "rig_fingerprint": rig.fingerprint,
+        "date": fit.date,
+        "versions": fit.versions,
+        "status": fit.status,
+        "converged": fit.converged,
+        "rmse": fit.rmse,
+        "cost": fit.cost,
+        "wall_time": fit.wall_time,
+        "solver_gap": fit.solver_gap,
+        "camera_error": fit.camera_error,
+        "noise": fit.noise,
+        "weighed_by": (fit.knowledge.alone, fit.knowledge.common),
+        "robust": fit.setting.robust,
+        "history": fit.history,
+        "optima": fit.optima,
+    }
+    endless = zip(known.labels, np.diag(known.covariance), strict=True)
+    unknowns = {
+        "labels": known.labels,
+        "undetermined": [label for label, variance in endless if np.isinf(variance)],
+        "narrowing": known.narrowing,
+        "singular_values": known.singular_values,
+        "flat": known.flat,
+        "covariance": known.entries,
+        "inverse_hessian": known.inverse_hessian,
+        "between_recordings": known.between_recordings,
+    }
+    parts = [_table("fit", head), _table("fit.unknowns", unknowns)]
+    for name, row in fit.parameters.items():
+        own = {f.name: getattr(row, f.name) for f in fields(row) if f.name not in TABLE}
+        parts.append(_table(f"fit.parameters.{_key(name)}", own))
+    for number, name in enumerate(fit.recordings):
+        parts.append(_table(f"fit.recordings.{_key(name)}", _recording(fit, number)))
+    return "\n".join(parts)
+
+
+def rig_to_load(stored_rig: str, stored_file: str) -> str:
+    """What `load_rig` takes for the rig of a saved fit."""
+    bundled = stored_rig in bundled_rigs() and stored_file == f"{stored_rig}.toml (bundled)"
+    return stored_rig if bundled else stored_file
+
+
+def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarray, "times columns"]:
+    """The weights again.
+
+    **Raises:** `ValueError` where there are more or fewer than `times` by `channels`.
+    """
+    counts = [max(count, 0) for count, _ in stretches]
+    if sum(counts) != times * channels:
+        raise ValueError(f"found weights of {sum(counts)} samples, allowed is {times * channels}")
+    return np.repeat([weight for _, weight in stretches], counts).reshape(channels, times).T
+
+
+def _recording(fit: Fit, number: int) -> dict[str, Any]:
+    name, knowledge = fit.recordings[number], fit.knowledge
+    percent = {c: value for (one, c), value in fit.fit_percent.items() if one == name}
+    return {
+        "fingerprint": fit.fingerprints[number],
+        "channels": fit.channels[number],
+        "samples": len(knowledge.common_weights[number]),
+        "events": knowledge.events[number],
+        "fit_percent": percent,
+        "given_weights": _stretches(fit.setting.samples[number]),
+        "alone_weights": _stretches(knowledge.alone_weights[number]),
+        "common_weights": _stretches(knowledge.common_weights[number][:, None]),
+    }
+
+
+def _stretches(weights: Float[np.ndarray, "times channels"]) -> Stretches:
+    flat = weights.T.ravel()
+    starts = np.flatnonzero(np.append(True, flat[1:] != flat[:-1]))
+    counts = np.diff(np.append(starts, flat.size))
+    return tuple(zip(counts.tolist(), flat[starts].tolist(), strict=True))
+
+
+def _table(name: str, entries: Mapping[str, Any]) -> str:
+    """A table, a line for each key; what is None is left out. Of many entries of a kind, such as
+    iterations or the rows of a matrix, each has a line."""
+    lines = [f"[{name}]"]
+    for key, value in entries.items():
+        plain = _plain(value)
+        if plain is None:
+            continue
+        if isinstance(plain, list) and plain and isinstance(plain[0], list | dict):
+            rows = "".join(f"    {_inline(one)},\n" for one in plain)
+            lines.append(f"{_key(key)} = [\n{rows}]")
+        else:
+            lines.append(f"{_key(key)} = {_inline(plain)}")
+    return "\n".join(lines) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and tuples as lists, records as dictionaries."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(one) for one in value]
+    return value
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, dict):
+        kept = {key: one for key, one in value.items() if one is not None}
+        return f"{{ {', '.join(f'{_key(k)} = {_inline(v)}' for k, v in kept.items())} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_inline, value))}]"
+    if isinstance(value, bool | np.bool_):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _text(value)
+    # TOML writes what is not finite as Python does: inf, nan.
+    return repr(float(value)) if isinstance(value, float) else repr(int(value))
+
+
+def _key(name: str) -> str:
+    bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
+    return name if bare else _text(name)
+
+
+def _text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

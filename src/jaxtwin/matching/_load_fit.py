@@ -1,0 +1,331 @@
+"""A saved fit read back, with or without the recordings that it was matched to."""
+
+import json
+import math
+import os
+import reprlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pydantic
+from jaxtyping import Float
+
+from .._errors import MatchError, ParameterError
+from ..io import Experiment
+from ..physics import Twin
+from ..rig import Parameter, Rig, load_rig, read_parameters, read_toml, refuse
+from ..simulation import simulate
+from ._estimate import Knowledge, Setting, recording_weights, shapes_needed
+from ._fit import CameraError, Comparison, Fit, FittedParameters
+from ._fit_file import FORMAT, StoredFit, StoredRecording, rig_to_load, unrolled
+from ._uncertainty import Uncertainty, close_pairs, dead_labels, physical_covariance
+from ._unknowns import Unknowns
+
+STORED = pydantic.TypeAdapter(StoredFit)
+
+
+def load_fit(
+    path: str | os.PathLike[str],
+    rig: Rig | str | os.PathLike[str] | None,
+    experiments: Experiment | Sequence[Experiment] | None,
+) -> Fit:
+    """See `Fit.load`."""
+    data, source = read_toml(path, ParameterError)
+    if not isinstance(data.get("fit"), dict):
+        _refuse(
+            source,
+            "fit",
+            "missing, allowed is a file that Fit.save wrote; the values of a parameter file go to "
+            "Twin(rig, path)",
+        )
+    rig = _rig(source, data["fit"], rig)
+    read_parameters(path, rig)  # refuses damaged rows
+    rows = {name: _row(source, name, data, rig) for name in rig.parameters}
+    stored = _stored(source, data["fit"], rows)
+    names = tuple(stored.recordings)
+    values = [read_parameters(path, rig, name) for name in names]
+    unknowns = _unknowns(rig, stored, len(names))
+    for name in names:
+        for row in unknowns.own:
+            if row.name not in data.get("recordings", {}).get(name, {}):
+                field = f"recordings.{name}.{row.name}"
+                _refuse(source, field, "missing, allowed is the value of each recording")
+    vector = np.array(
+        [_inward(row, values[0][row.name]) for row in unknowns.shared]
+        + [_inward(row, one[row.name]) for one in values for row in unknowns.own]
+    )
+    known = _uncertainty(source, stored, unknowns, vector)
+    several = list(stored.recordings.values())
+    samples, alone, common = (
+        tuple(_weights(source, name, kind, one) for name, one in stored.recordings.items())
+        for kind in ("given_weights", "alone_weights", "common_weights")
+    )
+    knowledge = Knowledge(
+        alone=stored.weighed_by[0],
+        common=stored.weighed_by[1],
+        events=tuple(one.events for one in several),
+        alone_weights=alone,
+        common_weights=tuple(one[:, 0] for one in common),
+    )
+    start = Twin(rig, {name: row.initial for name, row in stored.parameters.items()})
+    matched = _recordings(stored, experiments)
+    setting = Setting(
+        twin=start,
+        experiments=matched or (),
+        unknowns=unknowns,
+        samples=samples,
+        events=knowledge.events,
+        common_error=rig.camera.common_error,
+        robust=stored.robust,
+    )
+    own = [{row.name: one[row.name] for row in unknowns.own} for one in values]
+    shared = {row.name: values[0][row.name] for row in unknowns.shared}
+    fit = Fit(
+        twin=start.with_parameters({**shared, **own[0]}),
+        recordings=names,
+        fingerprints=tuple(one.fingerprint for one in several),
+        channels=tuple(one.channels for one in several),
+        parameters=FittedParameters(stored.parameters),
+        recording_values=dict(zip(names, own, strict=True)),
+        fit_percent={
+            (name, channel): percent
+            for name, one in stored.recordings.items()
+            for channel, percent in one.fit_percent.items()
+        },
+        rmse=stored.rmse,
+        status=stored.status,
+        converged=stored.converged,
+        history=stored.history,
+        optima=stored.optima,
+        wall_time=stored.wall_time,
+        solver_gap=stored.solver_gap,
+        camera_error=stored.camera_error,
+        noise=stored.noise,
+        uncertainty=known,
+        cost=stored.cost,
+        setting=setting,
+        knowledge=knowledge,
+        vector=vector,
+        date=stored.date,
+        versions=stored.versions,
+        comparisons=None,
+    )
+    if matched is None:
+        return fit
+    pairs = enumerate(zip(fit.twins.values(), matched, strict=True))
+    comparisons = tuple(_comparison(fit, number, twin, one) for number, (twin, one) in pairs)
+    return replace(fit, comparisons=comparisons)
+
+
+def _rig(source: str, table: dict[str, Any], given: Rig | str | os.PathLike[str] | None) -> Rig:
+    """The rig of the fit, checked to be the one that was matched."""
+    for key in ("rig", "rig_file", "rig_fingerprint"):
+        if not isinstance(table.get(key), str):
+            _refuse(source, f"fit.{key}", f"found {table.get(key)!r}, allowed is text")
+    if given is None:
+        given = rig_to_load(table["rig"], table["rig_file"])
+        if given == table["rig_file"] and not Path(given).exists():
+            _refuse(
+                source,
+                "fit.rig_file",
+                f"found {given!r}, which is not there; pass Fit.load(path, rig=...)",
+            )
+    rig = given if isinstance(given, Rig) else load_rig(given)
+    if rig.fingerprint != table["rig_fingerprint"]:
+        _refuse(
+            source,
+            "fit.rig_fingerprint",
+            f"the rig {rig.name!r} ({rig.source}) is not the one that was matched, which was "
+            f"{table['rig']!r} ({table['rig_file']}), or has changed since; pass it as rig=...",
+        )
+    return rig
+
+
+def _row(source: str, name: str, data: dict[str, Any], rig: Rig) -> dict[str, Any]:
+    """What the parameter table and the rig say of a fitted parameter."""
+    table = data.get("parameters")
+    row = table.get(name) if isinstance(table, dict) else None
+    own = data["fit"].get("parameters")
+    more = own.get(name) if isinstance(own, dict) else None
+    field, parameter = f"parameters.{name}", rig.parameters[name]
+    if not isinstance(row, dict):
+        _refuse(source, field, f"found {row!r}, allowed is a row for each parameter of {rig.name}")
+    if not isinstance(more, dict):
+        _refuse(source, f"fit.{field}", f"found {more!r}, allowed is what the match found")
+    if row.get("unit") != parameter.unit:
+        _refuse(
+            source, f"{field}.unit", f"found {row.get('unit')!r}, allowed is {parameter.unit!r}"
+        )
+    lower, upper = row.get("bounds", (-math.inf, math.inf))
+    free, prior = row.get("free", False), row.get("prior")
+    known = prior if free is True and isinstance(prior, dict) else {}
+    bounded = replace(parameter, lower=lower, upper=upper)
+    return more | {
+        "name": name,
+        "unit": parameter.unit,
+        "description": row.get("description", ""),
+        "free": free,
+        "scope": row.get("scope", "shared"),
+        "value": row.get("value"),
+        "lower": lower,
+        "upper": upper,
+        "is_logarithmic": bounded.is_logarithmic,
+        "published": rig.parameter_sets.get("published", {}).get(name),
+        "prior_value": known.get("value"),
+        "prior_spread": known.get("spread"),
+    }
+
+
+def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]]) -> StoredFit:
+    """The checked table [fit]."""
+    if table.get("format") != FORMAT:
+        _refuse(source, "fit.format", f"found {table.get('format')!r}, allowed is {FORMAT}")
+    try:
+        # As JSON: strict about types, and lists may stand for tuples.
+        text = json.dumps(table | {"parameters": rows}, default=str)
+        stored = STORED.validate_json(text, strict=True)
+    except pydantic.ValidationError as problem:
+        first = problem.errors(include_url=False)[0]
+        field = ".".join(map(str, ("fit", *first["loc"])))
+        if first["type"] == "missing":
+            _refuse(source, field, "missing, every saved fit has it")
+        allowed = first["msg"].removeprefix("Input should be ")
+        _refuse(source, field, f"found {reprlib.repr(first['input'])}, allowed is {allowed}")
+    if not stored.recordings:
+        _refuse(source, "fit.recordings", "found none, allowed is a table for each recording")
+    kinds = {"noise": stored.noise, "weighed_by": stored.weighed_by}
+    numbers = {"rmse": stored.rmse, "cost": stored.cost, "camera_error": stored.camera_error}
+    numbers |= {
+        f"{name}[{n}].{part}": getattr(noise, part)
+        for name, pair in kinds.items()
+        for n, noise in enumerate(pair)
+        for part in ("deviation", "correlated")
+    }
+    for field, number in numbers.items():
+        if not 0 <= number < math.inf:
+            _refuse(
+                source, f"fit.{field}", f"found {number}, allowed is a finite number, 0 or above"
+            )
+    for name, row in stored.parameters.items():
+        if not math.isfinite(row.initial):
+            field = f"fit.parameters.{name}.initial"
+            _refuse(source, field, f"found {row.initial}, allowed is a finite number")
+    return stored
+
+
+def _unknowns(rig: Rig, stored: StoredFit, recordings: int) -> Unknowns:
+    rows = [
+        replace(
+            rig.parameters[row.name],
+            value=row.initial,
+            lower=row.lower,
+            upper=row.upper,
+            free=True,
+            scope=row.scope,
+            prior_value=row.prior_value,
+            prior_spread=row.prior_spread,
+        )
+        for row in stored.parameters.values()
+        if row.free
+    ]
+    return Unknowns(
+        shared=tuple(row for row in rows if row.scope == "shared"),
+        own=tuple(row for row in rows if row.scope == "recording"),
+        recordings=recordings,
+    )
+
+
+def _uncertainty(
+    source: str,
+    stored: StoredFit,
+    unknowns: Unknowns,
+    vector: Float[np.ndarray, " unknowns"],
+) -> Uncertainty:
+    found, size = stored.unknowns, unknowns.size
+    labels = unknowns.labels(tuple(stored.recordings))
+    if found.labels != labels:
+        _refuse(
+            source,
+            "fit.unknowns.labels",
+            f"found {', '.join(found.labels)}, allowed are the free parameters and recordings of "
+            f"the file, {', '.join(labels)}",
+        )
+    for name in ("covariance", "inverse_hessian"):
+        matrix = getattr(found, name)
+        if len(matrix) != size or any(len(row) != size for row in matrix):
+            _refuse(source, f"fit.unknowns.{name}", f"allowed are {size} rows of {size} numbers")
+    for name in ("narrowing", "between_recordings"):
+        if len(getattr(found, name)) != size:
+            _refuse(source, f"fit.unknowns.{name}", f"allowed are {size} numbers")
+    entries, narrowing = np.array(found.covariance), np.array(found.narrowing)
+    lost = np.isin(labels, found.undetermined)
+    covariance, correlation = physical_covariance(entries, unknowns.slopes(vector), lost)
+    return Uncertainty(
+        labels=labels,
+        covariance=covariance,
+        correlation=correlation,
+        narrowing=narrowing,
+        singular_values=np.array(found.singular_values),
+        flat=found.flat,
+        dead=dead_labels(labels, narrowing),
+        collinear=close_pairs(labels, correlation),
+        entries=entries,
+        inverse_hessian=np.array(found.inverse_hessian),
+        between_recordings=np.array(found.between_recordings),
+    )
+
+
+def _weights(
+    source: str, name: str, kind: str, one: StoredRecording
+) -> Float[np.ndarray, "times columns"]:
+    columns = 1 if kind == "common_weights" else len(one.channels)
+    try:
+        return unrolled(getattr(one, kind), one.samples, columns)
+    except ValueError as problem:
+        _refuse(source, f"fit.recordings.{name}.{kind}", str(problem))
+
+
+def _recordings(
+    stored: StoredFit, experiments: Experiment | Sequence[Experiment] | None
+) -> tuple[Experiment, ...] | None:
+    """The recordings that were matched, found by their fingerprints."""
+    if experiments is None:
+        return None
+    given = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    by_content = {one.fingerprint: one for one in given}
+    found = []
+    for name, one in stored.recordings.items():
+        if one.fingerprint not in by_content:
+            there = ", ".join(e.name or "one without a name" for e in given) or "none"
+            raise MatchError(
+                f"experiments: found {there}, of which none has the contents of {name!r} "
+                f"(fingerprint {one.fingerprint[:12]}...) that was matched; allowed are those of "
+                "the fit, read as they were then"
+            )
+        found.append(by_content[one.fingerprint])
+    return tuple(found)
+
+
+def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Comparison:
+    run = simulate(twin, experiment)
+    count = shapes_needed(fit.setting, fit.knowledge)
+    weights = recording_weights(fit.setting, fit.knowledge, number, count)
+    with jax.enable_x64(True):
+        # A sample that is missing has no weight.
+        difference = np.nan_to_num(run.temperatures - np.asarray(experiment.temperatures))
+        _, _, sizes = weights.split(jnp.asarray(difference))
+        error = np.asarray(weights.shapes) @ np.asarray(sizes)
+    return Comparison(run, CameraError(fit.knowledge.events[number], error))
+
+
+def _inward(row: Parameter, value: float) -> float:
+    return math.log(value) if row.is_logarithmic else value
+
+
+def _refuse(source: str, field: str, message: str) -> NoReturn:
+    refuse(source, field, message, ParameterError)

@@ -1,0 +1,265 @@
+"""A saved fit comes back whole, and a damaged file says what is wrong with it."""
+
+import re
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jaxtwin import (
+    Experiment,
+    Fit,
+    MatchError,
+    ParameterError,
+    Twin,
+    load_rig,
+    match,
+    prediction_band,
+    profile,
+    read_parameters,
+    simulate,
+    validate,
+)
+from jaxtwin.matching import FittedParameters, Noise
+
+FREE = ["C_load", "R_E", "T_amb"]
+TRUTH = {"C_load": 24.0, "R_E": 1.9}
+NAMES = ("monday", 'tuesday "2".\n')
+
+
+def recording(ambient: float, seed: int, name: str) -> Experiment:
+    drive = Experiment.schedule("0:0.4,60:-0.3", duration=120, step=2.0, channels=("T",))
+    seen = simulate(Twin("single-cell", {**TRUTH, "T_amb": ambient}), drive).temperatures
+    seen = seen + 0.05 * np.random.default_rng(seed).standard_normal(seen.shape)
+    seen[10] += 3.0
+    return Experiment(drive.time, drive.duty, channels=("T",), temperatures=seen, name=name)
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Experiment]:
+    return [recording(20.0, 0, NAMES[0]), recording(23.0, 1, NAMES[1])]
+
+
+@pytest.fixture(scope="module")
+def fit(recordings: list[Experiment]) -> Fit:
+    """With weights by masks and by the robust loss, bounds of its own, and a value at one."""
+    return match(
+        Twin("single-cell"),
+        recordings,
+        free=FREE,
+        bounds={"R_E": (1.95, 8.0)},
+        masks={"monday": [(30.0, 40.0, 0.5)]},
+        robust=2.0,
+        starts=2,
+        max_iterations=12,
+    )
+
+
+@pytest.fixture(scope="module")
+def saved(fit: Fit, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("fit") / "fit.toml"
+    fit.save(path)
+    return path
+
+
+def same(one: Fit, other: Fit) -> None:
+    """All that a fit holds beside its recordings."""
+    for name in ("recordings", "fingerprints", "channels", "recording_values", "rmse", "status"):
+        assert getattr(one, name) == getattr(other, name)
+    for name in ("converged", "history", "optima", "wall_time", "solver_gap", "noise", "cost"):
+        assert getattr(one, name) == getattr(other, name)
+    assert (one.date, one.versions) == (other.date, other.versions)
+    # NaN is the same as NaN here.
+    assert str(one.fit_percent) == str(other.fit_percent)
+    assert str(one.parameters) == str(other.parameters)
+    assert one.twin.parameters == other.twin.parameters
+    np.testing.assert_allclose(one.vector, other.vector, rtol=1e-14)
+    for field in fields(one.uncertainty):
+        mine, theirs = (getattr(fit.uncertainty, field.name) for fit in (one, other))
+        if isinstance(mine, np.ndarray):
+            np.testing.assert_allclose(mine, theirs, rtol=1e-13)
+        else:
+            assert str(mine) == str(theirs)
+    for name in one.recordings:
+        np.testing.assert_array_equal(one.weights[name], other.weights[name])
+    mine, theirs = one.setting, other.setting
+    assert mine.unknowns == theirs.unknowns
+    assert (mine.common_error, mine.robust) == (theirs.common_error, theirs.robust)
+    assert mine.twin.parameters == theirs.twin.parameters
+    assert one.summary() == other.summary()
+
+
+def test_a_saved_fit_comes_back_whole(fit: Fit, saved: Path):
+    loaded = Fit.load(saved)
+    same(fit, loaded)
+    assert loaded["R_E"].at_bound
+    assert loaded["C_load"].standard_error == fit["C_load"].standard_error
+    assert {name: float(twin.parameters["T_amb"]) for name, twin in loaded.twins.items()} == {
+        name: fit.recording_values[name]["T_amb"] for name in NAMES
+    }
+
+
+number = st.floats(0, 1e9)
+anything = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@settings(max_examples=30)
+@given(data=st.data())
+def test_any_fit_comes_back_whole(fit: Fit, tmp_path_factory: pytest.TempPathFactory, data):
+    """Whatever its numbers are: NaN and infinity where they may stand, any text, any weights."""
+    rows = FittedParameters(
+        {
+            name: replace(
+                row,
+                standard_error=data.draw(anything),
+                narrowing=data.draw(anything),
+                warnings=tuple(data.draw(st.lists(st.text(max_size=5), max_size=2))),
+            )
+            for name, row in fit.parameters.items()
+        }
+    )
+    matrix = np.array(data.draw(st.lists(anything, min_size=16, max_size=16))).reshape(4, 4)
+    shape = fit.setting.samples[0].shape
+    some = st.sampled_from([0.0, 0.3, 1.0])
+    weights = np.array(data.draw(st.lists(some, min_size=shape[0], max_size=shape[0])))
+    changed = replace(
+        fit,
+        rmse=data.draw(number),
+        cost=data.draw(number),
+        status=data.draw(st.text()),
+        date=data.draw(st.text()),
+        noise=(Noise(data.draw(number), data.draw(number)), fit.noise[1]),
+        fit_percent=dict.fromkeys(fit.fit_percent, data.draw(anything)),
+        history=(*fit.history, replace(fit.history[0], cost=data.draw(anything))),
+        parameters=rows,
+        uncertainty=replace(fit.uncertainty, inverse_hessian=matrix),
+        knowledge=replace(
+            fit.knowledge,
+            alone_weights=(weights[:, None], fit.knowledge.alone_weights[1]),
+            events=((data.draw(number),), ()),
+        ),
+    )
+    path = tmp_path_factory.mktemp("fit") / "fit.toml"
+    changed.save(path)
+    same(changed, Fit.load(path))
+
+
+def test_a_saved_fit_is_a_parameter_file(fit: Fit, saved: Path):
+    values = read_parameters(saved, fit.twin.rig, NAMES[1])
+    assert values == {name: float(value) for name, value in fit.twins[NAMES[1]].parameters.items()}
+    assert Twin("single-cell", saved).parameters["C_load"] == fit["C_load"].value
+    assert Twin("single-cell").with_parameters(str(saved)).parameters["R_E"] == 1.95
+
+
+def test_without_its_recordings_it_predicts_and_says_what_it_cannot(
+    saved: Path, fit: Fit, recordings: list[Experiment]
+):
+    loaded = Fit.load(saved)
+    assert loaded.to_dataframe().loc["C_load", "value"] == fit["C_load"].value
+    unseen = recording(18.0, 2, "wednesday")
+    one = prediction_band(loaded, NAMES[1], experiment=unseen, draws=5)
+    other = prediction_band(fit, NAMES[1], experiment=unseen, draws=5)
+    np.testing.assert_allclose(one.middle, other.middle, rtol=1e-12)
+    assert validate(saved, unseen).rmse == validate(fit, unseen).rmse
+    for ask in (
+        lambda: loaded.runs,
+        lambda: loaded.camera,
+        lambda: loaded.experiments,
+        lambda: loaded.plant_fit_percent,
+        lambda: profile(loaded, "C_load"),
+        lambda: prediction_band(loaded),
+    ):
+        with pytest.raises(MatchError, match=r"loaded without them; Fit.load\(path, experiments="):
+            ask()
+
+
+def test_with_its_recordings_it_has_its_runs_again(
+    saved: Path, fit: Fit, recordings: list[Experiment]
+):
+    """In any order and under any name: they are known by their contents."""
+    second = recordings[1]
+    other = Experiment(
+        second.time, second.duty, channels=("T",), temperatures=second.temperatures, name="other"
+    )
+    loaded = Fit.load(saved, experiments=[other, recordings[0]])
+    for name in NAMES:
+        np.testing.assert_array_equal(loaded.runs[name].temperatures, fit.runs[name].temperatures)
+        np.testing.assert_allclose(loaded.camera[name].error, fit.camera[name].error, atol=1e-9)
+    values = fit["C_load"].value * np.array([0.98, 1.0, 1.02])
+    one, two = (profile(each, "C_load", values).excess for each in (fit, loaded))
+    np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-6)
+
+
+def test_another_recording_is_refused(saved: Path, recordings: list[Experiment]):
+    words = r"experiments: found monday, wednesday, of which none has the contents of 'tuesday"
+    with pytest.raises(MatchError, match=words):
+        Fit.load(saved, experiments=[recordings[0], recording(18.0, 2, "wednesday")])
+
+
+def test_another_rig_is_refused(saved: Path, tmp_path: Path):
+    with pytest.raises(ParameterError, match=r"fit.rig_fingerprint: the rig 'dual-cell' .* not"):
+        Fit.load(saved, rig="dual-cell")
+    assert Fit.load(saved, rig=load_rig("single-cell")).twin.rig.name == "single-cell"
+    lost = tmp_path / "fit.toml"
+    text = saved.read_text("utf-8")
+    lost.write_text(text.replace("single-cell.toml (bundled)", "lost.toml"), "utf-8")
+    with pytest.raises(ParameterError, match=r"fit.rig_file: found 'lost.toml', which is not ther"):
+        Fit.load(lost)
+    assert Fit.load(lost, rig="single-cell").recordings == NAMES
+
+
+@pytest.mark.parametrize(
+    ("pattern", "instead", "words"),
+    [
+        (r"(?s)\n\[fit\].*", "", r"fit: missing, allowed is a file that Fit.save wrote"),
+        (r"\nformat = 1", "\nformat = 2", r"fit.format: found 2, allowed is 1"),
+        (r"\nrmse = .*", "", r"fit.rmse: missing"),
+        (r"\nrmse = .*", "\nrmse = 'low'", r"fit.rmse: found 'low', allowed is a valid number"),
+        (r"\nrmse = .*", "\nrmse = nan", r"fit.rmse: found nan, allowed is a finite number"),
+        (r"\nconverged = .*", "\nconverged = 1", r"fit.converged: found 1, allowed is a valid bo"),
+        (r"\ncovariance = \[\n.*", "\ncovariance = [", r"fit.unknowns.covariance: allowed are 4"),
+        (r"\nlabels = .*", "\nlabels = ['R_E']", r"fit.unknowns.labels: found R_E, allowed are"),
+        (r"\nC_load = .*", "", r"parameters.C_load: found None, allowed is a row for each"),
+        (
+            r"\nC_load = { value = .*?,",
+            "\nC_load = { value = nan,",
+            r"C_load: found nan",
+        ),
+        (r"\[fit.parameters.R_E\]\n", "[fit.more]\n", r"fit.parameters.R_E: found None, allowed"),
+        (r"\ninitial = .*", "\ninitial = inf", r"fit.parameters.C_load.initial: found inf"),
+        (r"\nsamples = 61", "\nsamples = 60", r"given_weights: found weights of 61 samples, all"),
+        (r'\[recordings."monday"\]\n.*', "", r"recordings.monday.T_amb: missing, allowed is the v"),
+        (r"\[fit.recordings.monday\]", "[fit.recordings.friday]", r"recordings.friday.T_amb: miss"),
+    ],
+)
+def test_a_damaged_file_says_where(saved: Path, tmp_path: Path, pattern, instead, words):
+    text, count = re.subn(pattern, instead, saved.read_text("utf-8"), count=1)
+    assert count == 1
+    path = tmp_path / "damaged.toml"
+    path.write_text(text, "utf-8")
+    with pytest.raises(ParameterError, match=f"damaged.toml: .*{words}"):
+        Fit.load(path)
+
+
+def test_a_channel_that_never_changes_is_named_and_left_out_of_the_mean(fit: Fit):
+    monday, tuesday = fit.fit_percent
+    found = replace(fit, fit_percent={monday: np.nan, tuesday: 80.0})
+    assert found.mean_fit_percent == 80.0
+    assert "monday: T constant" in found.summary()
+    assert found.to_dict()["fit_percent"]["monday"]["T"] is None
+
+
+def test_access_is_plain_and_unknown_names_are_met_with_the_nearest(fit: Fit):
+    assert list(fit.parameters) == list(fit.twin.rig.parameters)
+    assert fit["R_E"] is fit.parameters["R_E"]
+    for ask in (lambda: fit["R_e"], lambda: fit.parameters["R_e"], lambda: fit.parameter("R_e")):
+        with pytest.raises(ParameterError, match="unknown parameter 'R_e', did you mean 'R_E'"):
+            ask()
+    frame = fit.to_dataframe()
+    assert list(frame.index) == list(fit.parameters)
+    assert frame.loc["C_load", "standard_error"] == fit["C_load"].standard_error
+    assert "<th>C_load</th>" in fit._repr_html_()
+    assert "<th>R_loss</th>" not in fit._repr_html_()
