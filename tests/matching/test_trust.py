@@ -1,6 +1,7 @@
 """Priors, the camera as an instrument, uncertainty: on recordings whose truth is known."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -73,6 +74,15 @@ def test_corrections_are_found_and_the_plate_keeps_its_dynamics(disturbed: Fit):
         assert abs(row.value - value) < 4 * row.standard_error
         assert row.standard_error < 0.1 * abs(value)
     assert disturbed.rmse < 0.1
+
+
+def test_a_saved_fit_has_the_cameras_error_again(disturbed: Fit, tmp_path: Path):
+    """From the fitted twin's run and the corrections in the file; the match's own steps differ."""
+    disturbed.save(tmp_path / "fit.toml")
+    loaded = Fit.load(tmp_path / "fit.toml", experiments=disturbed.experiments)
+    for name, camera in disturbed.camera.items():
+        assert loaded.camera[name].events == camera.events
+        np.testing.assert_allclose(loaded.camera[name].error, camera.error, atol=1e-3)
 
 
 def test_without_corrections_none_are_found_and_the_camera_takes_nothing(calm: Fit):
