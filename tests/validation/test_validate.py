@@ -123,7 +123,7 @@ def test_a_match_never_sees_what_it_has_to_predict(split: Validation, days: list
     first, second = split.predictions[0].fit, other.predictions[0].fit
     assert first is not None
     assert second is not None
-    assert [row.value for row in first.parameters] == [row.value for row in second.parameters]
+    assert first.parameters == second.parameters
     assert first.experiments[0].time[-1] < SPLIT <= split.predictions[0].run.time[0]
     assert other.rmse > 25
 
