@@ -86,7 +86,7 @@ def check_no_gap(experiment: Experiment) -> None:
     number = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps, the first"
     raise RecordingError(
         f"{number} from {start:g} s to {end:g} s; allowed are steps up to {GAP_FACTOR:g} times the "
-        "median step. Split the recording there, or add the missing times with their duty and empty "
+        "median step. Split the recording there, or add the missing times, their duty, and empty "
         "temperatures; of a .db file 'jaxtwin export' writes the part between --start and --end"
     )
 
