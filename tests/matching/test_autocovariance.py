@@ -37,7 +37,9 @@ def residuals_of(
     inverse = np.linalg.inv(flat.T @ flat)
     left = roots * noise
     left = left - (flat @ inverse @ flat.T @ left.ravel()).reshape(noise.shape)
-    return Series(0, left, slopes, np.arange(slopes.shape[-1]), roots, CHANNELS), inverse
+    return Series(
+        0, left, slopes, np.arange(slopes.shape[-1]), roots, float(CHANNELS), float(CHANNELS)
+    ), inverse
 
 
 def test_the_two_filters_are_the_matrix():

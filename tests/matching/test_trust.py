@@ -252,7 +252,7 @@ def test_recordings_may_have_very_unequal_numbers_of_corrections(
     runs = [recording(seed, seed == 0, f"{seed}") for seed in range(4)]
     many = tuple(np.arange(5.0, 285.0, 7.0))
 
-    def detect(time: np.ndarray, common: np.ndarray) -> tuple[float, ...]:
+    def detect(time: np.ndarray, common: np.ndarray, counted: np.ndarray) -> tuple[float, ...]:
         return many if np.abs(np.diff(common)).max() > 0.5 else ()
 
     monkeypatch.setattr(_estimate, "detect_events", detect)

@@ -141,6 +141,14 @@ class Experiment:
         return ~np.isnan(self.temperatures)
 
     @property
+    def unsampled(self) -> tuple[str, ...]:
+        """The channels without any recorded temperature, though others have some."""
+        if self.temperatures is None:
+            return ()
+        columns = self.sampled.any(axis=0)
+        return tuple(name for name, some in zip(self.channels, columns, strict=True) if not some)
+
+    @property
     def switch_times(self) -> Float[np.ndarray, "switches"]:
         """The times at which the duty cycle of any cell changes, without the first sample, s."""
         changes = np.any(self.duty[1:] != self.duty[:-1], axis=1)
@@ -300,12 +308,7 @@ class Experiment:
         """How many samples are missing, and which channels have none at all."""
         number = self.sampled.size - np.count_nonzero(self.sampled)
         text = f"{number} of {_count(self.sampled.size, 'sample')} missing"
-        bare = [
-            name
-            for name, column in zip(self.channels, self.sampled.T, strict=True)
-            if not column.any()
-        ]
-        return f"{text}, {', '.join(bare)} without any" if bare else text
+        return f"{text}, {', '.join(self.unsampled)} without any" if self.unsampled else text
 
 
 def _count(number: int, noun: str) -> str:

@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float
 
 from ._autocovariance import Series, fit_noise
 from ._descend import Attempt
-from ._estimate import Knowledge, Residuals
+from ._estimate import Knowledge, Residuals, beside_others
 from ._noise import Noise
 from ._uncertainty import Uncertainty, inverse_of_normal, uncertainty
 from ._unknowns import Unknowns
@@ -76,9 +76,12 @@ def _series(
             weights = jax.tree.map(lambda leaf, at=number: np.asarray(leaf[at]), group.weights)
             of_alone, of_common, of_sizes = (block[number] for block in blocks)
             counted = knowledge.alone_weights[position]
-            if (channels := counted.shape[1]) > 1:
+            if (beside := beside_others(counted)).any():
                 own = weights.alone * residuals.alone[position]
-                series.append(_dependent_part(0, own, of_alone, np.sqrt(counted), channels - 1))
+                # Of the channels that count at a time, their mean takes one away.
+                channels = float(beside.sum() / np.count_nonzero(beside.any(axis=1)))
+                roots = np.sqrt(counted * beside)
+                series.append(_dependent_part(0, own, of_alone, roots, channels, channels - 1))
             used = weights.shapes.any(axis=0)
             shapes = weights.shapes * weights.common[:, None] / weights.size_weight
             # The match has each value move the sizes too: undone here.
@@ -87,7 +90,7 @@ def _series(
             slopes[:, 0, count:] = -shapes[:, used]
             moments = np.sqrt(knowledge.common_weights[position]) * counted.any(axis=1)
             shared = (weights.common * residuals.common[position])[:, None]
-            series.append(_dependent_part(1, shared, slopes, moments[:, None], 1))
+            series.append(_dependent_part(1, shared, slopes, moments[:, None], 1.0, 1.0))
             lift.append(of_sizes[used])
             count += int(used.sum())
     return series, np.concatenate(lift)
@@ -98,8 +101,9 @@ def _dependent_part(
     residuals: Float[np.ndarray, "times channels"],
     slopes: Float[np.ndarray, "times channels all_unknowns"],
     roots: Float[np.ndarray, "times channels"],
-    independent: int,
+    channels: float,
+    independent: float,
 ) -> Series:
     """A series with derivatives in those unknowns alone on which it depends."""
     entries = np.flatnonzero(slopes.any(axis=(0, 1)))
-    return Series(kind, residuals, slopes[..., entries], entries, roots, independent)
+    return Series(kind, residuals, slopes[..., entries], entries, roots, channels, independent)

@@ -56,10 +56,10 @@ def settle(
 
     **Returns:** the twin; without parameters of a recording, the one that was given.
 
-    **Raises:** `MatchError` where the recording has no temperatures, the part holds fewer samples
-    than there are values to take, a value of the twin lies outside its bounds, or the twin gives no
-    finite temperatures; `ParameterError` for unknown names; `SimulationError` for a recording of
-    another rig.
+    **Raises:** `MatchError` where the recording has no temperatures, the part holds fewer times
+    with a sample than there are values to take, a value of the twin lies outside its bounds, or the
+    twin gives no finite temperatures; `ParameterError` for unknown names; `SimulationError` for a
+    recording of another rig.
     """
     table = twin.rig.parameters
     names = [n for n, row in table.items() if row.scope == "recording"] if own is None else [*own]
@@ -70,15 +70,15 @@ def settle(
     if not names:
         return twin
     (label,) = checked_recordings(twin, [recording])
-    assert recording.temperatures is not None
-    first = recording.temperatures[0].mean()
-    count = int(np.count_nonzero(recording.time < recording.time[0] + warm_up))
+    early = recording.time < recording.time[0] + warm_up
+    count = int(np.count_nonzero(recording.sampled[early].any(axis=1)))
     if count < max(2, len(names)):
         raise MatchError(
             f"{label}: warm_up = {warm_up:g} s: found {count} samples, allowed are at least "
             f"{max(2, len(names))} for {', '.join(names)}"
         )
     part = recording.between(None, recording.time[0] + warm_up)
+    first = float(np.nanmean(_first(part)))
     unknowns = choose_unknowns(twin, 1, free=names, per_recording=names)
     unknowns = replace(unknowns, own=tuple(_expected(row, first) for row in unknowns.own))
     error = twin.rig.camera.common_error
@@ -125,8 +125,15 @@ def _weights(part: Experiment) -> Float[np.ndarray, "times channels"]:
     """Of each sample, 0 to 1: a twin is right to some per cent of what the drive does, so what has
     moved far from the first reading says less about where the recording started."""
     assert part.temperatures is not None
-    moved = part.temperatures - part.temperatures[0]
+    moved = np.where(part.sampled, part.temperatures - _first(part), np.inf)
     return 1 / (1 + (moved / MOVED) ** 2)
+
+
+def _first(part: Experiment) -> Float[np.ndarray, " channels"]:
+    """The first reading of each channel that is not missing, NaN where all are, degC."""
+    assert part.temperatures is not None
+    rows = part.sampled.argmax(axis=0)
+    return part.temperatures[rows, np.arange(len(rows))]
 
 
 def _expected(row: Parameter, first: float) -> Parameter:
