@@ -48,7 +48,9 @@ def with_temperatures(experiment: Experiment, temperatures: np.ndarray) -> Exper
 
 
 def with_holes(experiment: Experiment, holes: np.ndarray) -> Experiment:
-    return with_temperatures(experiment, np.where(holes, np.nan, experiment.temperatures))
+    return with_temperatures(
+        experiment, np.where(holes, np.nan, np.asarray(experiment.temperatures))
+    )
 
 
 def assert_same(one: Fit, other: Fit) -> None:
@@ -77,7 +79,7 @@ def test_a_file_with_a_hole_matches_as_the_same_samples_masked(
     holes[span] = True
     folder: Path = tmp_path_factory.mktemp("holes")
     file = write_recording(with_holes(whole, holes), folder / "day.csv")
-    filled = with_temperatures(whole, np.where(holes, garbage, whole.temperatures))
+    filled = with_temperatures(whole, np.where(holes, garbage, np.asarray(whole.temperatures)))
     mask = {"day": [(float(whole.time[span][0]), float(whole.time[span][-1]) + 1e-6)]}
     if first + length >= len(whole.time):
         mask = {"day": [(float(whole.time[first]) - 1e-6, float(whole.time[-1]))]}
@@ -106,7 +108,7 @@ def test_what_stands_under_weight_0_changes_nothing(
     recording = with_holes(whole, holes)
     unknowns = choose_unknowns(start, 1, free=FREE)
     missing = make_setting(start, [recording], ("day",), unknowns, None, None, robust)
-    filled = with_temperatures(whole, np.where(holes, garbage, whole.temperatures))
+    filled = with_temperatures(whole, np.where(holes, garbage, np.asarray(whole.temperatures)))
     weighed = replace(missing, experiments=(filled,))
     results = [
         estimate([setting], default_solver(setting), [unknowns.start()], 50)[0]

@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -16,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from small_results import analysis, fit, recordings
 
-from jaxtwin import Experiment, SimulationError, ThermoelectricModule, plots
+from jaxtwin import Experiment, Run, SimulationError, ThermoelectricModule, plots
 from jaxtwin.plots._labels import spread
 from jaxtwin.plots._parameters import _number, _position
 from jaxtwin.plots._style import symbol
@@ -50,6 +51,52 @@ def test_recordings_are_drawn_as_they_are():
         assert set(experiment.channels) <= set(texts(axes))
     for axes, experiment in zip(below, recordings(), strict=True):
         np.testing.assert_array_equal(heights(axes.lines[0]), 100 * experiment.duty[:, 0])
+
+
+def gappy(run: Run) -> Run:
+    """The run with the first channel recorded in part and the second not at all."""
+    recorded = np.array(run.experiment.temperatures)
+    recorded[5:9, 0] = recorded[:, 1] = np.nan
+    experiment = Experiment(
+        run.time,
+        run.experiment.duty,
+        channels=run.channels,
+        temperatures=recorded,
+        name=run.experiment.name,
+    )
+    return replace(run, experiment=experiment)
+
+
+def test_missing_samples_are_gaps():
+    run = gappy(next(iter(fit().runs.values())))
+    above = plots.plot_recordings([run.experiment]).axes[0]
+    assert np.flatnonzero(np.isnan(heights(above.lines[0]))).tolist() == [5, 6, 7, 8]
+    assert run.channels[0] in texts(above)
+    assert run.channels[1] not in texts(above)
+    first, second, *_ = plots.plot_comparison([run]).axes
+    assert np.isnan(heights(first.lines[0])[5:9]).all()
+    assert f"{run.fit_percent[run.channels[0]]:.1f} %" in texts(first)
+    assert "no sample" in texts(second)
+    axes = plots.plot_residuals([run], weights=[run.experiment.sampled.astype(float)]).axes[0]
+    mean = heights(axes.lines[len(run.channels)])
+    assert np.isfinite(mean).all() == (len(run.channels) > 2)
+    assert not [patch for patch in axes.patches if patch.get_gid() == "masked"]
+    low, high = run.temperatures - 1, run.temperatures + 1
+    assert "no sample" in texts(plots.plot_bands(run, low, high).axes[1])
+    with pytest.raises(SimulationError, match=f"channel {run.channels[1]}: found 0 samples"):
+        plots.plot_residual_tests([run])
+    plots.plot_residual_tests(
+        [
+            replace(
+                run,
+                channels=run.channels[:1],
+                temperatures=run.temperatures[:, :1],
+                experiment=run.experiment.select(run.channels[:1]),
+            )
+        ]
+    )
+    spread = plots.plot_uniformity([run]).axes[0].lines[0]
+    assert np.isnan(heights(spread)).all()
 
 
 def test_cells_with_the_same_drive_share_a_label():

@@ -145,8 +145,8 @@ class Experiment:
         """The channels without any recorded temperature, though others have some."""
         if self.temperatures is None:
             return ()
-        columns = self.sampled.any(axis=0)
-        return tuple(name for name, some in zip(self.channels, columns, strict=True) if not some)
+        counts = np.count_nonzero(self.sampled, axis=0)
+        return tuple(name for name, n in zip(self.channels, counts, strict=True) if n == 0)
 
     @property
     def switch_times(self) -> Float[np.ndarray, "switches"]:

@@ -249,8 +249,12 @@ def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge
     if setting.common_error is not None and setting.events is None:
         # What is recorded less what is simulated, with the camera's error still in it.
         events = tuple(
-            detect_events(experiment.time, -shared_residual(*parts, weight), weight.any(axis=1))
-            for experiment, *parts, weight in zip(
+            detect_events(
+                experiment.time,
+                -shared_residual(one, shared, error, weight),
+                np.count_nonzero(weight, axis=1) > 0,
+            )
+            for experiment, one, shared, error, weight in zip(
                 setting.experiments, alone, common, errors, setting.samples, strict=True
             )
         )

@@ -132,7 +132,9 @@ def weighted(
     parts, squares, samples = [], jnp.zeros(()), jnp.zeros((), int)
     for group, difference in zip(problem.groups, groups, strict=True):
 
-        def one(difference: Array, weights: Weights, sampled: Array) -> tuple[Any, Array]:
+        def one(
+            difference: Array, weights: Weights, sampled: Array | np.ndarray
+        ) -> tuple[Any, Array]:
             alone, common, sizes = weights.split(difference)
             error = difference - (jnp.asarray(weights.shapes) @ sizes)[:, None]
             return weights.weigh(alone, common, sizes), jnp.sum(error**2, where=sampled)
