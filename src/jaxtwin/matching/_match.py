@@ -156,7 +156,7 @@ def make_setting(
         raise MatchError(
             f"found {samples} samples for {unknowns.size} unknowns, allowed is at least as many"
         )
-    error = twin.rig.camera.common_error
+    error = twin.rig.common_error
     if events is not None and error is None:
         raise MatchError(
             f"{twin.rig.name}: events: found {events!r}, allowed only where the rig file has a "

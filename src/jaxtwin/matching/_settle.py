@@ -81,7 +81,7 @@ def settle(
     first = float(np.nanmean(_first(part)))
     unknowns = choose_unknowns(twin, 1, free=names, per_recording=names)
     unknowns = replace(unknowns, own=tuple(_expected(row, first) for row in unknowns.own))
-    error = twin.rig.camera.common_error
+    error = twin.rig.common_error
     setting = Setting(
         twin=twin,
         experiments=(part,),
