@@ -50,7 +50,7 @@ def synthetic(
             late = np.maximum(drive.time - event, 0)
             fading = np.where(drive.time >= event, np.exp(-late / 25), 0)
             seen[number] += JUMP * rng.standard_normal() * fading[:, None]
-    camera = twin.rig.camera.common_error
+    camera = twin.rig.common_error
     assert camera is not None
     if not steady:
         corners = np.arange(0, drive.time[-1] + camera.drift_time, camera.drift_time)

@@ -58,6 +58,59 @@ def test_forms_of_the_same_text(read, text):
     assert read(text) == read(GOOD)
 
 
+DEGREES = "time [s],duty_P1 [-],T11 (\u00b0C)\n0,0.5,20\n1,0.5,21\n2,-1,22\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        GOOD.replace(",", ";"),
+        GOOD.replace(",", ";").replace("0.5", "0,5"),
+        GOOD.replace(",", "\t"),
+        '"time_s","duty_P1","T11_degC"\n' + GOOD.split("\n", 1)[1],
+        GOOD + ",,\n,,\n",
+        GOOD.replace("\n", ",\n"),
+        ",time_s,duty_P1,T11_degC\n0,0,0.5,20\n1,1,0.5,21\n2,2,-1,22\n",
+        GOOD.encode("utf-16"),
+        DEGREES,
+        DEGREES.encode("cp1252"),
+        "time_ms,duty_P1 [%],T11_degC\n0,50,20\n1000,50,21\n2000,-100,22\n",
+    ],
+    ids=[
+        "semicolons",
+        "decimal comma",
+        "tabs",
+        "quoted names",
+        "lines of blank fields",
+        "separator at the end of lines",
+        "index of pandas",
+        "UTF-16",
+        "units in brackets",
+        "Windows-1252",
+        "milliseconds and per cent",
+    ],
+)
+def test_forms_that_other_programs_write(read, text):
+    assert read(text) == read(GOOD)
+
+
+@pytest.mark.parametrize("field", ["", " ", "nan", "NaN", "NA", "N/A", "#N/A", "null", "None"])
+def test_a_missing_temperature_is_nan(read, field):
+    experiment = read(GOOD.replace("21", field))
+    np.testing.assert_array_equal(experiment.temperatures, [[20], [np.nan], [22]])
+
+
+def test_a_channel_without_any_sample_stays_beside_others(read):
+    experiment = read("time_s,duty_P1,a_degC,b_degC\n0,0,,1\n1,0,,1\n")
+    np.testing.assert_array_equal(experiment.temperatures, [[np.nan, 1], [np.nan, 1]])
+
+
+def test_a_slow_ambient_sensor_is_interpolated_and_a_blank_one_unknown(read):
+    slow = "time_s,duty_P1,ambient_degC\n0,0,\n1,0,15\n2,0,\n3,0,17\n4,0,\n"
+    np.testing.assert_array_equal(read(slow).ambient, [15, 15, 16, 17, 17])
+    assert read("time_s,duty_P1,ambient_degC\n0,0,\n1,0,\n").ambient is None
+
+
 def test_without_temperatures_steps_may_be_of_any_length(read):
     """A schedule has lost no samples, however long it holds its duty."""
     experiment = read("time_s,duty_P1,T11_degC\n0,0.5,\n1,0.5,\n2,1,\n1000,0,\n")
@@ -81,7 +134,6 @@ def test_the_header_that_is_written(tmp_path, experiment):
         ("# Recordings\n\nA page of text.\n", "is no recording: its first line 'A page of text.'"),
         ("0,0.5,20\n1,0.5,21\n", "must name the columns"),
         ("time,duty_P1\n0,0\n1,0\n", "allowed are, separated by commas, time_s"),
-        ("time_s;duty_P1\n0;0\n1;0\n", "separated by commas"),
         ("time_s,duty_P1,T11\n0,0,20\n1,0,20\n", "column 'T11' is not known"),
         ("time_s,duty_P1,T11_degF\n0,0,20\n1,0,20\n", "column 'T11_degF' is not known"),
         ("time_s,duty_P1,duty_P1\n0,0,0\n1,0,0\n", "column duty_P1 occurs more than once"),
@@ -90,19 +142,25 @@ def test_the_header_that_is_written(tmp_path, experiment):
         ("time_s,duty_P1,duty_P3\n0,0,0\n1,0,0\n", "cells P1, P3; allowed are P1, P2"),
         ("time_s,T11_degC\n0,20\n1,20\n", "drives of the cells none"),
         ("time_s,duty_left\n0,0\n1,0\n", "column 'duty_left' is not known"),
-        (GOOD.replace("21", "nan"), "line 3, column T11_degC: found 'nan'"),
+        (GOOD.replace("-1", "nan"), "line 4, column duty_P1: found 'nan'.* only temperatures may"),
+        (GOOD.replace("\n1,", "\n,"), "line 3, column time_s: found ''.* a number in every line"),
         (GOOD.replace("21", "inf"), "line 3, column T11_degC: found 'inf'"),
-        (GOOD.replace("21", ""), "line 3, column T11_degC: found ''"),
+        (GOOD.replace("21", "-300"), "line 3: temperature T11 is -300 degC"),
         (GOOD.replace("21", "2_1"), "line 3, column T11_degC: found '2_1'"),
         ("#\n\n" + GOOD.replace("-1", "off"), "line 6, column duty_P1: found 'off'"),
         (GOOD.replace(",21", ""), "line 3 has 2 fields; the columns are 3"),
         (GOOD.replace("21", "21,3"), "line 3 has 4 fields"),
         (GOOD.replace("21", '"21'), "line 4 is no line of a .csv file"),
-        (GOOD.replace("-1", "-1.2"), "duty of cell 1 is -1.2 at sample 2"),
-        (GOOD.replace("2,", "1,", 1).replace("\n1,", "\n2,", 1), "time does not increase"),
-        ("time_s,pwm_P1\n0,0\n1,300\n", "PWM of cell 1 is 300 at sample 1"),
-        ("time_s,duty_P1,a_degC,b_degC\n0,0,,1\n1,0,,1\n", "channel a is blank"),
-        ("time_s,duty_P1,ambient_degC\n0,0,\n1,0,\n", "ambient has shape"),
+        (GOOD.replace("-1", "-1.2"), "line 4: duty of cell 1 is -1.2 at sample 2"),
+        (GOOD.replace("2,", "1,", 1).replace("\n1,", "\n2,", 1), "line 4: time does not increase"),
+        ("time_s,pwm_P1\n0,0\n1,300\n", "line 3: PWM of cell 1 is 300 at sample 1"),
+        ("time_s,Time [s],duty_P1\n0,0,0\n1,1,0\n", "has two columns for the time"),
+        ("time_s,duty_P1,\n0,0,a\n1,0,b\n", "column 3 has no name"),
+        (
+            "time_s;duty_P1;T_degC\n0;0;2,5\n1;0;2.5\n",
+            "line 3, column T_degC: found '2.5'.*decimal",
+        ),
+        ("time_s;duty_P1;T_degC\n0;0;1.002,5\n1;0;2\n", "line 2, column T_degC: found '1.002,5'"),
         ("time_s,duty_P1,_degC\n0,0,\n1,0,\n", "column '_degC' is not known"),
         (GOOD + "30,0,22\n31,0,22\n", "a gap from 2 s to 30 s; .* 3 times the median step"),
         (b"\x00\xff\xfe binary", "no text"),

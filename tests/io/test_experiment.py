@@ -2,7 +2,9 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
+import pandas
 import pytest
 
 from jaxtwin import RecordingError
@@ -109,6 +111,79 @@ def test_fingerprint_tells_shapes_apart_that_have_the_same_numbers():
     assert Experiment(TIME, four).fingerprint != Experiment(TIME, four[:, :2]).fingerprint
 
 
+def test_fingerprint_takes_every_kind_of_nan_for_the_same():
+    other = np.array([20, 0, 21, 22.0])
+    other[1] = np.frombuffer(b"\x01\x00\x00\x00\x00\x00\xf8\xff", "<f8")[0]  # another bit pattern
+    plain = np.array([20, np.nan, 21, 22])
+    assert np.isnan(other[1])
+    assert other.tobytes() != plain.tobytes()
+    one, same = (Experiment(TIME, DUTY, channels=["T"], temperatures=t) for t in (other, plain))
+    assert one == same
+
+
+@pytest.mark.parametrize(
+    "column",
+    [
+        [20.5, None, 22, 23],
+        np.ma.masked_equal([20.5, 0, 22, 23], 0),
+        pandas.Series([20.5, np.nan, 22, 23]),
+        pandas.Series([20.5, None, 22, 23], dtype="Float64"),
+        jnp.array([20.5, jnp.nan, 22, 23]),
+        np.array([20.5, np.nan, 22, 23], np.float32),
+    ],
+    ids=["None", "masked", "Series", "Series with NA", "JAX", "float32"],
+)
+def test_missing_samples_of_any_kind_are_nan(column):
+    experiment = Experiment(TIME, DUTY, channels=["T"], temperatures=column)
+    np.testing.assert_array_equal(experiment.temperatures, [[20.5], [np.nan], [22], [23]])
+    np.testing.assert_array_equal(experiment.sampled, [[True], [False], [True], [True]])
+
+
+READ_ONLY = np.eye(4)[:, :2]
+READ_ONLY.setflags(write=False)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        np.eye(4)[:, :2].tolist(),
+        np.eye(4, dtype=np.int16)[:, :2],
+        np.asfortranarray(np.eye(4)[:, :2]),
+        np.repeat(np.eye(4)[:, :2], 2, axis=1)[:, ::2],
+        READ_ONLY,
+        jnp.eye(4)[:, :2],
+        pandas.DataFrame(np.eye(4)[:, :2], columns=["a", "b"]),
+        pandas.DataFrame(np.eye(4)[:, :2], columns=["a", "b"], dtype="Int64"),
+    ],
+    ids=["lists", "int16", "Fortran", "strided", "read-only", "JAX", "DataFrame", "Int64"],
+)
+def test_tables_of_any_kind_hold_the_same(table):
+    frame = pandas.DataFrame(index=pandas.Index(TIME, name="time_s"), columns=["a", "b"])
+    experiment = Experiment(frame.index, table, channels=frame.columns, temperatures=table)
+    assert experiment == Experiment(
+        TIME, np.eye(4)[:, :2], channels=["a", "b"], temperatures=np.eye(4)[:, :2]
+    )
+
+
+def test_missing_ambient_samples_lie_between_their_neighbours():
+    gappy = [np.nan, 15, np.nan, 17]
+    np.testing.assert_array_equal(Experiment(TIME, DUTY, ambient=gappy).ambient, [15, 15, 16, 17])
+    assert Experiment(TIME, DUTY, ambient=[np.nan, 15, np.nan, 15]).ambient == 15.0
+
+
+def test_it_says_how_many_samples_are_missing():
+    temperatures = [[20, np.nan], [np.nan, np.nan], [20, np.nan], [20, np.nan]]
+    experiment = Experiment(TIME, DUTY, channels=["a", "b"], temperatures=temperatures)
+    assert "5 of 8 samples missing, b without any" in repr(experiment)
+    assert "missing" not in repr(experiment.select(["a"]).between(2, None))
+
+
+def test_a_part_without_any_temperature_is_refused():
+    experiment = Experiment(TIME, DUTY, channels=["a"], temperatures=[20, 20, np.nan, np.nan])
+    with pytest.raises(RecordingError, match="found no sample"):
+        experiment.between(2, None)
+
+
 def test_to_xarray_labels_everything_with_units(experiment):
     data = experiment.to_xarray()
     assert data["duty"].dims == ("time", "cell")
@@ -156,6 +231,13 @@ def test_it_prints_what_is_in_it(experiment):
         ({"duty": [0, 0, 1.01, 0]}, r"duty of cell 1 is 1.01 at sample 2 .* allowed is -1 to 1"),
         ({"duty": [0, 0, -128, 0]}, "duty of cell 1 is -128"),
         ({"duty": np.ma.masked_equal([0, 1, 0, 0], 1)}, "masked"),
+        ({"duty": [0, None, 0, 0]}, "duty of cell 1 is nan at sample 1"),
+        ({"time": [0, 1, None, 3]}, "time is nan at sample 2"),
+        ({"duty": [0, "off", 0, 0]}, "duty holds str"),
+        ({"duty": [False, True, False, False]}, "duty holds bool"),
+        ({"time": np.array([0, 1, 2, 3], "datetime64[s]")}, "time holds datetime64"),
+        ({"channels": ["a"], "temperatures": np.full(4, np.nan)}, "found no sample"),
+        ({"ambient": np.full(4, np.nan)}, "ambient is nan throughout"),
         ({"channels": ["a", "a"]}, "channel a occurs more than once"),
         ({"channels": ["a,b"]}, "channel name 'a,b'"),
         ({"channels": [""]}, "channel name ''"),

@@ -180,7 +180,6 @@ def changed(simout: np.ndarray, row: int, column: int, value: float) -> np.ndarr
         (7, 9, 256, "PWM of cell 1 is 256 at sample 7 .* allowed is -255 to 255 counts"),
         (7, 10, -300, "PWM of cell 2 is -300 at sample 7"),
         (7, 9, np.nan, "duty of cell 1 is nan at sample 7"),
-        (7, 6, np.nan, "temperature TAM is nan at sample 7"),
         (7, 6, 293.15, "temperature 293.15 degC in row 8"),
         (7, 2, np.nan, "time is nan at sample 7"),
         (7, 2, 6, "time does not increase at sample 7: 6 s after 6 s"),
@@ -192,6 +191,11 @@ def test_one_wrong_number_is_named_with_its_place(write, two_cell_simout, row, c
     with pytest.raises(RecordingError, match=said) as caught:
         read_recording(path)
     assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_a_temperature_that_is_nan_is_missing(write, two_cell_simout):
+    path = write(TWO_CELL, mat(simout=changed(two_cell_simout, 7, 6, np.nan)))
+    assert np.argwhere(~read_recording(path).sampled).tolist() == [[7, 2]]
 
 
 @pytest.mark.parametrize(

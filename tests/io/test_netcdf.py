@@ -50,6 +50,31 @@ def test_one_cell_and_one_channel_may_stand_without_their_dimensions(save, exper
     np.testing.assert_array_equal(again.temperatures, experiment.temperatures[:, 2:])
 
 
+@pytest.mark.parametrize("fill", [np.nan, -9999.0])
+def test_a_fill_value_is_a_missing_sample(save, experiment, fill):
+    data = experiment.to_xarray().copy(deep=True)
+    data["temperature"][3, 1] = data["ambient"][5] = np.nan
+    data["temperature"].encoding["_FillValue"] = data["ambient"].encoding["_FillValue"] = fill
+    again = read_recording(save(data))
+    assert again.temperatures is not None
+    expected = np.array(experiment.temperatures)
+    expected[3, 1] = np.nan
+    np.testing.assert_array_equal(again.temperatures, expected)
+    assert isinstance(again.ambient, np.ndarray)
+    assert again.ambient[5] == pytest.approx((again.ambient[4] + again.ambient[6]) / 2)
+
+
+@pytest.mark.parametrize("name", ["time", "duty"])
+def test_time_and_duty_must_be_complete(save, experiment, name):
+    data = experiment.to_xarray().copy(deep=True)
+    if name == "time":
+        data = data.assign_coords(time=("time", np.r_[np.nan, 1:40], {"units": "s"}))
+    else:
+        data["duty"][0, 0] = np.nan
+    with pytest.raises(RecordingError, match=rf"run\.nc: {name}.* is nan at sample 0"):
+        read_recording(save(data))
+
+
 def test_packed_numbers_and_integer_times_are_unpacked(save, experiment):
     """Instruments store tenths of a degree as integers with a scale factor."""
     data = experiment.to_xarray().drop_vars("ambient")

@@ -10,9 +10,15 @@ GRID = np.array([10.0, 11.0, 12.0, 13.0])
 def test_a_grid_time_is_the_mean_within_half_a_step_and_nothing_is_filled_in() -> None:
     time = np.array([9.4, 9.5, 10.0, 10.49, 10.5, 12.9])
     values = np.array([[100.0], [1.0], [2.0], [3.0], [7.0], [9.0]])
-    means, there = bin_means(time, values, GRID, 1.0)
-    assert there.tolist() == [True, True, False, True]
-    assert means[there, 0].tolist() == [2.0, 7.0, 9.0]
+    means = bin_means(time, values, GRID, 1.0)
+    np.testing.assert_array_equal(means[:, 0], [2.0, 7.0, np.nan, 9.0])
+
+
+def test_a_reading_that_lacks_one_channel_counts_in_the_others() -> None:
+    values = np.array([[1.0, np.nan], [3.0, 5.0], [np.nan, 7.0]])
+    means = bin_means(np.array([10.0, 10.1, 12.0]), values, GRID, 1.0)
+    np.testing.assert_array_equal(means[:, 0], [2.0, np.nan, np.nan, np.nan])
+    np.testing.assert_array_equal(means[:, 1], [5.0, np.nan, 7.0, np.nan])
 
 
 def test_a_value_is_in_force_until_the_next_but_not_for_ever() -> None:

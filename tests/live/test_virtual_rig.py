@@ -61,7 +61,9 @@ def test_a_frame_shows_each_channel_what_the_twin_says_it_reads(rig: Rig, twin: 
     live = LiveTwin(twin)
     live.drive(np.array([0.78, 0.3]))
     live.advance(400.0)
-    frame = Picture(twin, np.asarray(live.system.gain)).frame(live.nodes, live.ambient)
+    assert rig.camera is not None
+    picture = Picture(twin, rig.camera, np.asarray(live.system.gain))
+    frame = picture.frame(live.nodes, live.ambient)
     assert frame.shape == (60, 80)
     # Pixels are rounded to 0.01 K.
     read = frame_to_channels(rig, frame / 100 - 273.15)

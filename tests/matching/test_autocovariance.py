@@ -37,7 +37,9 @@ def residuals_of(
     inverse = np.linalg.inv(flat.T @ flat)
     left = roots * noise
     left = left - (flat @ inverse @ flat.T @ left.ravel()).reshape(noise.shape)
-    return Series(0, 0, left, slopes, np.arange(slopes.shape[-1]), roots, CHANNELS), inverse
+    size = float(CHANNELS)
+    entries = np.arange(slopes.shape[-1])
+    return Series(0, 0, left, slopes, entries, roots, size, size), inverse
 
 
 def test_the_two_filters_are_the_matrix():

@@ -55,7 +55,7 @@ def test_corrections_are_found_and_steps_of_the_plate_are_not():
     common += np.where(time > 500, 2 * (1 - np.exp(-np.maximum(time - 500, 0) / 60)), 0)
     for event, jump in ((170, 0.8), (330, 1.0), (620, -0.7)):
         common += np.where(time >= event, jump * np.exp(-np.maximum(time - event, 0) / 30), 0)
-    found = detect_events(time, common)
+    found = detect_events(time, common, np.ones(len(time), bool))
     assert len(found) == 3
     np.testing.assert_allclose(found, [170, 330, 620], atol=2)
 
@@ -67,16 +67,29 @@ def test_faint_corrections_are_found_where_clear_ones_come_at_equal_intervals():
     events = 14 + 163.4 * np.arange(6)
     for event, jump in zip(events, (2.0, 0.3, 1.0, 1.0, 0.3, 1.2), strict=True):
         common += np.where(time >= event, jump * np.exp(-np.maximum(time - event, 0) / 30), 0)
-    found = detect_events(time, common)
+    found = detect_events(time, common, np.ones(len(time), bool))
     assert len(found) == 6
     np.testing.assert_allclose(found, events, atol=6)
+
+
+def test_corrections_beside_short_holes_are_found_and_long_holes_give_none():
+    """A camera is often not read behind its shutter; what lies in a hole lies between its edges."""
+    rng, time = np.random.default_rng(3), np.arange(1000.0)
+    common = 0.08 * rng.standard_normal(1000)
+    for event in (170, 330):
+        common += np.where(time >= event, np.exp(-np.maximum(time - event, 0) / 30), 0)
+    counted = ~(((time >= 168) & (time < 171)) | ((time > 400) & (time < 960)))
+    between = np.interp(time, time[counted], common[counted])
+    found = detect_events(time, between, counted)
+    np.testing.assert_allclose(found, [170, 330], atol=2)
+    assert detect_events(time, between, np.zeros(1000, bool)) == ()
 
 
 def test_nothing_is_found_in_noise():
     time = np.arange(1000.0)
     count = sum(
-        len(detect_events(time, np.random.default_rng(seed).standard_normal(1000)))
-        for seed in range(20)
+        len(detect_events(time, rng.standard_normal(1000), np.ones(1000, bool)))
+        for rng in map(np.random.default_rng, range(20))
     )
     assert count <= 10
 

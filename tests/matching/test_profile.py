@@ -24,8 +24,8 @@ def bare() -> Twin:
         name: replace(row, prior_value=None, prior_spread=None)
         for name, row in rig.parameters.items()
     }
-    camera = replace(rig.camera, common_error=None)
-    return Twin(replace(rig, parameters=table, camera=camera))
+    assert rig.common_error is None
+    return Twin(replace(rig, parameters=table))
 
 
 @cache

@@ -22,7 +22,7 @@ from jaxtwin import (
     profile,
     simulate,
 )
-from jaxtwin.matching import _estimate
+from jaxtwin.matching import FittedParameters, _estimate
 from jaxtwin.matching._estimate import first_knowledge, make_problem
 from jaxtwin.matching._match import checked_recordings, make_setting
 from jaxtwin.matching._residuals import residual_jacobian, residuals
@@ -136,10 +136,8 @@ def test_intervals_are_in_the_scale_of_the_match(calm: Fit):
 
 
 def test_a_summary_shows_intervals(calm: Fit):
-    rows = tuple(
-        replace(row, interval=(1e-9, 2.5), value=1.605e-5) if row.name == "h_A" else row
-        for row in calm.parameters
-    )
+    h_A = replace(calm["h_A"], interval=(1e-9, 2.5), value=1.605e-5)
+    rows = FittedParameters({**calm.parameters, "h_A": h_A})
     for style in ("text", "markdown", "latex"):
         text = replace(calm, parameters=rows).summary(style)
         assert "1e-9 to 2.5" in text
@@ -288,7 +286,7 @@ def test_recordings_may_have_very_unequal_numbers_of_corrections(
     runs = [recording(seed, seed == 0, f"{seed}") for seed in range(4)]
     many = tuple(np.arange(5.0, 285.0, 7.0))
 
-    def detect(time: np.ndarray, common: np.ndarray) -> tuple[float, ...]:
+    def detect(time: np.ndarray, common: np.ndarray, counted: np.ndarray) -> tuple[float, ...]:
         return many if np.abs(np.diff(common)).max() > 0.5 else ()
 
     monkeypatch.setattr(_estimate, "detect_events", detect)

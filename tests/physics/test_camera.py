@@ -21,6 +21,7 @@ def dual_cell() -> Rig:
 def test_weights_of_every_channel_sum_to_one(name):
     rig = load_rig(name)
     elements, pixels = channel_weights(rig), pixel_weights(rig)
+    assert rig.camera is not None
     assert elements.shape == (len(rig.channels), len(rig.plate.element_names))
     assert pixels.shape == (len(rig.channels), rig.camera.height, rig.camera.width)
     np.testing.assert_allclose(elements.sum(axis=1), 1, rtol=1e-12)
@@ -32,6 +33,7 @@ def test_weights_of_every_channel_sum_to_one(name):
 @pytest.mark.parametrize("name", RIGS)
 def test_uniform_frame_gives_the_uniform_value(name):
     rig = load_rig(name)
+    assert rig.camera is not None
     frame = np.full((rig.camera.height, rig.camera.width), 37.25)
     np.testing.assert_allclose(frame_to_channels(rig, frame), 37.25, rtol=1e-12)
 
@@ -46,6 +48,7 @@ def test_linear_field_gives_its_value_at_the_centre_of_each_zone(
     move the mean by p^2 / (4 w), p the pixel's and w the zone's size.
     """
     camera, plate = dual_cell.camera, dual_cell.plate
+    assert camera is not None
     pixel_x = plate.width / (camera.view_x[1] - camera.view_x[0])
     pixel_y = plate.height / (camera.view_y[1] - camera.view_y[0])
     x = (np.arange(camera.width) + 0.5 - camera.view_x[0]) * pixel_x

@@ -40,9 +40,11 @@ def test_points_are_squares_that_fill_the_plate():
 
 
 def test_a_map_of_one_temperature_reads_as_that_in_all_channels():
-    shown = plate_map(RIG, np.full(24, 33.0), points=RIG.camera.width)
-    frame = np.full((RIG.camera.height, RIG.camera.width), np.nan)
-    first, last = (round(edge) for edge in RIG.camera.view_y)
+    camera = RIG.camera
+    assert camera is not None
+    shown = plate_map(RIG, np.full(24, 33.0), points=camera.width)
+    frame = np.full((camera.height, camera.width), np.nan)
+    first, last = (round(edge) for edge in camera.view_y)
     rows = np.linspace(0, len(shown.y) - 1, last - first).round().astype(int)
     frame[first:last] = shown.temperatures[rows]
     np.testing.assert_allclose(frame_to_channels(RIG, np.nan_to_num(frame)), 33.0)

@@ -2,7 +2,6 @@
 
 import io
 import re
-from copy import copy
 from dataclasses import replace
 
 import matplotlib
@@ -16,10 +15,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.image import imread
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.text import Annotation
 from small_results import analysis, fit, recordings
 
-from jaxtwin import Experiment, SimulationError, ThermoelectricModule, plots
+from jaxtwin import Experiment, Run, SimulationError, ThermoelectricModule, plots
 from jaxtwin.matching._interval import interval_text, short_number
 from jaxtwin.plots._labels import spread
 from jaxtwin.plots._parameters import _position
@@ -54,6 +52,52 @@ def test_recordings_are_drawn_as_they_are():
         assert set(experiment.channels) <= set(texts(axes))
     for axes, experiment in zip(below, recordings(), strict=True):
         np.testing.assert_array_equal(heights(axes.lines[0]), 100 * experiment.duty[:, 0])
+
+
+def gappy(run: Run) -> Run:
+    """The run with the first channel recorded in part and the second not at all."""
+    recorded = np.array(run.experiment.temperatures)
+    recorded[5:9, 0] = recorded[:, 1] = np.nan
+    experiment = Experiment(
+        run.time,
+        run.experiment.duty,
+        channels=run.channels,
+        temperatures=recorded,
+        name=run.experiment.name,
+    )
+    return replace(run, experiment=experiment)
+
+
+def test_missing_samples_are_gaps():
+    run = gappy(next(iter(fit().runs.values())))
+    above = plots.plot_recordings([run.experiment]).axes[0]
+    assert np.flatnonzero(np.isnan(heights(above.lines[0]))).tolist() == [5, 6, 7, 8]
+    assert run.channels[0] in texts(above)
+    assert run.channels[1] not in texts(above)
+    first, second, *_ = plots.plot_comparison([run]).axes
+    assert np.isnan(heights(first.lines[0])[5:9]).all()
+    assert f"{run.fit_percent[run.channels[0]]:.1f} %" in texts(first)
+    assert "no sample" in texts(second)
+    axes = plots.plot_residuals([run], weights=[run.experiment.sampled.astype(float)]).axes[0]
+    mean = heights(axes.lines[len(run.channels)])
+    assert np.isfinite(mean).all() == (len(run.channels) > 2)
+    assert not [patch for patch in axes.patches if patch.get_gid() == "masked"]
+    low, high = run.temperatures - 1, run.temperatures + 1
+    assert "no sample" in texts(plots.plot_bands(run, low, high).axes[1])
+    with pytest.raises(SimulationError, match=f"channel {run.channels[1]}: found 0 samples"):
+        plots.plot_residual_tests([run])
+    plots.plot_residual_tests(
+        [
+            replace(
+                run,
+                channels=run.channels[:1],
+                temperatures=run.temperatures[:, :1],
+                experiment=run.experiment.select(run.channels[:1]),
+            )
+        ]
+    )
+    spread = plots.plot_uniformity([run]).axes[0].lines[0]
+    assert np.isnan(heights(spread)).all()
 
 
 def test_cells_with_the_same_drive_share_a_label():
@@ -115,29 +159,6 @@ def test_no_mark_of_a_dc_sweep_is_cut_off(name):
         assert len(marks) >= 6
         assert low < min(marks)
         assert max(marks) < low + 0.97 * (high - low)
-
-
-def test_missing_samples_are_gaps():
-    """A channel without samples for a while and none at the end; everything else is unmoved."""
-    full = fit().runs["synthetic-A"]
-    temperatures = np.array(full.experiment.temperatures)
-    temperatures[20:30, 0] = temperatures[40:, 1] = np.nan
-    experiment = copy(full.experiment)
-    object.__setattr__(experiment, "temperatures", temperatures)
-    run = replace(full, experiment=experiment)
-    (axes,) = plots.plot_residuals([run]).axes
-    drawn = [heights(line) for line in axes.lines]
-    assert np.isnan(drawn[0][20:30]).all()
-    residual = temperatures - run.temperatures
-    np.testing.assert_allclose(drawn[5], np.nanmean(residual, axis=1))
-    assert all(np.isfinite(text.get_position()).all() for text in axes.texts)
-    above = plots.plot_recordings([run.experiment]).axes[0]
-    assert all(np.isfinite(text.xy).all() for text in above.texts if isinstance(text, Annotation))
-    band = plots.plot_bands(run, run.temperatures - 99.0, run.temperatures + 99.0)
-    assert band.axes[0].get_title(loc="right") == "100 % inside"
-    _, against_itself, against_normal = plots.plot_residual_tests([run]).axes
-    assert len(places(against_normal.lines[0])) == 50
-    assert np.isfinite(heights(against_itself.lines[0])).all()
 
 
 def test_history_ends_at_the_fits_rmse_and_shows_each_free_parameter():

@@ -13,6 +13,7 @@ from small_results import analysis, fit, recordings
 import jaxtwin.report._match as report_match
 import jaxtwin.report._sensitivity as report_sensitivity
 from jaxtwin import Experiment, RecordingError, Sensitivity, load_rig
+from jaxtwin.matching import FittedParameters
 from jaxtwin.matching._interval import interval_text
 from jaxtwin.report import _demo, write_demo
 from jaxtwin.report._checks import check_table
@@ -92,12 +93,8 @@ def test_the_report_speaks_of_a_sawtooth_where_there_is_one(seen):
 
 
 def test_remarks_of_a_match_stand_in_its_tables():
-    rows = tuple(
-        replace(row, interval=(0.0, np.inf), warnings=("not determined", "correlated"))
-        if row.name == "R_pc"
-        else row
-        for row in fit().parameters
-    )
+    lost = replace(fit()["R_pc"], interval=(0.0, np.inf), warnings=("not determined", "correlated"))
+    rows = FittedParameters({**fit().parameters, "R_pc": lost})
     table = report_match._table_4(replace(fit(), parameters=rows), "Table 4.")
     (open_,) = [row for row in table.rows if row[0] == "R_pc"]
     assert open_[5] == "unknown"

@@ -21,6 +21,7 @@ TABLES = {
     "`[[circuit.links]]`": schema.LinkTable,
     "`[[cells]]`": schema.CellTable,
     "`[driver]`": schema.DriverTable,
+    "`[sensors]`": schema.SensorsTable,
     "`[camera]`": schema.CameraTable,
     "`[camera.view]`": schema.ViewTable,
     "`[camera.common_error]`": schema.CommonErrorTable,

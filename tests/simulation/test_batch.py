@@ -182,3 +182,33 @@ def test_a_compressed_recording_has_fewer_rows_and_the_same_norm():
     errors = combined[:, None] + offset * compressed.ones[:, None] - compressed.target
     found = np.sum(errors**2, axis=0) / compressed.samples + compressed.beyond
     np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("ambient", [None, 15.0 + 0.01 * TIME], ids=["compressed", "by samples"])
+def test_missing_samples_count_nothing_in_the_cost(twin, experiment, ambient):
+    """One channel misses some, all miss others; with a recorded ambient nothing is compressed."""
+    recorded = np.array(experiment.temperatures)
+    recorded[::7, 0] = np.nan
+    recorded[20:30] = np.nan
+    recorded[-4:, 1] = np.nan
+    gappy = Experiment(
+        experiment.time,
+        experiment.duty,
+        channels=experiment.channels,
+        temperatures=recorded,
+        ambient=ambient,
+    )
+    cost = simulate_batch(twin, gappy, DRAWS, reductions=["cost"]).cost
+    whole = simulate_batch(twin, gappy, DRAWS)
+    np.testing.assert_allclose(given(cost), np.nanmean((whole - recorded) ** 2, axis=1), rtol=1e-9)
+
+
+def test_a_cost_needs_a_sample_in_every_channel(twin, experiment):
+    recorded = np.array(experiment.temperatures)
+    recorded[:, 1] = np.nan
+    bare = Experiment(
+        experiment.time, experiment.duty, channels=experiment.channels, temperatures=recorded
+    )
+    with pytest.raises(JaxtwinError, match=r"has no sample, .* select"):
+        simulate_batch(twin, bare, DRAWS, reductions=["cost"])
+    simulate_batch(twin, bare, DRAWS, reductions=["final"])

@@ -1,5 +1,7 @@
 """What a run tells: its numbers by name, its fit, and itself as a labelled data set."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray
@@ -29,6 +31,26 @@ def test_fit_by_hand():
     np.testing.assert_allclose(fit_percent(recorded, simulated), [expected])
     np.testing.assert_allclose(fit_percent(recorded, recorded), [100.0])
     np.testing.assert_allclose(fit_percent(recorded, np.full((4, 1), 3.0)), [0.0], atol=1e-12)
+
+
+def test_missing_samples_are_left_out_of_fit_and_rmse():
+    recorded = np.array([[0.0, 1.0], [3.0, np.nan], [np.nan, np.nan], [6.0, np.nan], [3.0, 5.0]])
+    simulated = np.array([[1.0, 1.0], [3.0, 9.0], [99.0, 9.0], [6.0, 9.0], [2.0, 5.0]])
+    expected = [100 * (1 - np.sqrt(2) / np.sqrt(18)), 100.0]
+    np.testing.assert_allclose(fit_percent(recorded, simulated), expected)
+    assert rmse(recorded, simulated) == pytest.approx(np.sqrt(2 / 6))
+    assert np.isnan(fit_percent(np.full((5, 1), np.nan), simulated[:, :1])).all()
+
+
+def test_a_channel_without_samples_has_no_fit(run):
+    recorded = np.array(run.experiment.temperatures)
+    recorded[:, 0] = np.nan
+    gappy = Experiment(
+        TIME, run.experiment.duty, channels=run.channels, temperatures=recorded, ambient=15.0
+    )
+    again = replace(run, experiment=gappy)
+    assert again.fit_percent == {"T11": run.fit_percent["T11"]}
+    assert again.rmse == pytest.approx(0.5)
 
 
 def test_fit_of_a_channel_that_never_moves():

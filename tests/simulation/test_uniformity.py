@@ -29,6 +29,16 @@ def test_spread_and_deviation_over_the_channels():
     assert even.mean_deviation == pytest.approx(5 / 3)
 
 
+def test_a_time_with_a_missing_sample_has_no_uniformity_and_counts_nothing():
+    """Two places of three are another quantity."""
+    seen = np.array([[20.0, 20.0, 20.0], [24.0, np.nan, 20.0], [21.0, 27.0, 24.0]])
+    even = uniformity(np.arange(3.0), seen, ("a", "b", "c"))
+    np.testing.assert_array_equal(even.spread, [0.0, np.nan, 6.0])
+    assert (even.mean_spread, even.largest_spread) == (3.0, 6.0)
+    none = uniformity(np.arange(3.0), np.full((3, 2), np.nan), ("a", "b"))
+    assert np.isnan([none.mean_spread, none.mean_deviation, none.largest_spread]).all()
+
+
 def test_recorded_stands_beside_simulated():
     np.testing.assert_array_equal(run().recorded_uniformity.spread, [1.0, 5.0, 5.0])
     labelled = run().to_xarray()

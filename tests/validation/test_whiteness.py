@@ -46,6 +46,31 @@ def test_ljung_and_boxs_statistic_by_hand():
     assert not test.is_white
 
 
+def test_missing_samples_leave_the_test_as_it_is():
+    """Stoffer and Toloi 1992: white noise of which a third is missing is rejected as often."""
+    rng = np.random.default_rng(4)
+    values = []
+    for _ in range(600):
+        series = rng.standard_normal(300)
+        series[rng.random(300) < 1 / 3] = np.nan
+        values.append(whiteness(series).p_value)
+    rejected = np.mean(np.array(values) < 0.05)
+    assert abs(rejected - 0.05) < 4 * np.sqrt(0.05 * 0.95 / 600)
+
+
+def test_autocorrelation_is_over_the_pairs_that_are_there():
+    series = autoregressive(5, 200_000, 0.8)
+    series[np.random.default_rng(6).random(200_000) < 0.5] = np.nan
+    np.testing.assert_allclose(autocorrelation(series, 5), 0.8 ** np.arange(6), atol=0.02)
+
+
+def test_lags_without_any_pair_do_not_count():
+    series = np.where(np.arange(100) % 2, np.nan, np.random.default_rng(7).standard_normal(100))
+    assert whiteness(series).lags == 5  # of ten, the even ones
+    with pytest.raises(ValueError, match="found 9 samples"):
+        whiteness(np.append(np.full(50, np.nan), np.arange(9.0)))
+
+
 def test_correlated_noise_is_no_white_noise_and_counts_less():
     """A first-order process with factor 1/2 has (1 + f) / (1 - f) = 3 samples for one."""
     test = whiteness(autoregressive(3, 50_000, 0.5))

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import RecordingError
+from ._checks import WrongSampleError
 
 
 def duty_from_counts(
@@ -28,8 +28,9 @@ def duty_from_counts(
     outside = np.argwhere(np.abs(pwm) > counts)
     if outside.size:
         k, cell = outside[0]
-        raise RecordingError(
+        raise WrongSampleError(
             f"PWM of cell {cell + 1} is {pwm[k, cell]:g} at sample {k} (counted from 0); "
-            f"allowed is {-counts} to {counts} counts"
+            f"allowed is {-counts} to {counts} counts",
+            int(k),
         )
     return polarity * pwm / counts

@@ -2,7 +2,8 @@
 
 `time_s,duty_P1,duty_P2,T11_degC,T12_degC,ambient_degC`
 
-Numbers are written with as many digits as it takes to read the same number back.
+Numbers are written with as many digits as it takes to read the same number back, missing samples
+as nothing. How other programs write such text, `_delimited` knows.
 """
 
 import csv
@@ -12,8 +13,9 @@ import re
 import numpy as np
 
 from .._errors import RecordingError
-from ._checks import ABSOLUTE_ZERO
+from ._checks import ABSOLUTE_ZERO, WrongSampleError
 from ._counts import duty_from_counts
+from ._delimited import TIME, Column, read_columns
 from ._experiment import Experiment
 
 ALLOWED = (
@@ -21,52 +23,66 @@ ALLOWED = (
     "NAME_degC or NAME_K for each channel, and ambient_degC or ambient_K"
 )
 
+SECONDS = {"s": 1.0, "ms": 1e3, "min": 1 / 60, "h": 1 / 3600}
+"""How many of each unit of time a second has."""
+
 
 def parse_csv(content: bytes, *, name: str, counts: int, polarity: int) -> Experiment:
     """The experiment in a .csv file; for the arguments see `read_recording`."""
-    columns = _columns(content)
-    time = columns.pop("time_s", None)
-    if time is None:
-        raise RecordingError(f"has no column time_s; {ALLOWED}")
+    columns, lines = read_columns(content, ALLOWED)
+    try:
+        return _experiment(columns, name, counts, polarity)
+    except WrongSampleError as error:
+        raise RecordingError(f"line {lines[error.sample]}: {error}") from None
+
+
+def _experiment(columns: list[Column], name: str, counts: int, polarity: int) -> Experiment:
+    times: list[np.ndarray] = []
     duty: dict[int, np.ndarray] = {}
-    temperatures: dict[str, np.ndarray] = {}
-    for title, values in columns.items():
-        if cell := re.fullmatch(r"(duty|pwm)_P([1-9]\d{0,3})", title):
+    temperatures: dict[str, Column] = {}
+    for column in columns:
+        if unit := TIME.fullmatch(column.name):
+            times.append(column.complete() / SECONDS[unit[1]])
+        elif cell := re.fullmatch(r"(duty|pwm)_P([1-9]\d{0,3})(_%)?", column.name):
             kind, number = cell[1], int(cell[2])
             if number in duty:
                 raise RecordingError(f"has two columns for the drive of cell P{number}")
+            values = column.complete()
             if kind == "pwm":
                 values = duty_from_counts(values[:, None], counts, polarity)[:, 0]
-            duty[number] = values
-        elif channel := re.fullmatch(r"(.+)_(degC|K)", title):
+            duty[number] = values / 100 if cell[3] else values
+        elif channel := re.fullmatch(r"(.+)_(degC|K)", column.name):
             label, unit = channel.groups()
             if label in temperatures:
                 raise RecordingError(f"has two columns for the temperature {label}")
-            temperatures[label] = values + ABSOLUTE_ZERO if unit == "K" else values
+            temperatures[label] = column
         else:
-            raise RecordingError(f"column {title!r} is not known; {ALLOWED}")
+            raise RecordingError(f"column {column.title!r} is not known; {ALLOWED}")
+    if len(times) != 1:
+        found = "no column time_s" if not times else "two columns for the time"
+        raise RecordingError(f"has {found}; {ALLOWED}")
     if sorted(duty) != list(range(1, len(duty) + 1)) or not duty:
         found = ", ".join(f"P{number}" for number in sorted(duty)) or "none"
         raise RecordingError(
             f"has drives of the cells {found}; allowed are P1, P2, ... without gap"
         )
     ambient = temperatures.pop("ambient", None)
-    blank = {label for label, values in temperatures.items() if not values.size}
-    if blank and len(blank) < len(temperatures):
-        raise RecordingError(
-            f"channel {', '.join(sorted(blank))} is blank; allowed is a number in every line, or "
-            "blank in all channels where none was recorded"
-        )
+    # Blank in every line: named for what a simulation shall return, but not recorded.
+    recorded = any(not column.is_blank for column in temperatures.values())
     return Experiment(
-        time,
+        times[0],
         np.stack([duty[number] for number in sorted(duty)], axis=1),
         channels=tuple(temperatures),
-        temperatures=np.stack(list(temperatures.values()), axis=1)
-        if temperatures and not blank
+        temperatures=np.stack([_celsius(column) for column in temperatures.values()], axis=1)
+        if recorded
         else None,
-        ambient=ambient,
+        ambient=None if ambient is None or ambient.is_blank else _celsius(ambient),
         name=name,
     )
+
+
+def _celsius(column: Column) -> np.ndarray:
+    return column.values + ABSOLUTE_ZERO if column.name.endswith("_K") else column.values
 
 
 def format_csv(experiment: Experiment) -> str:
@@ -77,9 +93,8 @@ def format_csv(experiment: Experiment) -> str:
         columns[f"duty_P{cell + 1}"] = duty.tolist()
     for index, channel in enumerate(experiment.channels):
         recorded = experiment.temperatures
-        columns[f"{channel}_degC"] = (
-            [""] * samples if recorded is None else recorded[:, index].tolist()
-        )
+        column = [""] * samples if recorded is None else recorded[:, index].tolist()
+        columns[f"{channel}_degC"] = ["" if value != value else value for value in column]
     if experiment.ambient is not None:
         columns["ambient_degC"] = np.broadcast_to(experiment.ambient, samples).tolist()
     text = io.StringIO()
@@ -87,74 +102,3 @@ def format_csv(experiment: Experiment) -> str:
     writer.writerow(columns)
     writer.writerows(zip(*columns.values(), strict=True))
     return text.getvalue()
-
-
-def _columns(content: bytes) -> dict[str, np.ndarray]:
-    """The columns by title, float64; one that is blank in every line has no numbers."""
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise RecordingError(
-            f"is no recording: neither MATLAB nor netCDF, and no text (byte {error.start})"
-        ) from None
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    titles: list[str] = []
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    try:
-        for row in reader:
-            if not row or (row[0].startswith("#") and not rows):
-                continue
-            if not titles:
-                titles = _titles(row)
-                continue
-            if len(row) != len(titles):
-                raise RecordingError(
-                    f"line {reader.line_num} has {len(row)} fields; the columns are {len(titles)}"
-                )
-            rows.append(row)
-            lines.append(reader.line_num)
-    except csv.Error as error:
-        raise RecordingError(f"line {reader.line_num} is no line of a .csv file: {error}") from None
-    if not rows:
-        raise RecordingError("is empty: it holds no samples; at least 2 are needed")
-    return {
-        title: _numbers(title, [row[index].strip() for row in rows], lines)
-        for index, title in enumerate(titles)
-    }
-
-
-def _titles(row: list[str]) -> list[str]:
-    titles = [title.strip() for title in row]
-    if "time_s" not in titles:
-        found = ",".join(row)
-        raise RecordingError(
-            f"is no recording: its first line {found[:60]!r} must name the columns; {ALLOWED}"
-        )
-    twice = sorted({title for title in titles if titles.count(title) > 1})
-    if twice:
-        raise RecordingError(f"column {', '.join(twice)} occurs more than once; allowed is once")
-    return titles
-
-
-def _numbers(title: str, fields: list[str], lines: list[int]) -> np.ndarray:
-    if title.endswith(("_degC", "_K")) and not any(fields):
-        return np.empty(0)
-    values = np.array([_number(field) for field in fields])
-    (wrong,) = np.nonzero(~np.isfinite(values))
-    if wrong.size:
-        index = wrong[0]
-        raise RecordingError(
-            f"line {lines[index]}, column {title}: found {fields[index][:40]!r}; allowed are "
-            "finite numbers such as 21.5"
-        )
-    return values
-
-
-def _number(field: str) -> float:
-    """The number that the field holds, NaN where it holds none."""
-    try:
-        # float() would read 1_000 as a thousand
-        return float("nan" if "_" in field else field)
-    except ValueError:
-        return float("nan")

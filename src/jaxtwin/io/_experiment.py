@@ -1,14 +1,14 @@
 """One experiment on a rig: the drive that it was given and the temperatures that it answered."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from .._errors import RecordingError
@@ -43,16 +43,20 @@ class Experiment:
         `(times,)` for a single cell. Sample k is held until time k + 1.
     - `channels`: names of the temperature channels. They may be given without temperatures, to
         say which ones a simulation should return.
-    - `temperatures`: recorded temperatures `(times, channels)`, degC, or `None`.
+    - `temperatures`: recorded temperatures `(times, channels)`, degC, or `None`. A missing sample
+        is NaN (a masked value, None or pandas' NA becomes that): it counts nothing wherever
+        recorded and simulated temperatures meet. `sampled` says where there is one.
     - `ambient`: ambient temperature, degC: one number, a series `(times,)`, or `None` where it is
-        not known. A series that never changes is held as one number.
+        not known. A series that never changes is held as one number. Missing samples of a series
+        are interpolated linearly; before the first and after the last it stays constant.
     - `name`: a label for plots and tables.
 
     **Raises:**
 
-    `RecordingError` that names the sample and what is allowed: numbers that are not finite, time
-    that does not increase, a duty cycle outside -1 to 1, temperatures below absolute zero, shapes
-    that do not belong together, channel names that occur twice.
+    `RecordingError` that names the sample and what is allowed: a time or duty cycle that is missing
+    or not finite, time that does not increase, a duty cycle outside -1 to 1, temperatures below
+    absolute zero or without any sample, shapes that do not belong together, channel names that
+    occur twice.
     """
 
     time: Float[np.ndarray, "times"]
@@ -67,7 +71,7 @@ class Experiment:
         time: ArrayLike,
         duty: ArrayLike,
         *,
-        channels: Sequence[str] = (),
+        channels: Iterable[str] = (),
         temperatures: ArrayLike | None = None,
         ambient: ArrayLike | float | int | None = None,
         name: str = "",
@@ -93,7 +97,7 @@ class Experiment:
         duration: float | int,
         step: float | int = 1.0,
         cells: int = 1,
-        channels: Sequence[str] = (),
+        channels: Iterable[str] = (),
         ambient: float | int | None = None,
         name: str = "",
     ) -> "Experiment":
@@ -128,6 +132,21 @@ class Experiment:
     def duration(self) -> float:
         """From the first sample to the last, s."""
         return float(self.time[-1] - self.time[0])
+
+    @property
+    def sampled(self) -> Bool[np.ndarray, "times channels"]:
+        """Where there is a recorded temperature: False at a missing sample."""
+        if self.temperatures is None:
+            return np.zeros((len(self.time), len(self.channels)), bool)
+        return ~np.isnan(self.temperatures)
+
+    @property
+    def unsampled(self) -> tuple[str, ...]:
+        """The channels without any recorded temperature, though others have some."""
+        if self.temperatures is None:
+            return ()
+        counts = np.count_nonzero(self.sampled, axis=0)
+        return tuple(name for name, n in zip(self.channels, counts, strict=True) if n == 0)
 
     @property
     def switch_times(self) -> Float[np.ndarray, "switches"]:
@@ -190,7 +209,7 @@ class Experiment:
             name=self.name,
         )
 
-    def select(self, channels: Sequence[str]) -> "Experiment":
+    def select(self, channels: Iterable[str]) -> "Experiment":
         """The same experiment with these channels only, in this order.
 
         **Arguments:**
@@ -271,6 +290,8 @@ class Experiment:
         duty = f"{self.duty.min():.3g} to {self.duty.max():.3g}"
         changes = _count(len(self.switch_times), "change")
         measured = " (not recorded)" if self.channels and self.temperatures is None else ""
+        if self.temperatures is not None and not self.sampled.all():
+            measured = f" ({self._missing()})"
         if isinstance(self.ambient, np.ndarray):
             ambient = f"{self.ambient.min():.1f} to {self.ambient.max():.1f} degC"
         else:
@@ -282,6 +303,12 @@ class Experiment:
             ("channels", (", ".join(self.channels) or "none") + measured),
             ("ambient", ambient),
         ]
+
+    def _missing(self) -> str:
+        """How many samples are missing, and which channels have none at all."""
+        number = self.sampled.size - np.count_nonzero(self.sampled)
+        text = f"{number} of {_count(self.sampled.size, 'sample')} missing"
+        return f"{text}, {', '.join(self.unsampled)} without any" if self.unsampled else text
 
 
 def _count(number: int, noun: str) -> str:

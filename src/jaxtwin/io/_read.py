@@ -22,11 +22,16 @@ def read_recording(
     - .mat (MATLAB 5 to 7): the variable `simout` with 11 columns (two cells, five channels of one
         zone) or with 4 (one cell, one channel `T`). Nothing else in the file is read.
     - .csv: a line of column names with units, `time_s,duty_P1,duty_P2,T11_degC,ambient_degC`;
-        `pwm_P1` are counts, `_K` is kelvin. Channels whose columns are blank were not recorded.
+        `pwm_P1` are counts, `_K` is kelvin. Where all channels are blank, none was recorded.
+        Semicolons or tabs may separate columns, numbers may have a decimal comma beside them, and
+        a unit may stand in brackets: `T11 [degC]`.
     - .db: a live session, as `jaxtwin record` writes it, on a grid of 1 s; `jaxtwin.live.Session`
         gives other grids and parts of it.
     - netCDF: `duty` (time, cell), `temperature` (time, channel) and `ambient`, with units, as
         `Experiment.to_xarray` gives them.
+
+    A temperature that is NaN, a fill value, or in text an empty field, `nan`, `NA` or `null`, is a
+    missing sample. Time and duty must be complete; a missing ambient is interpolated.
 
     **Arguments:**
 
@@ -81,8 +86,8 @@ def check_no_gap(experiment: Experiment) -> None:
     number = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps, the first"
     raise RecordingError(
         f"{number} from {start:g} s to {end:g} s; allowed are steps up to {GAP_FACTOR:g} times the "
-        "median step. Split the recording there; of a .db file 'jaxtwin export' writes the part "
-        "between --start and --end"
+        "median step. Split the recording there, or add the missing times, their duty, and empty "
+        "temperatures; of a .db file 'jaxtwin export' writes the part between --start and --end"
     )
 
 

@@ -7,7 +7,8 @@ The rule, and nothing else: nothing is filled in.
 - The duty is the one in force in the middle of the step that it is held for, so that a switch is
     off by half a step at most. It is in force from its sample until the next one, or until
     `longest` after it.
-- A grid time that lacks any of them is left out; it is a gap.
+- A temperature without a reading is a missing sample, and so is the ambient.
+- A grid time without a duty is left out; it is a gap.
 """
 
 import numpy as np
@@ -19,24 +20,24 @@ def bin_means(
     values: Float[np.ndarray, "samples columns"],
     grid: Float[np.ndarray, " grid"],
     step: float,
-) -> tuple[Float[np.ndarray, "grid columns"], Bool[np.ndarray, " grid"]]:
-    """Means within half a step of each grid time, and where there are any.
+) -> Float[np.ndarray, "grid columns"]:
+    """Means within half a step of each grid time, NaN where there is nothing.
 
     **Arguments:**
 
     - `time`: in any order, s.
-    - `values`: of the same samples.
+    - `values`: of the same samples; those that are NaN count nothing.
     - `grid`: evenly spaced by `step`, s.
     """
     place = np.floor((time - grid[0]) / step + 0.5).astype(np.int64)
     inside = (place >= 0) & (place < len(grid))
     place, values = place[inside], values[inside]
-    counts = np.bincount(place, minlength=len(grid))
-    sums = np.stack(
-        [np.bincount(place, column, minlength=len(grid)) for column in values.T], axis=1
+    there = ~np.isnan(values)
+    counts, sums = (
+        np.stack([np.bincount(place, column, minlength=len(grid)) for column in table.T], axis=1)
+        for table in (there, np.where(there, values, 0.0))
     )
-    there = counts > 0
-    return sums / np.maximum(counts, 1)[:, None], there
+    return np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0)
 
 
 def held(

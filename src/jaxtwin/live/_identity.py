@@ -22,28 +22,32 @@ class Identity:
     **Arguments:**
 
     - `rig`, `cells`, `channels`: names, as they stand in messages.
-    - `camera`: width and height of its frames, pixels.
+    - `camera`: width and height of its frames, pixels; `None` where sensors read the channels.
     - `counts`: PWM counts of full duty.
-    - `weights`: share of each pixel in each channel, `(channels, pixels)`; rows sum to 1.
+    - `weights`: share of each pixel in each channel, `(channels, pixels)`; rows sum to 1. Without
+      a camera there are no pixels.
     """
 
     rig: str
     cells: tuple[str, ...]
     channels: tuple[str, ...]
-    camera: tuple[int, int]
+    camera: tuple[int, int] | None
     counts: int
     weights: Float[np.ndarray, "channels pixels"]
 
     @classmethod
     def of(cls, rig: Rig) -> "Identity":
         """That of a rig."""
+        camera, channels = rig.camera, len(rig.channels)
         return cls(
             rig=wire_name(rig.name),
             cells=tuple(wire_name(cell.name) for cell in rig.cells),
             channels=tuple(wire_name(channel.name) for channel in rig.channels),
-            camera=(rig.camera.width, rig.camera.height),
+            camera=camera and (camera.width, camera.height),
             counts=rig.driver.counts,
-            weights=pixel_weights(rig).reshape(len(rig.channels), -1),
+            weights=np.zeros((channels, 0))
+            if camera is None
+            else pixel_weights(rig).reshape(channels, -1),
         )
 
     def refusal(self, hello: Hello) -> str | None:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from ..physics import Twin, pixel_weights
-from ..rig import Channel, Rig, Value
+from ..rig import Camera, Channel, Rig, Value
 
 
 @final
@@ -20,10 +20,10 @@ class Picture:
     known by its channel means only.
     """
 
-    def __init__(self, twin: Twin, gain: Float[np.ndarray, " channels"]):
+    def __init__(self, twin: Twin, camera: Camera, gain: Float[np.ndarray, " channels"]):
         rig = twin.rig
-        self._shape = (rig.camera.height, rig.camera.width)
-        elements = _elements(rig)
+        self._shape = (camera.height, camera.width)
+        elements = _elements(rig, camera)
         nodes = len(twin.netlist.nodes)
         plain = np.zeros((self._shape[0] * self._shape[1], nodes))
         plain[:, : elements.shape[1]] = elements
@@ -42,9 +42,9 @@ class Picture:
         return np.clip(np.rint((celsius + 273.15) * 100), 0, 65535).astype(np.uint16)
 
 
-def _elements(rig: Rig) -> Float[np.ndarray, "pixels elements"]:
+def _elements(rig: Rig, camera: Camera) -> Float[np.ndarray, "pixels elements"]:
     """Which part of each pixel each plate element covers."""
-    plate, camera = rig.plate, rig.camera
+    plate = rig.plate
     names = plate.element_names
     channels = tuple(Channel(name, (name,), None, None, Value(1.0)) for name in names)
     shares = pixel_weights(replace(rig, channels=channels)).reshape(len(names), -1)

@@ -126,7 +126,8 @@ class Replay:
         """The records of each table; read as they are needed."""
         database = self.session.database
         columns = Columns.of(self.session.metadata)
-        height, width = self.session.metadata["camera"][::-1]
+        # Sensors give no frames.
+        width, height = self.session.metadata["camera"] or (0, 0)
         devices = {
             number: (link, boot)
             for number, link, boot in database.execute("SELECT id, link, boot FROM greetings")

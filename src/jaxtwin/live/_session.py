@@ -162,7 +162,7 @@ class Session:
         start: float | int | None = None,
         end: float | int | None = None,
     ) -> Experiment:
-        """The recording on an even grid, by the rule of `_grid`: nothing is filled in.
+        """The recording on an even grid, by the rule of `_grid`: no temperature is filled in.
 
         **Arguments:**
 
@@ -197,23 +197,25 @@ class Session:
             raise RecordingError(f"{self.file}: holds nothing from {first:g} s to {last:g} s")
         grid = zero + first + step * np.arange(int((last - first) / step + 1e-9) + 1)
 
-        means, there = bin_means(readings.time, readings.values, grid, step)
+        means = bin_means(readings.time, readings.values, grid, step)
         longest = max(step, LONGEST_HOLD * float(np.median(np.diff(duty.time))))
-        drive, driven = held(duty.time, duty.values, grid + step / 2, longest)
-        there &= driven
+        drive, there = held(duty.time, duty.values, grid + step / 2, longest)
         surroundings: Any = None
         if len(ambient.time):
-            surroundings, measured = bin_means(ambient.time, ambient.values, grid, step)
-            there &= measured
-            surroundings = surroundings[there, 0]
-        return Experiment(
-            (grid - zero)[there],
-            drive[there],
-            channels=self.channels,
-            temperatures=means[there],
-            ambient=surroundings,
-            name=self.file.stem,
-        )
+            surroundings = bin_means(ambient.time, ambient.values, grid, step)[there, 0]
+            if np.isnan(surroundings).all():
+                surroundings = None
+        try:
+            return Experiment(
+                (grid - zero)[there],
+                drive[there],
+                channels=self.channels,
+                temperatures=means[there],
+                ambient=surroundings,
+                name=self.file.stem,
+            )
+        except RecordingError as error:
+            raise RecordingError(f"{self.file}: {error}") from None
 
     def _series(
         self, table: str, columns: tuple[str, ...], where: str, clocks: list[DeviceClock] | None

@@ -48,11 +48,12 @@ class VirtualRig:
     - `twin`: what it simulates.
     - `speed`: rig seconds in a second.
     - `seed`: of noise and faults; the same seed and the same calls give the same bytes.
-    - `camera_hz`, `controller_hz`: frames and controller samples per rig second.
+    - `camera_hz`, `controller_hz`: frames and controller samples per rig second. Without a camera
+      the controller reads the sensors.
     - `faults`: what goes wrong.
     - `watchdog`: without a duty command for so many seconds (of the host) the cells go off.
 
-    **Raises:** `LinkError` where a fault names a cell that the rig does not have.
+    **Raises:** `LinkError` where a fault names a cell or a camera that the rig does not have.
     """
 
     def __init__(
@@ -73,11 +74,18 @@ class VirtualRig:
         self.twin = LiveTwin(twin)
         self._cells = [cell.name for cell in rig.cells]
         self._polarity = rig.driver.polarity
-        self._noise = rig.camera.noise
         self._random = np.random.default_rng(seed)
-        self._picture = Picture(twin, np.asarray(self.twin.system.gain))
-        self._periods = {"data": 1 / controller_hz, "image": 1 / camera_hz}
-        self._made = {"data": 0, "image": 0}
+        self._noise = rig.noise
+        camera, self._picture = rig.camera, None
+        self._periods = {"data": 1 / controller_hz}
+        if camera is not None:
+            self._picture = Picture(twin, camera, np.asarray(self.twin.system.gain))
+            self._periods["image"] = 1 / camera_hz
+        elif self.faults.jumps:
+            raise LinkError(
+                f"faults: jumps: found {self.faults.jumps:g}, allowed only for rigs with a camera"
+            )
+        self._made = dict.fromkeys(self._periods, 0)
         self._seq = {"data": 0, "image": 0, "event": 0}
         self._start: int | None = None
         self._commanded = 0.0
@@ -92,7 +100,8 @@ class VirtualRig:
             wire_name(rig.name),
             boot=f"{self._random.integers(16**8):08x}",
             cells=tuple(wire_name(cell) for cell in self._cells),
-            camera=(rig.camera.width, rig.camera.height),
+            channels=() if camera else tuple(wire_name(one.name) for one in rig.channels),
+            camera=camera and (camera.width, camera.height),
             counts=rig.driver.counts,
             watchdog=float(watchdog),
             rate=float(speed),
@@ -174,8 +183,9 @@ class VirtualRig:
     def _message(self, stream: str, time: float) -> bytes:
         seq = self._count(stream)
         if stream == "data":
-            ambient = self.twin.ambient
-            return self._sent(Data(seq, _us(time), self.pwm, round(ambient, 2)))
+            ambient = round(self.twin.ambient, 2)
+            return self._sent(Data(seq, _us(time), self.pwm, ambient, self._sensors()))
+        assert self._picture is not None
         since = time - self._jump_at
         closed = self.faults.jumps > 0 and self._jump_at > 0 and since < SHUTTER_SECONDS
         if not closed or self._frozen is None:
@@ -184,6 +194,13 @@ class VirtualRig:
             error = offset + self._random.normal(0, self._noise, shape)
             self._frozen = self._picture.frame(self.twin.nodes, self.twin.ambient, error)
         return self._sent(Image(seq, _us(time), RECALIBRATING * closed, self._frozen))
+
+    def _sensors(self) -> tuple[float, ...]:
+        """What point sensors read, degC; nothing where a camera does it."""
+        if self._picture is not None:
+            return ()
+        exact = np.asarray(self.twin.temperatures)
+        return tuple((exact + self._random.normal(0, self._noise, exact.shape)).tolist())
 
     def _count(self, stream: str) -> int:
         number = self._seq[stream]

@@ -46,8 +46,9 @@ class Series:
     - `residuals`: `(times, channels)`.
     - `slopes`: their derivatives in some of the unknowns; `entries`: which those are.
     - `roots`: of the weights of the samples, by which residuals and slopes are multiplied.
-    - `independent`: how many independent channels they amount to: one less where their mean was
-      taken away.
+    - `channels`: how many there are at a time, on average over the times at which there is more
+      than nothing; `independent`: how many independent ones they amount to, one less where their
+      mean was taken away.
     """
 
     kind: int
@@ -56,7 +57,8 @@ class Series:
     slopes: Float[np.ndarray, "times channels entries"]
     entries: Int[np.ndarray, " entries"]
     roots: Float[np.ndarray, "times channels"]
-    independent: int
+    channels: float
+    independent: float
 
 
 @final
@@ -146,12 +148,11 @@ def _add_own(
 ) -> None:
     """Adds one series' $J^T \\Gamma J$, and to its expected periodogram what its own noise does
     there: once directly and twice crossed with what the unknowns take away."""
-    channels = one.roots.shape[1]
     at = np.ix_(one.entries, one.entries)
     moved = np.fft.rfft(one.slopes, axis=0) @ inverse[at]
     times = len(one.roots)
     overlap = np.fft.irfft(np.abs(np.fft.rfft(one.roots, 2 * times, axis=0)) ** 2, axis=0)
-    overlap = overlap[:times].sum(axis=1) * one.independent / channels
+    overlap = overlap[:times].sum(axis=1) * one.independent / one.channels
     for number, part in enumerate(rho):
         answer = correlated(part, one.roots[..., None] * one.slopes) * one.roots[..., None]
         middles[number][at] += np.tensordot(one.slopes, answer, ([0, 1], [0, 1]))
@@ -176,7 +177,7 @@ def _through_unknowns(
 def _variances(
     expected: Float[np.ndarray, "rows bands"],
     seen: Float[np.ndarray, " bands"],
-    counts: Int[np.ndarray, " bands"],
+    counts: Float[np.ndarray, " bands"],
 ) -> Float[np.ndarray, " parts"]:
     """$\\theta$ with the largest likelihood, by least squares with weights that follow from it.
 

@@ -11,7 +11,7 @@ standard deviation beforehand, without which they could imitate the plate.
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..rig import CommonError
 
@@ -65,7 +65,9 @@ def _corners(
 
 
 def detect_events(
-    time: Float[np.ndarray, " times"], common: Float[np.ndarray, " times"]
+    time: Float[np.ndarray, " times"],
+    common: Float[np.ndarray, " times"],
+    counted: Bool[np.ndarray, " times"],
 ) -> tuple[float, ...]:
     """Times of flat-field corrections: jumps within a sample that all channels share.
 
@@ -81,6 +83,8 @@ def detect_events(
 
     - `time`: s.
     - `common`: mean over the channels of recorded less simulated temperatures, K.
+    - `counted`: where there is one. Elsewhere it lies between its neighbours, and a jump beside
+      such times counts where at least half of each line's seconds are there.
     """
     sample = float(np.median(np.diff(time)))
     width = max(4, round(WINDOW / sample))
@@ -91,7 +95,12 @@ def detect_events(
     windows = np.lib.stride_tricks.sliding_window_view(common, width)
     jumps = np.abs(windows[width:] @ end - windows[:-width] @ end[::-1])
     at = time[width : width + len(jumps)]
-    noise = 1.4826 * np.median(jumps)
+    there = np.lib.stride_tricks.sliding_window_view(counted, width).mean(axis=1) >= 0.5
+    told = there[width:] & there[:-width]
+    if not told.any():
+        return ()
+    noise = 1.4826 * np.median(jumps[told])
+    jumps = np.where(told, jumps, 0.0)
     nearby = np.lib.stride_tricks.sliding_window_view(np.pad(jumps, width), 2 * width + 1)
     clear = at[(jumps > CLEAR * noise) & (jumps == nearby.max(axis=1))]
     events = set(clear.tolist())

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from ._autocovariance import Mixture, Series, fit_noise, noise_in_unknowns
 from ._between_recordings import RecordingScore, spread_between_recordings
 from ._descend import Attempt
-from ._estimate import Knowledge, Residuals
+from ._estimate import Knowledge, Residuals, beside_others
 from ._noise import Noise
 from ._uncertainty import Uncertainty, inverse_of_normal, uncertainty
 from ._unknowns import Unknowns
@@ -83,10 +83,13 @@ def _series(
             weights = jax.tree.map(lambda leaf, at=number: np.asarray(leaf[at]), group.weights)
             of_alone, of_common, of_sizes = (block[number] for block in blocks)
             counted = knowledge.alone_weights[position]
-            if (channels := counted.shape[1]) > 1:
+            if (beside := beside_others(counted)).any():
                 own = weights.alone * residuals.alone[position]
-                roots = np.sqrt(counted)
-                series.append(_dependent_part(0, position, own, of_alone, roots, channels - 1))
+                # Of the channels that count at a time, their mean takes one away.
+                channels = float(beside.sum() / np.count_nonzero(beside.any(axis=1)))
+                roots = np.sqrt(counted * beside)
+                apart = (channels, channels - 1)
+                series.append(_dependent_part(0, position, own, of_alone, roots, *apart))
             used = weights.shapes.any(axis=0)
             shapes = weights.shapes * weights.common[:, None] / weights.size_weight
             # The match has each value move the sizes too: undone here.
@@ -95,7 +98,7 @@ def _series(
             slopes[:, 0, count:] = -shapes[:, used]
             moments = np.sqrt(knowledge.common_weights[position]) * counted.any(axis=1)
             shared = (weights.common * residuals.common[position])[:, None]
-            series.append(_dependent_part(1, position, shared, slopes, moments[:, None], 1))
+            series.append(_dependent_part(1, position, shared, slopes, moments[:, None], 1.0, 1.0))
             lift.append(of_sizes[used])
             count += int(used.sum())
     return series, np.concatenate(lift)
@@ -143,8 +146,10 @@ def _dependent_part(
     residuals: Float[np.ndarray, "times channels"],
     slopes: Float[np.ndarray, "times channels all_unknowns"],
     roots: Float[np.ndarray, "times channels"],
-    independent: int,
+    channels: float,
+    independent: float,
 ) -> Series:
     """A series with derivatives in those unknowns alone on which it depends."""
     entries = np.flatnonzero(slopes.any(axis=(0, 1)))
-    return Series(kind, recording, residuals, slopes[..., entries], entries, roots, independent)
+    at = (..., entries)
+    return Series(kind, recording, residuals, slopes[at], entries, roots, channels, independent)

@@ -6,7 +6,7 @@ from typing import NamedTuple, final
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from .._errors import MatchError
 from ..io import Experiment
@@ -22,9 +22,6 @@ from ._weights import Weights, make_weights
 
 FIRST_NOISE = Noise(0.25, 64.0)
 """Before anything is known of the residuals: a quarter kelvin, a minute long."""
-
-MARGIN = 2.0
-"""Corrections this near to samples that do not count are not looked for, s."""
 
 ROUNDS = 3
 LOOSE = (3e-2, 1e-2)
@@ -239,6 +236,15 @@ def split_residuals(attempt: Attempt) -> Residuals:
     return Residuals(*zip(*ordered, strict=True))
 
 
+def solved_temperatures(attempt: Attempt) -> list[Float[np.ndarray, "times channels"]]:
+    """What the twin reads in each recording where a descent ended, degC."""
+    found: dict[int, np.ndarray] = {}
+    for group, difference in zip(attempt.problem.groups, attempt.differences, strict=True):
+        for row, position in enumerate(group.positions):
+            found[position] = np.asarray(difference[row]) + np.asarray(group.temperatures[row])
+    return [found[position] for position in sorted(found)]
+
+
 def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge:
     """What the residuals of a descent tell: corrections, noise, outliers."""
     alone, common, errors = split_residuals(attempt)
@@ -246,14 +252,13 @@ def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge
     if setting.common_error is not None and setting.events is None:
         # What is recorded less what is simulated, with the camera's error still in it.
         events = tuple(
-            tuple(
-                event
-                for event in detect_events(experiment.time, -(rest + error))
-                # Where masks begin and end there is a jump that is no correction.
-                if weight[np.abs(experiment.time - event) <= MARGIN].any(axis=1).all()
+            detect_events(
+                experiment.time,
+                -shared_residual(one, shared, error, weight),
+                np.count_nonzero(weight, axis=1) > 0,
             )
-            for experiment, rest, error, weight in zip(
-                setting.experiments, common, errors, setting.samples, strict=True
+            for experiment, one, shared, error, weight in zip(
+                setting.experiments, alone, common, errors, setting.samples, strict=True
             )
         )
     alone_weights = setting.samples
@@ -261,7 +266,9 @@ def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge
     if setting.robust is not None:
         # A single channel has nothing alone.
         alone_weights = tuple(
-            given * huber_weights(one, setting.robust, given > 0) if one.shape[1] > 1 else given
+            given * huber_weights(one, setting.robust, beside_others(given))
+            if one.shape[1] > 1
+            else given
             for given, one in zip(setting.samples, alone, strict=True)
         )
         common_weights = tuple(
@@ -277,17 +284,52 @@ def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge
     return Knowledge(of_alone, of_common, events, alone_weights, common_weights)
 
 
+def shared_residual(
+    alone: Float[np.ndarray, "times channels"],
+    common: Float[np.ndarray, " times"],
+    camera: Float[np.ndarray, " times"],
+    samples: Float[np.ndarray, "times channels"],
+) -> Float[np.ndarray, " times"]:
+    """The mean of the channels' residuals, with what does not count between its neighbours, K.
+
+    Where a channel begins or ends to count, a mean of the others alone would jump.
+    """
+    shared = common + camera
+    if (samples > 0).all():
+        return shared
+    whole, times = alone + shared[:, None], np.arange(len(shared))
+    columns = [
+        np.interp(times, times[weight > 0], column[weight > 0])
+        for column, weight in zip(whole.T, samples.T, strict=True)
+        if weight.any()
+    ]
+    return np.mean(columns, axis=0)
+
+
+def beside_others(
+    weights: Float[np.ndarray, "times channels"],
+) -> Bool[np.ndarray, "times channels"]:
+    """Which samples count beside others at the same time: one alone has nothing that is its own."""
+    counted = weights > 0
+    return counted & (counted.sum(axis=1, keepdims=True) > 1)
+
+
 def residual_noise(
     alone: Sequence[Float[np.ndarray, "times channels"]],
     common: Sequence[Float[np.ndarray, " times"]],
     alone_weights: Sequence[Float[np.ndarray, "times channels"]],
     common_weights: Sequence[Float[np.ndarray, " times"]],
 ) -> tuple[Noise, Noise]:
-    """The noise of both parts of the residuals; where recordings have one channel, the first part
-    is nothing and takes after the second."""
-    parts = [one * np.sqrt(w) for one, w in zip(alone, alone_weights, strict=True)]
-    # Deviations from a mean of n channels vary less than the channels do, by (n - 1) / n.
-    several = [p * np.sqrt(p.shape[1] / (p.shape[1] - 1)) for p in parts if p.shape[1] > 1]
+    """The noise of both parts of the residuals; where no two channels count at the same time, the
+    first part is nothing and takes after the second."""
+    several, counted = [], 0.0
+    for one, weights in zip(alone, alone_weights, strict=True):
+        beside = beside_others(weights)
+        if beside.any():
+            # Deviations from a mean of n channels vary less than the channels do, by (n - 1) / n.
+            n = np.maximum(beside.sum(axis=1, keepdims=True), 2)
+            several.append(one * np.sqrt(weights * beside * n / (n - 1)))
+            counted += float(np.sum(weights * beside))
     shared = [
         (one * np.sqrt(w * v.sum(axis=1)))[:, None]
         for one, w, v in zip(common, common_weights, alone_weights, strict=True)
@@ -297,5 +339,4 @@ def residual_noise(
     of_common = noise_of(shared, float(sum(one.sum() for one in counts)))
     if not several:
         return of_common, of_common
-    counted = sum(float(v.sum()) for v in alone_weights if v.shape[1] > 1)
     return noise_of(several, counted), of_common

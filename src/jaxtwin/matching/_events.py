@@ -18,7 +18,7 @@ def span_weights(
     experiments: Sequence[Experiment],
     spans: Mapping[str, Sequence[Span]] | None,
 ) -> list[Float[np.ndarray, "times channels"]]:
-    """Weights of all samples, 0 to 1.
+    """Weights of all samples, 0 to 1; those that are missing weigh nothing.
 
     **Raises:** `MatchError` for unknown recordings, spans outside of one, and weights that are not
     0 to 1.
@@ -26,7 +26,7 @@ def span_weights(
     _check_names("masks", names, spans or {})
     weights = []
     for name, experiment in zip(names, experiments, strict=True):
-        weight = np.ones((len(experiment.time), len(experiment.channels)))
+        weight = experiment.sampled.astype(float)
         for span in (spans or {}).get(name, ()):
             if len(span) not in (2, 3):
                 raise MatchError(

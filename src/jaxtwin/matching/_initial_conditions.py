@@ -106,8 +106,8 @@ def estimate_initial_conditions(
 
     **Returns:** the values, their covariance, and the twin that has them.
 
-    **Raises:** `MatchError` where the recording has no temperatures, the part holds fewer samples
-    than there are values to estimate, a value of the twin lies outside its bounds, or the twin
+    **Raises:** `MatchError` where the recording has no temperatures, the part holds fewer times
+    with a sample than there are values to estimate, a value of the twin lies outside its bounds, or the twin
     gives no finite temperatures; `ParameterError` for unknown names; `SimulationError` for a
     recording of another rig.
     """
@@ -115,14 +115,15 @@ def estimate_initial_conditions(
     if not names:
         return InitialConditions(twin, {}, np.zeros((0, 0)), ())
     (label,) = checked_recordings(twin, [recording])
-    count = int(np.count_nonzero(recording.time < recording.time[0] + warm_up))
+    early = recording.time < recording.time[0] + warm_up
+    count = int(np.count_nonzero(recording.sampled[early].any(axis=1)))
     if count < max(2, len(names)):
         raise MatchError(
             f"{label}: warm_up = {warm_up:g} s: found {count} samples, allowed are at least "
             f"{max(2, len(names))} for {', '.join(names)}"
         )
     part = recording.between(None, recording.time[0] + warm_up)
-    first = _first_reading(part)
+    first = float(np.nanmean(_first_readings(part)))
     unknowns = choose_unknowns(twin, 1, free=names, per_recording=names)
     earlier = fitted.recording_values if isinstance(fitted, Fit) else {}
     rows = tuple(_expected(row, twin.rig, first, earlier) for row in unknowns.own)
@@ -183,10 +184,11 @@ def _sinks(rig: Rig) -> frozenset[str]:
     return _names(*starts) - _room(rig) - _plate(rig)
 
 
-def _first_reading(part: Experiment) -> float:
-    """Mean of the channels' first temperatures, degC."""
+def _first_readings(part: Experiment) -> Float[np.ndarray, " channels"]:
+    """The first reading of each channel that is not missing, NaN where all are, degC."""
     assert part.temperatures is not None
-    return float(part.temperatures[0].mean())
+    rows = part.sampled.argmax(axis=0)
+    return part.temperatures[rows, np.arange(len(rows))]
 
 
 def _expected(
@@ -219,19 +221,18 @@ def _around(row: Parameter, centre: float, spread: float) -> Parameter:
 
 def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> Attempt:
     """The values with the largest posterior density."""
-    error = twin.rig.camera.common_error
-    assert part.temperatures is not None
-    camera = Noise(twin.rig.camera.noise, MEMORY)
+    error = twin.rig.common_error
+    sensor = Noise(twin.rig.noise, MEMORY)
     setting = Setting(
         twin=twin,
         experiments=(part,),
         unknowns=unknowns,
-        samples=(_weights(part.temperatures, camera.effective),),
+        samples=(_weights(part, sensor.effective),),
         events=None if error is not None and error.detect else ((),),
         common_error=error,
         robust=None,
     )
-    knowledge = replace(first_knowledge(setting), alone=camera, common=camera)
+    knowledge = replace(first_knowledge(setting), alone=sensor, common=sensor)
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
     room, attempts = None, []
     for _ in range(REWEIGHTINGS):
@@ -251,9 +252,7 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
         # A correction of the camera in this minute must not be taken for a plate that cools. Only
         # their times are learned: a minute is too short to learn the noise from.
         events = learn(setting, knowledge, attempt).events
-        weights = _weights(
-            part.temperatures, camera.effective, part.temperatures + attempt.differences[0][0]
-        )
+        weights = _weights(part, sensor.effective, attempt.differences[0][0])
         knowledge = replace(knowledge, events=events, alone_weights=(weights,))
         (values,) = unknowns.values(attempt.vector)
         room = next((float(values[name]) for name in _room(twin.rig) if name in values), None)
@@ -285,19 +284,25 @@ def _ties(rig: Rig, unknowns: Unknowns, room: float | None, first: float) -> Tie
 
 
 def _weights(
-    recorded: Float[np.ndarray, "times channels"],
-    noise: float,
-    simulated: Float[np.ndarray, "times channels"] | None = None,
+    part: Experiment, noise: float, difference: Float[np.ndarray, "times channels"] | None = None
 ) -> Float[np.ndarray, "times channels"]:
-    """Of each sample, 0 to 1: the noise's variance over that of noise and the model's error.
+    """Of each sample, 0 to 1: the noise's variance over that of noise and the model's error; 0 for
+    a missing one.
 
     The model's error keeps its sign for the whole part, so that all samples together tell no more
     of it than one. It grows with what has moved, recorded or simulated: a drive that begins late
     has moved one of the two alone.
+
+    **Arguments:**
+
+    - `difference`: simulated less recorded, K.
     """
-    moved = np.abs(recorded - recorded[0])
-    if simulated is not None:
-        moved = np.maximum(moved, np.abs(simulated - simulated[0]))
+    moved = np.abs(part.temperatures - _first_readings(part))
+    if difference is not None:
+        simulated = part.temperatures + difference
+        first = simulated[part.sampled.argmax(axis=0), np.arange(simulated.shape[1])]
+        moved = np.maximum(moved, np.abs(simulated - first))
+    moved = np.where(part.sampled, moved, np.inf)
     return 1 / (1 + (MODEL_ERROR * moved * math.sqrt(len(moved)) / noise) ** 2)
 
 

@@ -80,7 +80,7 @@ def load_fit(
         unknowns=unknowns,
         samples=samples,
         events=knowledge.events,
-        common_error=rig.camera.common_error,
+        common_error=rig.common_error,
         robust=stored.robust,
     )
     own = [{row.name: one[row.name] for row in unknowns.own} for one in values]

@@ -24,6 +24,7 @@ from ._estimate import (
     Setting,
     estimate,
     make_problem,
+    solved_temperatures,
     split_residuals,
 )
 from ._events import Span, given_events, span_weights
@@ -66,8 +67,8 @@ def match(
 ) -> Fit:
     """Matches a twin to recordings by nonlinear least squares, in float64.
 
-    All recordings count together. Positive parameters are matched by their logarithm, inside
-    their bounds, with exact derivatives through the simulation.
+    All recordings count together; missing samples (NaN) count nothing. Positive parameters are
+    matched by their logarithm, inside their bounds, with exact derivatives through the simulation.
 
     Without priors and without a common error of the camera in the rig file this is eq. (11) of the
     paper. With them the residuals are weighted by what they turn out to be like, in a few rounds:
@@ -178,7 +179,7 @@ def make_setting(
             f"{', '.join(names)}: found no excitation, every duty cycle is 0 and no reading ever "
             "changes; allowed is at least one recording in which something happens"
         )
-    error = twin.rig.camera.common_error
+    error = twin.rig.common_error
     if events is not None and error is None:
         raise MatchError(
             f"{twin.rig.name}: events: found {events!r}, allowed only where the rig file has a "
@@ -247,8 +248,7 @@ def make_fit(
         for name, value, experiment in zip(names, values, setting.experiments, strict=True)
     }
     residuals = split_residuals(attempt)
-    parts = zip(setting.experiments, *residuals, strict=True)
-    solved = [one.temperatures + a + (c + error)[:, None] for one, a, c, error in parts]
+    solved = solved_temperatures(attempt)
     gaps = [run.temperatures - own for run, own in zip(runs.values(), solved, strict=True)]
     camera = {
         name: CameraError(events, error)
@@ -409,8 +409,8 @@ def checked_recordings(twin: Twin, recordings: list[Experiment]) -> tuple[str, .
     **Returns:** a name for each, no two alike: its own, or its number where it has none; a name
     that occurs again is followed by its number, or by the next that no other name has.
 
-    **Raises:** `MatchError` where there is none, or one has no temperatures; `SimulationError` for
-    one of another rig.
+    **Raises:** `MatchError` where there is none, one has no temperatures, or none in one of its
+    channels; `SimulationError` for one of another rig.
     """
     if not recordings:
         raise MatchError("experiments: found none, allowed is one or several recordings")
@@ -420,6 +420,11 @@ def checked_recordings(twin: Twin, recordings: list[Experiment]) -> tuple[str, .
         if experiment.temperatures is None or not experiment.channels:
             raise MatchError(f"{name}: found no recorded temperatures, allowed is a recording")
         checked_channels(twin, experiment)
+        if experiment.unsampled:
+            raise MatchError(
+                f"{name}: channel {experiment.unsampled[0]}: found no sample that is not missing, "
+                "allowed is at least one; leave the channel out by select()"
+            )
         names.append(name)
     # Two recordings of one name must not share a row of a table.
     found: list[str] = []

@@ -63,7 +63,7 @@ def huber_weights(
 
     All are 1 where most of those residuals are nothing: there is no scale then."""
     size = np.abs(residuals)
-    scale = 1.4826 * np.median(size[counted])
+    scale = 1.4826 * np.median(size[counted]) if counted.any() else 0.0
     if scale == 0:
         return np.ones_like(size)
     return np.minimum(1.0, threshold * scale / np.maximum(size, 1e-300))

@@ -20,7 +20,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..io import Experiment
 from ..physics import System, Twin
@@ -41,7 +41,9 @@ class Recordings(eqx.Module):
 
     - `schedule`: every array with a leading recordings axis.
     - `columns`: which of the rig's channels each recording holds.
-    - `temperatures`: recorded, `(recordings, times, channels)`, degC.
+    - `temperatures`: recorded, `(recordings, times, channels)`, degC; any finite number where a
+      sample is missing, which weighs nothing.
+    - `sampled`: where one is not.
     - `weights`: of the samples, and the camera's shapes.
     - `positions`: their places among all recordings.
     """
@@ -49,6 +51,7 @@ class Recordings(eqx.Module):
     schedule: Schedule
     columns: Int[np.ndarray | Array, "recordings channels"]
     temperatures: Float[np.ndarray | Array, "recordings times channels"]
+    sampled: Bool[np.ndarray | Array, "recordings times channels"]
     weights: Weights
     positions: tuple[int, ...] = eqx.field(static=True)
 
@@ -114,7 +117,9 @@ def build_problem(
                     lambda *leaves: np.stack(leaves), *(schedules[p] for p in positions)
                 ),
                 columns=np.array(columns, dtype=np.int32),
-                temperatures=np.stack([np.asarray(e.temperatures) for e in members]),
+                # Nothing times NaN would be NaN.
+                temperatures=np.stack([np.nan_to_num(np.asarray(e.temperatures)) for e in members]),
+                sampled=np.stack([e.sampled for e in members]),
                 weights=stacked([weights[p] for p in positions]),
                 positions=tuple(positions),
             )
@@ -135,8 +140,8 @@ def residuals(
     """The weighted residuals.
 
     **Returns:** for each group of recordings what a channel has alone, what all share and the
-    sizes of the camera's shapes, then priors and ties; and the mean squared error of all samples,
-    K^2.
+    sizes of the camera's shapes, then priors and ties; and the mean squared error of all samples
+    that are not missing, K^2.
     """
     return weighted(differences(vector, problem), vector, problem)
 
@@ -147,18 +152,20 @@ def weighted(
     problem: Problem,
 ) -> tuple[list[Any], Float[Array, ""]]:
     """The weighted residuals from the `differences`."""
-    parts, squares, samples = [], jnp.zeros(()), 0
+    parts, squares, samples = [], jnp.zeros(()), jnp.zeros((), int)
     for group, difference in zip(problem.groups, groups, strict=True):
 
-        def one(difference: Array, weights: Weights) -> tuple[Any, Array]:
+        def one(
+            difference: Array, weights: Weights, sampled: Array | np.ndarray
+        ) -> tuple[Any, Array]:
             alone, common, sizes = weights.split(difference)
             error = difference - (jnp.asarray(weights.shapes) @ sizes)[:, None]
-            return weights.weigh(alone, common, sizes), jnp.sum(error**2)
+            return weights.weigh(alone, common, sizes), jnp.sum(error**2, where=sampled)
 
-        part, square = jax.vmap(one)(difference, group.weights)
+        part, square = jax.vmap(one)(difference, group.weights, group.sampled)
         parts.append(part)
         squares += square.sum()
-        samples += np.size(group.temperatures)
+        samples += jnp.sum(group.sampled)
     parts.append((vector - problem.centre) * problem.precision)
     parts.append(jnp.asarray(problem.ties.rows) @ vector - problem.ties.values)
     return parts, squares / samples

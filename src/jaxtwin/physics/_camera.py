@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from .._errors import RigError
-from ..rig import Channel, Plate, Rig
+from ..rig import Camera, Channel, Plate, Rig
 
 
 def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
@@ -36,9 +36,10 @@ def frame_to_channels(
 
     **Returns:** `(..., channels)` in the order of the rig, in the unit of the frames.
 
-    **Raises:** `RigError` where the frames do not have the camera's resolution.
+    **Raises:** `RigError` where the frames do not have the camera's resolution, or the rig has no
+    camera.
     """
-    camera = rig.camera
+    camera = _camera(rig)
     if frames.shape[-2:] != (camera.height, camera.width):
         raise RigError(
             f"{rig.source}: camera.resolution: found frames of {frames.shape[-1]} x "
@@ -48,8 +49,11 @@ def frame_to_channels(
 
 
 def pixel_weights(rig: Rig) -> Float[np.ndarray, "channels height width"]:
-    """How much each pixel counts in each channel; every channel sums to 1."""
-    camera, plate = rig.camera, rig.plate
+    """How much each pixel counts in each channel; every channel sums to 1.
+
+    **Raises:** `RigError` where the rig has no camera.
+    """
+    camera, plate = _camera(rig), rig.plate
     x = _pixel_edges(camera.width, camera.view_x, plate.width)
     y = _pixel_edges(camera.height, camera.view_y, plate.height)
     weights = np.zeros((len(rig.channels), camera.height, camera.width))
@@ -58,6 +62,12 @@ def pixel_weights(rig: Rig) -> Float[np.ndarray, "channels height width"]:
             area = np.outer(_covered(y, y0, y1), _covered(x, x0, x1))
             weights[number] += area / area.sum()
     return weights / weights.sum(axis=(1, 2), keepdims=True)
+
+
+def _camera(rig: Rig) -> Camera:
+    if rig.camera is None:
+        raise RigError(f"{rig.source}: camera: found none, allowed are frames of rigs with one")
+    return rig.camera
 
 
 def _pixel_edges(pixels: int, view: tuple[float, float], size: float) -> np.ndarray:

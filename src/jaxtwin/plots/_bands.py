@@ -55,9 +55,9 @@ def plot_bands(
         if recorded is not None:
             seen = recorded[:, number]
             axes.plot(run.time, seen, color=MUTED, lw=1.0)
-            there = np.isfinite(seen)
-            inside = ((below <= seen) & (seen <= above))[there]
-            share = f"{100 * inside.mean():.0f} % inside" if there.any() else "no sample"
+            there = ~np.isnan(seen)
+            inside = np.count_nonzero((below <= seen) & (seen <= above)) / max(1, there.sum())
+            share = f"{100 * inside:.0f} % inside" if there.any() else "no sample"
             axes.set_title(share, loc="right", fontsize=9, fontweight="normal", color=MUTED)
         axes.plot(run.time, run.temperatures[:, number], color=VERMILION, lw=1.2)
         axes.set_title(channel)

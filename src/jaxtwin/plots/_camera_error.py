@@ -7,8 +7,8 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ._masked import masked_key, shade_masked
-from ._missing import mean_of_seen
+from ._masked import masked_key, of_sampled, shade_masked
+from ._missing import mean_there
 from ._style import INK, MUTED, ORANGE, VERMILION, styled
 
 if TYPE_CHECKING:
@@ -30,17 +30,18 @@ def plot_camera_error(fit: "Fit") -> Figure:
     **Returns:** the figure.
     """
     columns = len(fit.runs)
+    weights = {name: of_sampled(run, fit.weights[name]) for name, run in fit.runs.items()}
     figure = pyplot.figure(figsize=(0.9 + 3.9 * columns, 4.6), layout="constrained")
     grid = figure.subplots(2, columns, sharex="col", sharey=True, squeeze=False)
     for (above, below), (name, run) in zip(grid.T, fit.runs.items(), strict=True):
         assert run.experiment.temperatures is not None
         camera = fit.camera[name]
-        shared = mean_of_seen(run.experiment.temperatures - run.temperatures)
+        shared = mean_there(run.experiment.temperatures - run.temperatures, axis=1)
         above.plot(run.time, shared, color=MUTED, lw=1.0)
         above.plot(run.time, camera.offset, color=VERMILION, lw=1.6)
         below.plot(run.time, shared - camera.offset, color=INK, lw=1.0)
         for axes, series, title in ((above, shared, name), (below, shared - camera.offset, "")):
-            shade_masked(axes, run.time, fit.weights[name])
+            shade_masked(axes, run.time, weights[name])
             axes.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
             rms = float(np.sqrt(np.nanmean(series**2)))
             axes.set_title(title)
@@ -62,7 +63,7 @@ def plot_camera_error(fit: "Fit") -> Figure:
             Line2D([], [], color=VERMILION, lw=1.6, label="given to the camera"),
             *([corrections] if any(one.events for one in fit.camera.values()) else []),
             Line2D([], [], color=INK, lw=1.2, label="left for the plate"),
-            *masked_key(fit.weights.values()),
+            *masked_key(weights.values()),
         ],
         loc="outside lower center",
         ncols=5,

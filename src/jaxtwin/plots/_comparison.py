@@ -13,8 +13,8 @@ from matplotlib.ticker import MaxNLocator
 from .._errors import SimulationError
 from ..simulation import Run, fit_text, mean_fit_percent
 from ._labels import label_ends
-from ._masked import masked_key, shade_masked
-from ._missing import last_seen, mean_of_seen
+from ._masked import masked_key, of_sampled, shade_masked
+from ._missing import last_means, mean_there
 from ._style import CYCLE, INK, MUTED, VERMILION, styled
 
 PANELS = 5  # in a row
@@ -49,7 +49,8 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
             axes.plot(run.time, recorded, color=MUTED, lw=2.6, alpha=0.55)
             axes.plot(run.time, run.channel(channel), color=VERMILION, lw=1.4)
             axes.set_title(channel)
-            axes.set_title(fit_text(fit[channel], " %"), loc="right", color=VERMILION)
+            text = fit_text(fit[channel], " %") if channel in fit else "no sample"
+            axes.set_title(text, loc="right", color=VERMILION)
         for axes in panels[len(channels) :]:
             axes.set_axis_off()
         panels[0].set_ylabel("temperature, °C")
@@ -81,7 +82,7 @@ def plot_residuals(
     """Recorded less simulated temperature of every channel, and their mean.
 
     What all channels share is the camera or the ambient; what one channel has alone is its place
-    on the plate.
+    on the plate. Missing samples are gaps.
 
     **Arguments:**
 
@@ -98,16 +99,16 @@ def plot_residuals(
     ends = []
     for axes, run, weight in zip_longest(row, runs, weights):
         if weight is not None:
-            shade_masked(axes, run.time, weight)
+            shade_masked(axes, run.time, of_sampled(run, weight))
         residual = _recorded(run) - run.temperatures
         for number, part in enumerate(residual.T):
             axes.plot(run.time, part, color=CYCLE[number % len(CYCLE)], lw=0.9)
-        axes.plot(run.time, mean_of_seen(residual), color=INK, lw=2.0)
+        axes.plot(run.time, mean_there(residual, axis=1), color=INK, lw=2.0)
         axes.axhline(0.0, color=MUTED, lw=0.8, zorder=0)
         axes.set(title=run.experiment.name or "recording", xlabel="time, s")
         axes.set_title(f"RMSE {run.rmse:.2f} K", loc="right", fontsize=9, fontweight="normal")
         axes.set_xlim(run.time[0], run.time[-1])
-        tail = last_seen(residual, len(run.time) // 20)
+        tail = last_means(residual, len(run.time) // 20)
         ends.append(list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
     row[0].set_ylabel("recorded − twin, K")
     for axes, labels in zip(row, ends, strict=True):
@@ -115,7 +116,7 @@ def plot_residuals(
     figure.legend(
         handles=[
             Line2D([], [], color=INK, lw=2.0, label="mean of the channels"),
-            *masked_key(weights),
+            *masked_key(of_sampled(run, one) for run, one in zip(runs, weights, strict=False)),
         ],
         loc="outside lower right",
         ncols=2,

@@ -15,9 +15,13 @@ def label_ends(
     **Arguments:**
 
     - `axes`: with the lines in it; its y limits are kept from here on.
-    - `ends`: of each line, the last value, the label, the colour.
+    - `ends`: of each line, the last value, the label, the colour; a line without a value (NaN)
+      gets no label.
     - `spacing`: between two labels, in parts of the height of the axes.
     """
+    ends = [end for end in ends if not np.isnan(end[0])]
+    if not ends:
+        return
     low, high = axes.get_ylim()
     axes.set_ylim(low, high)
     heights = (np.array([value for value, _, _ in ends]) - low) / (high - low)

@@ -7,7 +7,15 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from ..simulation import Run
 from ._style import FAINT
+
+
+def of_sampled(
+    run: Run, weights: Float[np.ndarray, "times channels"]
+) -> Float[np.ndarray, "times channels"]:
+    """The weights of a run's samples, 1 where one is missing: that is a gap in the line."""
+    return np.where(run.experiment.sampled, weights, 1.0)
 
 
 def shade_masked(

@@ -9,13 +9,15 @@ from matplotlib.figure import Figure
 
 from ..io import Experiment
 from ._labels import label_ends
-from ._missing import last_seen
+from ._missing import last_means
 from ._style import CYCLE, INK, styled
 
 
 @styled
 def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
     """What was recorded: the channels' temperatures above the cells' duty cycles.
+
+    Missing samples are gaps in the lines.
 
     **Arguments:**
 
@@ -43,7 +45,7 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
     for (above, below), experiment in zip(grid.T, experiments, strict=True):
         label_ends(below, _cells_by_drive(experiment), spacing=0.2)
         if experiment.temperatures is not None:
-            tail = last_seen(experiment.temperatures, len(experiment.time) // 50)
+            tail = last_means(experiment.temperatures, len(experiment.time) // 50)
             colors = [CYCLE[number % len(CYCLE)] for number in range(len(tail))]
             label_ends(above, list(zip(tail.tolist(), experiment.channels, colors, strict=True)))
     return figure

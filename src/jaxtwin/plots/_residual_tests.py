@@ -10,16 +10,21 @@ from .._errors import SimulationError
 from ..simulation import Run
 from ..validation import autocorrelation, normal_quantiles, whiteness
 from ._labels import label_ends
-from ._missing import filled, last_seen
+from ._missing import last_means
 from ._style import CYCLE, FAINT, INK, MUTED, styled
 
 LONGEST = 300
 """Lags of the autocorrelation that are shown, samples."""
 
+LEAST = 10
+"""Samples of a channel that a test of whiteness takes."""
+
 
 @styled
 def plot_residual_tests(runs: Sequence[Run]) -> Figure:
     """Residuals of each recording over time, their autocorrelation, and their quantiles.
+
+    Missing samples are gaps over time and left out of the tests.
 
     In the middle the grey band holds 95 % of the autocorrelations of white noise; on the right
     normal residuals lie on the line. The p-value is that of Ljung and Box's test, the least of all
@@ -32,7 +37,8 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
 
     **Returns:** the figure.
 
-    **Raises:** `SimulationError` where a run has nothing recorded to compare with.
+    **Raises:** `SimulationError` where a run has nothing recorded to compare with, or fewer than
+    ten samples in a channel.
     """
     figure = pyplot.figure(figsize=(12.6, 0.4 + 2.6 * len(runs)), layout="constrained")
     grid = figure.subplots(len(runs), 3, squeeze=False, width_ratios=(1.7, 1.15, 1))
@@ -40,6 +46,13 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
         if run.experiment.temperatures is None:
             label = run.experiment.name or "the experiment"
             raise SimulationError(f"{label} holds no recorded temperatures to compare with")
+        counts = np.count_nonzero(run.experiment.sampled, axis=0)
+        if counts.min() < LEAST:
+            label = run.experiment.name or "the experiment"
+            raise SimulationError(
+                f"{label}: channel {run.channels[int(counts.argmin())]}: found {counts.min()} "
+                f"samples, allowed are at least {LEAST} for a test"
+            )
         residuals = run.experiment.temperatures - run.temperatures
         for number, (channel, series) in enumerate(zip(run.channels, residuals.T, strict=True)):
             _draw(row, run, channel, series, CYCLE[number % len(CYCLE)])
@@ -56,12 +69,12 @@ def _draw(row: np.ndarray, run: Run, channel: str, series: np.ndarray, color: st
     sample = float(np.median(np.diff(run.time)))
     lags = min(LONGEST, len(series) // 2)
     against_itself.plot(
-        sample * np.arange(lags + 1), autocorrelation(filled(series), lags), color=color, lw=1.2
+        sample * np.arange(lags + 1), autocorrelation(series, lags), color=color, lw=1.2
     )
-    seen = series[np.isfinite(series)]
-    deviation = seen.std() or 1.0
+    there = series[~np.isnan(series)]
+    deviation = there.std() or 1.0
     against_normal.plot(
-        normal_quantiles(len(seen)), np.sort(seen - seen.mean()) / deviation, color=color,
+        normal_quantiles(len(there)), np.sort(there - there.mean()) / deviation, color=color,
         lw=1.4, label=channel,
     )  # fmt: skip
 
@@ -72,14 +85,13 @@ def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     over_time.set(ylabel="recorded − twin, K", xlim=(run.time[0], run.time[-1]))
     over_time.set_title(run.experiment.name or "recording")
     over_time.set_title(f"RMSE {run.rmse:.2f} K", loc="right", fontsize=9, fontweight="normal")
-    tail = last_seen(residuals, len(run.time) // 20)
-    ends = list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False))
-    label_ends(over_time, ends, spacing=0.075)
-    band = 1.96 / np.sqrt(len(run.time))
+    tail = last_means(residuals, len(run.time) // 20)
+    label_ends(over_time, list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
+    band = 1.96 / np.sqrt(np.count_nonzero(run.experiment.sampled, axis=0).max())
     against_itself.axhspan(-band, band, color=FAINT, zorder=0.4, label="95 % of white noise")
     against_itself.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
     against_itself.set(ylabel="autocorrelation", ylim=(-1.05, 1.05))
-    p = min(whiteness(filled(series)).p_value for series in residuals.T)
+    p = min(whiteness(series).p_value for series in residuals.T)
     text = f"p = {p:.2g}" if p > 1e-99 else "p below 1e-99"
     against_itself.set_title(text, loc="right", fontsize=9, fontweight="normal")
     line = np.array([-3.3, 3.3])

@@ -24,6 +24,8 @@ MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # of a panel, inches
 def plot_uniformity(runs: Sequence[Run]) -> Figure:
     """Spread (highest less lowest) and standard deviation over the channels at each time.
 
+    A time at which a channel's sample is missing is a gap in what was recorded.
+
     **Arguments:**
 
     - `runs`: one column each, of experiments that hold recorded temperatures.
@@ -36,15 +38,20 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
     grid = figure.subplots(2, len(runs), sharex="col", sharey="row", squeeze=False)
     for column, run in zip(grid.T, runs, strict=True):
         recorded, twin = run.recorded_uniformity, run.uniformity
-        for axes, was, says in (
-            (column[0], recorded.spread, twin.spread),
-            (column[1], recorded.deviation, twin.deviation),
+        for axes, was, says, means in (
+            (column[0], recorded.spread, twin.spread, (recorded.mean_spread, twin.mean_spread)),
+            (
+                column[1],
+                recorded.deviation,
+                twin.deviation,
+                (recorded.mean_deviation, twin.mean_deviation),
+            ),
         ):
             axes.plot(run.time, was, color=MUTED, lw=2.4, alpha=0.55)
             axes.plot(run.time, says, color=VERMILION, lw=1.4)
             axes.set_title(
-                f"mean {np.nanmean(was):.2f} K, twin {np.nanmean(says):.2f} K", loc="right",
-                fontsize=9, fontweight="normal",
+                f"mean {means[0]:.2f} K, twin {means[1]:.2f} K", loc="right", fontsize=9,
+                fontweight="normal",
             )  # fmt: skip
         column[0].set_title(run.experiment.name or "recording")
         column[1].set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
@@ -67,7 +74,8 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
 def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> Figure:
     """The plate at several times: as the twin has it, as its camera reads it, as it was recorded.
 
-    The last row is recorded less read, on a scale of its own about 0.
+    The last row is recorded less read, on a scale of its own about 0. Places whose sample is
+    missing stay empty.
 
     **Arguments:**
 
@@ -95,7 +103,7 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
     scale = ScalarMappable(norm, HEAT)
     difference = rows["recorded"] - rows["twin: as read"]
     rows["recorded − twin"] = difference
-    widest = float(np.nanmax(np.abs(difference), initial=0.0)) or 1.0
+    widest = float(np.abs(np.nan_to_num(difference)).max()) or 1.0
     apart = ScalarMappable(CenteredNorm(0.0, widest), "RdBu_r")
     height = ROOM_ABOVE + MAP_WIDTH * rig.plate.height / rig.plate.width
     figure = pyplot.figure(figsize=(MAP_WIDTH * len(times) + 1.4, height * 4), layout="constrained")
@@ -110,8 +118,10 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
             axes.spines[:].set_visible(False)
             axes.grid(visible=False)
             axes.set_title(f"{time:g} s" if number == 0 else "")
+            there = one[~np.isnan(one)]
+            text = f"{there.min():.1f} … {there.max():.1f} {unit}" if there.size else "no sample"
             axes.set_title(
-                _range(one, unit), loc="right", fontsize=9, fontweight="normal", color=MUTED
+                text.replace("-", "−"), loc="right", fontsize=9, fontweight="normal", color=MUTED
             )
             if number == 0:
                 _draw_field(axes, rig, one, norm)
@@ -119,7 +129,8 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
             else:
                 for column in order:
                     for place in places(channels[column], rig.plate):
-                        color = colors.to_rgba(np.array([one[column]]))[0]
+                        value = np.array([one[column]])
+                        color = "none" if np.isnan(value) else colors.to_rgba(value)[0]
                         axes.add_patch(rectangle(place, fc=color, ec=rim, lw=0.8))
                 outline = (0.0, rig.plate.width, 0.0, rig.plate.height)
                 axes.add_patch(rectangle(outline, fc="none", ec=MUTED, lw=0.8))

@@ -25,5 +25,6 @@ def shows_sawtooth(runs: Iterable[Run]) -> bool:
 
 def _corrections(run: Run) -> tuple[float, ...]:
     difference = recorded(run.experiment) - run.temperatures
-    complete = np.isfinite(difference).all(axis=1)
-    return detect_events(run.time[complete], difference[complete].mean(axis=1))
+    complete = np.asarray(np.isfinite(difference).all(axis=1))
+    common = np.where(complete, difference.mean(axis=1), 0.0)
+    return detect_events(run.time, common, complete)

@@ -1,7 +1,7 @@
 """Rigs: plate, cells, driver, camera and parameters, read from rig files and checked."""
 
 from ._bundled import bundled_modules, bundled_rigs, read_toml
-from ._camera import Camera, Channel, CommonError
+from ._camera import Camera, Channel, CommonError, Sensors
 from ._cell import Cell
 from ._circuit import Circuit, CircuitLink
 from ._datasheet import Datasheet, load_module
@@ -33,6 +33,7 @@ __all__ = [
     "Parameter",
     "Plate",
     "Rig",
+    "Sensors",
     "Value",
     "bundled_modules",
     "bundled_rigs",

@@ -81,7 +81,7 @@ def _common_error(table: CommonErrorTable, fields: Fields) -> CommonError:
 
 
 def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
-    """A channel, over named elements or over a rectangle of the plate.
+    """A channel, over named elements, over a rectangle of the plate or at one place on it.
 
     **Raises:** `RigError` where it has both or neither, or is not on the plate.
     """
@@ -94,9 +94,33 @@ def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
         return Channel(table.name, tuple(table.nodes), None, None, gain)
     if table.nodes is not None or table.x is None or table.y is None:
         fields.refuse(at, "allowed is either nodes or x with y")
+    if len(table.x) != len(table.y):
+        fields.refuse(at, "allowed is a place in both x and y, or a range in both")
+    if len(table.x) == 1:
+        place = _place(f"{at}.x", table.x[0], plate.width, fields)
+        element = _element_at(plate, place, _place(f"{at}.y", table.y[0], plate.height, fields))
+        return Channel(table.name, (element,), None, None, gain)
     x = _range(f"{at}.x", table.x, plate.width, fields)
     y = _range(f"{at}.y", table.y, plate.height, fields)
     return Channel(table.name, (), x, y, gain)
+
+
+def _place(field: str, text: str, size: float, fields: Fields) -> float:
+    place = fields.constant(field, text, COORDINATE)
+    if place > size * (1 + _ROUNDING):
+        fields.refuse(
+            field, f"found {text!r}, allowed is a place on the plate, 0 to {100 * size:g} cm"
+        )
+    return place
+
+
+def _element_at(plate: Plate, x: float, y: float) -> str:
+    """The element that holds a point; on the border of two, the right or the lower one."""
+    for element in reversed(plate.element_names):
+        left, _, top, _ = plate.extent(element)
+        if left <= x * (1 + _ROUNDING) and top <= y * (1 + _ROUNDING):
+            return element
+    raise AssertionError("the first element begins at the plate's corner")
 
 
 def _range(field: str, texts: list[str], size: float, fields: Fields) -> tuple[float, float]:

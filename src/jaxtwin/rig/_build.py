@@ -3,6 +3,7 @@
 from typing import Any
 
 from ._bench_table import build_camera, build_channel, build_driver
+from ._camera import Sensors
 from ._cell_table import build_cell
 from ._circuit_table import build_circuit
 from ._fields import Fields
@@ -10,7 +11,7 @@ from ._parameter_table import build_parameter_sets, build_parameters
 from ._plate_table import build_plate
 from ._rig import Rig
 from ._schema import RigTable
-from ._units import TEMPERATURE, TEMPERATURE_RATE
+from ._units import NOISE, TEMPERATURE, TEMPERATURE_RATE
 from ._validate import validate
 
 
@@ -30,6 +31,9 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     fields = Fields(source, parameters, sets)
     fields.check_unique("cells", [cell.name for cell in table.cells])
     fields.check_unique("channels", [channel.name for channel in table.channels])
+    if (table.camera is None) == (table.sensors is None):
+        found = "neither a camera nor sensors" if table.camera is None else "both"
+        fields.refuse("camera", f"found {found}, allowed is either [camera] or [sensors]")
     plate = build_plate(table.plate, table.circuit is not None, fields)
     ambient, initial = (
         fields.value(f"{name}.temperature", text, TEMPERATURE)
@@ -47,7 +51,7 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         circuit=table.circuit and build_circuit(table.circuit, plate, table.cells, fields),
         cells=tuple(build_cell(cell, plate, fields) for cell in table.cells),
         driver=build_driver(table.driver, fields),
-        camera=build_camera(table.camera, fields),
+        camera=table.camera and build_camera(table.camera, fields),
         channels=tuple(build_channel(channel, plate, fields) for channel in table.channels),
         ambient_temperature=ambient,
         initial_temperature=initial,
@@ -59,6 +63,8 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         ambient_drift=None
         if table.ambient.drift is None
         else fields.value("ambient.drift", table.ambient.drift, TEMPERATURE_RATE),
+        sensors=table.sensors
+        and Sensors(fields.constant("sensors.noise", table.sensors.noise, NOISE)),
     )
     fields.check_all_used()
     return rig

@@ -1,4 +1,4 @@
-"""The infrared camera and the channels read from it."""
+"""What measures: an infrared camera or point sensors, and the channels read from them."""
 
 from dataclasses import dataclass
 from typing import final
@@ -51,6 +51,19 @@ class Camera:
     view_x: tuple[float, float]
     view_y: tuple[float, float]
     common_error: CommonError | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Sensors:
+    """Point sensors on the plate, such as thermocouples, in place of a camera.
+
+    **Arguments:**
+
+    - `noise`: standard deviation of a reading, K.
+    """
+
+    noise: float
 
 
 @final

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import final
 
-from ._camera import Camera, Channel
+from ._camera import Camera, Channel, CommonError, Sensors
 from ._cell import Cell
 from ._circuit import Circuit
 from ._describe import rig_html, rig_parts
@@ -26,12 +26,14 @@ class Rig:
     - `name`, `title`, `description`, `references`: what it is and where it is described.
     - `plate`: sizes, and materials where the circuit follows from them.
     - `circuit`: the plate's circuit where it is given link by link, else None.
-    - `cells`, `driver`, `camera`, `channels`: the other parts.
+    - `cells`, `driver`, `channels`: the other parts.
+    - `camera`: what reads the channels, or `None` where `sensors` do.
     - `ambient_temperature`, `initial_temperature`: of the surroundings and of the plate, K.
     - `parameters`: the parameter table, name -> `Parameter`, in the order of the file.
     - `parameter_sets`: named sets of values, set -> name -> value in the parameter's unit.
     - `source`: the file that it was read from.
     - `maximum_temperature`: of any channel, K: driving stops there. `None`: never to be driven.
+    - `sensors`: point sensors that read the channels, or `None` where a camera does.
     - `ambient_drift`: how fast the surroundings change from the first sample on, K/s. `None`: they
       do not.
     """
@@ -44,7 +46,7 @@ class Rig:
     circuit: Circuit | None
     cells: tuple[Cell, ...]
     driver: Driver
-    camera: Camera
+    camera: Camera | None
     channels: tuple[Channel, ...]
     ambient_temperature: Value
     initial_temperature: Value
@@ -53,6 +55,18 @@ class Rig:
     source: str
     maximum_temperature: float | None = None
     ambient_drift: Value | None = None
+    sensors: Sensors | None = None
+
+    @property
+    def common_error(self) -> CommonError | None:
+        """What a camera adds to all channels alike; `None` without one."""
+        return None if self.camera is None else self.camera.common_error
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a reading, of a pixel or a sensor, K."""
+        reader = self.camera or self.sensors
+        return 0.0 if reader is None else reader.noise
 
     @cached_property
     def fingerprint(self) -> str:

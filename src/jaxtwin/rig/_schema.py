@@ -27,6 +27,12 @@ def _quantity(value: Any) -> Any:
     return value.strip()
 
 
+def _place(value: Any) -> Any:
+    if isinstance(value, list) and len(value) != 2:
+        raise ValueError(f"found {len(value)} entries, allowed is one place or a range of two")
+    return [_quantity(item) for item in value] if isinstance(value, list) else [_quantity(value)]
+
+
 def _quantity_or_list(value: Any) -> Any:
     return [_quantity(item) for item in value] if isinstance(value, list) else _quantity(value)
 
@@ -34,7 +40,7 @@ def _quantity_or_list(value: Any) -> Any:
 Text = Annotated[str, BeforeValidator(_text)]
 Quantity = Annotated[str, BeforeValidator(_quantity)]
 QuantityOrList = Annotated[Any, BeforeValidator(_quantity_or_list)]
-Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
+Place = Annotated[list[str] | None, BeforeValidator(_place)]
 Bound = Annotated[float, Field(allow_inf_nan=True)]
 PixelRange = Annotated[list[float], Field(min_length=2, max_length=2)]
 
@@ -131,11 +137,15 @@ class CameraTable(Table):
     common_error: CommonErrorTable | None = None
 
 
+class SensorsTable(Table):
+    noise: Quantity
+
+
 class ChannelTable(Table):
     name: Text
     nodes: Annotated[list[Text], Field(min_length=1)] | None = None
-    x: Pair | None = None
-    y: Pair | None = None
+    x: Place = None
+    y: Place = None
     gain: Quantity = "1"
 
 
@@ -177,7 +187,8 @@ class RigTable(Table):
     circuit: CircuitTable | None = None
     cells: Annotated[list[CellTable], Field(min_length=1)]
     driver: DriverTable
-    camera: CameraTable
+    camera: CameraTable | None = None
+    sensors: SensorsTable | None = None
     channels: Annotated[list[ChannelTable], Field(min_length=1)]
     ambient: AmbientTable
     initial: InitialTable

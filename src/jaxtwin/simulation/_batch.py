@@ -365,9 +365,10 @@ def checked_reductions(
 ) -> tuple[Reduction, ...]:
     """The reductions that are asked of some experiments.
 
-    **Raises:** `SimulationError` for unknown names, none, or the cost where nothing is recorded.
+    **Raises:** `SimulationError` for unknown names, none, or the cost where nothing is recorded, or
+    nothing in one of the channels.
     """
-    wanted = tuple(reductions)
+    wanted, experiments = tuple(reductions), list(experiments)
     unknown = [name for name in wanted if name not in REDUCTIONS]
     if unknown or not wanted:
         raise SimulationError(
@@ -377,4 +378,10 @@ def checked_reductions(
         raise SimulationError(
             'reductions: found "cost", allowed only for experiments with recorded temperatures'
         )
+    for one in experiments:
+        if "cost" in wanted and (bare := one.unsampled):
+            raise SimulationError(
+                f'reductions: found "cost" for {one.name or "an experiment"}, whose channel '
+                f"{bare[0]} has no sample, allowed are channels with one; leave it out by select()"
+            )
     return tuple(name for name in REDUCTIONS if name in wanted)

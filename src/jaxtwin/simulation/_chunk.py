@@ -164,9 +164,11 @@ def compressed_cost(
     errors: Float[Array, "chunk rows channels"], recorded: CompressedRecording
 ) -> Float[Array, "chunk channels"]:
     """Mean squared error of each channel, K^2."""
-    return jnp.sum(errors**2, axis=1) / recorded.samples + jnp.asarray(
-        recorded.beyond, errors.dtype
+    counted, samples, beyond = (
+        jnp.asarray(leaf, errors.dtype)
+        for leaf in (recorded.counted, recorded.samples, recorded.beyond)
     )
+    return jnp.sum(counted * errors**2, axis=1) / samples + beyond
 
 
 @eqx.filter_jit
@@ -174,8 +176,11 @@ def sample_cost(
     temperatures: Float[Array, "chunk times channels"],
     recorded: Float[Array | np.ndarray, "times channels"],
 ) -> Float[Array, "chunk channels"]:
-    """Mean squared error of each channel, K^2."""
-    return jnp.mean((temperatures - jnp.asarray(recorded, temperatures.dtype)) ** 2, axis=1)
+    """Mean squared error of each channel over its samples that are not missing (NaN), K^2."""
+    target = jnp.asarray(recorded, temperatures.dtype)
+    there = ~jnp.isnan(target)
+    errors = jnp.where(there, temperatures - target, 0.0)
+    return jnp.sum(errors**2, axis=1) / jnp.sum(there, axis=0)
 
 
 EXTREMES: dict[str, Callable[[Array], Array]] = {

@@ -5,7 +5,8 @@ With $W = Q R$,
 
 $$\lVert W c - y \rVert^2 = \lVert R c - Q^T y \rVert^2 + \lVert y - Q Q^T y \rVert^2,$$
 
-so that six combinations stand for all samples of a long step.
+so that six combinations stand for all samples of a long step. Missing samples are left out of $W$
+and $y$; the samples of a step in which channels miss different ones stay as they are.
 """
 
 from typing import final
@@ -24,27 +25,31 @@ class CompressedRecording(eqx.Module):
 
     - `schedule`: with combinations of samples for samples.
     - `target`: the recorded temperatures combined alike, degC; `ones`: a constant 1 combined alike.
+    - `counted`: whether a combination counts in a channel: 0 where it is a missing sample, else 1.
     - `beyond`: the mean square of what no temperatures around the steps could follow, K^2.
-    - `samples`: how many there were.
+    - `samples`: how many each channel has.
     """
 
     schedule: Schedule
     target: Float[Array | np.ndarray, "rows channels"]
     ones: Float[Array | np.ndarray, " rows"]
+    counted: Float[Array | np.ndarray, "rows channels"]
     beyond: Float[Array | np.ndarray, " channels"]
-    samples: int = eqx.field(static=True)
+    samples: Float[Array | np.ndarray, " channels"]
 
 
 def compress(
     schedule: Schedule, recorded: Float[np.ndarray, "times channels"]
 ) -> CompressedRecording:
-    """The recording of an experiment on its schedule, degC."""
-    step_of = np.asarray(schedule.step_of)
-    count = len(step_of)
-    samples = np.column_stack([schedule.weights, recorded, np.ones(count)])
+    """The recording of an experiment on its schedule, degC; NaN where a sample is missing."""
+    there = ~np.isnan(recorded)
+    used = there.any(axis=1)
+    step_of, whole = np.asarray(schedule.step_of)[used], there[used].all(axis=1)
+    filled_in = np.nan_to_num(recorded[used])
+    samples = np.column_stack([schedule.weights[used], filled_in, np.ones(len(step_of))])
     # Samples follow each other in time, and so do those of a step.
     steps, first, counts = np.unique(step_of, return_index=True, return_counts=True)
-    is_long = counts > POWERS
+    is_long = (counts > POWERS) & np.logical_and.reduceat(whole, first)
     short = ~np.repeat(is_long, counts)
     # The samples of each long step in a table of its own, filled up with nothing: one
     # factorisation of all, as a loop over steps would take longer than many a draw.
@@ -58,12 +63,14 @@ def compress(
     combined = np.concatenate([r, seen], axis=2).reshape(-1, samples.shape[1])
     rows = np.concatenate([samples[short], combined])
     rows_of = np.concatenate([step_of[short], np.repeat(steps[is_long], POWERS)])
+    counted = np.concatenate([there[used][short], np.ones((len(combined), there.shape[1]))])
     return CompressedRecording(
         schedule=eqx.tree_at(
             lambda s: (s.step_of, s.weights), schedule, (rows_of, rows[:, :POWERS])
         ),
         target=rows[:, POWERS:-1],
         ones=rows[:, -1],
-        beyond=beyond / count,
-        samples=count,
+        counted=counted,
+        beyond=beyond / there.sum(axis=0),
+        samples=there.sum(axis=0).astype(float),
     )

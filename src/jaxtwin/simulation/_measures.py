@@ -1,4 +1,4 @@
-"""How near a simulation is to a recording."""
+"""How near a simulation is to a recording, over the samples that are not missing (NaN)."""
 
 from collections.abc import Iterable
 
@@ -14,12 +14,17 @@ def fit_percent(
     $100 (1 - \lVert y - \hat y \rVert_2 / \lVert y - \bar y \rVert_2)$.
 
     100 is a perfect fit, 0 is what the channel's own mean would reach; NaN for a channel that never
-    changes, of which the measure says nothing.
+    changes, or whose samples are all missing: the measure says nothing of it.
     """
-    error = np.linalg.norm(recorded - simulated, axis=-2)
-    spread = np.linalg.norm(recorded - recorded.mean(axis=-2, keepdims=True), axis=-2)
-    constant = recorded.max(axis=-2) == recorded.min(axis=-2)  # rounding: a mean may be beside it
-    return 100 * (1 - error / np.where(constant, np.nan, spread))
+    there = ~np.isnan(recorded)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.sum(recorded, axis=-2, keepdims=True, where=there) / there.sum(-2, keepdims=True)
+        error = np.linalg.norm(np.where(there, recorded - simulated, 0.0), axis=-2)
+        spread = np.linalg.norm(np.where(there, recorded - mean, 0.0), axis=-2)
+        # Rounding: the mean of equal numbers may be beside them.
+        first = np.where(there, recorded, -np.inf).max(axis=-2)
+        constant = first == np.where(there, recorded, np.inf).min(axis=-2)
+        return 100 * (1 - error / np.where(constant, np.nan, spread))
 
 
 def mean_fit_percent(fits: Iterable[float]) -> float:
@@ -35,4 +40,4 @@ def fit_text(percent: float, unit: str = "") -> str:
 
 def rmse(recorded: Float[np.ndarray, "*shape"], simulated: Float[np.ndarray, "*shape"]) -> float:
     """Root of the mean squared error over all samples and channels, K."""
-    return float(np.sqrt(np.mean((recorded - simulated) ** 2)))
+    return float(np.sqrt(np.mean((recorded - simulated) ** 2, where=~np.isnan(recorded))))

@@ -61,16 +61,17 @@ class Run:
 
     @property
     def fit_percent(self) -> dict[str, float]:
-        """NRMSE fit of each recorded channel, %.
+        """NRMSE fit of each recorded channel, %; those without any sample are left out.
 
         **Raises:** `SimulationError` where the experiment holds no recorded temperatures.
         """
         fits = fit_percent(self._recorded, self.temperatures)
-        return dict(zip(self.channels, fits.tolist(), strict=True))
+        named = zip(self.channels, fits.tolist(), strict=True)
+        return {name: fit for name, fit in named if name not in self.experiment.unsampled}
 
     @property
     def rmse(self) -> float:
-        """Over all recorded channels, K."""
+        """Over all samples of all recorded channels, K."""
         return rmse(self._recorded, self.temperatures)
 
     @property
@@ -80,7 +81,7 @@ class Run:
 
     @property
     def recorded_uniformity(self) -> Uniformity:
-        """Of what was recorded, over the channels.
+        """Of what was recorded, over the channels; NaN at times at which one is missing.
 
         **Raises:** `SimulationError` where the experiment holds no recorded temperatures.
         """

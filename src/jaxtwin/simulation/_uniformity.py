@@ -12,6 +12,9 @@ from jaxtyping import Float
 class Uniformity:
     """How even temperatures are over several places, at each time.
 
+    At a time at which one of the temperatures is missing both measures are NaN: the spread over
+    other places is another quantity. Such times do not count in the means and the largest.
+
     **Arguments:**
 
     - `time`: s.
@@ -28,17 +31,17 @@ class Uniformity:
     @property
     def mean_spread(self) -> float:
         """Over time, K."""
-        return float(self.spread.mean())
+        return _mean(self.spread)
 
     @property
     def mean_deviation(self) -> float:
         """Over time, K."""
-        return float(self.deviation.mean())
+        return _mean(self.deviation)
 
     @property
     def largest_spread(self) -> float:
         """Over time, K."""
-        return float(self.spread.max())
+        return float(np.fmax.reduce(self.spread))
 
     def __repr__(self) -> str:
         return (
@@ -66,3 +69,8 @@ def uniformity(
         deviation=temperatures.std(axis=1),
         places=places,
     )
+
+
+def _mean(values: Float[np.ndarray, " times"]) -> float:
+    there = values[~np.isnan(values)]
+    return float(there.mean()) if there.size else float("nan")

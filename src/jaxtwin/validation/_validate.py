@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from .._errors import MatchError
 from ..io import Experiment
@@ -14,7 +15,7 @@ from ..simulation import Run, simulate
 from ._validation import Prediction, Validation
 
 LEAST = 30
-"""Samples of a predicted part: fewer say little about a prediction."""
+"""Samples of each channel of a predicted part: fewer say little about a prediction."""
 
 
 def validate(
@@ -73,12 +74,11 @@ def validate_split(
     several = _listed(recordings)
     names = checked_recordings(twin, several)
     for name, one in zip(names, several, strict=True):
-        before = int(np.count_nonzero(one.time < at))
-        after = len(one.time) - before
+        before, after = (_samples(one, part) for part in (one.time < at, one.time >= at))
         if min(before, after) < LEAST:
             raise MatchError(
                 f"{name}: split at {at:g} s: found {before} samples before and {after} from there "
-                f"on, allowed are at least {LEAST} each; the recording goes from "
+                f"on, allowed are at least {LEAST} each in every channel; the recording goes from "
                 f"{one.time[0]:g} to {one.time[-1]:g} s"
             )
     fit = match(twin, [one.between(None, at) for one in several], **_before(at, several, options))
@@ -124,15 +124,20 @@ def _predict(
     fit: Fit | None,
 ) -> Prediction:
     start = recording.time[0] + warm_up
-    left = int(np.count_nonzero(recording.time >= start))
+    left = _samples(recording, recording.time >= start)
     if left < LEAST:
         raise MatchError(
             f"{name}: warm_up = {warm_up:g} s: found {left} samples after it, allowed are at least "
-            f"{LEAST}"
+            f"{LEAST} in every channel"
         )
     found = estimate_initial_conditions(fitted, recording, warm_up, own)
     run = _from(simulate(found.twin, recording), start)
     return Prediction(name, run, found.twin, found.values, found.warnings, fit)
+
+
+def _samples(recording: Experiment, part: Bool[np.ndarray, " times"]) -> int:
+    """How many samples the channel has that has the fewest in a part."""
+    return int(recording.sampled[part].sum(axis=0).min(initial=len(recording.time)))
 
 
 def _from(run: Run, start: float) -> Run:

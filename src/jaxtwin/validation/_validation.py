@@ -39,7 +39,7 @@ class Prediction:
 
     @property
     def residuals(self) -> Float[np.ndarray, "times channels"]:
-        """Recorded less predicted, K."""
+        """Recorded less predicted, K; NaN where a sample is missing."""
         assert self.run.experiment.temperatures is not None
         return self.run.experiment.temperatures - self.run.temperatures
 
@@ -91,7 +91,7 @@ class Validation:
     def rmse(self) -> float:
         """Over all predicted samples, K."""
         errors = np.concatenate([one.residuals.ravel() for one in self.predictions])
-        return float(np.sqrt(np.mean(errors**2)))
+        return float(np.sqrt(np.nanmean(errors**2)))
 
     @property
     def runs(self) -> dict[str, Run]:
@@ -112,8 +112,8 @@ class Validation:
                         one.name,
                         channel,
                         fit_text(fit),
-                        f"{np.sqrt(np.mean(error**2)):.3f}",
-                        f"{error.mean():+.3f}",
+                        f"{np.sqrt(np.nanmean(error**2)):.3f}",
+                        f"{np.nanmean(error):+.3f}",
                         f"{test.correlated * sample:.0f}",
                         _verdict(test),
                     )
@@ -162,8 +162,8 @@ def _prediction(one: Prediction) -> dict[str, Any]:
         error, test = one.residuals[:, column], one.whiteness[channel]
         channels[channel] = {
             "fit_percent": _plain(fit),
-            "rmse_K": float(np.sqrt(np.mean(error**2))),
-            "mean_error_K": float(error.mean()),
+            "rmse_K": float(np.sqrt(np.nanmean(error**2))),
+            "mean_error_K": float(np.nanmean(error)),
             "ljung_box": test.statistic,
             "lags": test.lags,
             "p_value": test.p_value,

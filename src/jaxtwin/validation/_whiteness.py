@@ -4,7 +4,9 @@ The test is that of Ljung and Box (1978): of $n$ residuals with sample autocorre
 
 $$Q = n (n + 2) \sum_{k=1}^{h} \frac{\rho_k^2}{n - k}$$
 
-is distributed as $\chi^2$ with $h$ degrees of freedom where they are white.
+is distributed as $\chi^2$ with $h$ degrees of freedom where they are white. Of a series with
+missing samples (NaN) $n$ are there, and in place of $n - k$ stands how many pairs are there at the
+lag $k$ (Stoffer and Toloi 1992).
 """
 
 from dataclasses import dataclass
@@ -40,39 +42,63 @@ class Whiteness:
 
 
 def whiteness(residuals: Float[np.ndarray, " times"]) -> Whiteness:
-    """Ljung and Box's test of equally spaced residuals, less their mean.
+    """Ljung and Box's test of equally spaced residuals, less their mean; NaN where one is missing.
 
-    **Raises:** `ValueError` for fewer than ten samples.
+    **Raises:** `ValueError` for fewer than ten samples that are there.
     """
     from scipy.stats import chi2  # takes a while to import
 
     from ..matching import noise_of
 
-    samples = len(residuals)
+    samples = int(np.count_nonzero(~np.isnan(residuals)))
     if samples < 10:
         raise ValueError(f"found {samples} samples, allowed are at least 10")
     lags = min(LAGS, samples // 5)
-    rho = autocorrelation(residuals, lags)[1:]
-    statistic = samples * (samples + 2) * float(np.sum(rho**2 / (samples - np.arange(1, lags + 1))))
-    about_mean = residuals - residuals.mean()
+    sums, pairs = _products(residuals, lags)
+    rho = sums[1:] / sums[0] if sums[0] > 0 else np.zeros(lags)
+    told = pairs[1:] > 0
+    statistic = samples * (samples + 2) * float(np.sum(rho[told] ** 2 / pairs[1:][told]))
     return Whiteness(
         statistic=statistic,
-        lags=lags,
-        p_value=float(chi2.sf(statistic, lags)),
-        correlated=noise_of([about_mean[:, None]]).correlated,
+        lags=int(told.sum()),
+        p_value=float(chi2.sf(statistic, told.sum())),
+        correlated=noise_of([_about_mean(residuals)[:, None]], samples).correlated,
     )
 
 
 def autocorrelation(
     residuals: Float[np.ndarray, " times"], lags: int
 ) -> Float[np.ndarray, " lags_and_zero"]:
-    """Sample autocorrelations at the lags 0 to `lags`; zeros where nothing varies."""
-    about_mean = residuals - residuals.mean()
-    padded = np.fft.rfft(about_mean, 2 * len(about_mean))
-    covariance = np.fft.irfft(np.abs(padded) ** 2)[: lags + 1]
-    if np.ptp(residuals) == 0:
+    """Sample autocorrelations at the lags 0 to `lags`; zeros where nothing varies.
+
+    Missing samples (NaN) are left out: each lag is the mean over the pairs that are there, times
+    the share of pairs that a complete series has.
+    """
+    sums, pairs = _products(residuals, lags)
+    if sums[0] <= 0:
         return np.zeros(lags + 1)
-    return covariance / covariance[0]
+    complete = 1 - np.arange(lags + 1) / len(residuals)
+    means = np.divide(sums, pairs, out=np.zeros_like(sums), where=pairs > 0)
+    return complete * means / means[0]
+
+
+def _products(
+    residuals: Float[np.ndarray, " times"], lags: int
+) -> tuple[Float[np.ndarray, " lags_and_zero"], Float[np.ndarray, " lags_and_zero"]]:
+    """Sums of products of two residuals at the lags 0 to `lags`, and how many pairs each has."""
+    there = (~np.isnan(residuals)).astype(float)
+    sums, pairs = (
+        np.fft.irfft(np.abs(np.fft.rfft(one, 2 * len(one))) ** 2, 2 * len(one))[: lags + 1]
+        for one in (_about_mean(residuals), there)
+    )
+    if np.nanmax(residuals) == np.nanmin(residuals):
+        sums = np.zeros_like(sums)
+    return sums, np.rint(pairs)
+
+
+def _about_mean(residuals: Float[np.ndarray, " times"]) -> Float[np.ndarray, " times"]:
+    """Less their mean; 0 where one is missing."""
+    return np.nan_to_num(residuals - np.nanmean(residuals))
 
 
 def normal_quantiles(count: int) -> Float[np.ndarray, " count"]:

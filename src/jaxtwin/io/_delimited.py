@@ -1,0 +1,178 @@
+"""Columns of numbers in text, as this program, spreadsheets, loggers and pandas write them.
+
+- Separated by commas, semicolons or tabs, as the line of names shows. Beside semicolons and tabs a
+  decimal comma is read too, in a file that uses it throughout.
+- UTF-8, UTF-16 with its mark, or Windows-1252.
+- Lines that start with `#` before the names, blank lines, and lines of blank fields are passed
+  over, and so are a first column without a name (pandas' index) and blank columns without one.
+- A unit may follow its name as `T11_degC`, `T11 [degC]` or `T11 (°C)`.
+- An empty field or a word for "not available" is a missing sample, NaN.
+"""
+
+import csv
+import io
+import re
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import RecordingError
+
+MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none"})
+"""What stands for a missing sample, in small letters."""
+
+TIME = re.compile("[Tt]ime_(s|ms|min|h)")
+"""The name of the column that every recording has."""
+
+UNITS = {"°C": "degC", "C": "degC", "celsius": "degC", "kelvin": "K", "sec": "s", "seconds": "s"}
+"""Other ways to write a unit."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column of a file.
+
+    - `title`: as it stands in the file. `name`: with the unit behind an underscore, as in
+      `T11_degC`; without one where the unit is "1", "-" or nothing.
+    - `values`: NaN where a sample is missing.
+    - `lines`: of the samples in the file. `fields`: as they stand there.
+    """
+
+    title: str
+    name: str
+    values: Float[np.ndarray, " samples"]
+    lines: list[int]
+    fields: list[str]
+
+    @property
+    def is_blank(self) -> bool:
+        """Whether it holds no number."""
+        return bool(np.isnan(self.values).all())
+
+    def complete(self) -> Float[np.ndarray, " samples"]:
+        """The values of a column that must not miss any.
+
+        **Raises:** `RecordingError` that names the line of the first missing one.
+        """
+        (missing,) = np.nonzero(np.isnan(self.values))
+        if missing.size:
+            k = missing[0]
+            raise RecordingError(
+                f"line {self.lines[k]}, column {self.title}: found {self.fields[k]!r}, allowed is "
+                "a number in every line: only temperatures may be missing"
+            )
+        return self.values
+
+
+def read_columns(content: bytes, allowed: str) -> tuple[list[Column], list[int]]:
+    """The columns in the order of the file, and the lines of their samples.
+
+    **Arguments:**
+
+    - `content`: the whole file.
+    - `allowed`: which columns there may be, in words, for messages.
+
+    **Raises:** `RecordingError` that names the line, and the column where it is in one.
+    """
+    text = _decoded(content)
+    separator = _separator(text)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    titles: list[str] = []
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    try:
+        for row in reader:
+            row = [field.strip() for field in row]
+            if not any(row) or (row[0].startswith("#") and not rows):
+                continue
+            if not titles:
+                titles = row
+                _check_titles(titles, separator, allowed)
+                continue
+            if len(row) != len(titles):
+                raise RecordingError(
+                    f"line {reader.line_num} has {len(row)} fields; the columns are {len(titles)}"
+                )
+            rows.append(row)
+            lines.append(reader.line_num)
+    except csv.Error as error:
+        raise RecordingError(f"line {reader.line_num} is no line of a .csv file: {error}") from None
+    if not rows:
+        raise RecordingError("is empty: it holds no samples; at least 2 are needed")
+    columns = []
+    comma = separator != "," and any("," in field for row in rows for field in row)
+    for number, (title, fields) in enumerate(zip(titles, zip(*rows, strict=True), strict=True)):
+        if not title and (number == 0 or not any(fields)):
+            continue
+        if not title:
+            raise RecordingError(f"column {number + 1} has no name; {allowed}")
+        values = np.array([_number(field, comma) for field in fields])
+        (wrong,) = np.nonzero(np.isinf(values))
+        if wrong.size:
+            k = wrong[0]
+            form = "21,5, with a decimal comma as elsewhere in the file" if comma else "21.5"
+            raise RecordingError(
+                f"line {lines[k]}, column {title}: found {fields[k][:40]!r}; allowed are finite "
+                f"numbers such as {form}, or nothing where a temperature is missing"
+            )
+        columns.append(Column(title, _name(title), values, lines, list(fields)))
+    return columns, lines
+
+
+def _decoded(content: bytes) -> str:
+    marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    encodings = ("utf-16",) if marked else ("utf-8-sig", "cp1252")
+    for encoding in encodings:
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text
+    raise RecordingError("is no recording: neither MATLAB nor netCDF, and no text")
+
+
+def _separator(text: str) -> str:
+    """What the line of names is divided by."""
+    lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
+    names = re.sub(r'"[^"]*"', "", next(lines, ""))
+    return max(",", ";", "\t", key=names.count)
+
+
+def _check_titles(titles: list[str], separator: str, allowed: str) -> None:
+    if not any(TIME.fullmatch(_name(title)) for title in titles):
+        found = separator.join(titles)
+        raise RecordingError(
+            f"is no recording: its first line {found[:60]!r} must name the columns; {allowed}"
+        )
+    twice = sorted({title for title in titles if title and titles.count(title) > 1})
+    if twice:
+        raise RecordingError(f"column {', '.join(twice)} occurs more than once; allowed is once")
+
+
+def _name(title: str) -> str:
+    """The title with its unit behind an underscore."""
+    parts = re.fullmatch(r"(.*?)\s*(?:\[(.*)\]|\((.*)\)|_(°C))", title)
+    if parts is None:
+        return title
+    name, *units = parts.groups(default="")
+    unit = "".join(units).strip()
+    unit = UNITS.get(unit, unit)
+    return name if unit in ("", "1", "-") else f"{name}_{unit}"
+
+
+def _number(field: str, comma: bool) -> float:
+    """The number that the field holds; NaN where a sample is missing, infinite where it is none."""
+    if field.lower() in MISSING:
+        return float("nan")
+    if comma and "." in field:
+        return float("inf")  # which of the two is the decimal mark?
+    try:
+        # float() would read 1_000 as a thousand
+        number = float("inf" if "_" in field else field.replace(",", "." if comma else ","))
+    except ValueError:
+        return float("inf")
+    return float("inf") if number != number else number

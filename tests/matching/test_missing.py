@@ -1,0 +1,173 @@
+"""Missing samples in a match: the same as samples of weight 0, whatever stands in their place."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from jaxtwin import Experiment, MatchError, Twin, match, simulate
+from jaxtwin.io import read_recording, write_recording
+from jaxtwin.matching import Fit, estimate_initial_conditions
+from jaxtwin.matching._estimate import estimate
+from jaxtwin.matching._match import default_solver, make_setting
+from jaxtwin.matching._unknowns import choose_unknowns
+
+FREE = ["R_E", "R_pc", "T_amb"]
+TRUTH = {"R_E": 1.4, "R_pc": 0.25, "T_amb": 17.0}
+CHANNELS = ("T11", "TAM", "T26")
+
+
+@pytest.fixture(scope="module")
+def start() -> Twin:
+    return Twin("paper-2024")
+
+
+@pytest.fixture(scope="module")
+def whole(start: Twin) -> Experiment:
+    """A run of the true twin with noise of 0.1 K, nothing missing."""
+    drive = Experiment.schedule(
+        "0:0.5,60:0.8", duration=150, step=3.0, cells=2, channels=CHANNELS, name="day"
+    )
+    exact = simulate(start.with_parameters(TRUTH), drive).temperatures
+    noise = 0.1 * np.random.default_rng(0).standard_normal(exact.shape)
+    return with_temperatures(drive, exact + noise)
+
+
+def with_temperatures(experiment: Experiment, temperatures: np.ndarray) -> Experiment:
+    return Experiment(
+        experiment.time,
+        experiment.duty,
+        channels=CHANNELS,
+        temperatures=temperatures,
+        name="day",
+    )
+
+
+def with_holes(experiment: Experiment, holes: np.ndarray) -> Experiment:
+    return with_temperatures(
+        experiment, np.where(holes, np.nan, np.asarray(experiment.temperatures))
+    )
+
+
+def assert_same(one: Fit, other: Fit) -> None:
+    """Cost, values, standard errors and noise of two matches, all but exactly the same."""
+    assert one.cost == pytest.approx(other.cost, rel=1e-9)
+    np.testing.assert_allclose(one.vector, other.vector, rtol=1e-7)
+    np.testing.assert_allclose(
+        one.uncertainty.covariance, other.uncertainty.covariance, rtol=1e-5, atol=1e-15
+    )
+    for mine, others in zip(one.noise, other.noise, strict=True):
+        assert mine.effective == pytest.approx(others.effective, rel=1e-6)
+
+
+@settings(max_examples=4)
+@given(first=st.integers(0, 25), length=st.integers(1, 20), garbage=st.floats(-273.0, 1e6))
+def test_a_file_with_a_hole_matches_as_the_same_samples_masked(
+    tmp_path_factory: pytest.TempPathFactory,
+    start: Twin,
+    whole: Experiment,
+    first: int,
+    length: int,
+    garbage: float,
+):
+    span = slice(first, first + length)
+    holes = np.zeros(whole.sampled.shape, bool)
+    holes[span] = True
+    folder: Path = tmp_path_factory.mktemp("holes")
+    file = write_recording(with_holes(whole, holes), folder / "day.csv")
+    filled = with_temperatures(whole, np.where(holes, garbage, np.asarray(whole.temperatures)))
+    mask = {"day": [(float(whole.time[span][0]), float(whole.time[span][-1]) + 1e-6)]}
+    if first + length >= len(whole.time):
+        mask = {"day": [(float(whole.time[first]) - 1e-6, float(whole.time[-1]))]}
+    missing = match(start, read_recording(file), free=FREE, robust=3.0)
+    masked = match(start, filled, free=FREE, robust=3.0, masks=mask)
+    assert_same(missing, masked)
+
+
+@settings(max_examples=5)
+@given(
+    seed=st.integers(0, 1000),
+    share=st.floats(0.05, 0.6),
+    garbage=npst.arrays(np.float64, (51, 3), elements=st.floats(-273.0, 1e9)),
+    robust=st.sampled_from([None, 3.0]),
+)
+def test_what_stands_under_weight_0_changes_nothing(
+    start: Twin,
+    whole: Experiment,
+    seed: int,
+    share: float,
+    garbage: np.ndarray,
+    robust: float | None,
+):
+    """Single channels miss samples here, which no mask can say."""
+    holes = np.random.default_rng(seed).random((51, 3)) < share
+    recording = with_holes(whole, holes)
+    unknowns = choose_unknowns(start, 1, free=FREE)
+    missing = make_setting(start, [recording], ("day",), unknowns, None, None, robust)
+    filled = with_temperatures(whole, np.where(holes, garbage, np.asarray(whole.temperatures)))
+    weighed = replace(missing, experiments=(filled,))
+    results = [
+        estimate([setting], default_solver(setting), [unknowns.start()], 50)[0]
+        for setting in (missing, weighed)
+    ]
+    (one, known), (other, also_known) = results
+    assert one.cost == pytest.approx(other.cost, rel=1e-9)
+    np.testing.assert_allclose(one.vector, other.vector, rtol=1e-9)
+    assert known.alone.effective == pytest.approx(also_known.alone.effective, rel=1e-9)
+
+
+def test_the_truth_is_recovered_from_what_is_left(start: Twin, whole: Experiment):
+    """A third of all samples is missing at random, and one channel for a minute."""
+    holes = np.random.default_rng(1).random((51, 3)) < 1 / 3
+    holes[20:40, 1] = True
+    fit = match(start, with_holes(whole, holes), free=FREE)
+    for name, value in TRUTH.items():
+        row = fit.parameter(name)
+        assert abs(row.value - value) < 3 * row.standard_error < value
+    there = ~holes
+    error = (fit.runs["day"].temperatures - np.asarray(whole.temperatures))[there]
+    assert fit.rmse == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-4)
+    assert fit.rmse == pytest.approx(0.1, rel=0.25)
+    assert np.all(fit.weights["day"] == there)
+    assert np.isfinite(fit.mean_fit_percent)
+    assert 0 <= fit.solver_gap < 1e-3
+
+
+def test_no_two_channels_at_the_same_time_have_nothing_alone(start: Twin, whole: Experiment):
+    """Deviations from a mean of one channel are nothing; the noise is that of what all share."""
+    holes = np.arange(51)[:, None] % 3 != np.arange(3)
+    fit = match(start, with_holes(whole, holes), free=FREE, robust=3.0)
+    assert fit.noise[0] == fit.noise[1]
+    for name, value in TRUTH.items():
+        row = fit.parameter(name)
+        assert abs(row.value - value) < 3 * row.standard_error < value
+
+
+def test_only_samples_that_are_there_are_counted(start: Twin, whole: Experiment):
+    holes = np.ones((51, 3), bool)
+    holes[[0, 1], [0, 0]] = False
+    with pytest.raises(MatchError, match=r"channel TAM: found no sample .* select"):
+        match(start, with_holes(whole, holes), free=FREE)
+    with pytest.raises(MatchError, match="found 2 samples for 3 unknowns"):
+        match(start, with_holes(whole, holes).select(["T11"]), free=FREE)
+
+
+def test_a_recordings_own_values_come_from_the_samples_that_are_there(
+    start: Twin, whole: Experiment
+):
+    """The first readings and a whole channel are missing in the first minute."""
+    holes = np.zeros((51, 3), bool)
+    holes[0] = holes[:25, 1] = True
+    true = start.with_parameters(TRUTH)
+    gappy, complete = (
+        estimate_initial_conditions(true, one).values["T_amb"]
+        for one in (with_holes(whole, holes), whole)
+    )
+    assert gappy == pytest.approx(complete, abs=0.3)
+    holes[:19] = True
+    with pytest.raises(MatchError, match="found 1 samples, allowed are at least 2"):
+        estimate_initial_conditions(start, with_holes(whole, holes))
