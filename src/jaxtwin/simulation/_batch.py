@@ -55,7 +55,8 @@ class Reductions:
     - `spread`: largest minus smallest plate element at the end, `(draws,)`, K.
     - `deviation`: standard deviation over the plate's elements at the end, `(draws,)`, K.
     - `failed`: draws with a resistance, a capacitance, or a driver's lag or delay that is not above
-      0, or whose temperatures do not stay finite, `(draws,)`; their other entries are NaN.
+      0, whose rates are further apart than float64 can tell, or whose temperatures do not stay
+      finite, `(draws,)`; their other entries are NaN.
     """
 
     channels: tuple[str, ...]

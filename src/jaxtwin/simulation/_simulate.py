@@ -14,6 +14,7 @@ from ..physics import System, Twin, build_netlist
 from ..rig import Rig, Value
 from ._ambient import ambient_of_samples, reference_temperature
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
+from ._resolution import unresolved_network
 from ._run import Run
 from ._schedule import REFINEMENTS, Schedule, twin_schedule
 from ._solve import (
@@ -60,9 +61,11 @@ def simulate(
     **Returns:** a `Run` at the experiment's times.
 
     **Raises:** `SimulationError` where experiment and rig do not belong together, or the solve
-    does not reach its end, or a controller comes without a solver; `ParameterError` where a
-    resistance, a heat capacity, or a driver's lag or delay is not above 0, or a parameter holds
-    more than one value.
+    does not reach its end, or a controller comes without a solver, or the network's rates are
+    further apart than float64 can tell (the fastest one times the run, or the longest time
+    constant where that is shorter, above 2e11: contacts below some 1e-11 K/W); `ParameterError`
+    where a resistance, a heat capacity, or a driver's lag or delay is not above 0, or a parameter
+    holds more than one value.
     """
     if solver is None and not (stepsize_controller is None and dt0 is None):
         raise SimulationError(
@@ -73,6 +76,8 @@ def simulate(
     _check_values(twin)
     start = checked_initial(twin, initial)
     with jax.enable_x64(True):
+        if solver is not None:
+            _check_resolved(twin, twin_schedule(twin, experiment))
         for refinement in range(REFINEMENTS + 1 if solver is None else 0):
             schedule = twin_schedule(twin, experiment, refinement)
             states, readings, coupling, doubt = _run_exponential(twin, schedule, start)
@@ -85,6 +90,8 @@ def simulate(
             )
         states, readings = np.asarray(states), np.asarray(readings)
     if not np.isfinite(states).all():
+        with jax.enable_x64(True):
+            _check_resolved(twin, twin_schedule(twin, experiment))
         raise SimulationError(
             f"{twin.rig.name}: the temperatures do not stay finite; look for parameters far "
             "outside their bounds"
@@ -108,7 +115,8 @@ def response(
     called outside of `jax.jit`. `simulate` is this with checks and labels.
     Its precision is that of the caller: wrap it in `jax.enable_x64(True)` for float64.
     Always the default solver on its longest steps: only `simulate` looks whether shorter ones, or
-    a stiff solver, are needed.
+    a stiff solver, are needed. NaN where the network's rates are further apart than float64 can
+    tell, which `simulate` refuses.
 
     **Arguments:** as those of `simulate`.
 
@@ -178,6 +186,16 @@ def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
         if not value.is_constant:
             first.setdefault(value, what)
     return tuple((what, value) for value, what in first.items())
+
+
+def _check_resolved(twin: Twin, schedule: Schedule) -> None:
+    if not np.isfinite(np.asarray(_rates(twin, schedule))).all():
+        raise unresolved_network(twin)
+
+
+@eqx.filter_jit
+def _rates(twin: Twin, schedule: Schedule) -> Float[Array, " modes"]:
+    return schedule_modes(twin.system(lumped=True), schedule).rates
 
 
 @eqx.filter_jit
