@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import MatchError
+from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import CommonError
@@ -226,7 +227,7 @@ class Residuals(NamedTuple):
 def split_residuals(attempt: Attempt) -> Residuals:
     """The residuals where a descent ended."""
     found: dict[int, tuple[np.ndarray, ...]] = {}
-    with jax.enable_x64(True):
+    with own_settings():
         for group, difference in zip(attempt.problem.groups, attempt.differences, strict=True):
             alone, common, sizes = jax.vmap(lambda w, d: w.split(d))(group.weights, difference)
             error = np.einsum("rtk,rk->rt", np.asarray(group.weights.shapes), np.asarray(sizes))

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._errors import JaxtwinError, ParameterError, SimulationError
+from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
 from ._chunk import (
@@ -193,7 +194,7 @@ def _arriving_alike(twin: Twin, schedule: Schedule, at_rest: bool) -> Schedule:
     delay = twin.wiring.delay
     if delay is None:
         return schedule
-    with jax.enable_x64(True):
+    with own_settings():
         late = _delayed(schedule, delay(twin.parameters_si)[0], at_rest)
     return jax.tree.map(np.asarray, late)
 
@@ -294,7 +295,7 @@ def _solve_stiff(
     # The compiled reductions, on a chunk of one.
     recorded = experiment.temperatures
     reduced: dict[str, Any] = {}
-    with jax.enable_x64(True):
+    with own_settings():
         temperatures = jnp.asarray(run.temperatures)[None]
         elements = jnp.asarray(run.states)[None, -1, : len(twin.wiring.rig_elements)]
         for name in wanted:

@@ -4,11 +4,11 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._errors import ParameterError, SimulationError
+from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import System, Twin, build_netlist
 from ..rig import Rig, Value
@@ -75,7 +75,7 @@ def simulate(
     channels = checked_channels(twin, experiment)
     _check_values(twin)
     start = checked_initial(twin, initial)
-    with jax.enable_x64(True):
+    with own_settings():
         if solver is not None:
             _check_resolved(twin, twin_schedule(twin, experiment))
         for refinement in range(REFINEMENTS + 1 if solver is None else 0):
@@ -90,7 +90,7 @@ def simulate(
             )
         states, readings = np.asarray(states), np.asarray(readings)
     if not np.isfinite(states).all():
-        with jax.enable_x64(True):
+        with own_settings():
             _check_resolved(twin, twin_schedule(twin, experiment))
         raise SimulationError(
             f"{twin.rig.name}: the temperatures do not stay finite; look for parameters far "
@@ -127,8 +127,9 @@ def response(
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)
-    _, readings, _, _ = _run_exponential(twin, twin_schedule(twin, experiment), start)
-    return readings[:, columns] - 273.15
+    with own_settings(float64=None):
+        _, readings, _, _ = _run_exponential(twin, twin_schedule(twin, experiment), start)
+        return readings[:, columns] - 273.15
 
 
 def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
