@@ -231,8 +231,10 @@ def split_residuals(attempt: Attempt) -> Residuals:
         for group, difference in zip(attempt.problem.groups, attempt.differences, strict=True):
             alone, common, sizes = jax.vmap(lambda w, d: w.split(d))(group.weights, difference)
             error = np.einsum("rtk,rk->rt", np.asarray(group.weights.shapes), np.asarray(sizes))
+            times = np.asarray(group.counted).sum(axis=1).astype(int)
             for row, position in enumerate(group.positions):
-                found[position] = (np.asarray(alone[row]), np.asarray(common[row]), error[row])
+                parts = (np.asarray(alone[row]), np.asarray(common[row]), error[row])
+                found[position] = tuple(part[: times[row]] for part in parts)
     ordered = [found[position] for position in sorted(found)]
     return Residuals(*zip(*ordered, strict=True))
 

@@ -27,9 +27,11 @@ from ..physics import System, Twin
 from ..simulation import (
     Schedule,
     ambient_of_samples,
+    counted,
+    padded,
+    padded_schedule,
     reference_temperature,
     solve_schedule,
-    twin_schedule,
 )
 from ._unknowns import Layout, Unknowns
 from ._weights import Weights, stacked
@@ -37,18 +39,23 @@ from ._weights import Weights, stacked
 
 @final
 class Recordings(eqx.Module):
-    """Recordings with the same schedule of steps, stacked so that they are solved at once.
+    """Recordings of equal shapes, stacked so that they are solved at once.
+
+    Their samples are filled up to a few sizes, as their schedules are, with some that count for
+    nothing, so that recordings of another length run through the same programs.
 
     - `schedule`: every array with a leading recordings axis.
     - `columns`: which of the rig's channels each recording holds.
     - `temperatures`: recorded, `(recordings, times, channels)`, degC.
-    - `weights`: of the samples, and the camera's shapes.
+    - `counted`: 1 for each sample, 0 for those that fill up.
+    - `weights`: of the samples, and the camera's shapes; 0 for those that fill up.
     - `positions`: their places among all recordings.
     """
 
     schedule: Schedule
     columns: Int[np.ndarray | Array, "recordings channels"]
     temperatures: Float[np.ndarray | Array, "recordings times channels"]
+    counted: Float[np.ndarray | Array, "recordings times"]
     weights: Weights
     positions: tuple[int, ...] = eqx.field(static=True)
 
@@ -76,7 +83,8 @@ def build_problem(
 ) -> Problem:
     """Groups recordings by the shape of their schedules, so that compiled code is shared."""
     groups: dict[tuple, list[int]] = {}
-    schedules = [twin_schedule(twin, experiment) for experiment in experiments]
+    schedules = [padded_schedule(twin, experiment) for experiment in experiments]
+    weights = [one.padded() for one in weights]
     for position, (schedule, experiment) in enumerate(zip(schedules, experiments, strict=True)):
         leaves = jax.tree.leaves((schedule, weights[position]))
         shapes = tuple(np.shape(leaf) for leaf in leaves)
@@ -92,7 +100,8 @@ def build_problem(
                     lambda *leaves: np.stack(leaves), *(schedules[p] for p in positions)
                 ),
                 columns=np.array(columns, dtype=np.int32),
-                temperatures=np.stack([np.asarray(e.temperatures) for e in members]),
+                temperatures=np.stack([padded(np.asarray(e.temperatures)) for e in members]),
+                counted=np.stack([counted(len(e.time)) for e in members]),
                 weights=stacked([weights[p] for p in positions]),
                 positions=tuple(positions),
             )
@@ -123,7 +132,7 @@ def weighted(
     problem: Problem,
 ) -> tuple[list[Any], Float[Array, ""]]:
     """The weighted residuals from the `differences`."""
-    parts, squares, samples = [], jnp.zeros(()), 0
+    parts, squares, samples = [], jnp.zeros(()), jnp.zeros(())
     for group, difference in zip(problem.groups, groups, strict=True):
 
         def one(difference: Array, weights: Weights) -> tuple[Any, Array]:
@@ -134,17 +143,21 @@ def weighted(
         part, square = jax.vmap(one)(difference, group.weights)
         parts.append(part)
         squares += square.sum()
-        samples += np.size(group.temperatures)
+        samples += jnp.sum(jnp.asarray(group.counted)) * group.temperatures.shape[-1]
     parts.append((vector - problem.centre) * problem.precision)
     return parts, squares / samples
 
 
 def differences(vector: Float[Array, " unknowns"], problem: Problem) -> list[Float[Array, "..."]]:
-    """Simulated less recorded temperatures, `(recordings, times, channels)` for each group, K."""
+    """Simulated less recorded temperatures, `(recordings, times, channels)` for each group, K; 0
+    for samples that fill up."""
+
+    def one(local: Array, group: Recordings) -> Array:
+        error = _reading(local, problem, group.schedule, group.columns) - group.temperatures
+        return jnp.where(jnp.asarray(group.counted)[:, None] > 0, error, 0.0)
+
     return [
-        jax.vmap(lambda local, g: _reading(local, problem, g.schedule, g.columns) - g.temperatures)(
-            local, group
-        )
+        jax.vmap(one)(local, group)
         for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True)
     ]
 

@@ -15,6 +15,7 @@ from ._batch import (
 from ._chunk import Reduction
 from ._chunk_runner import Precision
 from ._measures import fit_percent, rmse
+from ._padding import counted, padded, padded_schedule
 from ._run import Run
 from ._schedule import Schedule, build_schedule, twin_schedule
 from ._simulate import checked_channels, response, simulate
@@ -38,8 +39,11 @@ __all__ = [
     "checked_channels",
     "checked_precision",
     "checked_reductions",
+    "counted",
     "fit_percent",
     "network_field",
+    "padded",
+    "padded_schedule",
     "reference_temperature",
     "response",
     "rmse",

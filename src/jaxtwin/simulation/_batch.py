@@ -30,7 +30,8 @@ from ._chunk_runner import ChunkRunner, Precision
 from ._compressed import compress
 from ._delay import delayed_schedule, has_own_delays
 from ._initial import Initial, checked_initial
-from ._schedule import REFINEMENTS, Schedule, twin_schedule
+from ._padding import counted, padded, padded_schedule
+from ._schedule import REFINEMENTS, Schedule
 from ._simulate import checked_channels, simulate
 from ._solve import too_coarse
 
@@ -162,7 +163,7 @@ def simulate_batch(
     runner = ChunkRunner(twin, start, checked_precision(precision), chunk_size, workers)
 
     def solve(draws: dict[str, np.ndarray], refinement: int) -> dict[str, np.ndarray]:
-        schedule = twin_schedule(twin, experiment, refinement)
+        schedule = padded_schedule(twin, experiment, refinement)
         # All draws alike share how samples are read.
         own_delays = has_own_delays(twin, draws)
         seen = schedule if own_delays else _arriving_alike(twin, schedule, at_rest)
@@ -210,7 +211,7 @@ def _reducer(
     columns: Int[np.ndarray, " channels"],
     wanted: tuple[Reduction, ...] | None,
     at_rest: bool,
-) -> Callable[[Prepared], dict[str, Array]]:
+) -> Callable[[Prepared], dict[str, Array | np.ndarray]]:
     """What is computed of each chunk, from its draws to the results that are kept.
 
     **Arguments:**
@@ -231,20 +232,20 @@ def _reducer(
         else:
             of_samples.append("cost")
 
-    def reduce(prepared: Prepared) -> dict[str, Array]:
+    def reduce(prepared: Prepared) -> dict[str, Array | np.ndarray]:
         if not own_delays:
             prepared = eqx.tree_at(lambda p: p.systems.delay, prepared, None, is_leaf=_is_none)
         stepped = step_chunk(prepared, columns=columns, with_plate=bool(of_plate), **grid)
         # Neither shorter steps nor another solver help what is no resistance or capacity.
         physical = prepared.systems.physical
-        result = {
+        result: dict[str, Array | np.ndarray] = {
             "coupling": jnp.where(physical, prepared.coupling, 0.0),
             "doubt": jnp.where(physical, stepped.channels.doubt, 0.0),
         }
         if wanted is None:
-            return result | {
-                "temperatures": sample_chunk(prepared, stepped, columns=columns, **grid)
-            }
+            temperatures = sample_chunk(prepared, stepped, columns=columns, **grid)
+            # By NumPy, which compiles nothing for another number of samples.
+            return result | {"temperatures": np.asarray(temperatures)[:, : len(experiment.time)]}
         result["failed"] = stepped.failed
         if compressed is not None:
             errors = compressed_errors(prepared, stepped, compressed, columns)
@@ -259,7 +260,8 @@ def _reducer(
             for name in of_samples:
                 if name == "cost":
                     assert recorded is not None
-                    result[name] = sample_cost(temperatures, recorded)
+                    counts = counted(len(recorded))
+                    result[name] = sample_cost(temperatures, padded(recorded), counts)
                 else:
                     result[name] = EXTREMES[name](temperatures)
         if of_plate:
@@ -301,7 +303,7 @@ def _solve_stiff(
         for name in wanted:
             if name == "cost":
                 assert recorded is not None
-                reduced[name] = sample_cost(temperatures, recorded)[0]
+                reduced[name] = sample_cost(temperatures, recorded, np.ones(len(recorded)))[0]
             elif name == "final":
                 reduced[name] = temperatures[0, -1]
             elif name in EXTREMES:

@@ -164,18 +164,23 @@ def compressed_cost(
     errors: Float[Array, "chunk rows channels"], recorded: CompressedRecording
 ) -> Float[Array, "chunk channels"]:
     """Mean squared error of each channel, K^2."""
-    return jnp.sum(errors**2, axis=1) / recorded.samples + jnp.asarray(
-        recorded.beyond, errors.dtype
+    samples, beyond = (
+        jnp.asarray(part, errors.dtype) for part in (recorded.samples, recorded.beyond)
     )
+    return jnp.sum(errors**2, axis=1) / samples + beyond
 
 
 @eqx.filter_jit
 def sample_cost(
     temperatures: Float[Array, "chunk times channels"],
     recorded: Float[Array | np.ndarray, "times channels"],
+    counted: Float[Array | np.ndarray, " times"],
 ) -> Float[Array, "chunk channels"]:
-    """Mean squared error of each channel, K^2."""
-    return jnp.mean((temperatures - jnp.asarray(recorded, temperatures.dtype)) ** 2, axis=1)
+    """Mean squared error of each channel over the samples that are `counted` (1, the others 0),
+    K^2."""
+    squares = (temperatures - jnp.asarray(recorded, temperatures.dtype)) ** 2
+    counts = jnp.asarray(counted, temperatures.dtype)
+    return jnp.einsum("t,dtc->dc", counts, squares) / counts.sum()
 
 
 EXTREMES: dict[str, Callable[[Array], Array]] = {

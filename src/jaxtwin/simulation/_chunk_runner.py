@@ -53,7 +53,7 @@ class ChunkRunner:
         self,
         draws: Mapping[str, Float[np.ndarray, " draws"]],
         schedule: Schedule,
-        reduce: Callable[[Prepared], dict[str, Array]],
+        reduce: Callable[[Prepared], dict[str, Array | np.ndarray]],
         on_progress: Callable[[int], None] | None = None,
     ) -> dict[str, Shaped[np.ndarray, "draws *results"]]:
         """Prepares and reduces all draws, chunk by chunk.

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ._interpolation import POWERS
+from ._padding import padded
 from ._schedule import Schedule
 
 
@@ -24,6 +25,7 @@ class CompressedRecording(eqx.Module):
 
     - `schedule`: with combinations of samples for samples.
     - `target`: the recorded temperatures combined alike, degC; `ones`: a constant 1 combined alike.
+      Rows that fill up their number are zeros, as are their weights.
     - `beyond`: the mean square of what no temperatures around the steps could follow, K^2.
     - `samples`: how many there were.
     """
@@ -32,16 +34,16 @@ class CompressedRecording(eqx.Module):
     target: Float[Array | np.ndarray, "rows channels"]
     ones: Float[Array | np.ndarray, " rows"]
     beyond: Float[Array | np.ndarray, " channels"]
-    samples: int = eqx.field(static=True)
+    samples: Float[Array | np.ndarray, ""]
 
 
 def compress(
     schedule: Schedule, recorded: Float[np.ndarray, "times channels"]
 ) -> CompressedRecording:
-    """The recording of an experiment on its schedule, degC."""
-    step_of = np.asarray(schedule.step_of)
-    count = len(step_of)
-    samples = np.column_stack([schedule.weights, recorded, np.ones(count)])
+    """The recording of an experiment on its schedule, filled up or not, degC."""
+    count = len(recorded)
+    step_of = np.asarray(schedule.step_of)[:count]
+    samples = np.column_stack([schedule.weights[:count], recorded, np.ones(count)])
     # Samples follow each other in time, and so do those of a step.
     steps, first, counts = np.unique(step_of, return_index=True, return_counts=True)
     is_long = counts > POWERS
@@ -56,8 +58,8 @@ def compress(
     seen = np.swapaxes(q, 1, 2) @ y
     beyond = np.sum((y - q @ seen) ** 2, axis=(0, 1))[:-1]
     combined = np.concatenate([r, seen], axis=2).reshape(-1, samples.shape[1])
-    rows = np.concatenate([samples[short], combined])
-    rows_of = np.concatenate([step_of[short], np.repeat(steps[is_long], POWERS)])
+    rows = padded(np.concatenate([samples[short], combined]), 0.0)
+    rows_of = padded(np.concatenate([step_of[short], np.repeat(steps[is_long], POWERS)]))
     return CompressedRecording(
         schedule=eqx.tree_at(
             lambda s: (s.step_of, s.weights), schedule, (rows_of, rows[:, :POWERS])
@@ -65,5 +67,5 @@ def compress(
         target=rows[:, POWERS:-1],
         ones=rows[:, -1],
         beyond=beyond / count,
-        samples=count,
+        samples=np.array(float(count)),
     )

@@ -14,6 +14,7 @@ from ..physics import System, Twin, build_netlist
 from ..rig import Rig, Value
 from ._ambient import ambient_of_samples, reference_temperature
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
+from ._padding import padded_schedule
 from ._resolution import unresolved_network
 from ._run import Run
 from ._schedule import REFINEMENTS, Schedule, twin_schedule
@@ -77,9 +78,9 @@ def simulate(
     start = checked_initial(twin, initial)
     with own_settings():
         if solver is not None:
-            _check_resolved(twin, twin_schedule(twin, experiment))
+            _check_resolved(twin, padded_schedule(twin, experiment))
         for refinement in range(REFINEMENTS + 1 if solver is None else 0):
-            schedule = twin_schedule(twin, experiment, refinement)
+            schedule = padded_schedule(twin, experiment, refinement)
             states, readings, coupling, doubt = _run_exponential(twin, schedule, start)
             if not too_coarse(coupling, doubt, refinement):
                 break
@@ -88,10 +89,11 @@ def simulate(
             states, readings = _run_checked(
                 twin, schedule, start, experiment, solver, stepsize_controller, dt0
             )
-        states, readings = np.asarray(states), np.asarray(readings)
+        times = len(experiment.time)
+        states, readings = np.asarray(states)[:times], np.asarray(readings)[:times]
     if not np.isfinite(states).all():
         with own_settings():
-            _check_resolved(twin, twin_schedule(twin, experiment))
+            _check_resolved(twin, padded_schedule(twin, experiment))
         raise SimulationError(
             f"{twin.rig.name}: the temperatures do not stay finite; look for parameters far "
             "outside their bounds"
@@ -128,8 +130,8 @@ def response(
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)
     with own_settings(float64=None):
-        _, readings, _, _ = _run_exponential(twin, twin_schedule(twin, experiment), start)
-        return readings[:, columns] - 273.15
+        _, readings, _, _ = _run_exponential(twin, padded_schedule(twin, experiment), start)
+        return readings[: len(experiment.time), columns] - 273.15
 
 
 def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
