@@ -67,7 +67,7 @@ def test_sizes_grow_by_an_eighth_at_most():
     sizes = np.array([padded_count(int(count)) for count in counts])
     assert np.all(sizes >= counts)
     assert np.all(sizes - counts <= np.maximum(7, counts / 8))
-    assert len(set(sizes[counts > 2500])) <= 8
+    assert len(set(sizes[(counts > 2048) & (counts <= 4096)])) == 8
 
 
 @pytest.mark.parametrize("rig", ["paper-2024", "dual-cell"])
@@ -132,7 +132,7 @@ def test_so_are_draws(twin, compilations):
     assert temperatures.shape == (3, 114, 1)
     error = temperatures - other.temperatures
     np.testing.assert_allclose(found.cost, np.mean(error**2, axis=1), rtol=1e-9, atol=1e-12)
-    np.testing.assert_array_equal(found.maximum, temperatures.max(axis=1))
+    np.testing.assert_allclose(found.maximum, temperatures.max(axis=1), rtol=1e-14)
     np.testing.assert_allclose(found.final, temperatures[:, -1], rtol=1e-14)
 
 

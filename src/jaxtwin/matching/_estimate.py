@@ -46,7 +46,7 @@ class Setting:
     twin: Twin
     experiments: tuple[Experiment, ...]
     unknowns: Unknowns
-    samples: tuple[Float[np.ndarray, "times channels"], ...]
+    samples: tuple[Float[np.ndarray, "_times _channels"], ...]
     events: tuple[tuple[float, ...], ...] | None
     common_error: CommonError | None
     robust: float | None
@@ -85,8 +85,8 @@ class Knowledge:
     alone: Noise
     common: Noise
     events: tuple[tuple[float, ...], ...]
-    alone_weights: tuple[Float[np.ndarray, "times channels"], ...]
-    common_weights: tuple[Float[np.ndarray, " times"], ...]
+    alone_weights: tuple[Float[np.ndarray, "_times _channels"], ...]
+    common_weights: tuple[Float[np.ndarray, " _times"], ...]
 
 
 def estimate(
@@ -219,9 +219,9 @@ class Residuals(NamedTuple):
     - `camera`: that error.
     """
 
-    alone: tuple[Float[np.ndarray, "times channels"], ...]
-    common: tuple[Float[np.ndarray, " times"], ...]
-    camera: tuple[Float[np.ndarray, " times"], ...]
+    alone: tuple[Float[np.ndarray, "_times _channels"], ...]
+    common: tuple[Float[np.ndarray, " _times"], ...]
+    camera: tuple[Float[np.ndarray, " _times"], ...]
 
 
 def split_residuals(attempt: Attempt) -> Residuals:
@@ -273,10 +273,10 @@ def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge
 
 
 def residual_noise(
-    alone: Sequence[Float[np.ndarray, "times channels"]],
-    common: Sequence[Float[np.ndarray, " times"]],
-    alone_weights: Sequence[Float[np.ndarray, "times channels"]],
-    common_weights: Sequence[Float[np.ndarray, " times"]],
+    alone: Sequence[Float[np.ndarray, "_times _channels"]],
+    common: Sequence[Float[np.ndarray, " _times"]],
+    alone_weights: Sequence[Float[np.ndarray, "_times _channels"]],
+    common_weights: Sequence[Float[np.ndarray, " _times"]],
 ) -> tuple[Noise, Noise]:
     """The noise of both parts of the residuals; where recordings have one channel, the first part
     is nothing and takes after the second."""

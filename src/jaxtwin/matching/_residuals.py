@@ -127,7 +127,7 @@ def residuals(
 
 
 def weighted(
-    groups: Sequence[Float[Array, "recordings times channels"]],
+    groups: Sequence[Float[Array, "_recordings _times _channels"]],
     vector: Float[Array, " unknowns"],
     problem: Problem,
 ) -> tuple[list[Any], Float[Array, ""]]:
@@ -175,7 +175,7 @@ def residual_jacobian(
 
 def derivatives(
     vector: Float[Array, " unknowns"], problem: Problem
-) -> list[Float[Array, "recordings entries times channels"]]:
+) -> list[Float[Array, "_recordings _entries _times _channels"]]:
     """Derivatives of the `differences` in the entries that concern each recording."""
     return [
         jax.vmap(lambda one, g: _reading_jacobian(one, problem, g.schedule, g.columns))(
@@ -186,7 +186,7 @@ def derivatives(
 
 
 def weighted_jacobian(
-    groups: Sequence[Float[Array, "recordings entries times channels"]], problem: Problem
+    groups: Sequence[Float[Array, "_recordings _entries _times _channels"]], problem: Problem
 ) -> Float[Array, "residuals unknowns"]:
     """The residuals' Jacobian from the `derivatives`."""
     size, columns = np.shape(problem.centre)[0], []
@@ -208,7 +208,7 @@ def weighted_jacobian(
 
 def _local_vectors(
     vector: Float[Array, " unknowns"], problem: Problem
-) -> list[Float[Array, "recordings entries"]]:
+) -> list[Float[Array, "_recordings _entries"]]:
     places = problem.layout.places()
     return [vector[places[list(group.positions)]] for group in problem.groups]
 
