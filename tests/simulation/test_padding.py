@@ -21,8 +21,9 @@ def session(samples: int, seed: int, **more) -> jt.Experiment:
     """A drive that changes at some samples."""
     rng = np.random.default_rng(seed)
     duty = rng.uniform(-0.5, 0.8, samples)
-    held = rng.random(samples) < 0.02
-    duty[1:][held[1:]] = duty[:-1][held[1:]]
+    # Some are held for one sample more: other steps than where all change, and other sizes.
+    held = 1 + np.flatnonzero(rng.random(samples - 1) < 0.02)
+    duty[held] = duty[held - 1]
     return jt.Experiment(np.arange(float(samples)), duty[:, None], name=f"session {seed}", **more)
 
 
@@ -109,6 +110,20 @@ def test_reverse_derivatives_of_filled_schedules_are_finite(twin, float64):
 
     at = jax.numpy.asarray(0.1)
     np.testing.assert_allclose(jax.grad(last)(at), jax.jacfwd(last)(at), rtol=1e-9)
+
+
+def test_sessions_that_hold_their_drive_or_do_not_are_alike(twin):
+    """One step size or eleven."""
+    changing = np.random.default_rng(0).uniform(-1, 1, 600)
+    held = np.append(changing[:595], np.full(5, 0.3))
+    one, other = (
+        padded_schedule(twin, jt.Experiment(np.arange(600.0), duty)) for duty in (changing, held)
+    )
+    assert len(set(one.sizes)) == 2
+    assert len(set(other.sizes)) > 8
+    assert [np.shape(leaf) for leaf in jax.tree.leaves(one)] == [
+        np.shape(leaf) for leaf in jax.tree.leaves(other)
+    ]
 
 
 def test_another_session_is_simulated_without_a_compilation(twin, compilations):

@@ -1,9 +1,9 @@
 """Schedules filled up to a few sizes, so that another recording runs through the same programs.
 
-Compiled code is made for the numbers of steps, of samples and of step sizes. Each is filled up to
-the next of eight sizes an octave: by an eighth at most. Steps that are added have no length and
-leave temperatures as they are; samples that are added repeat the last one, and count for nothing
-where samples are summed.
+Compiled code is made for the numbers of steps, of samples and of step sizes. Steps and samples are
+filled up to the next of eight sizes an octave, by an eighth at most. Steps that are added have no
+length and leave temperatures as they are; samples that are added repeat the last one, and count for
+nothing where samples are summed.
 """
 
 from functools import lru_cache
@@ -20,18 +20,25 @@ from ._schedule import Schedule, build_schedule, twin_steps
 PARTS = 8
 """Sizes an octave, and the smallest one."""
 
+STEPS = 96
+"""At least so many: the first minute of a recording has 40 to 91, and is solved in milliseconds."""
+
+SIZES = 20
+"""Step sizes are filled up to a multiple of this. A drive that changes at every sample has one, one
+that is held for long has 11 to 16; one more is 0."""
+
 
 def padded_count(count: int) -> int:
-    """The size to which a number of rows is filled up."""
+    """To how many rows so many are filled up."""
     part = max(PARTS, 2 ** (count.bit_length() - 1) // PARTS)
     return -(-count // part) * part
 
 
 def padded(
-    rows: Shaped[np.ndarray, "rows *columns"], fill: Any = None
+    rows: Shaped[np.ndarray, "rows *columns"], fill: Any = None, least: int = 0
 ) -> Shaped[np.ndarray, "filled *columns"]:
-    """Rows filled up with a value, or with the last one."""
-    missing = padded_count(len(rows)) - len(rows)
+    """Rows filled up with a value, or with the last one, to `least` of them at least."""
+    missing = padded_count(max(len(rows), least)) - len(rows)
     last = rows[-1:] if fill is None else np.full_like(rows[:1], fill)
     return np.concatenate([rows, np.repeat(last, missing, axis=0)])
 
@@ -60,11 +67,11 @@ def _padded_schedule(
     ambient, ambient_at = schedule.ambient, schedule.ambient_at
     return Schedule(
         times=padded(np.asarray(schedule.times)),
-        sizes=padded(np.append(schedule.sizes, 0.0), 0.0),
-        size=padded(np.asarray(schedule.size), len(schedule.sizes)),
-        duty=padded(np.asarray(schedule.duty)),
-        ambient=None if ambient is None else padded(np.asarray(ambient)),
-        polynomials=padded(np.asarray(schedule.polynomials), standing),
+        sizes=np.append(schedule.sizes, np.zeros(SIZES - len(schedule.sizes) % SIZES)),
+        size=padded(np.asarray(schedule.size), len(schedule.sizes), STEPS),
+        duty=padded(np.asarray(schedule.duty), least=STEPS),
+        ambient=None if ambient is None else padded(np.asarray(ambient), least=STEPS),
+        polynomials=padded(np.asarray(schedule.polynomials), standing, STEPS),
         step_of=padded(np.asarray(schedule.step_of)),
         weights=padded(np.asarray(schedule.weights)),
         ambient_at=None if ambient_at is None else padded(np.asarray(ambient_at)),
