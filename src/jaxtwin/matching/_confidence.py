@@ -80,24 +80,27 @@ def _series(
             blocks.append(rows.reshape(*np.shape(part), jacobian.shape[1]))
             row += len(rows)
         for number, position in enumerate(group.positions):
+            counted = knowledge.alone_weights[position]
+            times = slice(len(counted))  # without the samples that fill up their number
             weights = jax.tree.map(lambda leaf, at=number: np.asarray(leaf[at]), group.weights)
             of_alone, of_common, of_sizes = (block[number] for block in blocks)
-            counted = knowledge.alone_weights[position]
+            of_alone, of_common = of_alone[times], of_common[times]
             if (beside := beside_others(counted)).any():
-                own = weights.alone * residuals.alone[position]
+                own = weights.alone[times] * residuals.alone[position]
                 # Of the channels that count at a time, their mean takes one away.
                 channels = float(beside.sum() / np.count_nonzero(beside.any(axis=1)))
                 roots = np.sqrt(counted * beside)
                 apart = (channels, channels - 1)
                 series.append(_dependent_part(0, position, own, of_alone, roots, *apart))
             used = weights.shapes.any(axis=0)
-            shapes = weights.shapes * weights.common[:, None] / weights.size_weight
+            common = weights.common[times]
+            shapes = weights.shapes[times] * common[:, None] / weights.size_weight
             # The match has each value move the sizes too: undone here.
             slopes = np.zeros((len(shapes), 1, count + int(used.sum())))
             slopes[:, 0, : jacobian.shape[1]] = of_common + shapes @ of_sizes
             slopes[:, 0, count:] = -shapes[:, used]
             moments = np.sqrt(knowledge.common_weights[position]) * counted.any(axis=1)
-            shared = (weights.common * residuals.common[position])[:, None]
+            shared = (common * residuals.common[position])[:, None]
             series.append(_dependent_part(1, position, shared, slopes, moments[:, None], 1.0, 1.0))
             lift.append(of_sizes[used])
             count += int(used.sum())

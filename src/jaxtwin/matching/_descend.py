@@ -15,6 +15,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from .._jax_settings import own_settings
 from ._levenberg_marquardt import RUNNING, BoundedLevenbergMarquardt, LMState, factors
 from ._residuals import Problem, derivatives, differences, weighted, weighted_jacobian
 
@@ -60,7 +61,7 @@ class Attempt:
 
     def jacobian(self) -> Float[np.ndarray, "residuals unknowns"]:
         """Of the weighted residuals."""
-        with jax.enable_x64(True):
+        with own_settings():
             return np.asarray(_jacobian(self.derivatives, self.problem))
 
 
@@ -121,7 +122,7 @@ def _descend_chunk(
     count = len(problems)
     problems, starts = _filled(problems, size), _filled(starts, size)
     before = None if before is None else _filled(before, size)
-    with jax.enable_x64(True):
+    with own_settings():
         # Plain floats would be constants of the compiled step: another tolerance, another program.
         solver = eqx.tree_at(
             lambda s: [s.rtol, s.atol, s.gtol, s.damping], solver, replace_fn=jnp.asarray

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .._errors import MatchError
+from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import CommonError
@@ -42,7 +43,7 @@ class Setting:
     twin: Twin
     experiments: tuple[Experiment, ...]
     unknowns: Unknowns
-    samples: tuple[Float[np.ndarray, "times channels"], ...]
+    samples: tuple[Float[np.ndarray, "_times _channels"], ...]
     events: tuple[tuple[float, ...], ...] | None
     common_error: CommonError | None
     robust: float | None
@@ -81,8 +82,8 @@ class Knowledge:
     alone: Noise
     common: Noise
     events: tuple[tuple[float, ...], ...]
-    alone_weights: tuple[Float[np.ndarray, "times channels"], ...]
-    common_weights: tuple[Float[np.ndarray, " times"], ...]
+    alone_weights: tuple[Float[np.ndarray, "_times _channels"], ...]
+    common_weights: tuple[Float[np.ndarray, " _times"], ...]
 
 
 def estimate(
@@ -218,20 +219,22 @@ class Residuals(NamedTuple):
     - `camera`: that error.
     """
 
-    alone: tuple[Float[np.ndarray, "times channels"], ...]
-    common: tuple[Float[np.ndarray, " times"], ...]
-    camera: tuple[Float[np.ndarray, " times"], ...]
+    alone: tuple[Float[np.ndarray, "_times _channels"], ...]
+    common: tuple[Float[np.ndarray, " _times"], ...]
+    camera: tuple[Float[np.ndarray, " _times"], ...]
 
 
 def split_residuals(attempt: Attempt) -> Residuals:
     """The residuals where a descent ended."""
     found: dict[int, tuple[np.ndarray, ...]] = {}
-    with jax.enable_x64(True):
+    with own_settings():
         for group, difference in zip(attempt.problem.groups, attempt.differences, strict=True):
             alone, common, sizes = jax.vmap(lambda w, d: w.split(d))(group.weights, difference)
             error = np.einsum("rtk,rk->rt", np.asarray(group.weights.shapes), np.asarray(sizes))
+            times = np.asarray(group.lengths)
             for row, position in enumerate(group.positions):
-                found[position] = (np.asarray(alone[row]), np.asarray(common[row]), error[row])
+                parts = (np.asarray(alone[row]), np.asarray(common[row]), error[row])
+                found[position] = tuple(part[: times[row]] for part in parts)
     ordered = [found[position] for position in sorted(found)]
     return Residuals(*zip(*ordered, strict=True))
 
@@ -315,10 +318,10 @@ def beside_others(
 
 
 def residual_noise(
-    alone: Sequence[Float[np.ndarray, "times channels"]],
-    common: Sequence[Float[np.ndarray, " times"]],
-    alone_weights: Sequence[Float[np.ndarray, "times channels"]],
-    common_weights: Sequence[Float[np.ndarray, " times"]],
+    alone: Sequence[Float[np.ndarray, "_times _channels"]],
+    common: Sequence[Float[np.ndarray, " _times"]],
+    alone_weights: Sequence[Float[np.ndarray, "_times _channels"]],
+    common_weights: Sequence[Float[np.ndarray, " _times"]],
 ) -> tuple[Noise, Noise]:
     """The noise of both parts of the residuals; where no two channels count at the same time, the
     first part is nothing and takes after the second."""

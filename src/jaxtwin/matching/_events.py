@@ -17,7 +17,7 @@ def span_weights(
     names: Sequence[str],
     experiments: Sequence[Experiment],
     spans: Mapping[str, Sequence[Span]] | None,
-) -> list[Float[np.ndarray, "times channels"]]:
+) -> list[Float[np.ndarray, "_times _channels"]]:
     """Weights of all samples, 0 to 1; those that are missing weigh nothing.
 
     **Raises:** `MatchError` for unknown recordings, spans outside of one, and weights that are not

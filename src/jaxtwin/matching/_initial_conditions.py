@@ -107,9 +107,9 @@ def estimate_initial_conditions(
     **Returns:** the values, their covariance, and the twin that has them.
 
     **Raises:** `MatchError` where the recording has no temperatures, the part holds fewer times
-    with a sample than there are values to estimate, a value of the twin lies outside its bounds, or the twin
-    gives no finite temperatures; `ParameterError` for unknown names; `SimulationError` for a
-    recording of another rig.
+    with a sample than there are values to estimate, a value of the twin lies outside its bounds, or
+    the twin gives no finite temperatures; `ParameterError` for unknown names; `SimulationError` for
+    a recording of another rig.
     """
     twin, names = _twin_and_names(fitted, own)
     if not names:

@@ -310,14 +310,14 @@ def _iteration(step: Step, start: int, unknowns: Unknowns, names: tuple[str, ...
 def _optimum(
     attempt: Attempt, number: int, best: Attempt, unknowns: Unknowns, names: tuple[str, ...]
 ) -> Optimum:
-    apart = [
-        (one - other).ravel()
-        for one, other in zip(attempt.differences, best.differences, strict=True)
-    ]
+    # Samples that fill up recordings differ by nothing.
+    pairs = zip(attempt.differences, best.differences, strict=True)
+    squares = sum(float(np.sum((one - other) ** 2)) for one, other in pairs)
+    samples = sum(int(g.lengths.sum()) * g.temperatures.shape[-1] for g in best.problem.groups)
     return Optimum(
         start=number,
         cost=attempt.cost,
-        apart=float(np.sqrt(np.mean(np.concatenate(apart) ** 2))),
+        apart=float(np.sqrt(squares / samples)),
         rmse=float(np.sqrt(attempt.mean_square)),
         iterations=len(attempt.steps) - 1,
         status=STATUS[int(attempt.state.status)],

@@ -28,7 +28,7 @@ class Noise:
 
 
 def noise_of(
-    series: Sequence[Float[np.ndarray, "times channels"]], samples: float | int | None = None
+    series: Sequence[Float[np.ndarray, "_times _channels"]], samples: float | int | None = None
 ) -> Noise:
     """Standard deviation and autocorrelation of several series of residuals about zero.
 

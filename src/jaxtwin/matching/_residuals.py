@@ -27,9 +27,10 @@ from ..physics import System, Twin
 from ..simulation import (
     Schedule,
     ambient_of_samples,
+    padded,
+    padded_schedule,
     reference_temperature,
     solve_schedule,
-    twin_schedule,
 )
 from ._unknowns import Layout, Unknowns
 from ._weights import Weights, stacked
@@ -37,14 +38,18 @@ from ._weights import Weights, stacked
 
 @final
 class Recordings(eqx.Module):
-    """Recordings with the same schedule of steps, stacked so that they are solved at once.
+    """Recordings of equal shapes, stacked so that they are solved at once.
+
+    Their samples are filled up to a few sizes, as their schedules are, with some that count for
+    nothing, so that recordings of another length run through the same programs.
 
     - `schedule`: every array with a leading recordings axis.
     - `columns`: which of the rig's channels each recording holds.
     - `temperatures`: recorded, `(recordings, times, channels)`, degC; any finite number where a
-      sample is missing, which weighs nothing.
-    - `sampled`: where one is not.
-    - `weights`: of the samples, and the camera's shapes.
+      sample is missing or fills up their number, which weighs nothing.
+    - `sampled`: where there is a sample.
+    - `lengths`: how many times each recording has, without those that fill up.
+    - `weights`: of the samples, and the camera's shapes; 0 for those that fill up.
     - `positions`: their places among all recordings.
     """
 
@@ -52,6 +57,7 @@ class Recordings(eqx.Module):
     columns: Int[np.ndarray | Array, "recordings channels"]
     temperatures: Float[np.ndarray | Array, "recordings times channels"]
     sampled: Bool[np.ndarray | Array, "recordings times channels"]
+    lengths: Int[np.ndarray | Array, " recordings"]
     weights: Weights
     positions: tuple[int, ...] = eqx.field(static=True)
 
@@ -101,7 +107,8 @@ def build_problem(
 ) -> Problem:
     """Groups recordings by the shape of their schedules, so that compiled code is shared."""
     groups: dict[tuple, list[int]] = {}
-    schedules = [twin_schedule(twin, experiment) for experiment in experiments]
+    schedules = [padded_schedule(twin, experiment) for experiment in experiments]
+    weights = [one.padded() for one in weights]
     for position, (schedule, experiment) in enumerate(zip(schedules, experiments, strict=True)):
         leaves = jax.tree.leaves((schedule, weights[position]))
         shapes = tuple(np.shape(leaf) for leaf in leaves)
@@ -118,8 +125,11 @@ def build_problem(
                 ),
                 columns=np.array(columns, dtype=np.int32),
                 # Nothing times NaN would be NaN.
-                temperatures=np.stack([np.nan_to_num(np.asarray(e.temperatures)) for e in members]),
-                sampled=np.stack([e.sampled for e in members]),
+                temperatures=np.stack(
+                    [padded(np.nan_to_num(np.asarray(e.temperatures))) for e in members]
+                ),
+                sampled=np.stack([padded(e.sampled, False) for e in members]),
+                lengths=np.array([len(e.time) for e in members]),
                 weights=stacked([weights[p] for p in positions]),
                 positions=tuple(positions),
             )
@@ -147,7 +157,7 @@ def residuals(
 
 
 def weighted(
-    groups: Sequence[Float[Array, "recordings times channels"]],
+    groups: Sequence[Float[Array, "_recordings _times _channels"]],
     vector: Float[Array, " unknowns"],
     problem: Problem,
 ) -> tuple[list[Any], Float[Array, ""]]:
@@ -172,11 +182,15 @@ def weighted(
 
 
 def differences(vector: Float[Array, " unknowns"], problem: Problem) -> list[Float[Array, "..."]]:
-    """Simulated less recorded temperatures, `(recordings, times, channels)` for each group, K."""
+    """Simulated less recorded temperatures, `(recordings, times, channels)` for each group, K; 0
+    for samples that fill up."""
+
+    def one(local: Array, group: Recordings) -> Array:
+        error = _reading(local, problem, group.schedule, group.columns) - group.temperatures
+        return jnp.where(jnp.arange(len(error))[:, None] < group.lengths, error, 0.0)
+
     return [
-        jax.vmap(lambda local, g: _reading(local, problem, g.schedule, g.columns) - g.temperatures)(
-            local, group
-        )
+        jax.vmap(one)(local, group)
         for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True)
     ]
 
@@ -194,7 +208,7 @@ def residual_jacobian(
 
 def derivatives(
     vector: Float[Array, " unknowns"], problem: Problem
-) -> list[Float[Array, "recordings entries times channels"]]:
+) -> list[Float[Array, "_recordings _entries _times _channels"]]:
     """Derivatives of the `differences` in the entries that concern each recording."""
     return [
         jax.vmap(lambda one, g: _reading_jacobian(one, problem, g.schedule, g.columns))(
@@ -205,7 +219,7 @@ def derivatives(
 
 
 def weighted_jacobian(
-    groups: Sequence[Float[Array, "recordings entries times channels"]], problem: Problem
+    groups: Sequence[Float[Array, "_recordings _entries _times _channels"]], problem: Problem
 ) -> Float[Array, "residuals unknowns"]:
     """The residuals' Jacobian from the `derivatives`."""
     size, columns = np.shape(problem.centre)[0], []
@@ -228,7 +242,7 @@ def weighted_jacobian(
 
 def _local_vectors(
     vector: Float[Array, " unknowns"], problem: Problem
-) -> list[Float[Array, "recordings entries"]]:
+) -> list[Float[Array, "_recordings _entries"]]:
     places = problem.layout.places()
     return [vector[places[list(group.positions)]] for group in problem.groups]
 

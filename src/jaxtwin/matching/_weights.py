@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..simulation import padded
+
 Array_ = np.ndarray | Array
 
 
@@ -28,6 +30,15 @@ class Weights(eqx.Module):
     shapes: Float[Array_, "*recordings times shapes"]
     solve: Float[Array_, "*recordings shapes times"]
     size_weight: Float[Array_, "*recordings shapes"]
+
+    def padded(self) -> "Weights":
+        """Those of one recording, and zeros for samples that fill up their number."""
+        alone, share, common, shapes = (
+            padded(np.asarray(part), 0.0)
+            for part in (self.alone, self.share, self.common, self.shapes)
+        )
+        solve = padded(np.asarray(self.solve).T, 0.0).T
+        return Weights(alone, share, common, shapes, solve, self.size_weight)
 
     def split(
         self, difference: Float[Array, "times channels"]

@@ -7,11 +7,11 @@ J/K.
 import re
 from collections.abc import Mapping
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
 from .._errors import SimulationError
+from .._jax_settings import own_settings
 from ..io import Experiment
 from ..rig import AMBIENT, FILM_REFERENCE, Rig, Value
 from ._loss import CALM, STEFAN_BOLTZMANN
@@ -128,7 +128,7 @@ def _network(
 
 def _losses(twin: Twin, names: Mapping[str, str], values: Mapping[str, float]) -> list[str]:
     """What the plate loses beyond its links; see `NonlinearLoss`."""
-    with jax.enable_x64(True):
+    with own_settings():
         loss = twin.system().loss
     if loss is None:
         return []

@@ -16,13 +16,13 @@ the network, and only the DC sweep adds it here.
 from typing import final
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, ArrayLike, Float
 
 from .._errors import ParameterError
+from .._jax_settings import own_settings
 from ..rig import load_module
 from ._dc_sweep import DCSweep
 
@@ -175,7 +175,7 @@ class ThermoelectricModule(eqx.Module):
                 f"dc_sweep: found T_hot = {T_hot} K, differences {dT} K and currents {I} A, "
                 "allowed are finite numbers and differences below T_hot"
             )
-        with jax.enable_x64(True):
+        with own_settings():
             cold = jnp.broadcast_to(T_hot - dT[:, None], (dT.size, I.size))
             q_c, q_h = self.heat_flows(I[None, :] + 0 * cold, cold, jnp.full_like(cold, T_hot))
             pumped = np.asarray(q_c - dT[:, None] / self._constants[2])

@@ -15,6 +15,7 @@ from ._batch import (
 from ._chunk import Reduction
 from ._chunk_runner import Precision
 from ._measures import fit_percent, fit_text, mean_fit_percent, rmse
+from ._padding import padded, padded_schedule
 from ._run import Run
 from ._schedule import Schedule, build_schedule, twin_schedule
 from ._simulate import checked_channels, response, simulate
@@ -42,6 +43,8 @@ __all__ = [
     "fit_text",
     "mean_fit_percent",
     "network_field",
+    "padded",
+    "padded_schedule",
     "reference_temperature",
     "response",
     "rmse",

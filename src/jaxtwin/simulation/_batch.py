@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._errors import JaxtwinError, ParameterError, SimulationError
+from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
 from ._chunk import (
@@ -29,7 +30,8 @@ from ._chunk_runner import ChunkRunner, Precision
 from ._compressed import compress
 from ._delay import delayed_schedule, has_own_delays
 from ._initial import Initial, checked_initial
-from ._schedule import REFINEMENTS, Schedule, twin_schedule
+from ._padding import padded, padded_schedule
+from ._schedule import REFINEMENTS, Schedule
 from ._simulate import checked_channels, simulate
 from ._solve import too_coarse
 
@@ -55,7 +57,8 @@ class Reductions:
     - `spread`: largest minus smallest plate element at the end, `(draws,)`, K.
     - `deviation`: standard deviation over the plate's elements at the end, `(draws,)`, K.
     - `failed`: draws with a resistance, a capacitance, or a driver's lag or delay that is not above
-      0, or whose temperatures do not stay finite, `(draws,)`; their other entries are NaN.
+      0, whose rates are further apart than float64 can tell, or whose temperatures do not stay
+      finite, `(draws,)`; their other entries are NaN.
     """
 
     channels: tuple[str, ...]
@@ -160,7 +163,7 @@ def simulate_batch(
     runner = ChunkRunner(twin, start, checked_precision(precision), chunk_size, workers)
 
     def solve(draws: dict[str, np.ndarray], refinement: int) -> dict[str, np.ndarray]:
-        schedule = twin_schedule(twin, experiment, refinement)
+        schedule = padded_schedule(twin, experiment, refinement)
         # All draws alike share how samples are read.
         own_delays = has_own_delays(twin, draws)
         seen = schedule if own_delays else _arriving_alike(twin, schedule, at_rest)
@@ -192,7 +195,7 @@ def _arriving_alike(twin: Twin, schedule: Schedule, at_rest: bool) -> Schedule:
     delay = twin.wiring.delay
     if delay is None:
         return schedule
-    with jax.enable_x64(True):
+    with own_settings():
         late = _delayed(schedule, delay(twin.parameters_si)[0], at_rest)
     return jax.tree.map(np.asarray, late)
 
@@ -208,7 +211,7 @@ def _reducer(
     columns: Int[np.ndarray, " channels"],
     wanted: tuple[Reduction, ...] | None,
     at_rest: bool,
-) -> Callable[[Prepared], dict[str, Array]]:
+) -> Callable[[Prepared], dict[str, Array | np.ndarray]]:
     """What is computed of each chunk, from its draws to the results that are kept.
 
     **Arguments:**
@@ -229,20 +232,20 @@ def _reducer(
         else:
             of_samples.append("cost")
 
-    def reduce(prepared: Prepared) -> dict[str, Array]:
+    def reduce(prepared: Prepared) -> dict[str, Array | np.ndarray]:
         if not own_delays:
             prepared = eqx.tree_at(lambda p: p.systems.delay, prepared, None, is_leaf=_is_none)
         stepped = step_chunk(prepared, columns=columns, with_plate=bool(of_plate), **grid)
         # Neither shorter steps nor another solver help what is no resistance or capacity.
         physical = prepared.systems.physical
-        result = {
+        result: dict[str, Array | np.ndarray] = {
             "coupling": jnp.where(physical, prepared.coupling, 0.0),
             "doubt": jnp.where(physical, stepped.channels.doubt, 0.0),
         }
         if wanted is None:
-            return result | {
-                "temperatures": sample_chunk(prepared, stepped, columns=columns, **grid)
-            }
+            temperatures = sample_chunk(prepared, stepped, columns=columns, **grid)
+            # By NumPy, which compiles nothing for another number of samples.
+            return result | {"temperatures": np.asarray(temperatures)[:, : len(experiment.time)]}
         result["failed"] = stepped.failed
         if compressed is not None:
             errors = compressed_errors(prepared, stepped, compressed, columns)
@@ -257,7 +260,7 @@ def _reducer(
             for name in of_samples:
                 if name == "cost":
                     assert recorded is not None
-                    result[name] = sample_cost(temperatures, recorded)
+                    result[name] = sample_cost(temperatures, padded(recorded, np.nan))
                 else:
                     result[name] = EXTREMES[name](temperatures)
         if of_plate:
@@ -293,7 +296,7 @@ def _solve_stiff(
     # The compiled reductions, on a chunk of one.
     recorded = experiment.temperatures
     reduced: dict[str, Any] = {}
-    with jax.enable_x64(True):
+    with own_settings():
         temperatures = jnp.asarray(run.temperatures)[None]
         elements = jnp.asarray(run.states)[None, -1, : len(twin.wiring.rig_elements)]
         for name in wanted:

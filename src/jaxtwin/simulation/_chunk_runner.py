@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
+from .._jax_settings import own_settings
 from ..physics import Twin
 from ._chunk import Prepared, prepare_chunk
 from ._delay import has_own_delays
@@ -52,7 +53,7 @@ class ChunkRunner:
         self,
         draws: Mapping[str, Float[np.ndarray, " draws"]],
         schedule: Schedule,
-        reduce: Callable[[Prepared], dict[str, Array]],
+        reduce: Callable[[Prepared], dict[str, Array | np.ndarray]],
         on_progress: Callable[[int], None] | None = None,
     ) -> dict[str, Shaped[np.ndarray, "draws *results"]]:
         """Prepares and reduces all draws, chunk by chunk.
@@ -81,13 +82,13 @@ class ChunkRunner:
             chunk = {n: _padded(values[first : first + size], size) for n, values in draws.items()}
             # Each thread has its own precision.
             with jax.default_device(devices[number % len(devices)]):
-                with jax.enable_x64(True):
+                with own_settings():
                     prepared = prepare_chunk(self.twin, chunk, schedule, self.initial)
                     if self.precision == "float32":
                         numbers, rest = eqx.partition(prepared, eqx.is_inexact_array)
                         numbers = jax.tree.map(lambda leaf: leaf.astype("float32"), numbers)
                         prepared = eqx.combine(numbers, rest)
-                with jax.enable_x64(self.precision == "float64"):
+                with own_settings(float64=self.precision == "float64"):
                     found = jax.tree.map(np.asarray, reduce(prepared))
             with one_at_a_time:
                 for name in found.keys() - result.keys():

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ._interpolation import POWERS
+from ._padding import padded
 from ._schedule import Schedule
 
 
@@ -25,6 +26,7 @@ class CompressedRecording(eqx.Module):
 
     - `schedule`: with combinations of samples for samples.
     - `target`: the recorded temperatures combined alike, degC; `ones`: a constant 1 combined alike.
+      Rows that fill up their number are zeros, as are their weights.
     - `counted`: whether a combination counts in a channel: 0 where it is a missing sample, else 1.
     - `beyond`: the mean square of what no temperatures around the steps could follow, K^2.
     - `samples`: how many each channel has.
@@ -41,12 +43,14 @@ class CompressedRecording(eqx.Module):
 def compress(
     schedule: Schedule, recorded: Float[np.ndarray, "times channels"]
 ) -> CompressedRecording:
-    """The recording of an experiment on its schedule, degC; NaN where a sample is missing."""
+    """The recording of an experiment on its schedule, filled up or not, degC; NaN where a sample is
+    missing."""
+    count = len(recorded)
     there = ~np.isnan(recorded)
     used = there.any(axis=1)
-    step_of, whole = np.asarray(schedule.step_of)[used], there[used].all(axis=1)
-    filled_in = np.nan_to_num(recorded[used])
-    samples = np.column_stack([schedule.weights[used], filled_in, np.ones(len(step_of))])
+    step_of, whole = np.asarray(schedule.step_of)[:count][used], there[used].all(axis=1)
+    weights = np.asarray(schedule.weights)[:count][used]
+    samples = np.column_stack([weights, np.nan_to_num(recorded[used]), np.ones(len(step_of))])
     # Samples follow each other in time, and so do those of a step.
     steps, first, counts = np.unique(step_of, return_index=True, return_counts=True)
     is_long = (counts > POWERS) & np.logical_and.reduceat(whole, first)
@@ -61,9 +65,10 @@ def compress(
     seen = np.swapaxes(q, 1, 2) @ y
     beyond = np.sum((y - q @ seen) ** 2, axis=(0, 1))[:-1]
     combined = np.concatenate([r, seen], axis=2).reshape(-1, samples.shape[1])
-    rows = np.concatenate([samples[short], combined])
-    rows_of = np.concatenate([step_of[short], np.repeat(steps[is_long], POWERS)])
-    counted = np.concatenate([there[used][short], np.ones((len(combined), there.shape[1]))])
+    rows = padded(np.concatenate([samples[short], combined]), 0.0)
+    rows_of = padded(np.concatenate([step_of[short], np.repeat(steps[is_long], POWERS)]))
+    every = np.ones((len(combined), there.shape[1]))
+    counted = padded(np.concatenate([there[used][short], every]), 0.0)
     return CompressedRecording(
         schedule=eqx.tree_at(
             lambda s: (s.step_of, s.weights), schedule, (rows_of, rows[:, :POWERS])

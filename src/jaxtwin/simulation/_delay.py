@@ -54,7 +54,9 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
     starts = ends - steps
     times = jnp.asarray(schedule.times, dtype)
     step_of = jnp.clip(jnp.searchsorted(ends, times), 0, size.size - 1)
-    part = (times - starts[step_of]) / steps[step_of]
+    # Some steps have no length (`_padding`): what is divided by it must not be 0 / 0.
+    lengths = jnp.where(steps > 0, steps, 1.0)
+    part = (times - starts[step_of]) / lengths[step_of]
     # One table for all draws, whatever their delay.
     weights = sample_weights(jnp.concatenate([wait, polynomials]), step_of, part)
     waiting = (step_of < before)[:, None]
@@ -62,7 +64,7 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
     if schedule.ambient_at is not None:
         held = jnp.asarray(schedule.ambient_at, dtype)
         summed = jnp.append(0.0, jnp.cumsum(held[:-1] * jnp.diff(times)))
-        ambient = (jnp.interp(ends, times, summed) - jnp.interp(starts, times, summed)) / steps
+        ambient = (jnp.interp(ends, times, summed) - jnp.interp(starts, times, summed)) / lengths
         # Steps that end behind the last sample.
         ambient = jnp.where(ends > times[-1], held[-1], ambient)
     return Schedule(

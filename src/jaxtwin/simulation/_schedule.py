@@ -38,7 +38,7 @@ class Schedule(eqx.Module):
     **Arguments:**
 
     - `times`: of the samples, from the first one on, s.
-    - `sizes`: the distinct step sizes, s.
+    - `sizes`: the distinct step sizes, s; 0 for steps that fill up their number (`_padding`).
     - `size`: which of them each step has.
     - `duty`: held during each step, -1 to 1.
     - `ambient`: recorded ambient temperature held during each step, K; None where none is recorded.
@@ -71,15 +71,14 @@ def twin_schedule(twin: Twin | System, experiment: Experiment, refinement: int =
 
     **Returns:** the schedule, as commanded: see `arriving` for a driver's delay.
     """
+    return build_schedule(experiment, *twin_steps(twin, refinement))
+
+
+def twin_steps(twin: Twin | System, refinement: int) -> tuple[float, float, float, float, int]:
+    """What `build_schedule` takes beside the experiment."""
     part = 0.5**refinement
-    return build_schedule(
-        experiment,
-        part * FIRST_STEP,
-        part * GROWTH,
-        part * LARGEST_STEP,
-        settling=0.0 if twin.wiring.lag is None else SETTLING,
-        parts=2**refinement,
-    )
+    settling = 0.0 if twin.wiring.lag is None else SETTLING
+    return part * FIRST_STEP, part * GROWTH, part * LARGEST_STEP, settling, 2**refinement
 
 
 @lru_cache(maxsize=64)

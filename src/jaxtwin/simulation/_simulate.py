@@ -4,16 +4,18 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._errors import ParameterError, SimulationError
+from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import System, Twin, build_netlist
 from ..rig import Rig, Value
 from ._ambient import ambient_of_samples, reference_temperature
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
+from ._padding import padded_schedule
+from ._resolution import unresolved_network
 from ._run import Run
 from ._schedule import REFINEMENTS, Schedule, twin_schedule
 from ._solve import (
@@ -60,9 +62,11 @@ def simulate(
     **Returns:** a `Run` at the experiment's times.
 
     **Raises:** `SimulationError` where experiment and rig do not belong together, or the solve
-    does not reach its end, or a controller comes without a solver; `ParameterError` where a
-    resistance, a heat capacity, or a driver's lag or delay is not above 0, or a parameter holds
-    more than one value.
+    does not reach its end, or a controller comes without a solver, or the network's rates are
+    further apart than float64 can tell (the fastest one times the run, or the longest time
+    constant where that is shorter, above 2e11: contacts below some 1e-11 K/W); `ParameterError`
+    where a resistance, a heat capacity, or a driver's lag or delay is not above 0, or a parameter
+    holds more than one value.
     """
     if solver is None and not (stepsize_controller is None and dt0 is None):
         raise SimulationError(
@@ -72,9 +76,11 @@ def simulate(
     channels = checked_channels(twin, experiment)
     _check_values(twin)
     start = checked_initial(twin, initial)
-    with jax.enable_x64(True):
+    with own_settings():
+        if solver is not None:
+            _check_resolved(twin, padded_schedule(twin, experiment))
         for refinement in range(REFINEMENTS + 1 if solver is None else 0):
-            schedule = twin_schedule(twin, experiment, refinement)
+            schedule = padded_schedule(twin, experiment, refinement)
             states, readings, coupling, doubt = _run_exponential(twin, schedule, start)
             if not too_coarse(coupling, doubt, refinement):
                 break
@@ -83,8 +89,11 @@ def simulate(
             states, readings = _run_checked(
                 twin, schedule, start, experiment, solver, stepsize_controller, dt0
             )
-        states, readings = np.asarray(states), np.asarray(readings)
+        times = len(experiment.time)
+        states, readings = np.asarray(states)[:times], np.asarray(readings)[:times]
     if not np.isfinite(states).all():
+        with own_settings():
+            _check_resolved(twin, padded_schedule(twin, experiment))
         raise SimulationError(
             f"{twin.rig.name}: the temperatures do not stay finite; look for parameters far "
             "outside their bounds"
@@ -108,7 +117,8 @@ def response(
     called outside of `jax.jit`. `simulate` is this with checks and labels.
     Its precision is that of the caller: wrap it in `jax.enable_x64(True)` for float64.
     Always the default solver on its longest steps: only `simulate` looks whether shorter ones, or
-    a stiff solver, are needed.
+    a stiff solver, are needed. NaN where the network's rates are further apart than float64 can
+    tell, which `simulate` refuses.
 
     **Arguments:** as those of `simulate`.
 
@@ -119,8 +129,9 @@ def response(
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)
-    _, readings, _, _ = _run_exponential(twin, twin_schedule(twin, experiment), start)
-    return readings[:, columns] - 273.15
+    with own_settings(float64=None):
+        _, readings, _, _ = _run_exponential(twin, padded_schedule(twin, experiment), start)
+        return readings[: len(experiment.time), columns] - 273.15
 
 
 def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
@@ -178,6 +189,16 @@ def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
         if not value.is_constant:
             first.setdefault(value, what)
     return tuple((what, value) for value, what in first.items())
+
+
+def _check_resolved(twin: Twin, schedule: Schedule) -> None:
+    if not np.isfinite(np.asarray(_rates(twin, schedule))).all():
+        raise unresolved_network(twin)
+
+
+@eqx.filter_jit
+def _rates(twin: Twin, schedule: Schedule) -> Float[Array, " modes"]:
+    return schedule_modes(twin.system(lumped=True), schedule).rates
 
 
 @eqx.filter_jit

@@ -14,6 +14,7 @@ from ._ambient import ambient_of_steps, reference_temperature
 from ._delay import delayed_schedule
 from ._exponential import Inputs, ModalField, exponential_step, step_factors
 from ._modes import Modes, left_coupling, network_modes
+from ._resolution import resolved_rates
 from ._schedule import Schedule
 
 STIFF = 1.0
@@ -151,11 +152,17 @@ def solve_steps(
 
 
 def schedule_modes(system: System, schedule: Schedule) -> Modes:
-    """The modes with the cells at rest under the schedule's mean duty cycle."""
+    """The modes with the cells at rest under the schedule's mean duty cycle.
+
+    Their rates, and with them all that is solved, are NaN where float64 cannot tell the slow ones
+    beside the fast ones: see `resolved_rates`.
+    """
     dtype = system.capacitance.dtype
     lengths = jnp.asarray(schedule.sizes, dtype)[schedule.size]
-    duty = lengths @ jnp.asarray(schedule.duty, dtype) / lengths.sum()
-    return network_modes(system, duty, reference_temperature(system, schedule))
+    duration = lengths.sum()
+    duty = lengths @ jnp.asarray(schedule.duty, dtype) / duration
+    modes = network_modes(system, duty, reference_temperature(system, schedule))
+    return eqx.tree_at(lambda m: m.rates, modes, resolved_rates(modes.rates, duration))
 
 
 def coupling_left(system: System, modes: Modes, schedule: Schedule) -> Float[Array, ""]:

@@ -1,0 +1,35 @@
+"""The settings of JAX under which this package computes, whatever a user's own are.
+
+They hold inside a `with` and in its thread alone: nothing is changed for anybody else.
+"""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import jax
+
+
+@contextmanager
+def own_settings(*, float64: bool | None = True) -> Iterator[None]:
+    """Settings that a user's checks of their own code, or their precision, do not reach.
+
+    **Arguments:**
+
+    - `float64`: whether to compute in it; None for what the surroundings say.
+    """
+    with ExitStack() as stack:
+        if float64 is not None:
+            stack.enter_context(jax.enable_x64(float64))
+        # Vectors that scale the rows of matrices, and whole numbers times real ones, are meant.
+        stack.enter_context(jax.numpy_rank_promotion("allow"))
+        stack.enter_context(jax.numpy_dtype_promotion("standard"))
+        # Recordings are NumPy arrays; they go to the device where they are used.
+        stack.enter_context(jax.transfer_guard("allow"))
+        # A draw that fails is NaN among others that do not, and is told by that.
+        stack.enter_context(jax.debug_nans(False))
+        stack.enter_context(jax.debug_infs(False))
+        # Compiled, whatever a user looks into op by op: a match would take hours.
+        stack.enter_context(jax.disable_jit(False))
+        # A float32 solve is right to a millikelvin with sums in float32, not in bfloat16.
+        stack.enter_context(jax.default_matmul_precision(None))
+        yield
