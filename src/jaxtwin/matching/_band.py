@@ -6,6 +6,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
+from .._arguments import finite_number, of_kind, whole_number
 from .._errors import MatchError
 from ..io import Experiment
 from ..simulation import simulate_batch
@@ -54,13 +55,15 @@ def prediction_band(
     **Raises:** `MatchError` for a recording that was not matched, a level outside 0 to 1, or fewer
     than two draws; `SimulationError` for an experiment of another rig.
     """
+    of_kind("prediction_band: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     recording = fit.recordings[0] if recording is None else recording
     if recording not in fit.recordings:
         raise MatchError(f"recording: found {recording!r}, allowed are {', '.join(fit.recordings)}")
-    if not 0 < level < 1 or draws < 2:
+    whole_number("prediction_band: draws", draws, 2, MatchError)
+    whole_number("prediction_band: seed", seed, 0, MatchError)
+    if not 0 < finite_number("prediction_band: level", level, MatchError) < 1:
         raise MatchError(
-            f"found level {level!r} and draws {draws!r}, allowed are a level between 0 and 1 and "
-            "at least 2 draws"
+            f"prediction_band: level: found {level!r}, allowed is a level between 0 and 1"
         )
     number = fit.recordings.index(recording)
     unknowns = fit.setting.unknowns

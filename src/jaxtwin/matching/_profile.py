@@ -14,6 +14,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._arguments import of_kind, whole_number
 from .._errors import MatchError, ParameterError
 from ._descend import descend
 from ._estimate import make_problem
@@ -68,14 +69,13 @@ def profile(fit: Fit, name: str, values: Sequence[float] | None = None, points: 
     **Raises:** `ParameterError` for a name that was not matched; `MatchError` for values outside
     the bounds or fewer than 3 points.
     """
+    of_kind("profile: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     unknowns, setting = fit.setting.unknowns, fit.setting
     shared = [row.name for row in unknowns.shared]
     if name not in shared:
         raise ParameterError(f"profile: found {name!r}, allowed are {', '.join(shared)}")
-    if values is None and points < LEAST:
-        raise MatchError(
-            f"profile: points: found {points}, allowed is a whole number of at least {LEAST}"
-        )
+    if values is None:
+        whole_number("profile: points", points, LEAST, MatchError)
     entry = shared.index(name)
     row = unknowns.shared[entry]
     lower, upper = unknowns.lower()[entry], unknowns.upper()[entry]

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from .._arguments import check_callable, path_of
+from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import Twin
 from ..simulation._batch import Precision
@@ -116,6 +118,8 @@ def sweep(
     something else, or a disk that does not take the results.
     """
     began = time.perf_counter()
+    place = path_of("sweep: folder", folder, SimulationError)
+    check_callable("sweep: on_progress", on_progress, SimulationError)
     plan = plan_sweep(
         twin,
         experiments,
@@ -128,7 +132,7 @@ def sweep(
         chunk_size=chunk_size,
     )
     number, processes = own_part(process)
-    store = Store(Path(folder), plan)
+    store = Store(place, plan)
     sizes = -np.subtract(*np.transpose([plan.span(chunk) for chunk in range(plan.chunks)]))
     own = np.arange(plan.chunks) % processes == number
     before = store.done()

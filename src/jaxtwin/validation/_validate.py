@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from .._arguments import finite_number, names_of
 from .._errors import MatchError
-from ..io import Experiment
+from ..io import Experiment, as_experiments
 from ..matching import WARM_UP, Fit, checked_recordings, match, settle
 from ..physics import Twin
 from ..simulation import Run, simulate
@@ -42,7 +43,8 @@ def validate(
     `SimulationError` for recordings of another rig.
     """
     twin, known = _rest(fitted) if isinstance(fitted, Fit) else (fitted, None)
-    own = known if own is None else list(own)
+    own = known if own is None else list(names_of("validate: own", own, MatchError))
+    warm_up = finite_number("validate: warm_up", warm_up, MatchError)
     several = _listed(recordings)
     names = checked_recordings(twin, several)
     made = [
@@ -68,6 +70,7 @@ def validate_split(
     **Raises:** `MatchError` where the split leaves too few samples on either side; what `match`
     raises.
     """
+    at = finite_number("validate_split: at", at, MatchError)
     several = _listed(recordings)
     names = checked_recordings(twin, several)
     for name, one in zip(names, several, strict=True):
@@ -102,6 +105,7 @@ def leave_one_out(
     **Raises:** `MatchError` for fewer than two recordings; what `match` and `validate` raise.
     """
     several = _listed(recordings)
+    warm_up = finite_number("leave_one_out: warm_up", warm_up, MatchError)
     names = checked_recordings(twin, several)
     if len(several) < 2:
         raise MatchError(f"leave one out: found {len(several)} recordings, allowed are two or more")
@@ -180,4 +184,4 @@ def _without(name: str, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _listed(recordings: Experiment | Sequence[Experiment]) -> list[Experiment]:
-    return [recordings] if isinstance(recordings, Experiment) else list(recordings)
+    return as_experiments("recordings", recordings, MatchError)
