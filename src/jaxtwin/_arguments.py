@@ -36,18 +36,18 @@ def of_kind(where: str, value: object, kind: type[Kind], allowed: str, error: Fa
     return value
 
 
-def whole_number(where: str, value: Any, least: int, error: Failure) -> int:
-    """A whole number of Python or NumPy that is at least `least`.
+def whole_number(where: str, value: Any, least: int | None, error: Failure) -> int:
+    """A whole number of Python or NumPy that is at least `least`; None for any.
 
     **Raises:** `error` where it is none; true and false are none.
     """
-    allowed = f"a whole number of at least {least}"
+    above = {None: "", 1: " above 0"}.get(least, f" of at least {least}")
     try:
         number = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         number = None
-    if number is None or number < least:
-        _refuse(where, value, allowed, error)
+    if number is None or (least is not None and number < least):
+        _refuse(where, value, f"a whole number{above}", error)
     return number
 
 

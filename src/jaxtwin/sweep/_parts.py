@@ -27,7 +27,7 @@ def own_part(process: tuple[int, int] | None = None) -> tuple[int, int]:
         return 0, 1
     if not isinstance(process, Sequence) or len(process) != 2:
         raise SimulationError(f"process: found {process!r}, allowed is (number, how many)")
-    number, count = (whole_number("process", one, 0, SimulationError) for one in process)
+    number, count = (whole_number("process", one, None, SimulationError) for one in process)
     if not 0 <= number < count:
         raise SimulationError(
             f"process: found {number} of {count}, allowed are 0 to {max(count, 1) - 1} of "
