@@ -1,5 +1,6 @@
 """Recordings: found or fetched, read, checked and written."""
 
+from ._checks import is_channel_name
 from ._experiment import Experiment
 from ._fetch import fetch_recordings
 from ._locate import find_recordings
@@ -17,6 +18,7 @@ __all__ = [
     "as_experiments",
     "fetch_recordings",
     "find_recordings",
+    "is_channel_name",
     "read_recording",
     "save_dataset",
     "write_recording",

@@ -1,5 +1,6 @@
 """What a match does not know, carried on to what it predicts."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -38,6 +39,7 @@ def prediction_band(
     draws: int = 200,
     level: float = 0.95,
     seed: int = 0,
+    on_progress: Callable[[int], None] | None = None,
 ) -> Band:
     """Draws the matched parameters from their joint distribution and simulates each draw.
 
@@ -48,6 +50,7 @@ def prediction_band(
     - `experiment`: inputs to predict; by default that recording's.
     - `draws`, `seed`: of the sample.
     - `level`: probability inside the band.
+    - `on_progress`: called with the number of newly finished simulations.
 
     **Returns:** the band at the experiment's times, for the channels that it names, else all. Draws
     whose temperatures do not stay finite are left out of the quantiles.
@@ -75,7 +78,7 @@ def prediction_band(
     sample = unknowns.values(vectors)[number]
     twin = fit.twins[recording]
     experiment = fit.experiments[number] if experiment is None else experiment
-    runs = simulate_batch(twin, experiment, sample)
+    runs = simulate_batch(twin, experiment, sample, on_progress=on_progress)
     below, above = (1 - level) / 2, (1 + level) / 2
     lower, middle, upper = np.nanquantile(runs, [below, 0.5, above], axis=0)
     return Band(experiment.time, experiment.channels or twin.channels, lower, middle, upper)

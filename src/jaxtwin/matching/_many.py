@@ -50,7 +50,7 @@ def match_many(
     - `sets`: the recordings of each match. All sets have equally many, alike in their numbers of
       samples and of channels, in when their inputs change (the solver's steps follow from that),
       and in whether the ambient temperature is recorded.
-    - `on_iteration`: called with the number of the set and of its iteration.
+    - `on_iteration`: called with the number of the set, from 0 on, and of its iteration.
     - the others: as in `match`.
 
     **Returns:** a `Fit` for each set, in order; None for one whose temperatures, residuals or

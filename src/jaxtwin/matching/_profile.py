@@ -5,7 +5,7 @@ All others are matched anew at each value. Where the excess of $2 \,\text{cost}$
 slope at one point only, says something else.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import final
@@ -14,7 +14,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from .._arguments import of_kind, whole_number
+from .._arguments import check_callable, of_kind, whole_number
 from .._errors import MatchError, ParameterError
 from ._descend import descend
 from ._estimate import make_problem
@@ -52,7 +52,14 @@ class Profile:
     interval: tuple[float, float]
 
 
-def profile(fit: Fit, name: str, values: Sequence[float] | None = None, points: int = 9) -> Profile:
+def profile(
+    fit: Fit,
+    name: str,
+    values: Sequence[float] | None = None,
+    points: int = 9,
+    *,
+    on_iteration: Callable[[int, int], None] | None = None,
+) -> Profile:
     """The profile likelihood of a shared parameter.
 
     **Arguments:**
@@ -63,6 +70,7 @@ def profile(fit: Fit, name: str, values: Sequence[float] | None = None, points: 
       (where it has none, within a factor of twenty or three tenths of its range), inside its
       bounds.
     - `points`: at least 3.
+    - `on_iteration`: called with the number of the point, from 0 on, and of its iteration.
 
     **Returns:** the profile; its points increase, and those that bounds let coincide are one.
 
@@ -76,6 +84,7 @@ def profile(fit: Fit, name: str, values: Sequence[float] | None = None, points: 
         raise ParameterError(f"profile: found {name!r}, allowed are {', '.join(shared)}")
     if values is None:
         whole_number("profile: points", points, LEAST, MatchError)
+    check_callable("profile: on_iteration", on_iteration, MatchError)
     entry = shared.index(name)
     row = unknowns.shared[entry]
     lower, upper = unknowns.lower()[entry], unknowns.upper()[entry]
@@ -104,7 +113,17 @@ def profile(fit: Fit, name: str, values: Sequence[float] | None = None, points: 
         start = fit.vector.copy()
         start[entry] = value
         starts.append(start)
-    attempts = descend(problems, default_solver(setting), starts, 50, setting.box, setting.scale)
+    attempts = descend(
+        problems,
+        default_solver(setting),
+        starts,
+        50,
+        setting.box,
+        setting.scale,
+        on_step=None
+        if on_iteration is None
+        else lambda number, step: on_iteration(number, step[0]),
+    )
     prior = 0.5 * ((at - problem.centre[entry]) * problem.precision[entry]) ** 2
     excess = 2 * (np.array([one.cost for one in attempts]) + prior - fit.cost)
     shown = np.exp(at) if row.is_logarithmic else at
