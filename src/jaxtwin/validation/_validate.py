@@ -21,7 +21,7 @@ def validate(
     fitted: Twin | Fit,
     recordings: Experiment | Sequence[Experiment],
     *,
-    warm_up: float = WARM_UP,
+    warm_up: float | int = WARM_UP,
     own: Iterable[str] | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Validation:
@@ -61,7 +61,7 @@ def validate(
 def validate_split(
     twin: Twin,
     recordings: Experiment | Sequence[Experiment],
-    at: float,
+    at: float | int,
     *,
     on_progress: Callable[[int], None] | None = None,
     **options: Any,
@@ -106,7 +106,7 @@ def leave_one_out(
     twin: Twin,
     recordings: Sequence[Experiment],
     *,
-    warm_up: float = WARM_UP,
+    warm_up: float | int = WARM_UP,
     on_progress: Callable[[int], None] | None = None,
     **options: Any,
 ) -> Validation:
