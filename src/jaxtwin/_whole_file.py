@@ -5,6 +5,7 @@ import uuid
 from collections.abc import Sequence
 from pathlib import Path
 
+from ._arguments import path_of
 from ._errors import JaxtwinError
 
 
@@ -38,7 +39,7 @@ def write_whole_file(
 
     **Raises:** `error` where the file cannot be written.
     """
-    file = Path(path)
+    file = path_of("path", path, error)
     part = file.with_name(f".{file.name}.{uuid.uuid4().hex}.part")
     try:
         try:

@@ -232,7 +232,9 @@ def test_a_hand_before_the_camera_is_found_and_shaded(start: Twin):
 
 def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_linear(calm: Fit):
     row = calm.parameter("h_A")
-    found = profile(calm, "h_A", points=7)
+    told: set[int] = set()
+    found = profile(calm, "h_A", points=7, on_iteration=lambda point, _: told.add(point))
+    assert told == set(range(7))
     assert found.excess.min() == pytest.approx(0.0, abs=0.2)
     expected = 2 * 1.96 * row.standard_error
     assert found.interval[1] - found.interval[0] == pytest.approx(expected, rel=0.35)
@@ -246,7 +248,9 @@ def test_a_profile_has_three_points_at_least(calm: Fit, points: int):
 
 
 def test_a_prediction_band_holds_the_true_run(calm: Fit):
-    band = prediction_band(calm, "day 2", draws=100)
+    told: list[int] = []
+    band = prediction_band(calm, "day 2", draws=100, on_progress=told.append)
+    assert sum(told) == 100
     truth = simulate(Twin("dual-cell", TRUTH), calm.experiments[1]).temperatures
     inside = (band.lower <= truth) & (truth <= band.upper)
     assert inside.mean() > 0.8

@@ -224,7 +224,7 @@ def test_a_chunk_that_another_process_is_at_is_left_to_it(tmp_path, twin, experi
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"draws": 0}, "draws: found 0, allowed is at least 1"),
+        ({"draws": 0}, "draws: found 0, allowed is a whole number above 0"),
         ({"chunk_size": 0}, "chunk_size: found 0"),
         ({"seed": -1}, "seed: found -1"),
         ({"spread": 0.0}, "spread: found 0.0, allowed is between 0 and 1"),

@@ -9,6 +9,7 @@ from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
 from ._options import JsonOption
 from ._output import aligned, check_json, say, write_json
+from ._progress import show_progress
 
 
 def dc_sweep(
@@ -33,7 +34,9 @@ def dc_sweep(
     constants = ThermoelectricModule.from_datasheet(module)
     numbers = _numbers(constants, T_hot)
     if out is not None:
-        _save(constants, module, T_hot, out)
+        with show_progress() as progress:
+            progress.step(f"drawing into {out}")
+            _save(constants, module, T_hot, out)
     say(_table(module, constants, T_hot, numbers), json)
     write_json(json, {"module": module, "T_hot_K": T_hot, "best_points": numbers})
 

@@ -7,6 +7,7 @@ import typer
 
 from ._options import JsonOption
 from ._output import check_json, check_output, say, write_json
+from ._progress import show_progress
 
 
 def export(
@@ -25,9 +26,12 @@ def export(
 
     check_output(out, ".nc", ".csv")
     check_json(json)
-    with Session(recording) as session:
-        experiment = session.experiment(step=step, start=start, end=end)
-    write_recording(experiment, out)
+    with show_progress() as progress:
+        progress.step(f"reading {recording}")
+        with Session(recording) as session:
+            experiment = session.experiment(step=step, start=start, end=end)
+        progress.step(f"writing {out}")
+        write_recording(experiment, out)
     gaps = experiment.gaps.tolist()
     lines = [f"{out}: {len(experiment.time)} samples in {experiment.duration:g} s"]
     lines += [f"  nothing from {before:g} s to {after:g} s" for before, after in gaps]

@@ -50,13 +50,13 @@ def match(
     json: JsonOption = None,
 ) -> None:
     """Match the free parameters of a rig to recordings; start at its own or given values."""
-    from .. import matching
-    from ..rig import load_rig
-
     check_output(out, ".toml")
     check_json(json)
     with show_progress() as progress:
         progress.step("reading")
+        from .. import matching  # which takes a second
+        from ..rig import load_rig
+
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
         twin = open_twin(loaded, set_name, parameters)

@@ -9,6 +9,7 @@ from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
 from ._options import JsonOption, ParametersOption, RigArgument, SetOption
 from ._output import check_json, check_output, say, write_json
+from ._progress import show_progress
 from ._rigs import network_line
 from ._sources import open_twin
 
@@ -34,17 +35,21 @@ def netlist(
     check_output(out, ".png")
     check_output(spice, option="--spice")
     check_json(json)
-    loaded = load_rig(rig)
-    twin = open_twin(loaded, set_name, parameters)
-    numbers = network_counts(twin.netlist, loaded)
-    if out is not None:
-        from ..plots import plot_netlist, to_png
+    with show_progress() as progress:
+        progress.step(f"reading {rig}")
+        loaded = load_rig(rig)
+        twin = open_twin(loaded, set_name, parameters)
+        numbers = network_counts(twin.netlist, loaded)
+        if out is not None:
+            from ..plots import plot_netlist, to_png
 
-        write_whole_file(out, to_png(plot_netlist(twin)), JaxtwinError)
-    if spice is not None:
-        from ..physics import to_spice
+            progress.step(f"drawing into {out}")
+            write_whole_file(out, to_png(plot_netlist(twin)), JaxtwinError)
+        if spice is not None:
+            from ..physics import to_spice
 
-        step = Experiment.schedule("0:0.5,500:0.78", duration=1000.0, cells=len(loaded.cells))
-        write_whole_file(spice, to_spice(twin, step).encode(), JaxtwinError)
+            progress.step(f"writing {spice}")
+            step = Experiment.schedule("0:0.5,500:0.78", duration=1000.0, cells=len(loaded.cells))
+            write_whole_file(spice, to_spice(twin, step).encode(), JaxtwinError)
     say(f"{loaded.name}: {network_line(numbers)}", json)
     write_json(json, {"rig": loaded.name, "network": numbers})

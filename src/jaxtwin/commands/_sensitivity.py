@@ -35,13 +35,13 @@ def sensitivity(
     json: JsonOption = None,
 ) -> None:
     """Draw parameters around their values and correlate them with each channel's cost."""
-    from .. import sensitivity as analysis
-    from ..rig import load_rig
-
     check_output(out, ".nc")
     check_json(json)
     with show_progress() as progress:
         progress.step("reading")
+        from .. import sensitivity as analysis  # which takes a second
+        from ..rig import load_rig
+
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
         twins = open_twins(loaded, set_name, parameters, experiments)

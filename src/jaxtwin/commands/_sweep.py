@@ -77,12 +77,12 @@ def sweep(
         raise typer.BadParameter("give either recordings or --duty")
     part = _part(process, coordinator, processes, process_id)
     check_json(json)
-    from .. import sweep as run
-    from ..rig import load_rig
-    from ..sweep import Advance, meet
-
     with show_progress() as progress:
         progress.step("reading")
+        from .. import sweep as run  # which takes a second
+        from ..rig import load_rig
+        from ..sweep import Advance, meet
+
         loaded = load_rig(rig)
         experiments = _experiments(loaded, recordings or [], duty, duration)
         twins = open_twins(loaded, set_name, parameters, experiments)

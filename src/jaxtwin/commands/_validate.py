@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .._errors import JaxtwinError
+from .._progress import Progress
 from .._whole_file import write_whole_file
 from ._options import JsonOption, RecordingsArgument, RigArgument, SetOption
 from ._output import check_json, say, write_json
@@ -71,11 +72,9 @@ def validate(
         experiments = open_recordings(loaded, recordings)
         twin = open_twin(loaded, set_name, fit)
 
-        def tell(iteration: "Iteration") -> None:
-            progress.news(f"iteration {iteration.number}: RMSE {iteration.rmse:.4f} K")
-
         progress.step(f"validating {loaded.name} on {len(experiments)} recordings")
-        result = _validate(twin, experiments, split, leave_one_out, warm_up, tell)
+        told = _News(progress, len(experiments))
+        result = _validate(twin, experiments, split, leave_one_out, warm_up, told)
         if out is not None:
             progress.step(f"drawing into {out}")
             _draw(result, out)
@@ -89,15 +88,44 @@ def _validate(
     split: float | None,
     leave_one_out: bool,
     warm_up: float,
-    tell,
+    told: "_News",
 ) -> "Validation":
     from .. import validation
 
     if split is not None:
-        return validation.validate_split(twin, experiments, split, on_iteration=tell)
+        return validation.validate_split(
+            twin, experiments, split, on_progress=told.predicted, on_iteration=told.iteration
+        )
     if leave_one_out:
-        return validation.leave_one_out(twin, experiments, warm_up=warm_up, on_iteration=tell)
-    return validation.validate(twin, experiments, warm_up=warm_up)
+        return validation.leave_one_out(
+            twin,
+            experiments,
+            warm_up=warm_up,
+            on_progress=told.predicted,
+            on_iteration=told.iteration,
+        )
+    return validation.validate(twin, experiments, warm_up=warm_up, on_progress=told.predicted)
+
+
+class _News:
+    """How far a validation is, in words."""
+
+    def __init__(self, progress: Progress, recordings: int):
+        self.progress, self.recordings = progress, recordings
+        self.done = 0
+        self.predicted(0)
+
+    def predicted(self, newly: int) -> None:
+        """Some recordings more are predicted."""
+        self.done += newly
+        self.progress.news(f"{self.done} of {self.recordings} predicted")
+
+    def iteration(self, one: "Iteration") -> None:
+        """A match has made a step."""
+        self.progress.news(
+            f"{self.done} of {self.recordings} predicted, matching: iteration {one.number}, "
+            f"RMSE {one.rmse:.4f} K"
+        )
 
 
 def _draw(result: "Validation", folder: Path) -> None:

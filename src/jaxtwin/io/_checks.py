@@ -70,11 +70,13 @@ def checked_duty(
 
 def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:
     """Channel names, each once. A single string is one name."""
+    if not isinstance(channels, Iterable):
+        raise RecordingError(f"channels: found {channels!r}, allowed is one name or several")
     names = (channels,) if isinstance(channels, str) else tuple(channels)
     # NumPy's and pandas' own kinds of text print in another way.
     names = tuple(str(name) if isinstance(name, str) else name for name in names)
     for name in names:
-        if not isinstance(name, str) or not re.fullmatch(r"\w([\w .-]*\w)?", name):
+        if not isinstance(name, str) or not is_channel_name(name):
             raise RecordingError(
                 f"channel name {name!r}: allowed are letters, digits and, between them, '_-.' "
                 "and blanks"
@@ -85,6 +87,11 @@ def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:
     if twice:
         raise RecordingError(f"channel {', '.join(twice)} occurs more than once; allowed is once")
     return names
+
+
+def is_channel_name(name: str) -> bool:
+    """Whether a channel may have a name: whatever a column of a recording can be called."""
+    return re.fullmatch(r"\w([\w .-]*\w)?", name) is not None
 
 
 def checked_temperatures(

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
+from .._arguments import finite_number, of_kind
 from .._errors import RecordingError
 from ._checks import (
     checked_ambient,
@@ -84,7 +85,7 @@ class Experiment:
             "channels": names,
             "temperatures": checked_temperatures(temperatures, times, names),
             "ambient": checked_ambient(ambient, times),
-            "name": name,
+            "name": of_kind("name", name, str, "text", RecordingError),
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -191,8 +192,8 @@ class Experiment:
 
         `RecordingError` where fewer than two samples are left.
         """
-        start = -np.inf if t0 is None else t0
-        end = np.inf if t1 is None else t1
+        start = -np.inf if t0 is None else finite_number("between: t0", t0, RecordingError)
+        end = np.inf if t1 is None else finite_number("between: t1", t1, RecordingError)
         part = (self.time >= start) & (self.time < end)
         if np.count_nonzero(part) < 2:
             raise RecordingError(

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from .._arguments import path_of, whole_number
 from .._errors import RecordingError
 from ._csv import parse_csv
 from ._experiment import GAP_FACTOR, Experiment
@@ -49,9 +50,8 @@ def read_recording(
 
     `RecordingError` that names the file, what is wrong and what is allowed.
     """
-    file = Path(path)
-    if counts < 1:
-        raise RecordingError(f"counts = {counts}: allowed are positive whole numbers")
+    file = path_of("read_recording: path", path, RecordingError)
+    whole_number("counts", counts, 1, RecordingError)
     if polarity not in (1, -1):
         raise RecordingError(f"polarity = {polarity}: allowed are 1 and -1")
     from ..live._recognise import is_recording  # which depends on recordings, not the reverse

@@ -5,9 +5,10 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from .._arguments import finite_number, of_kind, whole_number
 from .._errors import RecordingError
 
-MOST_SAMPLES = 10_000_000
+MOST_SAMPLES, MOST_CELLS = 10_000_000, 1000
 
 
 def schedule_samples(
@@ -29,7 +30,11 @@ def schedule_samples(
 
     `RecordingError` that quotes the entry which is wrong.
     """
-    if not (math.isfinite(duration) and duration > 0):
+    of_kind("schedule: text", text, str, "text such as '0:0.5,500:0.78'", RecordingError)
+    for name, number in (("duration", duration), ("step", step)):
+        finite_number(f"schedule: {name}", number, RecordingError)
+    whole_number("schedule: cells", cells, 1, RecordingError)
+    if not duration > 0:
         raise RecordingError(f"duration {duration:g} s: allowed are positive numbers")
     if not 0 < step <= duration:
         raise RecordingError(
@@ -39,8 +44,8 @@ def schedule_samples(
         raise RecordingError(
             f"step {step:g} s gives more than {MOST_SAMPLES} samples in {duration:g} s"
         )
-    if cells < 1:
-        raise RecordingError(f"{cells} cells: allowed is at least 1")
+    if cells > MOST_CELLS:
+        raise RecordingError(f"{cells} cells: allowed are at most {MOST_CELLS}")
     entries = [_entry(part, cells) for part in text.split(",")]
     switches = np.array([time for time, _ in entries])
     if np.any(np.diff(switches) <= 0):

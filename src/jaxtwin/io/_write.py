@@ -4,12 +4,14 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .._arguments import of_kind, path_of
 from .._errors import RecordingError
 from .._whole_file import check_ending, write_whole_file
 from ._csv import format_csv
 from ._experiment import Experiment
 from ._netcdf import format_netcdf
 from ._read import check_no_gap
+from ._several import EXPERIMENT
 
 if TYPE_CHECKING:
     import xarray
@@ -36,7 +38,8 @@ def write_recording(experiment: Experiment, path: str | Path) -> Path:
     refused on reading, and where the file cannot be written. Then nothing is written, and a file
     that was there stays as it was.
     """
-    file = Path(path)
+    of_kind("write_recording: experiment", experiment, Experiment, EXPERIMENT, RecordingError)
+    file = path_of("write_recording: path", path, RecordingError)
     ending = file.suffix.lower()
     if ending not in (".csv", ".nc"):
         raise RecordingError(f"{file}: recordings are written as .csv or .nc, not as {ending!r}")

@@ -97,7 +97,8 @@ def fit_noise(
     own = [np.zeros((len(rho), len(_bands(one)))) for one in series]
     for one, expected in zip(series, own, strict=True):
         _add_own(one, rho, inverse, middles[one.kind], expected)
-    passed = np.concatenate([middles.reshape(-1, *known.shape), known[None]])
+    flat = middles.reshape(kinds * len(rho), *known.shape)  # no unknowns where all are at bounds
+    passed = np.concatenate([flat, known[None]])
     passed = inverse @ passed @ inverse
     expected, seen, counts = [], [], []
     for one, direct in zip(series, own, strict=True):
@@ -111,7 +112,7 @@ def fit_noise(
         np.concatenate(seen),
         np.concatenate(counts),
     )
-    middle = np.tensordot(theta, middles.reshape(-1, *known.shape), 1)
+    middle = np.tensordot(theta, flat, 1)
     return tuple(Mixture(one, rho) for one in theta.reshape(kinds, -1)), middle
 
 

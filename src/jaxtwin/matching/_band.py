@@ -1,12 +1,14 @@
 """What a match does not know, carried on to what it predicts."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float
 
+from .._arguments import finite_number, of_kind, whole_number
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
@@ -41,6 +43,7 @@ def prediction_band(
     level: float = 0.95,
     seed: int = 0,
     warm_up: float = WARM_UP,
+    on_progress: Callable[[int], None] | None = None,
 ) -> Band:
     """Draws everything that is not known of a run and simulates each draw.
 
@@ -60,6 +63,7 @@ def prediction_band(
     - `draws`, `seed`: of the sample.
     - `level`: probability inside the band.
     - `warm_up`: s.
+    - `on_progress`: called with the number of newly finished simulations.
 
     **Returns:** the band at the experiment's times, for the channels that it names, else all. Draws
     whose temperatures do not stay finite are left out of the quantiles.
@@ -68,12 +72,14 @@ def prediction_band(
     than two draws, or an experiment too short to begin from; `SimulationError` for an experiment of
     another rig.
     """
+    of_kind("prediction_band: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     if recording is not None and recording not in fit.recordings:
         raise MatchError(f"recording: found {recording!r}, allowed are {', '.join(fit.recordings)}")
-    if not 0 < level < 1 or draws < 2:
+    whole_number("prediction_band: draws", draws, 2, MatchError)
+    whole_number("prediction_band: seed", seed, 0, MatchError)
+    if not 0 < finite_number("prediction_band: level", level, MatchError) < 1:
         raise MatchError(
-            f"found level {level!r} and draws {draws!r}, allowed are a level between 0 and 1 and "
-            "at least 2 draws"
+            f"prediction_band: level: found {level!r}, allowed is a level between 0 and 1"
         )
     rng = np.random.default_rng(seed)
     if recording is None and experiment is not None and experiment.temperatures is not None:
@@ -82,7 +88,7 @@ def prediction_band(
         number = 0 if recording is None else fit.recordings.index(recording)
         experiment = fit.experiments[number] if experiment is None else experiment
         drawn = _matched(fit, number, draws, rng)
-    runs = simulate_batch(drawn.twin, experiment, drawn.values)
+    runs = simulate_batch(drawn.twin, experiment, drawn.values, on_progress=on_progress)
     runs += _reading_noise(fit) * rng.standard_normal(runs.shape)
     below, above = (1 - level) / 2, (1 + level) / 2
     lower, middle, upper = np.nanquantile(runs, [below, 0.5, above], axis=0)

@@ -5,8 +5,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
+from .._arguments import check_callable
 from .._errors import MatchError, ParameterError, SimulationError
-from ..io import Experiment
+from ..io import Experiment, as_experiments
 from ..physics import Twin
 from ._descend import Attempt
 from ._estimate import Knowledge, Setting, estimate
@@ -16,7 +17,7 @@ from ._match import (
     Events,
     check_counts,
     checked_recordings,
-    default_solver,
+    checked_solver,
     make_fit,
     make_setting,
 )
@@ -49,7 +50,7 @@ def match_many(
     - `sets`: the recordings of each match. All sets have equally many, alike in their numbers of
       samples and of channels, in when their inputs change (the solver's steps follow from that),
       and in whether the ambient temperature is recorded.
-    - `on_iteration`: called with the number of the set and of its iteration.
+    - `on_iteration`: called with the number of the set, from 0 on, and of its iteration.
     - the others: as in `match`.
 
     **Returns:** a `Fit` for each set, in order; None for one whose temperatures, residuals or
@@ -58,11 +59,14 @@ def match_many(
     **Raises:** as `match`, but for temperatures that are not finite; `MatchError` too where there
     is no set or they differ in shape.
     """
-    if not sets:
-        raise MatchError("sets: found none, allowed is one or several sets of recordings")
     began = time.perf_counter()
     check_counts(max_iterations=max_iterations)
-    recordings = [list(one) for one in sets]
+    check_callable("on_iteration", on_iteration, MatchError)
+    if isinstance(sets, str | bytes | Experiment) or not isinstance(sets, Iterable):
+        raise MatchError(f"sets: found {sets!r}, allowed is one or several sets of recordings")
+    recordings = [as_experiments("match_many: sets", one, MatchError) for one in sets]
+    if not recordings:
+        raise MatchError("sets: found none, allowed is one or several sets of recordings")
     names = [checked_recordings(twin, one) for one in recordings]
     unknowns = choose_unknowns(
         twin,
@@ -79,7 +83,7 @@ def match_many(
     ]
     results = estimate(
         settings,
-        solver or default_solver(settings[0]),
+        checked_solver(solver, settings[0]),
         [unknowns.start()] * len(settings),
         max_iterations,
         None if on_iteration is None else lambda number, step: on_iteration(number, step[0]),

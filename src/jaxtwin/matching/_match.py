@@ -13,9 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from .. import __version__
+from .._arguments import check_callable, finite_number, of_kind, whole_number
 from .._errors import MatchError
-from ..io import Experiment
-from ..physics import Twin
+from ..io import Experiment, as_experiments
+from ..physics import Twin, check_twin
 from ..simulation import Run, checked_channels, simulate
 from ._confidence import confidence
 from ._descend import Attempt, Step, descend
@@ -109,7 +110,7 @@ def match(
     another rig.
     """
     began = time.perf_counter()
-    recordings = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    recordings = as_experiments("match: experiments", experiments, MatchError)
     names = checked_recordings(twin, recordings)
     unknowns = choose_unknowns(
         twin,
@@ -121,8 +122,10 @@ def match(
         bounds=bounds,
     )
     check_counts(starts=starts, max_iterations=max_iterations)
+    whole_number("seed", seed, 0, MatchError)
+    check_callable("on_iteration", on_iteration, MatchError)
     setting = make_setting(twin, recordings, names, unknowns, events, masks, robust)
-    solver = solver or default_solver(setting)
+    solver = checked_solver(solver, setting)
 
     def tell(start: int, step: Step) -> None:
         if on_iteration is not None:
@@ -185,11 +188,11 @@ def make_setting(
             f"{twin.rig.name}: events: found {events!r}, allowed only where the rig file has a "
             "table [camera.common_error]"
         )
-    if isinstance(events, str) and events not in ("detect", "none"):
+    if not (events is None or isinstance(events, Mapping) or events in ("detect", "none")):
         raise MatchError(
             f'events: found {events!r}, allowed is "detect", "none" or recording -> times'
         )
-    if robust is not None and not robust > 0:
+    if robust is not None and not finite_number("robust", robust, MatchError) > 0:
         raise MatchError(f"robust: found {robust!r}, allowed is a number above 0 or None")
     none = tuple(() for _ in recordings)
     if isinstance(events, Mapping):
@@ -222,6 +225,19 @@ def default_solver(setting: Setting) -> BoundedLevenbergMarquardt:
     """Weighted residuals are counted in standard deviations, and a fall of a thousandth means
     nothing; plain ones may be all that a recording without noise leaves."""
     return BoundedLevenbergMarquardt(rtol=3e-5 if setting.weighs else 1e-7)
+
+
+def checked_solver(
+    solver: BoundedLevenbergMarquardt | None, setting: Setting
+) -> BoundedLevenbergMarquardt:
+    """The solver that was given, or the default one.
+
+    **Raises:** `MatchError` where another thing was given.
+    """
+    if solver is None:
+        return default_solver(setting)
+    allowed = "a BoundedLevenbergMarquardt or None"
+    return of_kind("solver", solver, BoundedLevenbergMarquardt, allowed, MatchError)
 
 
 def make_fit(
@@ -412,6 +428,7 @@ def checked_recordings(twin: Twin, recordings: list[Experiment]) -> tuple[str, .
     **Raises:** `MatchError` where there is none, one has no temperatures, or none in one of its
     channels; `SimulationError` for one of another rig.
     """
+    check_twin("twin", twin, MatchError)
     if not recordings:
         raise MatchError("experiments: found none, allowed is one or several recordings")
     names: list[str] = []
@@ -440,5 +457,4 @@ def check_counts(**counts: Any) -> None:
     **Raises:** `MatchError` where it is not.
     """
     for name, count in counts.items():
-        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-            raise MatchError(f"{name}: found {count!r}, allowed is a whole number above 0")
+        whole_number(name, count, 1, MatchError)

@@ -17,7 +17,7 @@ Chandler and Bate, Biometrika 94 (2007) 167-183). Where it stays below 3.84 the 
 else.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import final
@@ -26,6 +26,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._arguments import check_callable, of_kind, whole_number
 from .._errors import MatchError, ParameterError
 from ._descend import descend
 from ._estimate import make_problem
@@ -70,6 +71,8 @@ def profile(
     name: str,
     values: Sequence[float] | Float[np.ndarray, " values"] | None = None,
     points: int = 9,
+    *,
+    on_iteration: Callable[[int, int], None] | None = None,
 ) -> Profile:
     """The profile likelihood of a shared parameter.
 
@@ -81,21 +84,22 @@ def profile(
       (where it has none, within a factor of twenty or three tenths of its range), inside its
       bounds.
     - `points`: at least 3.
+    - `on_iteration`: called with the number of the point, from 0 on, and of its iteration.
 
     **Returns:** the profile; its points increase, and those that bounds let coincide are one.
 
     **Raises:** `ParameterError` for a name that was not matched; `MatchError` for values outside
     the bounds, fewer than 3 points, or a fit that was loaded without its recordings.
     """
+    of_kind("profile: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     unknowns = fit.setting.unknowns
     setting = replace(fit.setting, experiments=fit.experiments)  # not those of a bare file
     shared = [row.name for row in unknowns.shared]
     if name not in shared:
         raise ParameterError(f"profile: found {name!r}, allowed are {', '.join(shared)}")
-    if values is None and points < LEAST:
-        raise MatchError(
-            f"profile: points: found {points}, allowed is a whole number of at least {LEAST}"
-        )
+    if values is None:
+        whole_number("profile: points", points, LEAST, MatchError)
+    check_callable("profile: on_iteration", on_iteration, MatchError)
     entry = shared.index(name)
     row = unknowns.shared[entry]
     lower, upper = unknowns.lower()[entry], unknowns.upper()[entry]
@@ -124,7 +128,17 @@ def profile(
         start = fit.vector.copy()
         start[entry] = value
         starts.append(start)
-    attempts = descend(problems, default_solver(setting), starts, 50, setting.box, setting.scale)
+    attempts = descend(
+        problems,
+        default_solver(setting),
+        starts,
+        50,
+        setting.box,
+        setting.scale,
+        on_step=None
+        if on_iteration is None
+        else lambda number, step: on_iteration(number, step[0]),
+    )
     prior = 0.5 * ((at - problem.centre[entry]) * problem.precision[entry]) ** 2
     rise = np.array([one.cost for one in attempts]) + prior - fit.cost
     excess = 2 * _adjustment(fit, entry) * rise

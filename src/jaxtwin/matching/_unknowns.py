@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._arguments import mapping_of, names_of
 from .._errors import MatchError, ParameterError
 from ..physics import Twin
 from ..rig import Parameter
@@ -182,9 +183,12 @@ def choose_unknowns(
     """
     table = twin.rig.parameters
     twin.numbers_si  # noqa: B018 - refuses a parameter with several values
-    free = None if free is None else set(free)
-    fixed, shared, per_recording = set(fixed), set(shared), set(per_recording)
-    bounds = bounds or {}
+    free = None if free is None else set(names_of("free", free, MatchError))
+    fixed = set(names_of("fixed", fixed, MatchError))
+    shared = set(names_of("shared", shared, MatchError))
+    per_recording = set(names_of("per_recording", per_recording, MatchError))
+    bounds = {} if bounds is None else bounds
+    mapping_of("bounds", bounds, "name -> (lower, upper)", MatchError)
     groups = {
         "free": free or set(),
         "fixed": fixed,
@@ -235,7 +239,7 @@ def choose_unknowns(
 
 def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Parameter:
     """A parameter that starts at a value inside bounds under which its prior means the same."""
-    lower, upper = (float(bound) for bound in bounds)
+    lower, upper = _pair(row.name, bounds)
     found = f"{row.name}: found bounds {lower:g} to {upper:g} {row.unit}".rstrip()
     if not lower <= value <= upper or lower == upper:
         raise MatchError(
@@ -261,6 +265,19 @@ def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Param
             f"beforehand is {kind}"
         )
     return bounded
+
+
+def _pair(name: str, bounds: object) -> tuple[float, float]:
+    """Two numbers in order; they may be infinite."""
+    try:
+        pair = np.asarray(bounds)
+    except ValueError:  # of different lengths
+        pair = np.array(None)
+    if pair.dtype.kind not in "iuf" or pair.shape != (2,) or not pair[0] < pair[1]:
+        raise MatchError(
+            f"{name}: bounds: found {bounds!r}, allowed are (lower, upper), numbers in that order"
+        )
+    return float(pair[0]), float(pair[1])
 
 
 def _inward(row: Parameter, value: float) -> float:

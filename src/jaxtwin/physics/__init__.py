@@ -9,7 +9,7 @@ from ._plate_map import PlateMap, plate_map
 from ._spice import to_spice
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
-from ._twin import Twin
+from ._twin import Twin, check_twin
 
 __all__ = [
     "Bridge",
@@ -26,6 +26,7 @@ __all__ = [
     "Twin",
     "build_netlist",
     "channel_weights",
+    "check_twin",
     "frame_to_channels",
     "pixel_weights",
     "plate_map",

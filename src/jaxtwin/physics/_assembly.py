@@ -1,5 +1,7 @@
 """Rig -> netlist."""
 
+from .._arguments import of_kind
+from .._errors import RigError
 from ..rig import AMBIENT, Rig
 from ._netlist import Link, Loss, Netlist, Node, ThermoelectricElement
 from ._plate import circuit_links, element_capacitance, exposed_area, finite_volume_links
@@ -11,6 +13,7 @@ def build_netlist(rig: Rig) -> Netlist:
     A cell adds a plate side `<cell>.TC`, a far side `<cell>.TH` and, where the rig gives one, a
     sink `<cell>.SINK`, with the links plate - TC - TH - (SINK -) ambient of Fig. 9b and 13a.
     """
+    of_kind("build_netlist: rig", rig, Rig, "a Rig, as load_rig reads it", RigError)
     plate = rig.plate
     if rig.circuit is not None:
         capacitances = dict.fromkeys(plate.element_names, rig.circuit.capacitance)

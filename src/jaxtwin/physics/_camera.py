@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from .._arguments import of_kind
 from .._errors import RigError
 from ..rig import Camera, Channel, Plate, Rig
 
@@ -39,7 +40,14 @@ def frame_to_channels(
     **Raises:** `RigError` where the frames do not have the camera's resolution, or the rig has no
     camera.
     """
+    of_kind("frame_to_channels: rig", rig, Rig, "a Rig, as load_rig reads it", RigError)
     camera = _camera(rig)
+    frames = np.asarray(frames)
+    if frames.dtype.kind not in "iuf" or frames.ndim < 2:
+        raise RigError(
+            f"frames: found {frames.dtype} values of shape {frames.shape}, allowed are numbers "
+            "(..., height, width)"
+        )
     if frames.shape[-2:] != (camera.height, camera.width):
         raise RigError(
             f"{rig.source}: camera.resolution: found frames of {frames.shape[-1]} x "

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .._arguments import of_kind, whole_number
 from .._errors import ParameterError
 from ..rig import Rig
 
@@ -40,15 +41,17 @@ def plate_map(
     **Raises:** `ParameterError` where there is not one temperature for each element, or points is
     below 1.
     """
+    of_kind("plate_map: rig", rig, Rig, "a Rig, as load_rig reads it", ParameterError)
     plate = rig.plate
     elements = len(plate.element_names)
-    values = np.asarray(temperatures, float)
+    values = np.asarray(temperatures)
+    if values.dtype.kind not in "iuf":
+        raise ParameterError(f"temperatures: found {values.dtype} values, allowed are numbers")
     if values.ndim < 1 or values.shape[-1] != elements:
         raise ParameterError(
             f"temperatures: found shape {values.shape}, allowed for {rig.name} is (..., {elements})"
         )
-    if points < 1:
-        raise ParameterError(f"points: found {points}, allowed is at least 1")
+    whole_number("points", points, 1, ParameterError)
     size = plate.width / points
     x = (np.arange(points) + 0.5) * size
     rows = max(1, round(plate.height / size))

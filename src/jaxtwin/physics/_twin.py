@@ -11,7 +11,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from .._errors import ParameterError, SimulationError
+from .._arguments import mapping_of, of_kind
+from .._errors import JaxtwinError, ParameterError, SimulationError
 from ..rig import Rig, load_rig, read_parameters, unknown
 from ._netlist import Netlist
 from ._system import System
@@ -172,11 +173,21 @@ def _from_file(
     return read_parameters(parameters, rig) if is_path else parameters
 
 
+def check_twin(where: str, twin: object, error: type[JaxtwinError]) -> None:
+    """Refuses what is no twin, such as a rig or the name of one.
+
+    **Raises:** `error`.
+    """
+    of_kind(where, twin, Twin, "a Twin, as Twin(rig) makes it", error)
+
+
 def _replaced(
     rig: Rig, values: dict[str, Any], changes: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     replaced = dict(values)
-    for name, value in (changes or {}).items():
+    changes = {} if changes is None else changes
+    mapping_of(f"{rig.name}: parameters", changes, "name -> value", ParameterError)
+    for name, value in changes.items():
         if name not in rig.parameters:
             raise ParameterError(f"{rig.name}: {unknown('parameter', name, rig.parameters)}")
         replaced[name] = _checked(rig, name, value)
@@ -186,8 +197,11 @@ def _replaced(
 def _checked(rig: Rig, name: str, value: Any) -> Any:
     if isinstance(value, Tracer):  # has no number to look at yet
         return value
-    array = np.asarray(value)
-    if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        array = np.array(None)
+    if array.dtype.kind not in "fiu" or array.size == 0 or not np.isfinite(array).all():
         raise ParameterError(
             f"{rig.name}: parameter {name}: found {value!r}, allowed are finite numbers"
         )

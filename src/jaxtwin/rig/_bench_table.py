@@ -1,9 +1,10 @@
 """`[driver]`, `[camera]` and `[[channels]]` of a rig file -> what stands around the plate."""
 
+from ..io import is_channel_name
 from ._camera import Camera, Channel, CommonError
 from ._driver import Driver
 from ._fields import Fields
-from ._plate import Plate
+from ._plate import AMBIENT, Plate
 from ._schema import CameraTable, ChannelTable, CommonErrorTable, DriverTable
 from ._units import COORDINATE, DURATION, FACTOR, NOISE, SERIES_RESISTANCE, SPREAD, VOLTAGE, Kind
 
@@ -86,6 +87,13 @@ def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
     **Raises:** `RigError` where it has both or neither, or is not on the plate.
     """
     at = f"channels[{table.name}]"
+    if not is_channel_name(table.name) or table.name == AMBIENT:
+        # Recordings have a column for each channel, and one for the ambient temperature.
+        fields.refuse(
+            f"{at}.name",
+            f"found {table.name!r}, allowed are letters, digits and, between them, '_-.' and "
+            f"blanks, and not {AMBIENT!r}",
+        )
     gain = fields.value(f"{at}.gain", table.gain, FACTOR)
     if table.nodes is not None and table.x is None and table.y is None:
         for node in table.nodes:

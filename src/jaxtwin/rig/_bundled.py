@@ -3,9 +3,9 @@
 import os
 import tomllib
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
+from .._arguments import path_of
 from .._errors import JaxtwinError, RigError
 from ._problems import refuse, unknown
 
@@ -38,9 +38,10 @@ def read_toml(
 
     **Raises:** the error where it cannot be read or is no TOML.
     """
-    source = os.fspath(path)
+    place = path_of("path", path, error)
+    source = os.fspath(place)
     try:
-        content = Path(path).read_bytes()
+        content = place.read_bytes()
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or problem
         refuse(source, "", f"cannot be read ({reason}), allowed is a TOML file", error)

@@ -1,8 +1,9 @@
 """Reading rig files."""
 
 import os
-from pathlib import Path
 
+from .._arguments import path_of
+from .._errors import RigError
 from ._bundled import bundled_rigs, read_bundled, read_toml
 from ._problems import refuse, unknown
 from ._rig import Rig
@@ -22,9 +23,10 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
     """
     from ._build import build_rig  # with pydantic, which only readers of a rig should pay for
 
+    place = path_of("load_rig", name_or_path, RigError)
     name = os.fspath(name_or_path)
     if name in bundled_rigs():
         return build_rig(*read_bundled("rigs", name))
-    if not Path(name).exists():
+    if not place.exists():
         refuse(name, "", f"no such file, {unknown('bundled rig', name, bundled_rigs())}")
-    return build_rig(*read_toml(name))
+    return build_rig(*read_toml(place))

@@ -19,6 +19,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NoReturn
 
+from .._arguments import of_kind
 from .._errors import ParameterError
 from .._whole_file import check_ending, write_whole_file
 from ._bundled import read_toml
@@ -106,6 +107,7 @@ def read_parameters(
     unit measures something else, or its value is no finite number or outside its bounds: those in
     the file where it has some (matching may have widened them), else those of the rig.
     """
+    of_kind("read_parameters: rig", rig, Rig, "a Rig, as load_rig reads it", ParameterError)
     data, source = read_toml(path, ParameterError)
     table = data.get("parameters")
     if not isinstance(table, dict):

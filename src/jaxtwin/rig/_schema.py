@@ -13,8 +13,8 @@ from ._problems import unknown
 
 
 def _text(value: Any) -> Any:
-    if not isinstance(value, str) or not value.strip():
-        raise ValueError(f"found {reprlib.repr(value)}, allowed is text")
+    if not isinstance(value, str) or not value.strip() or not value.strip().isprintable():
+        raise ValueError(f"found {reprlib.repr(value)}, allowed is text on one line")
     return value.strip()
 
 

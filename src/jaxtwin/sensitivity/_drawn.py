@@ -5,10 +5,11 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from .._arguments import names_of
 from .._errors import ParameterError, SimulationError
-from ..io import Experiment
+from ..io import Experiment, as_experiments
 from ..matching import Fit, twin_for
-from ..physics import Twin
+from ..physics import Twin, check_twin
 
 
 def paired_twins(
@@ -36,11 +37,17 @@ def paired_twins(
                 "its own"
             )
         experiments = twin.experiments
-    recordings = [experiments] if isinstance(experiments, Experiment) else list(experiments)
+    recordings = as_experiments(f"{study}: experiments", experiments, SimulationError)
     if isinstance(twin, Fit):
         twins = [twin_for(twin, one) for one in recordings]
+    elif isinstance(twin, Twin):
+        twins = [twin] * len(recordings)
     else:
-        twins = [twin] * len(recordings) if isinstance(twin, Twin) else list(twin)
+        if isinstance(twin, str) or not isinstance(twin, Iterable):
+            check_twin(f"{study}: twin", twin, SimulationError)
+        twins = list(twin)
+    for one in twins:
+        check_twin(f"{study}: twin", one, SimulationError)
     if not recordings or len(twins) != len(recordings):
         raise SimulationError(
             f"{study}: found {len(twins)} twins for {len(recordings)} experiments, allowed is one "
@@ -64,7 +71,7 @@ def drawn_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, floa
     if parameters is None:
         names = [name for name, row in table.items() if row.free and row.scope == "shared"]
     else:
-        names = list(dict.fromkeys(parameters))
+        names = list(names_of("parameters", parameters, ParameterError))
     unknown = [name for name in names if name not in table]
     if unknown or not names:
         raise ParameterError(

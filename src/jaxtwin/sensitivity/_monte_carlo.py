@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from .._arguments import check_callable, whole_number
 from .._errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
@@ -13,7 +14,7 @@ from ..simulation import simulate_batch
 from ._drawn import distinct_names, drawn_values, own_draws, paired_twins
 from ._indices import pearson, spearman
 from ._intervals import pearson_interval, spearman_interval
-from ._sampling import normal_draws
+from ._sampling import checked_seed, checked_spread, normal_draws
 from ._sensitivity import MEAN, Sensitivity
 
 
@@ -56,14 +57,13 @@ def sensitivity(
     """
     began = time.perf_counter()
     twins, recordings = paired_twins("sensitivity", twin, experiments)
-    if draws < 3 or not 0 < spread < 1:
-        raise SimulationError(
-            f"sensitivity: found draws = {draws}, spread = {spread}, allowed are at least 3 draws "
-            "and a spread between 0 and 1"
-        )
+    draws = whole_number("sensitivity: draws", draws, 3, SimulationError)
+    seed = checked_seed("sensitivity: seed", seed)
+    spread = checked_spread("sensitivity: spread", spread)
+    check_callable("sensitivity: on_progress", on_progress, SimulationError)
     first = twins[0]
     values = drawn_values(first, parameters)
-    samples = normal_draws(values, float(spread), seed, draws)
+    samples = normal_draws(values, spread, seed, draws)
     columns: list[tuple[str, np.ndarray]] = []
     failed = np.zeros(draws, dtype=bool)
     for one, experiment in zip(twins, recordings, strict=True):
@@ -88,7 +88,7 @@ def sensitivity(
         samples=table,
         cost=cost,
         failed=failed,
-        spread=float(spread),
+        spread=spread,
         seed=seed,
         wall_time=time.perf_counter() - began,
     )

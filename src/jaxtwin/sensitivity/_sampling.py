@@ -6,6 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
+from .._arguments import finite_number, whole_number
+from .._errors import SimulationError
+
 BLOCK = 1024
 """Draws made from one state of the generator; a part of a long sweep starts at its block."""
 
@@ -17,6 +20,32 @@ def limits(value: float, spread: float) -> tuple[float, float]:
     """Between which `normal_draws` draws a parameter around a value: from 0 outwards."""
     farthest = value * (1 + spread * FARTHEST)
     return min(0.0, farthest), max(0.0, farthest)
+
+
+LARGEST_SEED = 2**128 - 1
+"""The key of the generator has 128 bits."""
+
+
+def checked_seed(where: str, seed: int) -> int:
+    """A seed that the generator takes.
+
+    **Raises:** `SimulationError` where it does not.
+    """
+    number = whole_number(where, seed, 0, SimulationError)
+    if number > LARGEST_SEED:
+        raise SimulationError(f"{where}: found {number}, allowed is up to 2**128 - 1")
+    return number
+
+
+def checked_spread(where: str, spread: float | int) -> float:
+    """A standard deviation as a part of the value.
+
+    **Raises:** `SimulationError` where it is not between 0 and 1.
+    """
+    number = finite_number(where, spread, SimulationError)
+    if not 0 < number < 1:
+        raise SimulationError(f"{where}: found {spread}, allowed is between 0 and 1")
+    return number
 
 
 def normal_draws(

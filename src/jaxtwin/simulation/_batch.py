@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._arguments import check_callable, mapping_of, names_of, whole_number
 from .._errors import JaxtwinError, ParameterError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
@@ -156,8 +157,9 @@ def simulate_batch(
     draws = _checked_draws(twin, parameters)
     wanted = None if reductions is None else checked_reductions(reductions, [experiment])
     for name, number in (("chunk_size", chunk_size), ("workers", workers)):
-        if number is not None and (not isinstance(number, int) or number < 1):
-            raise SimulationError(f"{name}: found {number!r}, allowed is a whole number above 0")
+        if number is not None:
+            whole_number(name, number, 1, SimulationError)
+    check_callable("on_progress", on_progress, SimulationError)
     columns = np.array([twin.channels.index(name) for name in names])
     at_rest = isinstance(start, str)
     runner = ChunkRunner(twin, start, checked_precision(precision), chunk_size, workers)
@@ -314,7 +316,8 @@ def _solve_stiff(
 
 def _checked_draws(twin: Twin, parameters: Mapping[str, Any]) -> dict[str, np.ndarray]:
     rig = twin.rig
-    if not parameters:
+    mapping_of(f"{rig.name}: parameters", parameters, "name -> draws", ParameterError)
+    if not len(parameters):
         raise ParameterError(f"{rig.name}: parameters: found none, allowed is name -> draws")
     draws: dict[str, np.ndarray] = {}
     held = [name for name in rig.parameters if name not in parameters]
@@ -330,7 +333,10 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, Any]) -> dict[str, np.nd
                 f"{rig.name}: unknown parameter {name!r}, allowed are {', '.join(rig.parameters)}"
             )
         try:
-            array = np.asarray(values, dtype=float)
+            array = np.asarray(values)
+            if array.dtype.kind in "bcSU":  # conversion would take them, and say nothing
+                raise TypeError
+            array = array.astype(float)
         except (TypeError, ValueError):
             raise ParameterError(
                 f"{rig.name}: parameter {name}: found {values!r}, allowed are numbers"
@@ -358,7 +364,7 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, Any]) -> dict[str, np.nd
 
 def checked_precision(precision: Precision) -> Precision:
     """**Raises:** `SimulationError` where it is none."""
-    if precision not in ("float64", "float32"):
+    if not (isinstance(precision, str) and precision in ("float64", "float32")):
         raise SimulationError(f'precision: found {precision!r}, allowed is "float64" or "float32"')
     return precision
 
@@ -371,7 +377,7 @@ def checked_reductions(
     **Raises:** `SimulationError` for unknown names, none, or the cost where nothing is recorded, or
     nothing in one of the channels.
     """
-    wanted, experiments = tuple(reductions), list(experiments)
+    wanted, experiments = names_of("reductions", reductions, SimulationError), list(experiments)
     unknown = [name for name in wanted if name not in REDUCTIONS]
     if unknown or not wanted:
         raise SimulationError(

@@ -32,7 +32,8 @@ def initial_temperatures(
 def checked_initial(twin: Twin, initial: Initial) -> str | Float[np.ndarray, " starts"] | None:
     """None, "steady", or absolute temperatures, K: one a node, or a single one for all.
 
-    **Raises:** `SimulationError` for another word, a wrong shape or numbers that are not finite.
+    **Raises:** `SimulationError` for another word, a wrong shape, or numbers that are not finite or
+    below absolute zero.
     """
     if initial is None or (isinstance(initial, str) and initial == "steady"):
         return initial
@@ -40,12 +41,22 @@ def checked_initial(twin: Twin, initial: Initial) -> str | Float[np.ndarray, " s
     allowed = f'None, "steady", a number or an array of {nodes} node temperatures in degC'
     if isinstance(initial, str):
         raise SimulationError(f"initial: found {initial!r}, allowed is {allowed}")
-    values = np.asarray(initial, dtype=float)
+    try:
+        values = np.asarray(initial)
+    except ValueError:  # rows of different lengths
+        values = np.array(None)
+    if values.dtype.kind not in "iuf":
+        raise SimulationError(f"initial: found {initial!r}, allowed is {allowed}")
     if values.shape not in ((), (nodes,)) or not np.isfinite(values).all():
         raise SimulationError(
             f"initial: found shape {values.shape} with {values.tolist()}, allowed is {allowed}"
         )
-    return np.atleast_1d(values) + 273.15
+    kelvin = np.atleast_1d(values.astype(float)) + 273.15
+    if kelvin.min() < 0:
+        raise SimulationError(
+            f"initial: found {kelvin.min() - 273.15:g} degC, allowed is -273.15 degC and above"
+        )
+    return kelvin
 
 
 def keeps_symmetry(initial: str | Float[Array | np.ndarray, " starts"] | None) -> bool:

@@ -7,10 +7,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._arguments import finite_number, of_kind
 from .._errors import ParameterError, SimulationError
 from .._jax_settings import own_settings
-from ..io import Experiment
-from ..physics import System, Twin, build_netlist
+from ..io import EXPERIMENT, Experiment
+from ..physics import System, Twin, build_netlist, check_twin
 from ..rig import Rig, Value
 from ._ambient import ambient_of_samples, reference_temperature
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
@@ -68,6 +69,8 @@ def simulate(
     where a resistance, a heat capacity, or a driver's lag or delay is not above 0, or a parameter
     holds more than one value.
     """
+    if solver is not None:
+        _check_solver(solver, stepsize_controller, dt0)
     if solver is None and not (stepsize_controller is None and dt0 is None):
         raise SimulationError(
             "stepsize_controller, dt0: found without a solver, allowed is beside one; the default "
@@ -140,6 +143,8 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
     **Raises:** `SimulationError` where it names others than the rig has, or drives another number
     of cells.
     """
+    check_twin("twin", twin, SimulationError)
+    of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)
     cells = len(twin.netlist.cells)
     label = experiment.name or "the experiment"
     if experiment.n_cells != cells:
@@ -154,6 +159,21 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
             f"{', '.join(twin.channels)}"
         )
     return experiment.channels or twin.channels
+
+
+def _check_solver(
+    solver: "diffrax.AbstractSolver",
+    controller: "diffrax.AbstractStepSizeController | None",
+    dt0: float | None,
+) -> None:
+    import diffrax
+
+    of_kind("solver", solver, diffrax.AbstractSolver, "a diffrax solver or None", SimulationError)
+    if controller is not None:
+        kind, allowed = diffrax.AbstractStepSizeController, "a diffrax controller or None"
+        of_kind("stepsize_controller", controller, kind, allowed, SimulationError)
+    if dt0 is not None and finite_number("dt0", dt0, SimulationError) <= 0:
+        raise SimulationError(f"dt0: found {dt0!r} s, allowed is above 0 or None")
 
 
 def _check_values(twin: Twin) -> None:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool
 
+from .._arguments import path_of
+from .._errors import SimulationError
 from ._disk import disk_errors
 from ._store import read_identity
 
@@ -31,7 +33,7 @@ def open_sweep(folder: str | os.PathLike[str]) -> "xarray.Dataset":
 
     **Raises:** `SimulationError` where the folder holds no sweep.
     """
-    place = Path(folder)
+    place = path_of("open_sweep: folder", folder, SimulationError)
     identity = read_identity(place)
     with disk_errors(place):
         import xarray

@@ -3,6 +3,9 @@
 Workers need not know of each other: none waits for another, and one that dies takes none with it.
 """
 
+from collections.abc import Sequence
+
+from .._arguments import whole_number
 from .._errors import SimulationError
 
 
@@ -22,7 +25,9 @@ def own_part(process: tuple[int, int] | None = None) -> tuple[int, int]:
         if jax.distributed.is_initialized():
             return jax.process_index(), jax.process_count()
         return 0, 1
-    number, count = process
+    if not isinstance(process, Sequence) or len(process) != 2:
+        raise SimulationError(f"process: found {process!r}, allowed is (number, how many)")
+    number, count = (whole_number("process", one, None, SimulationError) for one in process)
     if not 0 <= number < count:
         raise SimulationError(
             f"process: found {number} of {count}, allowed are 0 to {max(count, 1) - 1} of "

@@ -9,11 +9,20 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from .. import __version__
+from .._arguments import whole_number
 from .._errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
-from ..sensitivity import distinct_names, drawn_values, normal_draws, own_draws, paired_twins
+from ..sensitivity import (
+    checked_seed,
+    checked_spread,
+    distinct_names,
+    drawn_values,
+    normal_draws,
+    own_draws,
+    paired_twins,
+)
 from ..simulation import (
     REDUCTIONS,
     Precision,
@@ -152,15 +161,8 @@ def plan_sweep(
     **Raises:** as `sweep`.
     """
     twins, recordings = paired_twins("sweep", twin, experiments)
-    for name, number, least in (
-        ("draws", draws, 1),
-        ("chunk_size", chunk_size, 1),
-        ("seed", seed, 0),
-    ):
-        if number < least:
-            raise SimulationError(f"sweep: {name}: found {number}, allowed is at least {least}")
-    if not 0 < spread < 1:
-        raise SimulationError(f"sweep: spread: found {spread}, allowed is between 0 and 1")
+    for name, number in (("draws", draws), ("chunk_size", chunk_size)):
+        whole_number(f"sweep: {name}", number, 1, SimulationError)
     if reductions is None:
         recorded = all(one.temperatures is not None for one in recordings)
         reductions = ("cost", "final") if recorded else ("final",)
@@ -170,8 +172,8 @@ def plan_sweep(
         experiments=tuple(recordings),
         values=drawn_values(twins[0], parameters),
         draws=int(draws),
-        spread=float(spread),
-        seed=int(seed),
+        spread=checked_spread("sweep: spread", spread),
+        seed=checked_seed("sweep: seed", seed),
         # In one order: the same sweep whatever the order they were asked for in.
         reductions=tuple(name for name in REDUCTIONS if name in asked),
         precision=checked_precision(precision),

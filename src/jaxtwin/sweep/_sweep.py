@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from .._arguments import check_callable, path_of
+from .._errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
@@ -119,6 +121,8 @@ def sweep(
     fit has not seen is too short to take its own values from.
     """
     began = time.perf_counter()
+    place = path_of("sweep: folder", folder, SimulationError)
+    check_callable("sweep: on_progress", on_progress, SimulationError)
     plan = plan_sweep(
         twin,
         experiments,
@@ -131,7 +135,7 @@ def sweep(
         chunk_size=chunk_size,
     )
     number, processes = own_part(process)
-    store = Store(Path(folder), plan)
+    store = Store(place, plan)
     sizes = -np.subtract(*np.transpose([plan.span(chunk) for chunk in range(plan.chunks)]))
     own = np.arange(plan.chunks) % processes == number
     before = store.done()

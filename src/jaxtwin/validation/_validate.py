@@ -1,14 +1,15 @@
 """Predicting what a match has not seen: another recording, the rest of one, each one in turn."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
 
+from .._arguments import check_callable, finite_number, names_of
 from .._errors import MatchError
-from ..io import Experiment
+from ..io import Experiment, as_experiments
 from ..matching import WARM_UP, Fit, checked_recordings, estimate_initial_conditions, match
 from ..physics import Twin
 from ..simulation import Run, simulate
@@ -22,8 +23,9 @@ def validate(
     fitted: Twin | Fit | str | os.PathLike[str],
     recordings: Experiment | Sequence[Experiment],
     *,
-    warm_up: float = WARM_UP,
+    warm_up: float | int = WARM_UP,
     own: Iterable[str] | None = None,
+    on_progress: Callable[[int], None] | None = None,
 ) -> Validation:
     """Predicts recordings that the match has not seen.
 
@@ -39,6 +41,7 @@ def validate(
     - `warm_up`: s.
     - `own`: which parameters are estimated from a recording; by default those that have a value for
       each recording in the fit, or in the rig's table.
+    - `on_progress`: called with the number of newly predicted recordings.
 
     **Raises:** `MatchError` where a recording is too short for that or has no temperatures;
     `SimulationError` for recordings of another rig; `ParameterError` where a saved fit cannot be
@@ -46,18 +49,26 @@ def validate(
     """
     fitted = Fit.load(fitted) if isinstance(fitted, str | os.PathLike) else fitted
     twin = fitted.twin if isinstance(fitted, Fit) else fitted
+    own = None if own is None else names_of("validate: own", own, MatchError)
+    warm_up = finite_number("validate: warm_up", warm_up, MatchError)
     several = _listed(recordings)
     names = checked_recordings(twin, several)
-    made = [
-        _predict(name, fitted, one, warm_up, own, None)
-        for name, one in zip(names, several, strict=True)
-    ]
+    check_callable("validate: on_progress", on_progress, MatchError)
+    made = []
+    for name, one in zip(names, several, strict=True):
+        made.append(_predict(name, fitted, one, warm_up, own, None))
+        _tell(on_progress)
     kind = f"predicted after the first {warm_up:g} s"
     return Validation(twin.rig.name, kind, tuple(made))
 
 
 def validate_split(
-    twin: Twin, recordings: Experiment | Sequence[Experiment], at: float, **options: Any
+    twin: Twin,
+    recordings: Experiment | Sequence[Experiment],
+    at: float | int,
+    *,
+    on_progress: Callable[[int], None] | None = None,
+    **options: Any,
 ) -> Validation:
     """Matches the first part of recordings and predicts the rest.
 
@@ -66,13 +77,17 @@ def validate_split(
     - `twin`: where the match starts.
     - `recordings`: one or several.
     - `at`: the match sees samples before this time, s.
-    - `options`: those of `match`. Events and masks at or after the split are left out.
+    - `on_progress`: called with the number of newly predicted recordings.
+    - `options`: those of `match`, `on_iteration` among them. Events and masks at or after the
+      split are left out.
 
     **Raises:** `MatchError` where the split leaves too few samples on either side; what `match`
     raises.
     """
+    at = finite_number("validate_split: at", at, MatchError)
     several = _listed(recordings)
     names = checked_recordings(twin, several)
+    check_callable("validate_split: on_progress", on_progress, MatchError)
     for name, one in zip(names, several, strict=True):
         before, after = (_samples(one, part) for part in (one.time < at, one.time >= at))
         if min(before, after) < LEAST:
@@ -86,11 +101,17 @@ def validate_split(
     for name, one in zip(names, several, strict=True):
         run = _from(simulate(fit.twins[name], one), at)
         made.append(Prediction(name, run, fit.twins[name], fit.recording_values[name], (), fit))
+        _tell(on_progress)
     return Validation(twin.rig.name, f"matched before {at:g} s, predicted from there", tuple(made))
 
 
 def leave_one_out(
-    twin: Twin, recordings: Sequence[Experiment], *, warm_up: float = WARM_UP, **options: Any
+    twin: Twin,
+    recordings: Sequence[Experiment],
+    *,
+    warm_up: float | int = WARM_UP,
+    on_progress: Callable[[int], None] | None = None,
+    **options: Any,
 ) -> Validation:
     """Predicts each recording with a twin matched to the others.
 
@@ -99,11 +120,14 @@ def leave_one_out(
     - `twin`: where every match starts.
     - `recordings`: two or more.
     - `warm_up`: as in `validate`.
-    - `options`: those of `match`.
+    - `on_progress`: called with the number of newly predicted recordings.
+    - `options`: those of `match`; `on_iteration` is told of each match.
 
     **Raises:** `MatchError` for fewer than two recordings; what `match` and `validate` raise.
     """
     several = _listed(recordings)
+    warm_up = finite_number("leave_one_out: warm_up", warm_up, MatchError)
+    check_callable("leave_one_out: on_progress", on_progress, MatchError)
     names = checked_recordings(twin, several)
     if len(several) < 2:
         raise MatchError(f"leave one out: found {len(several)} recordings, allowed are two or more")
@@ -112,6 +136,7 @@ def leave_one_out(
         others = [one for number, one in enumerate(several) if number != out]
         fit = match(twin, others, **_without(name, options))
         made.append(_predict(name, fit, several[out], warm_up, None, fit))
+        _tell(on_progress)
     return Validation(twin.rig.name, "each predicted by a match to the others", tuple(made))
 
 
@@ -138,6 +163,11 @@ def _predict(
 def _samples(recording: Experiment, part: Bool[np.ndarray, " times"]) -> int:
     """How many samples the channel has that has the fewest in a part."""
     return int(recording.sampled[part].sum(axis=0).min(initial=len(recording.time)))
+
+
+def _tell(on_progress: Callable[[int], None] | None) -> None:
+    if on_progress is not None:
+        on_progress(1)
 
 
 def _from(run: Run, start: float) -> Run:
@@ -177,4 +207,4 @@ def _without(name: str, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _listed(recordings: Experiment | Sequence[Experiment]) -> list[Experiment]:
-    return [recordings] if isinstance(recordings, Experiment) else list(recordings)
+    return as_experiments("recordings", recordings, MatchError)

@@ -1,0 +1,130 @@
+"""Arguments of public functions that are something else than they should be, told in one line.
+
+Type checkers find them beforehand; at a prompt, nobody has asked one.
+"""
+
+import errno
+import math
+import operator
+import os
+import reprlib
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+import numpy as np
+
+from ._errors import JaxtwinError
+
+Kind = TypeVar("Kind")
+Failure = type[JaxtwinError]
+
+
+def of_kind(where: str, value: object, kind: type[Kind], allowed: str, error: Failure) -> Kind:
+    """A value that is of a class.
+
+    **Arguments:**
+
+    - `where`: function and argument, for the message.
+    - `allowed`: what is allowed, in words.
+
+    **Raises:** `error` where it is of another.
+    """
+    if not isinstance(value, kind):
+        _refuse(where, value, allowed, error)
+    return value
+
+
+def whole_number(where: str, value: Any, least: int | None, error: Failure) -> int:
+    """A whole number of Python or NumPy that is at least `least`; None for any.
+
+    **Raises:** `error` where it is none; true and false are none.
+    """
+    above = {None: "", 1: " above 0"}.get(least, f" of at least {least}")
+    try:
+        number = None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or (least is not None and number < least):
+        _refuse(where, value, f"a whole number{above}", error)
+    return number
+
+
+def finite_number(where: str, value: Any, error: Failure) -> float:
+    """A finite number of Python, NumPy or JAX.
+
+    **Raises:** `error` where it is none; true, false and text are none.
+    """
+    allowed = "a finite number"
+    if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
+        _refuse(where, value, allowed, error)
+    number = float(value)
+    if not math.isfinite(number):
+        _refuse(where, value, allowed, error)
+    return number
+
+
+def names_of(where: str, value: Any, error: Failure) -> tuple[str, ...]:
+    """Names, each once and in the order given. A single text is one name.
+
+    **Raises:** `error` for anything else.
+    """
+    allowed = "one name or several"
+    if isinstance(value, str):
+        return (value,)
+    if not isinstance(value, Iterable):
+        _refuse(where, value, allowed, error)
+    names = tuple(value)
+    for name in names:
+        if not isinstance(name, str):
+            _refuse(where, name, allowed, error)
+    return tuple(dict.fromkeys(names))
+
+
+def mapping_of(where: str, value: Any, allowed: str, error: Failure) -> Mapping[str, Any]:
+    """A mapping whose keys are names.
+
+    **Raises:** `error` for anything else.
+    """
+    # A table of pandas is no Mapping, but has what is needed of one.
+    if not (isinstance(value, Mapping) or (hasattr(value, "keys") and hasattr(value, "items"))):
+        _refuse(where, value, allowed, error)
+    for name in value:
+        if not isinstance(name, str):
+            _refuse(where, name, allowed, error)
+    return value
+
+
+def path_of(where: str, value: Any, error: Failure) -> Path:
+    """A path of the file system, with `~` as the home folder.
+
+    **Raises:** `error` for anything else, and for text that no path may hold.
+    """
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(text, str) or not text or "\0" in text:
+        _refuse(where, value, "the path of a file or a folder", error)
+    path = Path(text)
+    with suppress(RuntimeError):  # a user of that name is not known
+        path = path.expanduser()
+    try:
+        path.lstat()
+    except OSError as problem:
+        # What is missing or may not be read is told where it is opened.
+        if problem.errno == errno.ENAMETOOLONG:
+            _refuse(where, value, "a path whose names are not too long", error)
+    return path
+
+
+def check_callable(where: str, value: object, error: Failure) -> None:
+    """Refuses what cannot be called and is not None.
+
+    **Raises:** `error`.
+    """
+    if value is not None and not callable(value):
+        _refuse(where, value, "a function or None", error)
+
+
+def _refuse(where: str, value: object, allowed: str, error: Failure) -> NoReturn:
+    shown = " ".join(reprlib.repr(value).split())
+    raise error(f"{where}: found {shown}, allowed is {allowed}") from None

@@ -1,0 +1,185 @@
+"""Arguments that are something else than the signature says give one clear sentence.
+
+The package is imported without the checks of shapes and types that all other tests have: whoever
+calls it at a prompt has none.
+"""
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+SETTING = """
+import json, sys
+import numpy as np
+from jaxtwin import *
+from jaxtwin.data import synthetic_recordings
+rig = load_rig("paper-2024")
+twin = Twin(rig)
+drive = Experiment.schedule("0:0.5", duration=50, cells=2)
+seen = read_recording(synthetic_recordings()[0]).between(0, 60)
+draws = {"R_ph": [0.5, 0.6]}
+found = {}
+for text in json.load(sys.stdin):
+    try:
+        found[text] = ["nothing", repr(eval(text))]
+    except Exception as problem:
+        found[text] = [type(problem).__name__, str(problem)]
+json.dump(found, sys.stdout)
+"""
+
+TWIN = "twin: found .*, allowed is a Twin, as Twin\\(rig\\) makes it"
+EXPERIMENT = "found .*, allowed is an Experiment, as read_recording"
+FIT = "fit: found .*, allowed is a Fit, as match gives it"
+RIG = "rig: found .*, allowed is a Rig, as load_rig reads it"
+PATH = "found .*, allowed is (the path of a file or a folder|a path whose names are not too long)"
+WHOLE = "found .*, allowed is a whole number "
+FINITE = "found .*, allowed is a finite number"
+NAMES = "found .*, allowed is one name or several"
+FUNCTION = "found .*, allowed is a function or None"
+
+CASES = {
+    "simulate('paper-2024', drive)": ("SimulationError", TWIN),
+    "simulate(None, drive)": ("SimulationError", TWIN),
+    "simulate(rig, drive)": ("SimulationError", TWIN),
+    "simulate(Twin, drive)": ("SimulationError", TWIN),
+    "response(rig, drive)": ("SimulationError", TWIN),
+    "simulate_batch(rig, drive, draws)": ("SimulationError", TWIN),
+    "match(rig, seen)": ("MatchError", TWIN),
+    "match_many(rig, [[seen]])": ("MatchError", TWIN),
+    "sensitivity(rig, seen)": ("SimulationError", "sensitivity: " + TWIN),
+    "sensitivity('paper-2024', seen)": ("SimulationError", "sensitivity: " + TWIN),
+    "sensitivity([rig], seen)": ("SimulationError", "sensitivity: " + TWIN),
+    "sweep(rig, seen, 'folder', draws=3)": ("SimulationError", "sweep: " + TWIN),
+    "validate(None, seen)": ("MatchError", TWIN),
+    "validate_split(rig, seen, 30)": ("MatchError", TWIN),
+    "leave_one_out(rig, [seen, seen])": ("MatchError", TWIN),
+    "simulate(twin, 'run.csv')": ("SimulationError", "experiment: " + EXPERIMENT),
+    "simulate(twin, np.zeros((3, 2)))": ("SimulationError", "experiment: " + EXPERIMENT),
+    "simulate_batch(twin, None, draws)": ("SimulationError", "experiment: " + EXPERIMENT),
+    "Experiment([0, 1], [0, 1], name=3)": ("RecordingError", "name: found 3, allowed is text"),
+    "Experiment([0, 1], [0, 1], channels=3)": ("RecordingError", "channels: found 3, allowed is"),
+    "Experiment.schedule(None, duration=9)": ("RecordingError", "text: found None, allowed is te"),
+    "Experiment.schedule('0:1', duration='9')": ("RecordingError", "duration: " + FINITE),
+    "Experiment.schedule('0:1', duration=True)": ("RecordingError", "duration: " + FINITE),
+    "Experiment.schedule('0:1', duration=9, step='1')": ("RecordingError", "step: " + FINITE),
+    "Experiment.schedule('0:1', duration=9, cells=1.5)": ("RecordingError", "cells: " + WHOLE),
+    "seen.between('a', 5)": ("RecordingError", "between: t0: " + FINITE),
+    "seen.between(0, True)": ("RecordingError", "between: t1: " + FINITE),
+    "seen.select(None)": ("RecordingError", "channels: found None, allowed is one name or several"),
+    "match(twin, 'synthetic-A')": ("MatchError", "match: experiments: " + EXPERIMENT),
+    "match(twin, None)": ("MatchError", "match: experiments: " + EXPERIMENT),
+    "match(twin, ['synthetic-A'])": ("MatchError", "match: experiments: " + EXPERIMENT),
+    "match_many(twin, 7)": ("MatchError", "sets: found 7, allowed is one or several sets"),
+    "match_many(twin, [7])": ("MatchError", "match_many: sets: " + EXPERIMENT),
+    "match_many(twin, [])": ("MatchError", "sets: found none"),
+    "sensitivity(twin, {})": ("SimulationError", "sensitivity: found 0 twins for 0"),
+    "sensitivity(twin, 7)": ("SimulationError", "sensitivity: experiments: " + EXPERIMENT),
+    "sweep(twin, 'a', 'folder', draws=3)": ("SimulationError", "sweep: experiments: " + EXPERIMENT),
+    "validate(twin, 7)": ("MatchError", "recordings: " + EXPERIMENT),
+    "profile(None, 'R_ph')": ("MatchError", "profile: " + FIT),
+    "profile(twin, 'R_ph')": ("MatchError", "profile: " + FIT),
+    "prediction_band('fit.toml')": ("MatchError", "prediction_band: " + FIT),
+    "build_netlist(twin)": ("RigError", "build_netlist: " + RIG),
+    "plate_map(twin, np.zeros(24))": ("ParameterError", "plate_map: " + RIG),
+    "plate_map(rig, ['a'])": ("ParameterError", "temperatures: found .* values, allowed are numb"),
+    "frame_to_channels(None, np.zeros((4, 4)))": ("RigError", "frame_to_channels: " + RIG),
+    "frame_to_channels(rig, 3)": ("RigError", "frames: found .* of shape \\(\\), allowed are"),
+    "read_parameters('fit.toml', twin)": ("ParameterError", "read_parameters: " + RIG),
+    "write_recording(twin, 'run.csv')": ("RecordingError", EXPERIMENT),
+    "load_rig(None)": ("RigError", "load_rig: " + PATH),
+    "load_rig(b'paper-2024')": ("RigError", "load_rig: " + PATH),
+    "load_rig('a' * 5000)": ("RigError", "load_rig: " + PATH),
+    "read_recording(None)": ("RecordingError", "read_recording: path: " + PATH),
+    "read_recording('')": ("RecordingError", "read_recording: path: " + PATH),
+    "read_recording('a\\0b')": ("RecordingError", "read_recording: path: " + PATH),
+    "read_recording('a' * 5000)": ("RecordingError", "read_recording: path: " + PATH),
+    "write_recording(drive, 3)": ("RecordingError", "write_recording: path: " + PATH),
+    "read_parameters(3, rig)": ("ParameterError", PATH),
+    "open_sweep(3)": ("SimulationError", "open_sweep: folder: " + PATH),
+    "sweep(twin, seen, None, draws=3)": ("SimulationError", "sweep: folder: " + PATH),
+    "Twin(rig, [1])": ("ParameterError", "parameters: found .*, allowed is name -> value"),
+    "twin.with_parameters(5)": ("ParameterError", "parameters: found 5, allowed is name -> value"),
+    "Twin(rig, {3: 1.0})": ("ParameterError", "parameters: found 3, allowed is name -> value"),
+    "Twin(rig, {'R_ph': [[1], [1, 2]]})": ("ParameterError", "allowed are finite numbers"),
+    "Twin(rig, {'R_ph': []})": ("ParameterError", "R_ph: found \\[\\], allowed are finite numbers"),
+    "simulate_batch(twin, drive, 'R_ph')": ("ParameterError", "allowed is name -> draws"),
+    "simulate_batch(twin, drive, {'R_ph': [True]})": ("ParameterError", "allowed are numbers"),
+    "simulate_batch(twin, drive, {'R_ph': ['1']})": ("ParameterError", "allowed are numbers"),
+    "simulate_batch(twin, drive, {'R_ph': np.ones(2) + 0j})": ("ParameterError", "are numbers"),
+    "simulate_batch(twin, drive, draws, reductions=3)": ("SimulationError", "reductions: " + NAMES),
+    "simulate_batch(twin, drive, draws, reductions=[[1]])": ("SimulationError", NAMES),
+    "simulate_batch(twin, drive, draws, precision=[])": ("SimulationError", "precision: found"),
+    "simulate_batch(twin, drive, draws, chunk_size=True)": ("SimulationError", WHOLE + "above 0"),
+    "simulate_batch(twin, drive, draws, on_progress=3)": ("SimulationError", FUNCTION),
+    "simulate(twin, drive, initial=True)": ("SimulationError", "initial: found True, allowed is"),
+    "simulate(twin, drive, initial={})": ("SimulationError", "initial: found {}, allowed is"),
+    "simulate(twin, drive, initial=['a'])": ("SimulationError", "initial: found"),
+    "simulate(twin, drive, initial=[[1], [1, 2]])": ("SimulationError", "initial: found"),
+    "simulate(twin, drive, initial=-300)": (
+        "SimulationError",
+        "initial: found -300 degC, allowed is -273.15 degC and above",
+    ),
+    "simulate(twin, drive, solver='Kvaerno5')": ("SimulationError", "allowed is a diffrax solver"),
+    "match(twin, seen, free=3)": ("MatchError", "free: " + NAMES),
+    "match(twin, seen, fixed=[None])": ("MatchError", "fixed: " + NAMES),
+    "match(twin, seen, per_recording=4)": ("MatchError", "per_recording: " + NAMES),
+    "match(twin, seen, bounds=[1])": ("MatchError", "bounds: found .*, allowed is name -> "),
+    "match(twin, seen, bounds={'R_ph': 3})": ("MatchError", "allowed are \\(lower, upper\\)"),
+    "match(twin, seen, bounds={'R_ph': ('a', 'b')})": ("MatchError", "R_ph: bounds: found"),
+    "match(twin, seen, bounds={'R_ph': (None, 3)})": ("MatchError", "R_ph: bounds: found"),
+    "match(twin, seen, bounds={'R_ph': (np.nan, 3)})": ("MatchError", "R_ph: bounds: found"),
+    "match(twin, seen, bounds={'R_ph': ((1, 2), 3)})": ("MatchError", "R_ph: bounds: found"),
+    "match(twin, seen, robust='huber')": ("MatchError", "robust: " + FINITE),
+    "match(twin, seen, robust=True)": ("MatchError", "robust: " + FINITE),
+    "match(twin, seen, starts='2')": ("MatchError", "starts: " + WHOLE + "above 0"),
+    "match(twin, seen, seed=-1)": ("MatchError", "seed: " + WHOLE + "of at least 0"),
+    "match(twin, seen, solver='lm')": ("MatchError", "solver: found 'lm', allowed is a Bounded"),
+    "match(twin, seen, on_iteration=3)": ("MatchError", "on_iteration: " + FUNCTION),
+    "sensitivity(twin, seen, draws=5.5)": ("SimulationError", "draws: " + WHOLE + "of at least 3"),
+    "sensitivity(twin, seen, spread='a')": ("SimulationError", "spread: " + FINITE),
+    "sensitivity(twin, seen, spread=1)": ("SimulationError", "spread: .* between 0 and 1"),
+    "sensitivity(twin, seen, seed=None)": ("SimulationError", "seed: " + WHOLE + "of at least 0"),
+    "sensitivity(twin, seen, seed=2**200)": ("SimulationError", "seed: found .* up to 2\\*\\*128"),
+    "sensitivity(twin, seen, parameters=3)": ("ParameterError", "parameters: " + NAMES),
+    "sensitivity(twin, seen, on_progress=3)": ("SimulationError", "on_progress: " + FUNCTION),
+    "sweep(twin, seen, 'folder', draws=True)": (
+        "SimulationError",
+        "sweep: draws: " + WHOLE + "above 0",
+    ),
+    "sweep(twin, seen, 'folder', draws=3, process=3)": ("SimulationError", "process: found 3, all"),
+    "sweep(twin, seen, 'folder', draws=3, process=(0.5, 2))": (
+        "SimulationError",
+        "process: found 0.5, all",
+    ),
+    "validate(twin, seen, warm_up='a')": ("MatchError", "validate: warm_up: " + FINITE),
+    "validate(twin, seen, own=3)": ("MatchError", "validate: own: " + NAMES),
+    "validate_split(twin, seen, None)": ("MatchError", "validate_split: at: " + FINITE),
+    "leave_one_out(twin, [seen, seen], warm_up=None)": ("MatchError", "warm_up: " + FINITE),
+}
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, list[str]]:
+    """Call -> name and text of what it raised, from one process for all of them."""
+    child = subprocess.run(
+        [sys.executable, "-c", SETTING],
+        input=json.dumps(list(CASES)),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(child.stdout)
+
+
+@pytest.mark.parametrize("call", CASES)
+def test_a_wrong_argument_gives_a_sentence_that_says_what_is_allowed(
+    found: dict[str, list[str]], call: str
+) -> None:
+    error, words = CASES[call]
+    raised, text = found[call]
+    assert raised == error, text
+    assert re.search(words, text)
+    assert "\n" not in text

@@ -1,0 +1,84 @@
+"""Whoever waits for a validation hears of each recording that is predicted, and of each step."""
+
+import numpy as np
+import pytest
+
+from jaxtwin import Experiment, Twin, leave_one_out, validate, validate_split
+from jaxtwin.commands._validate import _News
+from jaxtwin.matching import Iteration
+
+FREE = ["C_load", "T_amb", "T_start"]
+
+
+@pytest.fixture(scope="module")
+def days() -> list[Experiment]:
+    """Two of one shape, so that they share compiled code."""
+    days = []
+    for seed, name in enumerate(("monday", "tuesday")):
+        drive = Experiment.schedule("70:0.4", duration=140)
+        noise = np.random.default_rng(seed).standard_normal((len(drive.time), 1))
+        seen = Twin("single-cell").simulate(drive).temperatures + 0.05 * noise
+        one = Experiment(drive.time, drive.duty, channels=("T",), temperatures=seen, name=name)
+        days.append(one)
+    return days
+
+
+def test_a_validation_tells_of_each_recording(days: list[Experiment]):
+    told: list[int] = []
+    validate(Twin("single-cell"), days, on_progress=told.append)
+    assert told == [1, 1]
+
+
+def test_a_split_tells_of_the_match_and_of_each_recording(days: list[Experiment]):
+    told: list[object] = []
+    validate_split(
+        Twin("single-cell"),
+        days,
+        100,
+        free=FREE,
+        max_iterations=2,
+        on_progress=told.append,
+        on_iteration=told.append,
+    )
+    assert told[-2:] == [1, 1]
+    assert all(isinstance(one, Iteration) for one in told[:-2])
+    assert len(told) > 2
+
+
+def test_leave_one_out_tells_of_every_match(days: list[Experiment]):
+    """The first iteration of a match has the number 0: two matches, two such."""
+    told: list[object] = []
+    leave_one_out(
+        Twin("single-cell"),
+        days,
+        free=FREE,
+        max_iterations=2,
+        on_progress=told.append,
+        on_iteration=told.append,
+    )
+    assert [one for one in told if one == 1] == [1, 1]
+    assert [isinstance(one, int) for one in told].index(True) < len(told) - 1
+    assert told[-1] == 1
+
+
+def test_the_command_says_how_many_are_predicted_and_how_far_the_match_is():
+    said: list[str] = []
+
+    class Listener:
+        def step(self, text: str) -> None:
+            said.append(text)
+
+        def news(self, text: str) -> None:
+            said.append(text)
+
+    news = _News(Listener(), 2)
+    news.predicted(1)
+    step = Iteration(
+        number=3, start=0, cost=0.04, rmse=0.2, gradient=0.0, accepted=True, parameters={}
+    )
+    news.iteration(step)
+    assert said == [
+        "0 of 2 predicted",
+        "1 of 2 predicted",
+        "1 of 2 predicted, matching: iteration 3, RMSE 0.2000 K",
+    ]
