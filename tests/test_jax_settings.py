@@ -61,7 +61,7 @@ def recording(twin: Twin) -> Experiment:
     return Experiment(TIME, DRIVE.duty, temperatures=run.temperatures, channels=run.channels)
 
 
-CALLS: dict[str, Callable[[Twin], np.ndarray]] = {
+CALLS: dict[str, Callable[[Twin], np.ndarray | None]] = {
     "simulate": lambda twin: simulate(twin, DRIVE).temperatures,
     "simulate_batch": lambda twin: simulate_batch(twin, DRIVE, draws(twin)),
     "reductions": lambda twin: (

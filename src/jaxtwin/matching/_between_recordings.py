@@ -32,7 +32,7 @@ GRID = np.linspace(0.0, 3.0, 601)
 """Values of $\\tau$ over which the posterior is summed."""
 
 NEGLIGIBLE = 1e-4
-"""Of the largest variance of a score: in directions below it the noise is not known well enough."""
+"""Of the variance of a recording's score: below it the noise is not known well enough."""
 
 
 class RecordingScore(NamedTuple):
@@ -78,7 +78,8 @@ def spread_between_recordings(
     )
     score = mixing @ np.concatenate([one.score for one in reduced])
     variances, directions = np.linalg.eigh(by_noise)
-    kept = variances > NEGLIGIBLE * variances.max(initial=0.0)
+    # Of one recording nothing is left but rounding.
+    kept = variances > NEGLIGIBLE * max(np.trace(one.noise) for one in reduced)
     whitened = directions[:, kept] / np.sqrt(variances[kept])
     gains, turned = np.linalg.eigh(whitened.T @ by_differences @ whitened)
     squares = (turned.T @ (whitened.T @ score)) ** 2

@@ -244,7 +244,9 @@ def solved_temperatures(attempt: Attempt) -> list[Float[np.ndarray, "times chann
     found: dict[int, np.ndarray] = {}
     for group, difference in zip(attempt.problem.groups, attempt.differences, strict=True):
         for row, position in enumerate(group.positions):
-            found[position] = np.asarray(difference[row]) + np.asarray(group.temperatures[row])
+            times = slice(int(group.lengths[row]))  # without the samples that fill up their number
+            read = np.asarray(difference[row]) + np.asarray(group.temperatures[row])
+            found[position] = read[times]
     return [found[position] for position in sorted(found)]
 
 

@@ -33,7 +33,7 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter, Rig, Value
 from ._descend import Attempt, descend
-from ._estimate import Setting, first_knowledge, learn, make_problem
+from ._estimate import Setting, first_knowledge, learn, make_problem, solved_temperatures
 from ._fit import Fit
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._match import checked_recordings
@@ -66,7 +66,7 @@ REWEIGHTINGS = 4
 ITERATIONS = 50
 
 UNSEEN = 0.7
-"""A value whose standard deviation is still this part of the prior's was not shown by the data."""
+"""A value whose standard deviation is still this part of what it was beforehand was not shown."""
 
 
 @final
@@ -138,7 +138,7 @@ def estimate_initial_conditions(
         twin=twin.with_parameters(values),
         values=values,
         covariance=covariance,
-        warnings=_warnings(unknowns, covariance, warm_up),
+        warnings=_warnings(unknowns, attempt, covariance, warm_up),
     )
 
 
@@ -252,7 +252,8 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
         # A correction of the camera in this minute must not be taken for a plate that cools. Only
         # their times are learned: a minute is too short to learn the noise from.
         events = learn(setting, knowledge, attempt).events
-        weights = _weights(part, sensor.effective, attempt.differences[0][0])
+        (simulated,) = solved_temperatures(attempt)
+        weights = _weights(part, sensor.effective, simulated)
         knowledge = replace(knowledge, events=events, alone_weights=(weights,))
         (values,) = unknowns.values(attempt.vector)
         room = next((float(values[name]) for name in _room(twin.rig) if name in values), None)
@@ -284,7 +285,7 @@ def _ties(rig: Rig, unknowns: Unknowns, room: float | None, first: float) -> Tie
 
 
 def _weights(
-    part: Experiment, noise: float, difference: Float[np.ndarray, "times channels"] | None = None
+    part: Experiment, noise: float, simulated: Float[np.ndarray, "times channels"] | None = None
 ) -> Float[np.ndarray, "times channels"]:
     """Of each sample, 0 to 1: the noise's variance over that of noise and the model's error; 0 for
     a missing one.
@@ -292,14 +293,9 @@ def _weights(
     The model's error keeps its sign for the whole part, so that all samples together tell no more
     of it than one. It grows with what has moved, recorded or simulated: a drive that begins late
     has moved one of the two alone.
-
-    **Arguments:**
-
-    - `difference`: simulated less recorded, K.
     """
     moved = np.abs(part.temperatures - _first_readings(part))
-    if difference is not None:
-        simulated = part.temperatures + difference
+    if simulated is not None:
         first = simulated[part.sampled.argmax(axis=0), np.arange(simulated.shape[1])]
         moved = np.maximum(moved, np.abs(simulated - first))
     moved = np.where(part.sampled, moved, np.inf)
@@ -313,12 +309,18 @@ def _covariance(attempt: Attempt) -> Float[np.ndarray, "values values"]:
 
 
 def _warnings(
-    unknowns: Unknowns, covariance: Float[np.ndarray, "values values"], warm_up: float
+    unknowns: Unknowns,
+    attempt: Attempt,
+    covariance: Float[np.ndarray, "values values"],
+    warm_up: float,
 ) -> tuple[str, ...]:
     spreads = np.sqrt(np.diag(covariance))
+    problem = attempt.problem
+    known = np.diag(np.square(problem.precision)) + problem.ties.rows.T @ problem.ties.rows
+    before = np.sqrt(np.diag(np.linalg.pinv(np.asarray(known), hermitian=True)))
     warnings = []
-    for row, spread in zip(unknowns.own, spreads, strict=True):
-        if row.prior_spread is not None and spread > UNSEEN * row.prior_spread:
+    for row, spread, expected in zip(unknowns.own, spreads, before, strict=True):
+        if row.prior_spread is not None and spread > UNSEEN * expected:
             warnings.append(
                 f"{row.name}: the first {warm_up:g} s do not show it; it stays near its prior, "
                 f"{row.prior_value:.4g} {row.unit}".rstrip()
