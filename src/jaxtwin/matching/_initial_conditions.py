@@ -319,11 +319,13 @@ def _warnings(
     known = np.diag(np.square(problem.precision)) + problem.ties.rows.T @ problem.ties.rows
     before = np.sqrt(np.diag(np.linalg.pinv(np.asarray(known), hermitian=True)))
     warnings = []
+    (values,) = unknowns.values(attempt.vector)
     for row, spread, expected in zip(unknowns.own, spreads, before, strict=True):
+        value = float(values[row.name])
         if row.prior_spread is not None and spread > UNSEEN * expected:
             warnings.append(
-                f"{row.name}: the first {warm_up:g} s do not show it; it stays near its prior, "
-                f"{row.prior_value:.4g} {row.unit}".rstrip()
+                f"{row.name}: the first {warm_up:g} s hardly show it, {value:.4g} +- {spread:.2g} is "
+                "mostly what was expected beforehand"
             )
     correlation = covariance / np.outer(spreads, spreads)
     names = [row.name for row in unknowns.own]
