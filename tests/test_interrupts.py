@@ -10,7 +10,6 @@ import pytest
 from jaxtwin import Experiment, Twin, cli, simulate_batch
 from jaxtwin.commands import _rigs
 from jaxtwin.commands._signals import lasting_interrupt
-from jaxtwin.simulation import _chunk_runner
 
 
 def test_an_interrupted_command_says_so_and_exits_with_130(monkeypatch, capsys):
@@ -42,13 +41,12 @@ def test_an_interrupt_in_a_callback_of_the_garbage_collector_is_not_lost():
 
 
 def test_a_batch_that_is_interrupted_while_it_hands_out_its_chunks_drops_the_rest(monkeypatch):
-    class Interrupted(ThreadPoolExecutor):
-        def map(self, work, numbers):
-            for number in numbers:
-                self.submit(work, number)
-            raise KeyboardInterrupt
+    def interrupted(pool: ThreadPoolExecutor, work, numbers) -> None:
+        for number in numbers:
+            pool.submit(work, number)
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr(_chunk_runner, "ThreadPoolExecutor", Interrupted)
+    monkeypatch.setattr(ThreadPoolExecutor, "map", interrupted)
     drive = Experiment.schedule("0:0.5", duration=20)
     done: list[int] = []
     with pytest.raises(KeyboardInterrupt):
