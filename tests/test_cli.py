@@ -25,6 +25,7 @@ from jaxtwin import (
     write_recording,
 )
 from jaxtwin.cli import app, run
+from jaxtwin.commands import _rigs
 from jaxtwin.commands._sources import find_recording, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
 
@@ -343,6 +344,51 @@ def test_a_reader_that_goes_away_gets_no_traceback():
         process.stdout.close()
         assert process.stderr is not None
         assert process.stderr.read() == ""
+
+
+@pytest.mark.parametrize(
+    ("redirected", "code", "said"),
+    [
+        ("| true", 0, ""),
+        (">&-", 0, ""),
+        ("2>&-", 0, ""),
+        ("> /dev/full", 2, "jaxtwin: standard output: No space left on device\n"),
+    ],
+)
+def test_streams_that_are_gone_or_full_give_no_traceback(redirected: str, code: int, said: str):
+    """Also as a module, `python -m jaxtwin`, where the script is not on the path."""
+    done = subprocess.run(
+        f"set -o pipefail; {sys.executable} -m jaxtwin rigs {redirected}",
+        shell=True,
+        executable="/bin/bash",
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (code, said)
+
+
+def test_an_unknown_backend_of_jax_is_said_in_one_line(monkeypatch, capsys):
+    """What JAX says, such as of a JAX_PLATFORMS for a graphics card that is not there."""
+
+    def start() -> None:
+        raise RuntimeError("Unable to initialize backend 'cuda': not in the list\nMore words")
+
+    monkeypatch.setattr(_rigs, "check_json", lambda _: start())
+    assert run(["rigs"]) == 2
+    said = "jaxtwin: JAX: Unable to initialize backend 'cuda': not in the list\n"
+    assert capsys.readouterr().err == said
+
+
+def test_a_tilde_behind_an_equals_sign_is_the_home_folder(tmp_path, monkeypatch):
+    """Shells leave it alone there, and a folder called ~ is nobody's wish."""
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    assert run(["dc-sweep", "TEC1-12706", "--out=~/sweep"]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"home"}
+    assert (tmp_path / "home" / "sweep" / "TEC1-12706.nc").exists()
 
 
 def test_every_command_is_tested_for_help():

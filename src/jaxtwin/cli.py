@@ -6,6 +6,8 @@ Exit codes: 0, or 2 with one line on standard error that says what was wrong.
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -30,6 +32,7 @@ from .commands import (
     _virtual_rig,
     _watch,
 )
+from .commands._signals import lasting_interrupt
 
 WRONG, STOPPED = 2, 130
 
@@ -188,15 +191,21 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     **Returns:** the exit code.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    words = [_at_home(word) for word in (sys.argv[1:] if arguments is None else arguments)]
     if words in ([], ["data"]):
         words.append("--help")
-    if words[0] in COMPILING and not {"-h", "--help"} & set(words):
-        from .doctor import use_compilation_cache
-
-        use_compilation_cache()
+    # A shell may close them (`>&-`), and Windows may have none.
+    sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (until the process ends)
+    sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
     try:
-        app(words, prog_name="jaxtwin", standalone_mode=False)
+        if words[0] in COMPILING and not {"-h", "--help"} & set(words):
+            from .doctor import use_compilation_cache
+
+            use_compilation_cache()
+        # Newer releases of typer return an exit code where older ones raise.
+        with lasting_interrupt():
+            if app(words, prog_name="jaxtwin", standalone_mode=False) == STOPPED:
+                raise KeyboardInterrupt
         sys.stdout.flush()
     except JaxtwinError as error:
         return _fail(str(error))
@@ -204,12 +213,32 @@ def run(arguments: Sequence[str] | None = None) -> int:
         command = context.command_path if (context := getattr(error, "ctx", None)) else "jaxtwin"
         message = error.format_message().removeprefix("Invalid value: ").rstrip(".")
         return _fail(f"{message} (see '{command} --help')")
+    except RuntimeError as error:
+        if not str(error).startswith("Unable to initialize backend"):
+            raise
+        return _fail(f"JAX: {str(error).splitlines()[0]}")
     except (KeyboardInterrupt, typer.Abort):
         return _fail("stopped", STOPPED)
-    except BrokenPipeError:
-        # The reader of a pipe went away, as `head` does; that is its good right.
+    except (SystemExit, OSError) as error:
+        # typer makes an exit of a pipe that broke.
+        problem = error.__context__ if isinstance(error, SystemExit) else error
+        if not isinstance(problem, OSError) or problem.filename is not None:
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(problem, BrokenPipeError):
+            return _fail(f"standard output: {problem.strerror}")
+        # The reader went away, as `head` does; that is its good right.
     return 0
+
+
+def _at_home(word: str) -> str:
+    """`~` as the home folder: behind `--out=` shells leave it as it is."""
+    option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+    if not value.startswith("~"):
+        return word
+    with suppress(RuntimeError):  # a user of that name is not known
+        value = str(Path(value).expanduser())
+    return f"{option}{equals}{value}"
 
 
 def _fail(message: str, code: int = WRONG) -> int:

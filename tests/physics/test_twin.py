@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, ParameterError, SimulationError, load_rig
+from jaxtwin import Experiment, ParameterError, RigError, SimulationError, load_rig
 from jaxtwin.physics import Twin
 from jaxtwin.physics._wiring import wiring_of
 from jaxtwin.rig import Channel, Value
@@ -50,6 +50,14 @@ def test_values_of_the_table_unless_others_are_given():
     assert float(twin.parameters["R_E"]) == 1.5
     assert float(twin.parameters["C_esp"]) == 1300.0
     assert float(twin.parameters["R_pc"]) == 0.09
+
+
+def test_a_plate_of_more_elements_than_a_twin_can_have_is_refused():
+    """Before tables of all pairs of 40 000 nodes fill the memory."""
+    rig = load_rig("dual-cell")
+    plate = dataclasses.replace(rig.plate, columns=(1e-3,) * 200, rows=(1e-3,) * 200)
+    with pytest.raises(RigError, match="dual-cell.toml .*found 40000 elements, .* up to 4000"):
+        Twin(dataclasses.replace(rig, plate=plate)).channels  # noqa: B018 - asks for the network
 
 
 def test_new_values_leave_the_old_twin_alone(twin):

@@ -147,6 +147,13 @@ def test_mirror_images_of_the_circuit_stay_equal(from_rig):
         np.testing.assert_allclose(top, bottom, atol=1e-9)
 
 
+def test_a_run_of_more_steps_than_memory_holds_is_refused(twin):
+    """A year in one piece is the most; a century would be a hundred million steps."""
+    century = Experiment([0.0, 3.2e9], np.zeros((2, 2)), name="century")
+    with pytest.raises(SimulationError, match=r"century: found 3.2e\+09 s.*allowed are 3.2e\+07 s"):
+        twin.simulate(century)
+
+
 @pytest.mark.parametrize("cells", [1, 3])
 def test_wrong_number_of_cells_is_refused(twin, cells):
     experiment = Experiment(TIME, np.zeros((61, cells)), name="zone-A")

@@ -1,9 +1,10 @@
-"""Ctrl-C and a polite kill, for commands that run until they are told to stop."""
+"""Ctrl-C and a polite kill: commands that run until they are told to stop, and all others."""
 
 import contextlib
 import signal
 import threading
 from collections.abc import Iterator
+from types import FrameType
 
 
 @contextlib.contextmanager
@@ -21,3 +22,33 @@ def stop_signals() -> Iterator[threading.Event]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def lasting_interrupt() -> Iterator[None]:
+    """A Ctrl-C that is not lost while the block runs.
+
+    Python drops what is raised in a callback of its garbage collector, as JAX has one, and the
+    work goes on as if nobody had pressed a key: there the key is pressed again a moment later.
+    """
+
+    def press(number: int, frame: FrameType | None) -> None:
+        if frame is not None and frame.f_code.co_name == "_xla_gc_callback":
+            again = threading.Timer(0.05, signal.raise_signal, [number])
+            again.daemon = True
+            again.start()
+            return
+        raise KeyboardInterrupt
+
+    # Elsewhere nobody may set a handler, or somebody has: `stop_signals`, say.
+    own = (
+        threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )
+    if own:
+        signal.signal(signal.SIGINT, press)
+    try:
+        yield
+    finally:
+        if own:
+            signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -324,8 +324,8 @@ def _warnings(
         value = float(values[row.name])
         if row.prior_spread is not None and spread > UNSEEN * expected:
             warnings.append(
-                f"{row.name}: the first {warm_up:g} s hardly show it, {value:.4g} +- {spread:.2g} is "
-                "mostly what was expected beforehand"
+                f"{row.name}: the first {warm_up:g} s hardly show it, {value:.4g} +- {spread:.2g} "
+                "is mostly what was expected beforehand"
             )
     correlation = covariance / np.outer(spreads, spreads)
     names = [row.name for row in unknowns.own]

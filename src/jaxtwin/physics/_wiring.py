@@ -10,12 +10,16 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Int
 
+from .._errors import RigError
 from ..rig import AMBIENT, Rig, Value
 from ._assembly import build_netlist
 from ._camera import channel_weights
 from ._expressions import Expressions
 from ._lumping import lump
 from ._netlist import Netlist
+
+MOST_ELEMENTS = 4000
+"""The modes of so many take a minute, and tables of pairs of them a gigabyte."""
 
 
 @final
@@ -123,7 +127,16 @@ class Wiring:
 
 @lru_cache(maxsize=64)
 def wiring_of(rig: Rig, lumped: bool = False) -> Wiring:
-    """The wiring of a rig, made once; lumped: with nodes that are always equal made one."""
+    """The wiring of a rig, made once; lumped: with nodes that are always equal made one.
+
+    **Raises:** `RigError` where the plate has more elements than a twin can have.
+    """
+    elements = len(rig.plate.element_names)
+    if elements > MOST_ELEMENTS:
+        raise RigError(
+            f"{rig.source}: plate: found {elements} elements, allowed in a twin are up to "
+            f"{MOST_ELEMENTS}; make the grid coarser"
+        )
     netlist = build_netlist(rig)
     if lumped:
         return Wiring(rig, *lump(netlist))

@@ -100,10 +100,14 @@ class ChunkRunner:
                     on_progress(min(size, count - first))
 
         threads = self.workers or (len(devices) if accelerated else _cores())
-        with ThreadPoolExecutor(max_workers=threads) as pool:
+        pool = ThreadPoolExecutor(max_workers=threads)
+        try:
             # Exceptions come out where the results are asked for.
             for _ in pool.map(work, range(-(-count // size))):
                 pass
+        finally:
+            # Interrupted while chunks are still handed out, nobody wants the rest.
+            pool.shutdown(cancel_futures=True)
         return result
 
     def _chunk_of_device(self, accelerated: bool, drawn: Iterable[str]) -> int:

@@ -15,6 +15,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import System, Twin
 from ._interpolation import sample_weights, step_polynomials
@@ -24,6 +25,9 @@ FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 32.0
 
 REFINEMENTS = 3
 """How often steps are halved for a draw whose error is in doubt."""
+
+MOST_STEPS = 1_000_000
+"""Of a run without refinement: a year. Tables of more would fill the memory."""
 
 SETTLING = 6.0
 """Seconds after a change for which steps keep their first size where the driver lags behind its
@@ -100,6 +104,8 @@ def build_schedule(
     - `largest_step`: s.
     - `settling`: for how long after an input change steps do not grow, s.
     - `parts`: of a span that is too short for steps that grow.
+
+    **Raises:** `SimulationError` where a run takes more steps than memory has room for.
     """
     time, duty = experiment.time, experiment.duty
     ambient = experiment.ambient
@@ -108,6 +114,13 @@ def build_schedule(
         changed |= ambient[1:] != ambient[:-1]
     switches = 1 + np.flatnonzero(changed)
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
+    least = experiment.duration / largest_step
+    if least > MOST_STEPS * parts:
+        raise SimulationError(
+            f"{experiment.name or 'the experiment'}: found {experiment.duration:g} s, which takes "
+            f"{least:.2g} steps of at most {largest_step:g} s; allowed are "
+            f"{MOST_STEPS * largest_step * parts:g} s"
+        )
     spans = [
         _graded(float(time[stop] - time[start]), first_step, growth, largest_step, settling, parts)
         for start, stop in pairwise(marks)
