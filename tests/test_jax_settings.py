@@ -73,7 +73,7 @@ CALLS: dict[str, Callable[[Twin], np.ndarray | None]] = {
 
 
 @pytest.fixture(scope="module")
-def expected(twin) -> dict[str, np.ndarray]:
+def expected(twin) -> dict[str, np.ndarray | None]:
     """With the settings that the tests have otherwise."""
     return {name: call(twin) for name, call in CALLS.items()}
 
