@@ -13,8 +13,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-import numpy as np
-
 from ._errors import JaxtwinError
 
 Kind = TypeVar("Kind")
@@ -57,9 +55,14 @@ def finite_number(where: str, value: Any, error: Failure) -> float:
     **Raises:** `error` where it is none; true, false and text are none.
     """
     allowed = "a finite number"
-    if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
+    # Asked without NumPy, which `jaxtwin --help` does not load.
+    kind = getattr(getattr(value, "dtype", None), "kind", "f")
+    if isinstance(value, bool | str | bytes) or kind not in "iuf" or getattr(value, "ndim", 0):
         _refuse(where, value, allowed, error)
-    number = float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
     if not math.isfinite(number):
         _refuse(where, value, allowed, error)
     return number
