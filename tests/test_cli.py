@@ -320,6 +320,15 @@ def test_validate_predicts_after_the_warm_up_and_draws_the_residuals(minute, cap
     assert sorted(p.name for p in Path("pictures").iterdir()) == ["residuals.png", "response.png"]
 
 
+def test_validate_takes_rooms_from_a_saved_fit(minute, tmp_path, capsys):
+    """The whole fit, not its values alone: the room is expected where its recordings had it."""
+    fit().save(tmp_path / "fit.toml")
+    arguments = ["validate", "paper-2024", minute, "--fit", "fit.toml", "--warm-up", "20"]
+    assert run([*arguments, "--json", "numbers.json"]) == 0
+    expected = validate(fit(), read_recording(minute), warm_up=20.0)
+    assert json.loads(Path("numbers.json").read_text()) == expected.to_dict()
+
+
 def test_known_recordings_are_found_by_name(tmp_path, monkeypatch):
     (tmp_path / "peltierMIMOStepSecB.mat").touch()
     monkeypatch.setenv("JAXTWIN_RECORDINGS", str(tmp_path))

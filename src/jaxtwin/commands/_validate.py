@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .._errors import JaxtwinError
+from .._errors import JaxtwinError, ParameterError
 from .._progress import Progress
 from .._whole_file import write_whole_file
 from ._options import JsonOption, RecordingsArgument, RigArgument, SetOption
@@ -16,8 +16,9 @@ from ._sources import open_recordings, open_twin
 
 if TYPE_CHECKING:
     from ..io import Experiment
-    from ..matching import Iteration
+    from ..matching import Fit, Iteration
     from ..physics import Twin
+    from ..rig import Rig
     from ..validation import Validation
 
 
@@ -43,7 +44,7 @@ def validate(
     warm_up: Annotated[
         float,
         typer.Option(
-            metavar="S", help="Part of a recording from which its ambient and start are taken."
+            metavar="S", help="Part of a recording from which its room and start are estimated."
         ),
     ] = 60.0,
     set_name: SetOption = None,
@@ -71,10 +72,11 @@ def validate(
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
         twin = open_twin(loaded, set_name, fit)
+        fitted = twin if split is not None or leave_one_out else _saved_fit(loaded, fit) or twin
 
         progress.step(f"validating {loaded.name} on {len(experiments)} recordings")
         told = _News(progress, len(experiments))
-        result = _validate(twin, experiments, split, leave_one_out, warm_up, told)
+        result = _validate(fitted, experiments, split, leave_one_out, warm_up, told)
         if out is not None:
             progress.step(f"drawing into {out}")
             _draw(result, out)
@@ -82,8 +84,19 @@ def validate(
     write_json(json, result.to_dict())
 
 
+def _saved_fit(rig: "Rig", path: Path | None) -> "Fit | None":
+    """What `Fit.save` wrote, which says how rooms and delays differ; None for bare parameters."""
+    from ..matching import Fit
+    from ..rig import read_toml
+
+    if path is None:
+        return None
+    data, _ = read_toml(path, ParameterError)
+    return Fit.load(path, rig=rig) if isinstance(data.get("fit"), dict) else None
+
+
 def _validate(
-    twin: "Twin",
+    fitted: "Twin | Fit",
     experiments: "list[Experiment]",
     split: float | None,
     leave_one_out: bool,
@@ -91,20 +104,21 @@ def _validate(
     told: "_News",
 ) -> "Validation":
     from .. import validation
+    from ..physics import Twin
 
+    if not isinstance(fitted, Twin) or (split is None and not leave_one_out):
+        return validation.validate(fitted, experiments, warm_up=warm_up, on_progress=told.predicted)
     if split is not None:
         return validation.validate_split(
-            twin, experiments, split, on_progress=told.predicted, on_iteration=told.iteration
+            fitted, experiments, split, on_progress=told.predicted, on_iteration=told.iteration
         )
-    if leave_one_out:
-        return validation.leave_one_out(
-            twin,
-            experiments,
-            warm_up=warm_up,
-            on_progress=told.predicted,
-            on_iteration=told.iteration,
-        )
-    return validation.validate(twin, experiments, warm_up=warm_up, on_progress=told.predicted)
+    return validation.leave_one_out(
+        fitted,
+        experiments,
+        warm_up=warm_up,
+        on_progress=told.predicted,
+        on_iteration=told.iteration,
+    )
 
 
 class _News:
