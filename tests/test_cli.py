@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
-from small_results import recordings
+from small_results import fit, recordings
 
 from jaxtwin import (
     Experiment,

@@ -122,12 +122,13 @@ def test_the_rest_of_the_sets_compiles_nothing_new(
 
 def test_sets_that_need_other_programs_are_refused():
     constant = Experiment.schedule("0:0.4", duration=120, channels=("T",))
-    switched = Experiment.schedule("0:0.4,60:-0.3", duration=120, channels=("T",))
+    longer = Experiment.schedule("0:0.4", duration=240, channels=("T",))
+    switched = Experiment(constant.time, np.resize([0.4, -0.3], (121, 1)), channels=("T",))
     warm = Experiment(constant.time, constant.duty, channels=("T",), ambient=20.0)
-    seen = np.full((121, 1), 18.0)
-    for one, other in ((constant, switched), (constant, warm)):
+    for other in (longer, switched, warm):
+        sets = [read(one, np.full((len(one.time), 1), 18.0)) for one in (constant, other)]
         with pytest.raises(MatchError, match="set 1 with recordings of other shapes than set 0"):
-            matched(read(one, seen), read(other, seen))
+            matched(*sets)
 
 
 def test_at_least_one_iteration_is_asked_for(benches: list[Experiment]):

@@ -157,8 +157,9 @@ def _check_alike(problems: Sequence[Problem]) -> None:
         if other != first:
             raise MatchError(
                 f"sets: found set {number} with recordings of other shapes than set 0, allowed are "
-                "equally many recordings, alike in their samples, in how many channels they have, "
-                "in when their inputs change and in whether the ambient temperature is recorded"
+                "equally many recordings, alike in how many channels they have and in whether the "
+                "ambient temperature is recorded, and nearly alike in how many samples they have "
+                "and how often their inputs change"
             )
 
 

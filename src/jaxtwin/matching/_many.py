@@ -47,9 +47,10 @@ def match_many(
     **Arguments:**
 
     - `twin`: where each match starts.
-    - `sets`: the recordings of each match. All sets have equally many, alike in their numbers of
-      samples and of channels, in when their inputs change (the solver's steps follow from that),
-      and in whether the ambient temperature is recorded.
+    - `sets`: the recordings of each match. All sets have equally many, alike in their number of
+      channels and in whether the ambient temperature is recorded, and nearly alike in their numbers
+      of samples and of changes of their inputs (the solver's steps follow from these): to an
+      eighth, and freely where there are few.
     - `on_iteration`: called with the number of the set, from 0 on, and of its iteration.
     - the others: as in `match`.
 
