@@ -56,7 +56,7 @@ def test_a_plate_of_more_elements_than_a_twin_can_have_is_refused():
     """Before tables of all pairs of 40 000 nodes fill the memory."""
     rig = load_rig("dual-cell")
     plate = dataclasses.replace(rig.plate, columns=(1e-3,) * 200, rows=(1e-3,) * 200)
-    with pytest.raises(RigError, match="dual-cell.toml .*found 40000 elements, .* up to 4000"):
+    with pytest.raises(RigError, match=r"dual-cell.toml .*found 40000 elements, .* up to 4000"):
         Twin(dataclasses.replace(rig, plate=plate)).channels  # noqa: B018 - asks for the network
 
 
