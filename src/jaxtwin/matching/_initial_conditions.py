@@ -4,16 +4,7 @@ A fit says what the rig is like. It cannot say how a new recording begins: the t
 room, of the plate and of the sinks, and the delay of the drive. These few values are matched to the
 first part of the recording with everything else held, and no later sample is looked at.
 
-They are different states, and each has its own prior:
-
-- the *room* is expected where the fit's recordings had it, give or take the spread between them;
-  without a fit, where the rig file's prior has it;
-- the *plate* begins where its channels read first;
-- the *sinks* begin near the room, the less so the farther the plate is from it;
-- a rig that stood still before is *at rest*: plate and room are then equal. The difference between
-  the two has a Cauchy prior, which draws them together where nothing speaks against it and lets
-  them go where the readings do. It is put into least squares by reweighting (Holland and Welsch
-  1977).
+Room, plate and sinks are different states, each with its own prior: see `_start_priors`.
 
 A minute tells little of a room while the drive is on: a model that is right to a few per cent of
 what the drive does cannot tell a tenth of a kelvin. Samples therefore count less the farther they
@@ -31,30 +22,17 @@ from jaxtyping import Float
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
-from ..rig import Parameter, Rig, Value
 from ._descend import Attempt, descend
 from ._estimate import Setting, first_knowledge, learn, make_problem, solved_temperatures
 from ._fit import Fit
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._match import checked_recordings
 from ._noise import Noise
-from ._residuals import Ties
+from ._start_priors import names_in, room_parameters, ties, with_prior
 from ._unknowns import Unknowns, choose_unknowns
 
 WARM_UP = 60.0
 """Length of the part of a recording from which its own values are estimated, s."""
-
-REST_SPREAD = 1.0
-"""Scale of the Cauchy prior of the difference between plate and room, K."""
-
-ROOM_SPREAD = 1.0
-"""Standard deviation of the room between recordings before any has been seen, K. It counts as much
-as `ROOM_WEIGHT` recordings."""
-
-ROOM_WEIGHT = 2.0
-
-SINK_SHARE = 0.2
-"""How far a sink may be from the room, as a part of the plate's distance from it."""
 
 MODEL_ERROR = 0.2
 """Of what a reading has moved since the first one: what a good twin leaves unexplained of it."""
@@ -126,7 +104,7 @@ def estimate_initial_conditions(
     first = float(np.nanmean(_first_readings(part)))
     unknowns = choose_unknowns(twin, 1, free=names, per_recording=names)
     earlier = fitted.recording_values if isinstance(fitted, Fit) else {}
-    rows = tuple(_expected(row, twin.rig, first, earlier) for row in unknowns.own)
+    rows = tuple(with_prior(row, twin.rig, first, earlier) for row in unknowns.own)
     unknowns = replace(unknowns, own=rows)
     attempt = _descend(twin, part, unknowns, first)
     if not np.isfinite(attempt.cost):
@@ -151,7 +129,7 @@ def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin
         names = [name for name, row in twin.rig.parameters.items() if row.scope == "recording"]
     if own is not None:
         return twin, list(own)
-    drifts = _names(twin.rig.ambient_drift)
+    drifts = names_in(twin.rig.ambient_drift)
     if not isinstance(fitted, Fit):
         twin = twin.with_parameters({n: twin.rig.parameters[n].value for n in drifts & {*names}})
     return twin, [name for name in names if name not in drifts]
@@ -164,59 +142,11 @@ def mean_twin(fit: Fit) -> tuple[Twin, list[str]]:
     return fit.twin.with_parameters(own), list(own)
 
 
-def _names(*values: Value | None) -> frozenset[str]:
-    """The parameters that take part in some values."""
-    return frozenset(name for value in values if value is not None for name, _ in value.powers)
-
-
-def _room(rig: Rig) -> frozenset[str]:
-    return _names(rig.ambient_temperature)
-
-
-def _plate(rig: Rig) -> frozenset[str]:
-    return _names(rig.initial_temperature) - _room(rig)
-
-
-def _sinks(rig: Rig) -> frozenset[str]:
-    starts = [
-        value for c in rig.cells for value in (c.initial_temperature, c.sink_initial_temperature)
-    ]
-    return _names(*starts) - _room(rig) - _plate(rig)
-
-
 def _first_readings(part: Experiment) -> Float[np.ndarray, " channels"]:
     """The first reading of each channel that is not missing, NaN where all are, degC."""
     assert part.temperatures is not None
     rows = part.sampled.argmax(axis=0)
     return part.temperatures[rows, np.arange(len(rows))]
-
-
-def _expected(
-    row: Parameter, rig: Rig, first: float, earlier: Mapping[str, Mapping[str, float]]
-) -> Parameter:
-    """A value of a recording with its prior."""
-    if row.name in _plate(rig) | _sinks(rig):
-        # The first readings and the ties to the room say the rest.
-        spread = 10.0 + 0.5 * abs(first - row.value)
-        return _around(replace(row, value=first), first, spread)
-    seen = np.array([values[row.name] for values in earlier.values() if row.name in values])
-    if row.is_logarithmic:
-        seen = np.log(seen)
-    usual = ROOM_SPREAD if row.name in _room(rig) else row.prior_spread
-    if not len(seen) or usual is None:
-        return row if row.prior_value is None else replace(row, prior_value=row.value)
-    squares = ROOM_WEIGHT * usual**2 + float(np.sum((seen - seen.mean()) ** 2))
-    variance = squares / (ROOM_WEIGHT + len(seen) - 1) * (1 + 1 / len(seen))
-    centre = float(np.exp(seen.mean()) if row.is_logarithmic else seen.mean())
-    return _around(row, centre, math.sqrt(variance))
-
-
-def _around(row: Parameter, centre: float, spread: float) -> Parameter:
-    """With a prior, and bounds that do not cut it off."""
-    if row.is_logarithmic:
-        return replace(row, prior_value=centre, prior_spread=spread)
-    lower, upper = min(row.lower, centre - 5 * spread), max(row.upper, centre + 5 * spread)
-    return replace(row, prior_value=centre, prior_spread=spread, lower=lower, upper=upper)
 
 
 def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> Attempt:
@@ -236,7 +166,7 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
     room, attempts = None, []
     for _ in range(REWEIGHTINGS):
-        problem = make_problem(setting, knowledge, ties=_ties(twin.rig, unknowns, room, first))
+        problem = make_problem(setting, knowledge, ties=ties(twin.rig, unknowns, room, first))
         attempts = descend(
             [problem],
             solver,
@@ -256,32 +186,10 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
         weights = _weights(part, sensor.effective, simulated)
         knowledge = replace(knowledge, events=events, alone_weights=(weights,))
         (values,) = unknowns.values(attempt.vector)
-        room = next((float(values[name]) for name in _room(twin.rig) if name in values), None)
+        room = next(
+            (float(values[name]) for name in room_parameters(twin.rig) if name in values), None
+        )
     return attempts[0]
-
-
-def _ties(rig: Rig, unknowns: Unknowns, room: float | None, first: float) -> Ties:
-    """Plate and sinks to the room: rows of differences, one over their standard deviations.
-
-    **Arguments:**
-
-    - `room`: as the last round has it, degC; None for a rig at rest.
-    - `first`: what was read first, degC.
-    """
-    names = [row.name for row in unknowns.own]
-    rooms = [names.index(name) for name in _room(rig) if name in names]
-    if not rooms:
-        return Ties.none(len(names))
-    away = 0.0 if room is None else first - room
-    spreads = dict.fromkeys(_plate(rig), math.hypot(REST_SPREAD, away))
-    spreads |= dict.fromkeys(_sinks(rig), math.hypot(REST_SPREAD, SINK_SHARE * away))
-    rows = []
-    for name, spread in spreads.items():
-        if name in names:
-            row = np.zeros(len(names))
-            row[names.index(name)], row[rooms[0]] = 1 / spread, -1 / spread
-            rows.append(row)
-    return Ties(np.array(rows).reshape(-1, len(names)), np.zeros(len(rows)))
 
 
 def _weights(
