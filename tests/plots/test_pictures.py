@@ -18,6 +18,7 @@ from matplotlib.patches import Rectangle
 from small_results import analysis, fit, recordings
 
 from jaxtwin import Experiment, Run, SimulationError, ThermoelectricModule, plots
+from jaxtwin.matching import FittedParameters
 from jaxtwin.matching._interval import interval_text, short_number
 from jaxtwin.plots._labels import spread
 from jaxtwin.plots._parameters import _position
@@ -187,7 +188,7 @@ def test_intervals_and_remarks_stand_beside_the_parameters():
     rows = {row.name: row for row in fit().parameters.values() if row.free}
     rows["R_pc"] = replace(rows["R_pc"], interval=(0.0, np.inf), warnings=("not determined",))
     told = rows["R_E"] = replace(rows["R_E"], interval=(0.001, 0.1), warnings=())
-    table, scale = plots.plot_parameters(replace(fit(), parameters=tuple(rows.values()))).axes
+    table, scale = plots.plot_parameters(replace(fit(), parameters=FittedParameters(rows))).axes
     assert {"unknown", interval_text(told.interval)} <= set(texts(table))
     assert "not determined" in texts(scale)
     spans = {
