@@ -87,6 +87,16 @@ def test_a_recording_of_the_match_needs_no_estimate(fit: Fit):
     assert 0.9 <= held.mean() <= 1.0
 
 
+def test_a_band_follows_the_twin(fit: Fit):
+    """The middle is the fitted run itself, however wide its parameters' intervals are."""
+    (one, *_) = fit.experiments
+    band = prediction_band(fit, one.name)
+    np.testing.assert_allclose(band.middle, fit.runs[one.name].temperatures, atol=1e-9)
+    narrow = prediction_band(fit, one.name, level=0.5)
+    ratio = (narrow.upper - narrow.lower) / (band.upper - band.lower)
+    np.testing.assert_allclose(ratio, 0.6745 / 1.9600, rtol=1e-4)
+
+
 def test_bands_that_cannot_be_drawn_say_why(fit: Fit, unseen: list[Experiment]):
     with pytest.raises(MatchError, match="recording: found 'monday', allowed are 0, 1, 2, 3"):
         prediction_band(fit, "monday")

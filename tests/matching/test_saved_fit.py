@@ -160,8 +160,8 @@ def test_without_its_recordings_it_predicts_and_says_what_it_cannot(
     loaded = Fit.load(saved)
     assert loaded.to_dataframe().loc["C_load", "value"] == fit["C_load"].value
     unseen = recording(18.0, 2, "wednesday")
-    one = prediction_band(loaded, NAMES[1], experiment=unseen, draws=5)
-    other = prediction_band(fit, NAMES[1], experiment=unseen, draws=5)
+    one = prediction_band(loaded, NAMES[1], experiment=unseen)
+    other = prediction_band(fit, NAMES[1], experiment=unseen)
     np.testing.assert_allclose(one.middle, other.middle, rtol=1e-12)
     assert validate(saved, unseen).rmse == validate(fit, unseen).rmse
     for ask in (

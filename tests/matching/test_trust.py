@@ -248,13 +248,12 @@ def test_a_profile_has_three_points_at_least(calm: Fit, points: int):
 
 
 def test_a_prediction_band_holds_the_true_run(calm: Fit):
-    told: list[int] = []
-    band = prediction_band(calm, "day 2", draws=100, on_progress=told.append)
-    assert sum(told) == 100
+    band = prediction_band(calm, "day 2")
     truth = simulate(Twin("dual-cell", TRUTH), calm.experiments[1]).temperatures
     inside = (band.lower <= truth) & (truth <= band.upper)
-    assert inside.mean() > 0.8
-    assert 0 < np.median(band.upper - band.lower) < 0.5
+    assert inside.mean() > 0.9
+    noise = 2 * 1.96 * np.hypot(calm.rmse, calm.camera_error)
+    assert noise < np.median(band.upper - band.lower) < noise + 0.5
 
 
 def test_many_sets_in_one_batch_have_honest_intervals(start: Twin):
