@@ -13,7 +13,7 @@ def rig_parts(rig: "Rig") -> dict[str, str]:
     circuit = "by finite volumes"
     if rig.circuit is not None:
         count = sum(len(link.between) for link in rig.circuit.links)
-        circuit = f"as given, {count} resistances on the plate"
+        circuit = f"given, {count} resistance{'s' * (count != 1)} on the plate"
     free = sum(parameter.free for parameter in rig.parameters.values())
     return {
         "plate": (
