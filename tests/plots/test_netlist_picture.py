@@ -175,7 +175,7 @@ def test_the_counts_are_those_of_the_command_line():
     """`jaxtwin netlist`: 83 resistances on the plate, as in the model file."""
     labels = [text.get_text() for text in texts(plot_netlist(Twin("paper-2024")))]
     assert "28 states, 24 plate elements, 83 resistances on the plate" in labels
-    assert "as given, 83 resistances on the plate" in str(load_rig("paper-2024"))
+    assert "circuit given, 83 resistances on the plate" in str(load_rig("paper-2024"))
 
 
 def test_a_scale_of_colours_only_where_elements_differ():
