@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 import jaxtwin as jt
-from jaxtwin.simulation import build_schedule, padded_schedule, solve_schedule, twin_schedule
+from jaxtwin.simulation import (
+    Schedule,
+    build_schedule,
+    padded_schedule,
+    solve_schedule,
+    twin_schedule,
+)
 from jaxtwin.simulation._padding import padded_count
 
 COMPILED = "/jax/core/compile/backend_compile_duration"
@@ -32,7 +38,7 @@ def compilations() -> Iterator[Callable[[], int]]:
     """How many programs were compiled since it was asked last."""
     found: list[float] = []
 
-    def listen(event: str, duration: float, **_: object) -> None:
+    def listen(event: str, duration: float, **_: str | int) -> None:
         if event == COMPILED:
             found.append(duration)
 
@@ -86,7 +92,7 @@ def test_steps_of_no_length_change_nothing(rig, ambient, float64):
     name = "t_delay" if "t_delay" in twin.parameters else "R_ph"
 
     @jax.jit
-    def both(value: jax.Array, schedule: object) -> tuple[jax.Array, jax.Array]:
+    def both(value: jax.Array, schedule: Schedule) -> tuple[jax.Array, jax.Array]:
         def solve(value: jax.Array) -> jax.Array:
             system = twin.with_parameters({name: value}).system(lumped=True)
             readout = system.wiring.channel_weights
@@ -146,6 +152,7 @@ def test_so_are_draws(twin, compilations):
     assert compilations() == 0
     assert temperatures.shape == (3, 114, 1)
     error = temperatures - other.temperatures
+    assert found.cost is not None and found.maximum is not None and found.final is not None
     np.testing.assert_allclose(found.cost, np.mean(error**2, axis=1), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(found.maximum, temperatures.max(axis=1), rtol=1e-14)
     np.testing.assert_allclose(found.final, temperatures[:, -1], rtol=1e-14)

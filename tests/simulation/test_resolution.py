@@ -61,6 +61,7 @@ def test_in_a_batch_such_draws_are_marked_and_leave_the_others_alone(twins):
     contacts = np.array([0.09, 1e-12, 1e-10])
     found = simulate_batch(twins["startup"], HELD, {"R_pc": contacts}, reductions=["final"])
     assert found.failed.tolist() == [False, True, False]
+    assert found.final is not None
     assert np.isnan(found.final[1]).all()
     alone = twins["startup"].with_parameters({"R_pc": 1e-10}).simulate(HELD)
     np.testing.assert_allclose(found.final[2], alone.temperatures[-1], atol=1e-6)
