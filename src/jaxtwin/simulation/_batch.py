@@ -283,11 +283,9 @@ def _solve_stiff(
     initial: Initial,
     wanted: tuple[Reduction, ...] | None,
 ) -> dict[str, Any]:
-    """One draw by a stiff solver, reduced as the others."""
-    from diffrax import Kvaerno5
-
+    """One draw as `simulate` solves it, by a stiff solver, reduced as the others."""
     try:
-        run = simulate(twin, experiment, initial=initial, solver=Kvaerno5())
+        run = simulate(twin, experiment, initial=initial)
     except JaxtwinError:
         # What the steps gave was not trusted.
         if wanted is None:

@@ -22,6 +22,7 @@ def solve_with_diffrax(
     controller: diffrax.AbstractStepSizeController | None,
     dt0: float | None,
     at_rest: bool,
+    max_steps: int | None,
 ) -> tuple[Float[Array, "times nodes"], diffrax.RESULTS]:
     """Runs a network through an experiment with a diffrax solver.
 
@@ -32,7 +33,7 @@ def solve_with_diffrax(
     own result.
     """
     time = experiment.time - experiment.time[0]
-    changes = _changes(experiment)
+    changes = input_changes(experiment)
     starts = jnp.asarray(np.concatenate([[0.0], time[changes]]))
     held = np.concatenate([[0], changes])
     duty = jnp.asarray(experiment.duty[held])
@@ -53,9 +54,9 @@ def solve_with_diffrax(
         args=NetworkProblem(system, inputs, reference),
         saveat=diffrax.SaveAt(ts=jnp.asarray(time)),
         stepsize_controller=_clipped(solver, controller, dt0, experiment, changes, system),
-        # Jacobians by forward mode; the twin is small and its step count unbounded beforehand.
+        # Jacobians by forward mode, which keeps no steps, however many they are.
         adjoint=diffrax.ForwardMode(),
-        max_steps=None,
+        max_steps=max_steps,
         throw=False,
     )
     assert solution.ys is not None
@@ -103,7 +104,7 @@ def _clipped(
     return diffrax.StepTo(ts=jnp.asarray(steps))
 
 
-def _changes(experiment: Experiment) -> np.ndarray:
+def input_changes(experiment: Experiment) -> np.ndarray:
     """The samples at which an input differs from the one before."""
     duty, ambient = experiment.duty, experiment.ambient
     changed = np.any(duty[1:] != duty[:-1], axis=1)

@@ -16,24 +16,32 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._errors import SimulationError
-from ..physics import Link, Twin
+from ..physics import Link, System, Twin
 
 LARGEST_SPAN = 2e11
-"""Of the largest rate, times the shorter of the run and the longest time constant."""
+"""Beyond it a network is refused; modes whose rates are further apart, as losses or cells far from
+where they are taken linearly can make them, are not trusted, and a stiff solver takes over."""
 
 
-def resolved_rates(
-    rates: Float[Array, " modes"], duration: Float[Array, ""]
-) -> Float[Array, " modes"]:
-    """The rates (1/s), or NaN where they are too far apart for a run of a duration (s)."""
-    fastest, slowest = rates.max(), jnp.abs(rates).min()
-    # A slowest rate below the rounding of the fastest is nothing but rounding.
-    remembered = jnp.minimum(duration, 1 / jnp.maximum(slowest, 1 / duration))
-    return jnp.where(fastest * remembered <= LARGEST_SPAN, rates, jnp.nan)
+def network_span(
+    system: System, slowest: Float[Array, ""], duration: Float[Array, ""]
+) -> Float[Array, ""]:
+    """How far apart the rates of the network itself are: `spanned` of the fastest that its links
+    give a node, which is the largest rate but for a factor of 2 (Gershgorin)."""
+    return spanned((jnp.diag(system.conductance) / system.capacitance).max(), slowest, duration)
+
+
+def spanned(
+    fastest: Float[Array, ""], slowest: Float[Array, ""], duration: Float[Array, ""]
+) -> Float[Array, ""]:
+    """The fastest rate (1/s) times the shorter of a run (s) and the slowest one's time constant."""
+    # A slowest rate of nothing, or below it, is rounding.
+    remembered = 1 / jnp.maximum(jnp.abs(slowest), 1 / duration)
+    return fastest * jnp.where(jnp.isfinite(remembered), remembered, duration)
 
 
 def unresolved_network(twin: Twin) -> SimulationError:
-    """The error to raise where `resolved_rates` has none for a twin: names its fastest link."""
+    """The error to raise for a twin whose `network_span` is too large: names its fastest link."""
     values, netlist = twin.numbers_si, twin.netlist
     capacitance = {node.name: float(node.capacitance.evaluate(values)) for node in netlist.nodes}
 

@@ -31,6 +31,11 @@ if TYPE_CHECKING:
     import diffrax
 
 
+RESCUE_STEPS = 5000
+"""Of the stiff solver that takes over, between two changes of the input on average, at most; it
+needs some hundreds."""
+
+
 def simulate(
     twin: Twin,
     experiment: Experiment,
@@ -212,13 +217,14 @@ def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
 
 
 def _check_resolved(twin: Twin, schedule: Schedule) -> None:
-    if not np.isfinite(np.asarray(_rates(twin, schedule))).all():
+    if np.isnan(_coupling(twin, schedule)):
         raise unresolved_network(twin)
 
 
 @eqx.filter_jit
-def _rates(twin: Twin, schedule: Schedule) -> Float[Array, " modes"]:
-    return schedule_modes(twin.system(lumped=True), schedule).rates
+def _coupling(twin: Twin, schedule: Schedule) -> Float[Array, ""]:
+    system = twin.system(lumped=True)
+    return coupling_left(system, schedule_modes(system, schedule), schedule)
 
 
 @eqx.filter_jit
@@ -257,12 +263,16 @@ def _run_checked(
     dt0: float | None,
 ) -> tuple[Array, Array]:
     """By a diffrax solver; the stiff one of our choice where none is given."""
+    most = None
     if solver is None:
         import diffrax
 
-        solver = diffrax.Kvaerno5()
+        from ._diffrax import input_changes
+
+        # Temperatures without a bound would keep it at ever shorter steps.
+        solver, most = diffrax.Kvaerno5(), RESCUE_STEPS * (1 + len(input_changes(experiment)))
     states, readings, ok, message = _run_diffrax(
-        twin, schedule, initial, experiment, solver, controller, dt0
+        twin, schedule, initial, experiment, solver, controller, dt0, most
     )
     if not ok:
         raise SimulationError(f"{twin.rig.name}: {type(solver).__name__}: {message}")
@@ -278,6 +288,7 @@ def _run_diffrax(
     solver: "diffrax.AbstractSolver",
     controller: "diffrax.AbstractStepSizeController | None",
     dt0: float | None,
+    most: int | None,
 ) -> tuple[Float[Array, "times nodes"], Float[Array, "times channels"], Array, object]:
     import diffrax
 
@@ -288,7 +299,7 @@ def _run_diffrax(
     start = initial_temperatures(system, initial, schedule.duty[0], reference)
     at_rest = isinstance(initial, str)
     deviation, result = solve_with_diffrax(
-        system, schedule, start, reference, experiment, solver, controller, dt0, at_rest
+        system, schedule, start, reference, experiment, solver, controller, dt0, at_rest, most
     )
     states, readings = _absolute(system, schedule, deviation, reference)
     return states, readings, result == diffrax.RESULTS.successful, result

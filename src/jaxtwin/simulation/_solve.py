@@ -14,7 +14,7 @@ from ._ambient import ambient_of_steps, reference_temperature
 from ._delay import delayed_schedule
 from ._exponential import Inputs, ModalField, exponential_step, step_factors
 from ._modes import Modes, left_coupling, network_modes
-from ._resolution import resolved_rates
+from ._resolution import LARGEST_SPAN, network_span, spanned
 from ._schedule import Schedule
 
 STIFF = 1.0
@@ -155,22 +155,33 @@ def schedule_modes(system: System, schedule: Schedule) -> Modes:
     """The modes with the cells at rest under the schedule's mean duty cycle.
 
     Their rates, and with them all that is solved, are NaN where float64 cannot tell the slow ones
-    beside the fast ones: see `resolved_rates`.
+    beside the fast ones of the network: see `_resolution`.
     """
     dtype = system.capacitance.dtype
     lengths = jnp.asarray(schedule.sizes, dtype)[schedule.size]
     duration = lengths.sum()
     duty = lengths @ jnp.asarray(schedule.duty, dtype) / duration
     modes = network_modes(system, duty, reference_temperature(system, schedule))
-    return eqx.tree_at(lambda m: m.rates, modes, resolved_rates(modes.rates, duration))
+    is_resolved = network_span(system, modes.rates[0], duration) <= LARGEST_SPAN
+    return eqx.tree_at(lambda m: m.rates, modes, jnp.where(is_resolved, modes.rates, jnp.nan))
 
 
 def coupling_left(system: System, modes: Modes, schedule: Schedule) -> Float[Array, ""]:
-    """`left_coupling` for the schedule's smallest and largest duty cycles and its longest step."""
+    """`left_coupling` for the schedule's smallest and largest duty cycles and its longest step.
+
+    Infinite where the modes cannot be trusted although the network is one that float64 can carry;
+    NaN where it is not, see `_resolution`.
+    """
     duty = jnp.asarray(schedule.duty, modes.rates.dtype)
     levels = jnp.stack([duty.min(axis=0), duty.max(axis=0)])
     longest = jnp.max(jnp.asarray(schedule.sizes, modes.rates.dtype))
-    return left_coupling(system, modes, levels, reference_temperature(system, schedule), longest)
+    reference = reference_temperature(system, schedule)
+    coupling = left_coupling(system, modes, levels, reference, longest)
+    duration = jnp.asarray(schedule.sizes, modes.rates.dtype)[schedule.size].sum()
+    slowest, fastest = modes.rates[0], modes.rates[-1]
+    trusted = jnp.isfinite(coupling) & (spanned(fastest, slowest, duration) <= LARGEST_SPAN)
+    is_resolved = network_span(system, slowest, duration) <= LARGEST_SPAN
+    return jnp.where(is_resolved, jnp.where(trusted, coupling, jnp.inf), jnp.nan)
 
 
 def too_coarse(
@@ -183,8 +194,10 @@ def too_coarse(
     Less doubt is accepted of steps that have been halved: where that was needed, errors and doubt
     fall more slowly than they should.
 
-    A solution that did not stay finite has a doubt of NaN, which is not above the limit: only its
-    coupling can say that shorter steps would help.
+    A solution that did not stay finite, whose doubt is NaN, may be one of steps that were too long.
+    A coupling of NaN says that no steps help.
     """
-    doubtful = DOUBTFUL if refinement == 0 else DOUBTFUL / 2
-    return np.asarray((np.asarray(coupling) > STIFF) | (np.asarray(doubt) > doubtful))
+    limit = DOUBTFUL if refinement == 0 else DOUBTFUL / 2
+    coupling, doubt = np.asarray(coupling), np.asarray(doubt)
+    trusted = (coupling <= STIFF) & (doubt <= limit)
+    return np.asarray(~trusted & ~np.isnan(coupling))
