@@ -13,8 +13,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-import numpy as np
-
 from ._errors import JaxtwinError
 
 Kind = TypeVar("Kind")
@@ -56,6 +54,8 @@ def finite_number(where: str, value: Any, error: Failure) -> float:
 
     **Raises:** `error` where it is none; true, false and text are none.
     """
+    import numpy as np  # which the command line's help shall not wait for
+
     allowed = "a finite number"
     if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
         _refuse(where, value, allowed, error)
