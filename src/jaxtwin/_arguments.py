@@ -54,6 +54,8 @@ def finite_number(where: str, value: Any, error: Failure) -> float:
 
     **Raises:** `error` where it is none; true, false and text are none.
     """
+    import numpy as np  # which the command line's help shall not wait for
+
     allowed = "a finite number"
     # Asked without NumPy, which `jaxtwin --help` does not load.
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
