@@ -57,14 +57,9 @@ def finite_number(where: str, value: Any, error: Failure) -> float:
     import numpy as np  # which the command line's help shall not wait for
 
     allowed = "a finite number"
-    # Asked without NumPy, which `jaxtwin --help` does not load.
-    kind = getattr(getattr(value, "dtype", None), "kind", "f")
-    if isinstance(value, bool | str | bytes) or kind not in "iuf" or getattr(value, "ndim", 0):
+    if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
         _refuse(where, value, allowed, error)
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
+    number = float(value)
     if not math.isfinite(number):
         _refuse(where, value, allowed, error)
     return number
