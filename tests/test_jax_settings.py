@@ -81,7 +81,8 @@ def expected(twin) -> dict[str, np.ndarray | None]:
 @pytest.mark.parametrize("call", CALLS)
 def test_results_are_the_same_to_the_last_bit(call, twin, setting, expected):
     found, before = CALLS[call](twin), expected[call]
-    assert found is not None and before is not None
+    assert found is not None
+    assert before is not None
     np.testing.assert_array_equal(found, before)
 
 

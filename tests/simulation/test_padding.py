@@ -38,9 +38,9 @@ def compilations() -> Iterator[Callable[[], int]]:
     """How many programs were compiled since it was asked last."""
     found: list[float] = []
 
-    def listen(event: str, duration: float, **_: str | int) -> None:
+    def listen(event: str, duration_secs: float, **kwargs: str | int) -> None:
         if event == COMPILED:
-            found.append(duration)
+            found.append(duration_secs)
 
     def count() -> int:
         number = len(found)
@@ -77,8 +77,9 @@ def test_sizes_grow_by_an_eighth_at_most():
     assert len(set(sizes[(counts > 2048) & (counts <= 4096)])) == 8
 
 
-@pytest.mark.parametrize("rig", ["paper-2024", "dual-cell"])
-@pytest.mark.parametrize("ambient", [None, "recorded"])
+@pytest.mark.parametrize(
+    ("rig", "ambient"), [("paper-2024", None), ("dual-cell", None), ("dual-cell", "recorded")]
+)
 def test_steps_of_no_length_change_nothing(rig, ambient, float64):
     """Values and forward derivatives, with a lagging driver and a delay in `dual-cell`."""
     twin = jt.Twin(rig)
@@ -152,7 +153,9 @@ def test_so_are_draws(twin, compilations):
     assert compilations() == 0
     assert temperatures.shape == (3, 114, 1)
     error = temperatures - other.temperatures
-    assert found.cost is not None and found.maximum is not None and found.final is not None
+    assert found.cost is not None
+    assert found.maximum is not None
+    assert found.final is not None
     np.testing.assert_allclose(found.cost, np.mean(error**2, axis=1), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(found.maximum, temperatures.max(axis=1), rtol=1e-14)
     np.testing.assert_allclose(found.final, temperatures[:, -1], rtol=1e-14)
