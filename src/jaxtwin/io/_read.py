@@ -53,7 +53,7 @@ def read_recording(
     file = path_of("read_recording: path", path, RecordingError)
     whole_number("counts", counts, 1, RecordingError)
     if polarity not in (1, -1):
-        raise RecordingError(f"polarity = {polarity}: allowed are 1 and -1")
+        raise RecordingError(f"polarity: found {polarity!r}, allowed are 1 and -1")
     from ..live._recognise import is_recording  # which depends on recordings, not the reverse
 
     if is_recording(file):
