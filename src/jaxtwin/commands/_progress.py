@@ -1,8 +1,8 @@
 """What a command is doing, for the person who waits, on standard error.
 
 On a terminal: a line that lives while a step goes on, and stays with its time when it is done.
-Elsewhere (a log, a pipe, a terminal that only prints lines): a plain line for each step that takes a second or more, and news of it
-every ten seconds at most.
+Elsewhere (a log, a pipe, a terminal that only prints lines): a plain line for each step that takes
+a second or more, and news of it every ten seconds at most.
 """
 
 import os
