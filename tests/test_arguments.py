@@ -9,10 +9,15 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+
+from jaxtwin import JaxtwinError
+from jaxtwin._arguments import names_of, path_of, whole_number
 
 SETTING = """
 import json, sys
+import diffrax
 import numpy as np
 from jaxtwin import *
 from jaxtwin.data import synthetic_recordings
@@ -123,6 +128,14 @@ CASES = {
         "initial: found -300 degC, allowed is -273.15 degC and above",
     ),
     "simulate(twin, drive, solver='Kvaerno5')": ("SimulationError", "allowed is a diffrax solver"),
+    "simulate(twin, drive, solver=diffrax.Kvaerno5(), dt0=np.nan)": (
+        "SimulationError",
+        "dt0: " + FINITE,
+    ),
+    "simulate(twin, drive, solver=diffrax.Kvaerno5(), dt0=-1.0)": (
+        "SimulationError",
+        "dt0: found -1.0 s, allowed is above 0 or None",
+    ),
     "match(twin, seen, free=3)": ("MatchError", "free: " + NAMES),
     "match(twin, seen, fixed=[None])": ("MatchError", "fixed: " + NAMES),
     "match(twin, seen, per_recording=4)": ("MatchError", "per_recording: " + NAMES),
@@ -183,3 +196,18 @@ def test_a_wrong_argument_gives_a_sentence_that_says_what_is_allowed(
     assert raised == error, text
     assert re.search(words, text)
     assert "\n" not in text
+
+
+def test_whole_numbers_of_numpy_are_whole_numbers():
+    assert whole_number("starts", np.int32(3), 1, JaxtwinError) == 3
+
+
+def test_a_single_name_is_one_and_a_repeated_one_counts_once():
+    assert names_of("free", "R_E", JaxtwinError) == ("R_E",)
+    assert names_of("free", ["R_E", "R_pc", "R_E"], JaxtwinError) == ("R_E", "R_pc")
+
+
+def test_a_tilde_is_the_home_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path))
+    assert path_of("folder", "~/sweep", JaxtwinError) == tmp_path / "sweep"

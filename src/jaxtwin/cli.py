@@ -1,6 +1,7 @@
 """The command line: `jaxtwin --help`.
 
-Exit codes: 0, or 2 with one line on standard error that says what was wrong.
+Exit codes: 0; 2 with one line on standard error that says what was wrong; 130 where Ctrl-C stopped
+it.
 """
 
 import os

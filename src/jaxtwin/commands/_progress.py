@@ -1,10 +1,11 @@
 """What a command is doing, for the person who waits, on standard error.
 
 On a terminal: a line that lives while a step goes on, and stays with its time when it is done.
-Elsewhere (a log, a pipe): a plain line for each step that takes a second or more, and news of it
-every ten seconds at most.
+Elsewhere (a log, a pipe, a terminal that only prints lines): a plain line for each step that takes
+a second or more, and news of it every ten seconds at most.
 """
 
+import os
 import sys
 import threading
 import time
@@ -20,7 +21,9 @@ PAUSE = 10.0  # s between two plain lines of news
 @contextmanager
 def show_progress() -> Iterator[Progress]:
     """Shows progress while the block runs. What was under way when it fails is left unmarked."""
-    shown = LiveProgress() if sys.stderr.isatty() else PlainProgress()
+    # On a terminal that can only print lines, rich would show nothing at all.
+    living = sys.stderr.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
+    shown = LiveProgress() if living else PlainProgress()
     try:
         yield shown
         if isinstance(shown, LiveProgress):

@@ -1,0 +1,23 @@
+"""Which form the progress of a command has."""
+
+import sys
+
+import pytest
+
+from jaxtwin.commands._progress import LiveProgress, PlainProgress, show_progress
+
+
+@pytest.mark.parametrize(
+    ("terminal", "term", "form"),
+    [
+        (True, "xterm-256color", LiveProgress),
+        (True, "dumb", PlainProgress),
+        (False, "xterm-256color", PlainProgress),
+    ],
+)
+def test_a_line_lives_where_a_terminal_can_show_one(monkeypatch, terminal, term, form):
+    """On TERM=dumb rich would show nothing, and nobody would know that something goes on."""
+    monkeypatch.setenv("TERM", term)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    with show_progress() as progress:
+        assert type(progress) is form
