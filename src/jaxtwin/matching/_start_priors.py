@@ -25,11 +25,11 @@ from ._unknowns import Unknowns
 REST_SPREAD = 1.0
 """Scale of the Cauchy prior of the difference between plate and room, K."""
 
-ROOM_SPREAD = 1.0
+ROOM_SPREAD = 2.0
 """Standard deviation of the room between recordings before any has been seen, K. It counts as much
-as `ROOM_WEIGHT` recordings."""
+as so many recordings as `ROOM_WEIGHT` says."""
 
-ROOM_WEIGHT = 2.0
+ROOM_WEIGHT = 1.0
 
 SINK_SHARE = 0.2
 """How far a sink may be from the room, as a part of the plate's distance from it."""
