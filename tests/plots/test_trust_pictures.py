@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 from small_results import fit
 
 from jaxtwin import Experiment, Fit, SimulationError, plate_map, plots
-from jaxtwin.matching._fit import CameraError
+from jaxtwin.matching import CameraError, Comparison
 from jaxtwin.validation import autocorrelation
 
 
@@ -41,17 +41,17 @@ def legend_texts(figure: Figure) -> list[str]:
 
 def disturbed() -> Fit:
     """The small fit with a camera that was corrected, and a masked span."""
-    camera = {
-        name: CameraError((20.0,), -np.where(run.time >= 20, 0.7, 0.0))
-        for name, run in fit().runs.items()
-    }
-    weights = {}
-    for name, run in fit().runs.items():
+    comparisons, weights = [], []
+    for run in fit().runs.values():
+        comparisons.append(
+            Comparison(run, CameraError((20.0,), -np.where(run.time >= 20, 0.7, 0.0)))
+        )
         weight = np.ones(run.temperatures.shape)
         weight[30:40] = 0.0
         weight[50:, 1] = 0.5
-        weights[name] = weight
-    return replace(fit(), camera=camera, weights=weights)
+        weights.append(weight)
+    knowledge = replace(fit().knowledge, alone_weights=tuple(weights))
+    return replace(fit(), comparisons=tuple(comparisons), knowledge=knowledge)
 
 
 def test_the_cameras_error_is_shown_and_taken_away():
