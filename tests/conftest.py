@@ -1,9 +1,11 @@
-"""What all tests share: shape checks, reproducible examples, float64 on request."""
+"""What all tests share: shape checks, reproducible examples, compiled programs, float64."""
 
+import gc
 import importlib.util
 import os
 import shutil
 from collections.abc import Iterator
+from pathlib import Path
 
 import hypothesis
 import jax
@@ -20,6 +22,47 @@ os.environ["MPLBACKEND"] = "Agg"
 
 hypothesis.settings.register_profile("jaxtwin", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("jaxtwin")
+
+
+COMPILED = Path(__file__).parent.parent / ".jax_cache"
+"""Programs that earlier test runs compiled, a folder for each worker; `make clean` removes it."""
+
+LARGEST_CACHE = 4e9
+"""Bytes of compiled programs beyond which they are thrown away and the cache begins anew."""
+
+MOST_MEMORY_MAPS = 20_000
+"""Every compiled program maps memory, and Linux ends a process that has 65 530 maps."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Lets JAX keep compiled programs between runs.
+
+    Each worker has a folder of its own, because JAX's cache is not safe where processes share one:
+    an entry can be read while it is being written. A worker starts with links to what all workers
+    have compiled before.
+    """
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "alone")
+    compiled = {file.name: file for file in COMPILED.glob("*/*")}
+    if worker == "alone" and sum(f.stat().st_size for f in compiled.values()) > LARGEST_CACHE:
+        shutil.rmtree(COMPILED)
+        compiled = {}
+    folder = COMPILED / worker
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, file in compiled.items():
+        if not (folder / name).exists():
+            os.link(file, folder / name)
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_memory_maps() -> Iterator[None]:
+    """Frees the compiled programs after a module of tests that leaves too many."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MEMORY_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture

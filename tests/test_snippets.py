@@ -1,0 +1,146 @@
+"""Every Python snippet of the README and of docs/ runs, in the order in which a reader meets them.
+
+Rigs and recordings that a snippet takes for granted are made beforehand. What would take minutes is
+made smaller, and a loop that goes on for ever is stopped as its reader would, by an interrupt.
+"""
+
+import ast
+import contextlib
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import jaxtwin as jt
+import jaxtwin.io
+from jaxtwin.data import synthetic_recordings
+from jaxtwin.live import SystemClock, TcpServer, VirtualRig, serve
+
+CHECKOUT = Path(__file__).parent.parent
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+SMALLER = {"1_000_000": "300", "10_000": "300", "draws=1000": "draws=300"}
+ADDRESS = "127.0.0.1:7000"
+"""Of docs/live.md."""
+
+pytestmark = pytest.mark.slow
+
+
+def snippets(page: str) -> list[str]:
+    return BLOCK.findall((CHECKOUT / page).read_text())
+
+
+PAGES = [
+    str(page.relative_to(CHECKOUT))
+    for page in (CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").glob("*.md")))
+    if "```python" in page.read_text()
+]
+
+
+def record(rig: str, file: Path, seed: int) -> Path:
+    """A short recording of a rig, with noise."""
+    twin = jt.Twin(rig)
+    cells = len(twin.rig.cells)
+    drive = jt.Experiment.schedule("0:0,30:0.6,120:0.2", duration=240.0, cells=cells)
+    run = jt.simulate(twin, drive)
+    noise = np.random.default_rng(seed).normal(scale=0.1, size=run.temperatures.shape)
+    recording = jt.Experiment(
+        time=run.time,
+        duty=drive.duty,
+        temperatures=run.temperatures + noise,
+        channels=run.channels,
+        name=file.stem,
+    )
+    jt.write_recording(recording, file)
+    return file
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """What the pages name, and the sessions of the single cell."""
+    folder = tmp_path_factory.mktemp("recordings")
+    days = ("monday", "tuesday", "wednesday")
+    made = {day: record("dual-cell", folder / f"{day}.csv", n) for n, day in enumerate(days)}
+    for number in range(4):
+        name = f"session-{number}"
+        made[name] = record("single-cell", folder / f"{name}.csv", number)
+    return made
+
+
+@pytest.fixture
+def prepared(
+    recordings: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> dict[str, Any]:
+    """The folder in which a page is read, and the names that it takes for granted."""
+    monkeypatch.chdir(tmp_path)
+    for name, file in recordings.items():
+        (tmp_path / f"{name}.csv").write_bytes(file.read_bytes())
+    monkeypatch.setattr(plt, "show", lambda: None)
+
+    def find_recordings(names: Any = None) -> tuple[Path, ...]:
+        if names is None:
+            return synthetic_recordings()
+        assert set(names) <= {known.name for known in jaxtwin.io.SINGLE_CELL}
+        return tuple(recordings[f"session-{number}"] for number in range(len(names)))
+
+    monkeypatch.setattr(jt, "find_recordings", find_recordings, raising=False)
+    return {"print": print}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_snippet_runs(page: str, prepared: dict[str, Any]) -> None:
+    code = "\n".join(snippets(page))
+    for long, short in SMALLER.items():
+        code = code.replace(long, short)
+    with surroundings_of(page, prepared):
+        for statement in ast.parse(code).body:
+            with contextlib.suppress(KeyboardInterrupt):
+                exec(compile(ast.Module([statement], []), page, "exec"), prepared)
+    plt.close("all")
+
+
+@contextlib.contextmanager
+def surroundings_of(page: str, names: dict[str, Any]) -> Iterator[None]:
+    """What a page's reader has already."""
+    if page == "docs/live.md":
+        names["print"] = printing_for(5.0)
+        with rig_that_listens():
+            yield
+    elif page == "docs/sweep.md":
+        experiments = [jt.read_recording(path) for path in synthetic_recordings()]
+        names["experiments"] = experiments
+        jt.match(jt.Twin("paper-2024"), experiments[:1], free=["R_E"]).save("fit.toml")
+        jt.sweep(jt.Twin("paper-2024", "fit.toml"), experiments, "sweep", draws=300, seed=0)
+        yield
+    else:
+        yield
+
+
+def printing_for(seconds: float) -> Callable[..., None]:
+    """A `print` that ends with Ctrl-C."""
+    end = time.monotonic() + seconds
+
+    def shown(*_: object) -> None:
+        if time.monotonic() > end:
+            raise KeyboardInterrupt
+
+    return shown
+
+
+@contextlib.contextmanager
+def rig_that_listens() -> Iterator[None]:
+    server, stop = TcpServer(ADDRESS), threading.Event()
+    rig = VirtualRig(jt.Twin("dual-cell"))
+    thread = threading.Thread(target=serve, args=(rig, server, SystemClock(), stop))
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
