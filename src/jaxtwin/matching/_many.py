@@ -9,8 +9,8 @@ from .._arguments import check_callable
 from .._errors import MatchError, ParameterError, SimulationError
 from ..io import Experiment, as_experiments
 from ..physics import Twin
-from ._descend import Attempt
-from ._estimate import Knowledge, Setting, estimate
+from ._descend import DescentResult
+from ._estimate import MatchProblem, NoiseModel, estimate
 from ._fit import Fit
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._match import (
@@ -19,7 +19,7 @@ from ._match import (
     checked_recordings,
     checked_solver,
     make_fit,
-    make_setting,
+    make_match_problem,
 )
 from ._unknowns import choose_unknowns
 
@@ -78,30 +78,34 @@ def match_many(
         per_recording=per_recording,
         bounds=bounds,
     )
-    settings = [
-        make_setting(twin, one, name, unknowns, events, None, robust)
+    problems = [
+        make_match_problem(twin, one, name, unknowns, events, None, robust)
         for one, name in zip(recordings, names, strict=True)
     ]
     results = estimate(
-        settings,
-        checked_solver(solver, settings[0]),
-        [unknowns.start()] * len(settings),
+        problems,
+        checked_solver(solver, problems[0]),
+        [unknowns.start()] * len(problems),
         max_iterations,
         None if on_iteration is None else lambda number, step: on_iteration(number, step[0]),
     )
     return tuple(
-        _fit(setting, knowledge, attempt, name, began)
-        for setting, (attempt, knowledge), name in zip(settings, results, names, strict=True)
+        _fit(problem, noise_model, result, name, began)
+        for problem, (result, noise_model), name in zip(problems, results, names, strict=True)
     )
 
 
 def _fit(
-    setting: Setting, knowledge: Knowledge, attempt: Attempt, names: tuple[str, ...], began: float
+    problem: MatchProblem,
+    noise_model: NoiseModel,
+    result: DescentResult,
+    names: tuple[str, ...],
+    began: float,
 ) -> Fit | None:
-    if not np.isfinite(attempt.cost):
+    if not np.isfinite(result.cost):
         return None
     try:
-        return make_fit(setting, knowledge, attempt, 0, names, (), began)
+        return make_fit(problem, noise_model, result, 0, names, (), began)
     except (ParameterError, SimulationError, np.linalg.LinAlgError):
         # Values without a meaning, temperatures or derivatives that are not finite: descents do not
         # look at all of that.

@@ -27,13 +27,14 @@ class Whiteness:
     - `statistic`: $Q$. `lags`: $h$.
     - `p_value`: how likely white noise would have a larger one. Below 0.01 the residuals still hold
       something that could be described.
-    - `correlated`: how many samples count as one, because they do not vary independently.
+    - `autocorrelation_time`: how many samples count as one, because they do not vary
+      independently.
     """
 
     statistic: float
     lags: int
     p_value: float
-    correlated: float
+    autocorrelation_time: float
 
     @property
     def is_white(self) -> bool:
@@ -48,7 +49,7 @@ def whiteness(residuals: Float[np.ndarray, " times"]) -> Whiteness:
     """
     from scipy.stats import chi2  # takes a while to import
 
-    from ..matching import noise_of
+    from ..matching import estimate_noise
 
     samples = int(np.count_nonzero(~np.isnan(residuals)))
     if samples < 10:
@@ -62,7 +63,9 @@ def whiteness(residuals: Float[np.ndarray, " times"]) -> Whiteness:
         statistic=statistic,
         lags=int(told.sum()),
         p_value=float(chi2.sf(statistic, told.sum())),
-        correlated=noise_of([_about_mean(residuals)[:, None]], samples).correlated,
+        autocorrelation_time=estimate_noise(
+            [_about_mean(residuals)[:, None]], samples
+        ).autocorrelation_time,
     )
 
 
