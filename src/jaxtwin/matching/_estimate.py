@@ -104,9 +104,9 @@ def estimate(
     - `problems`: one or several, alike but for their recordings' temperatures, samples and events.
     - `solver`: with the tolerances of the last round.
     - `starts`: of each. `max_iterations`: of each, over all rounds.
-    - `on_step`: called with the number of the setting and each step.
+    - `on_step`: called with the number of the problem and each step.
 
-    **Raises:** `MatchError` where the recordings of two settings differ in shape.
+    **Raises:** `MatchError` where the recordings of two problems differ in shape.
     """
     problems = list(problems)
     noise_model = [initial_noise_model(problem) for problem in problems]
@@ -116,7 +116,7 @@ def estimate(
         last = number == rounds - 1
         loose = solver if last else replace(solver, rtol=LOOSE[number])
         pairs = list(zip(problems, noise_model, strict=True))
-        # Compiled steps do not follow what is found in one of the settings.
+        # Compiled steps do not follow what is found in one of the problems.
         shapes = max(shapes_needed(*pair) for pair in pairs)
         objectives = [make_objective(*pair, shapes) for pair in pairs]
         if number == 0:
