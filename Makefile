@@ -5,15 +5,17 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/installed
 INSTALLED_DEV := .venv/installed-dev
+PARALLEL := --numprocesses=auto --dist=loadfile
 
-.PHONY: help bench demo test lint types notebook pictures wheel-check test-lowest clean
+.PHONY: help bench demo test test-slow test-all test-lowest lint types notebook notebook-check pictures wheel-check clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
-	@echo "make test         the tests; ARGS='-k rig' picks some"
+	@echo "make test         the tests to run before a commit; ARGS='-k rig' picks some"
+	@echo "make test-slow    those that take longer; test-all runs both"
 	@echo "make lint         ruff: rules and layout"
 	@echo "make types        pyright"
-	@echo "make notebook     run the notebooks again, in place"
+	@echo "make notebook     run the notebooks again, in place; notebook-check only runs them"
 	@echo "make pictures     draw the pictures of the documentation again"
 	@echo "make wheel-check  build the wheel and use it from a fresh environment"
 	@echo "make test-lowest  the tests on the oldest libraries that pyproject.toml allows"
@@ -24,7 +26,13 @@ demo: $(INSTALLED)
 	$(BIN)/jaxtwin demo --out report
 
 test: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest --numprocesses=auto --dist=loadfile $(ARGS)
+	$(BIN)/python -m pytest $(PARALLEL) -m "not slow" $(ARGS)
+
+test-slow: $(INSTALLED_DEV)
+	$(BIN)/python -m pytest $(PARALLEL) -m slow $(ARGS)
+
+test-all: $(INSTALLED_DEV)
+	$(BIN)/python -m pytest $(PARALLEL) $(ARGS)
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
@@ -35,6 +43,10 @@ types: $(INSTALLED_DEV)
 
 notebook: $(INSTALLED_DEV)
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace notebooks/*.ipynb
+
+notebook-check: $(INSTALLED_DEV)
+	set -e; made=$$(mktemp -d); trap 'rm -rf "$$made"' EXIT; \
+	$(BIN)/jupyter nbconvert --to notebook --execute --output-dir "$$made" notebooks/*.ipynb
 
 pictures: $(INSTALLED)
 	$(BIN)/python docs/make_pictures.py
@@ -59,10 +71,10 @@ test-lowest:
 	.venv-lowest/bin/python -m pip install --quiet uv
 	.venv-lowest/bin/uv pip install --python .venv-lowest/bin/python \
 	    --resolution lowest-direct --editable '.[dev]'
-	.venv-lowest/bin/python -m pytest $(ARGS)
+	.venv-lowest/bin/python -m pytest $(PARALLEL) -m "not slow" $(ARGS)
 
 clean:
-	rm -rf .venv .venv-lowest dist report .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-lowest dist report .pytest_cache .ruff_cache .hypothesis .jax_cache
 
 $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "jaxtwin needs Python 3.11 or newer; name one: make PYTHON=python3.12")'
