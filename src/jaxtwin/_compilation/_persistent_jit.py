@@ -18,7 +18,6 @@ import equinox as eqx
 import jax
 from jax.core import Tracer
 from jax.experimental import serialize_executable
-from jax.tree_util import PyTreeDef
 from jaxtyping import Array, PyTree
 
 from ._fingerprint import NoFingerprintError, fingerprint, surroundings
@@ -95,7 +94,7 @@ class _PersistentJit(Generic[P, T]):
         return program(arrays)
 
     def _load_or_compile(
-        self, structure: PyTreeDef, static: tuple[Any, ...], arrays: list[Any]
+        self, structure: Any, static: tuple[Any, ...], arrays: list[Any]
     ) -> _Program:
         name, device = None, _only_device(arrays)
         if device is not None:
@@ -114,9 +113,7 @@ class _PersistentJit(Generic[P, T]):
             save(name, _stored(program))
         return program
 
-    def _compile(
-        self, structure: PyTreeDef, static: tuple[Any, ...], arrays: list[Any]
-    ) -> _Program:
+    def _compile(self, structure: Any, static: tuple[Any, ...], arrays: list[Any]) -> _Program:
         output: PyTree = None
 
         def on_arrays(*arrays: Array) -> list[Array]:
