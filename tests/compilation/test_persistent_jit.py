@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin._compilation import persistent_jit
+from jaxtwin._compilation import _persistent_jit, persistent_jit
 
 traced: list[str] = []
 """Which functions were traced; a program that is loaded leaves nothing here."""
@@ -114,6 +114,16 @@ def test_threads_that_want_the_same_program_make_it_once():
         results = list(pool.map(lambda line: call(line, jnp.ones(2)), lines))
     assert traced == ["a"]
     assert [float(found["y"][0]) for _, found in results] == list(range(8))
+
+
+def test_few_programs_stay_in_memory(monkeypatch):
+    """Linux ends a process that maps memory too often, which each program does."""
+    monkeypatch.setattr(_persistent_jit, "MOST_PROGRAMS", 2)
+    call = another_process()
+    for size in (1, 2, 3, 1):
+        call(Line(jnp.array(3.0), "a"), jnp.ones(size))
+    assert len(traced) == 3  # the first came back from the disk
+    assert len(call._programs) == 2  # pyright: ignore[reportFunctionMemberAccess]
 
 
 def test_a_loaded_program_finds_lapack(tmp_path):

@@ -26,6 +26,10 @@ from ._store import load, save
 P = ParamSpec("P")
 T = TypeVar("T")
 
+MOST_PROGRAMS = 32
+"""That one function holds in memory; the oldest goes first. Each maps memory some twenty times, and
+Linux ends a process with 65 530 such maps."""
+
 
 def persistent_jit(function: Callable[P, T]) -> Callable[P, T]:
     """Compiles a function as `equinox.filter_jit` does, and keeps the programs on disk.
@@ -73,6 +77,7 @@ class _PersistentJit(Generic[P, T]):
         self._inlined = eqx.filter_jit(function)
         self._programs: dict[Hashable, _Program] = {}
         self._locks: dict[Hashable, threading.Lock] = {}
+        self._adding = threading.Lock()
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
         leaves, structure = jax.tree.flatten((args, kwargs))
@@ -90,8 +95,15 @@ class _PersistentJit(Generic[P, T]):
                 program = self._programs.get(key)
                 if program is None:
                     program = self._load_or_compile(structure, static, arrays)
-                    self._programs[key] = program
+                    self._remember(key, program)
         return program(arrays)
+
+    def _remember(self, key: Hashable, program: _Program) -> None:
+        with self._adding:
+            self._programs[key] = program
+            self._locks.pop(key, None)
+            if len(self._programs) > MOST_PROGRAMS:
+                self._programs.pop(next(iter(self._programs)))
 
     def _load_or_compile(
         self, structure: Any, static: tuple[Any, ...], arrays: list[Any]
