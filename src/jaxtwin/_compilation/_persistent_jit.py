@@ -10,6 +10,7 @@ import contextlib
 import functools
 import pickle
 import threading
+import time
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, ParamSpec, TypeVar, final
@@ -29,6 +30,11 @@ T = TypeVar("T")
 MOST_PROGRAMS = 32
 """That one function holds in memory; the oldest goes first. Each maps memory some twenty times, and
 Linux ends a process with 65 530 such maps."""
+
+
+def compiling_seconds() -> float:
+    """For how long anything was being traced or compiled in this process so far."""
+    return _clock.seconds()
 
 
 def persistent_jit(function: Callable[P, T]) -> Callable[P, T]:
@@ -63,6 +69,36 @@ class _Program:
         return jax.tree.map(
             lambda leaf: results[leaf.number] if isinstance(leaf, _ArrayAt) else leaf, self.output
         )
+
+
+@final
+class _Clock:
+    """Runs while at least one thread is inside of it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._inside = 0
+        self._began = 0.0
+        self._total = 0.0
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._inside:
+                self._began = time.perf_counter()
+            self._inside += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                self._total += time.perf_counter() - self._began
+
+    def seconds(self) -> float:
+        with self._lock:
+            return self._total + (time.perf_counter() - self._began if self._inside else 0.0)
+
+
+_clock = _Clock()
 
 
 @final
@@ -140,7 +176,9 @@ class _PersistentJit(Generic[P, T]):
             return results
 
         on_arrays.__name__ = self._function.__name__
-        return _Program(jax.jit(on_arrays).lower(*arrays).compile(), output)
+        with _clock:
+            compiled = jax.jit(on_arrays).lower(*arrays).compile()
+        return _Program(compiled, output)
 
 
 def _signature(array: Any) -> Hashable:
