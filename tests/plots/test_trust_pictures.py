@@ -13,8 +13,8 @@ from matplotlib.patches import Rectangle
 from small_results import fit
 
 from jaxtwin import Experiment, Fit, SimulationError, plate_map, plots
+from jaxtwin._residual_statistics import autocorrelation
 from jaxtwin.matching import CameraError, Comparison
-from jaxtwin.validation import autocorrelation
 
 
 @pytest.fixture(autouse=True)
@@ -50,8 +50,8 @@ def disturbed() -> Fit:
         weight[30:40] = 0.0
         weight[50:, 1] = 0.5
         weights.append(weight)
-    knowledge = replace(fit().knowledge, alone_weights=tuple(weights))
-    return replace(fit(), comparisons=tuple(comparisons), knowledge=knowledge)
+    noise_model = replace(fit().noise_model, channel_weights=tuple(weights))
+    return replace(fit(), comparisons=tuple(comparisons), noise_model=noise_model)
 
 
 def test_the_cameras_error_is_shown_and_taken_away():

@@ -3,8 +3,8 @@
 import math
 from typing import TYPE_CHECKING, Literal
 
-from ..simulation import fit_text
-from ._interval import interval_text, short_number
+from .._measures import fit_text
+from .._number_text import interval_text, short_number
 
 if TYPE_CHECKING:
     from ._fit import Fit, FittedParameter
@@ -73,7 +73,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
     for name, values in own.items():
         text = ", ".join(f"{key} = {value:.4g}" for key, value in values.items())
         lines.append(f"{name}: {text}")
-    for name, events in zip(fit.recordings, fit.knowledge.events, strict=True):
+    for name, events in zip(fit.recordings, fit.noise_model.events, strict=True):
         if events:
             times = ", ".join(f"{event:g}" for event in events)
             lines.append(f"{name}: corrections of the camera at {times} s")
