@@ -191,10 +191,12 @@ def _step(
         jacobians = _differentiate(vectors, objective) if jacobians is None else jacobians
         factors = _factorise(jacobians, residuals, objective)
     evaluation = state.evaluation
-    if jacobians is not None and evaluation is None:
-        evaluation = Evaluation(errors, jacobians)
-    elif jacobians is not None and accepted.any():
-        evaluation = _select(jnp.asarray(accepted), Evaluation(errors, jacobians), evaluation)
+    if jacobians is not None:
+        new = Evaluation(errors, jacobians)
+        if evaluation is None:
+            evaluation = new
+        elif accepted.any():
+            evaluation = _select(jnp.asarray(accepted), new, evaluation)
     trials = Trial(vectors, costs, mean_squares, factors)
     taken, optimiser = _update(solver, state.vectors, trials, space, state.optimiser, active)
     return DescentState(taken, optimiser, evaluation)

@@ -86,9 +86,8 @@ class DescentResult:
                 channel, common_mode, sizes = (np.asarray(part) for part in split)
                 camera = np.einsum("rtk,rk->rt", np.asarray(group.weights.shapes), sizes)
                 for row, position in enumerate(group.positions):
-                    parts = (
-                        part[row, : group.lengths[row]] for part in (channel, common_mode, camera)
-                    )
+                    times = slice(int(group.lengths[row]))  # without what fills up their number
+                    parts = (part[row, times] for part in (channel, common_mode, camera))
                     found[position] = RecordingErrors(*parts)
         return [found[position] for position in sorted(found)]
 
@@ -99,7 +98,7 @@ class DescentResult:
         for group, errors in groups:
             simulated = np.asarray(errors) + np.asarray(group.temperatures)
             for row, position in enumerate(group.positions):
-                found[position] = simulated[row, : group.lengths[row]]
+                found[position] = simulated[row, : int(group.lengths[row])]
         return [found[position] for position in sorted(found)]
 
     def jacobian(self) -> Float[np.ndarray, "residuals unknowns"]:

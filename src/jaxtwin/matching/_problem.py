@@ -86,8 +86,8 @@ def make_match_problem(
     experiments = tuple(recordings.values())
     if not any(map(_is_excited, experiments, weights)):
         raise MatchError(
-            f"{', '.join(recordings)}: found no excitation, every duty cycle is 0 and no reading ever "
-            "changes; allowed is at least one recording in which something happens"
+            f"{', '.join(recordings)}: found no excitation, every duty cycle is 0 and no reading "
+            "ever changes; allowed is at least one recording in which something happens"
         )
     error = twin.rig.common_error
     if events is not None and error is None:
@@ -137,8 +137,8 @@ def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str,
     - `twin`: of the rig that they must belong to.
     - `experiments`: one or several.
 
-    **Returns:** name -> recording, in order. The name is the recording's own, or its number where it
-    has none; one that occurs again is followed by its number, or by the next that no other has.
+    **Returns:** name -> recording, in order. The name is the recording's own, or its number where
+    it has none; one that occurs again is followed by its number, or by the next that no other has.
 
     **Raises:** `MatchError` where there is none, one has no temperatures, or none in one of its
     channels; `SimulationError` for one of another rig.

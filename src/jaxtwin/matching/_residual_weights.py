@@ -1,4 +1,4 @@
-"""The weights of one recording's residuals, and how they are split into channels and common mode."""
+"""The weights of a recording's residuals, and their split into channels and common mode."""
 
 from typing import NamedTuple, final
 

@@ -33,7 +33,7 @@ Residuals = list[SplitErrors | Float[Array, "..."]]
 def residuals(
     vector: Float[Array, " unknowns"], objective: Objective
 ) -> tuple[Residuals, Float[Array, ""]]:
-    """The weighted residuals, and the mean squared error of all samples that are not missing, K^2."""
+    """The weighted residuals, and the mean squared error of all samples that are there, K^2."""
     return weighted_residuals(output_errors(vector, objective), vector, objective)
 
 
