@@ -10,12 +10,12 @@ from ._fit import (
     Iteration,
     Optimum,
 )
-from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
-from ._levenberg_marquardt import BoundedLevenbergMarquardt, LMState
+from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions, twin_for
+from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._many import match_many
-from ._match import checked_recordings, match
+from ._match import match
 from ._noise import Noise, estimate_noise
-from ._own_values import twin_for
+from ._problem import named_recordings
 from ._profile import Profile, profile
 
 __all__ = [
@@ -29,15 +29,14 @@ __all__ = [
     "FittedParameters",
     "InitialConditions",
     "Iteration",
-    "LMState",
     "Noise",
     "Optimum",
     "Profile",
-    "checked_recordings",
     "estimate_initial_conditions",
     "estimate_noise",
     "match",
     "match_many",
+    "named_recordings",
     "prediction_band",
     "profile",
     "twin_for",

@@ -47,24 +47,24 @@ class RecordingScore(NamedTuple):
     noise: Float[np.ndarray, "unknowns unknowns"]
 
 
-def spread_between_recordings(
+def estimate_heterogeneity(
     scores: Sequence[RecordingScore],
     prior: Float[np.ndarray, "unknowns unknowns"],
     shared: Int[np.ndarray, " shared"],
-    spreads: Float[np.ndarray, " shared"],
+    prior_deviations: Float[np.ndarray, " shared"],
 ) -> float:
-    r"""$\tau$: how much shared parameters differ between recordings, as a part of their priors'
-    standard deviations.
+    r"""$\tau$, the heterogeneity of a random-effects model: by how much shared parameters differ
+    between recordings, as a part of their priors' standard deviations.
 
     **Arguments:**
 
     - `scores`: of each recording.
     - `prior`: normal matrix of what is known beforehand.
     - `shared`: which unknowns are shared by all recordings; the others are eliminated.
-    - `spreads`: standard deviations of their priors, 0 for those without one, which are taken to be
-      the same in all recordings.
+    - `prior_deviations`: standard deviations of their priors, 0 for those without one, which are
+      taken to be the same in all recordings.
     """
-    reduced = [_without_nuisance(one, prior, shared, spreads) for one in scores]
+    reduced = [_without_nuisance(one, prior, shared, prior_deviations) for one in scores]
     count, size = len(reduced), len(shared)
     inverse = np.linalg.pinv(sum(one.information for one in reduced), hermitian=True)
     stacked = np.concatenate([one.information for one in reduced])
@@ -94,9 +94,9 @@ def _without_nuisance(
     one: RecordingScore,
     prior: Float[np.ndarray, "unknowns unknowns"],
     shared: Int[np.ndarray, " shared"],
-    spreads: Float[np.ndarray, " shared"],
+    prior_deviations: Float[np.ndarray, " shared"],
 ) -> RecordingScore:
-    """The efficient score for the shared parameters, measured in their priors' deviations.
+    """The efficient score for the shared parameters, measured in their priors' standard deviations.
 
     The priors of what is eliminated are noise of its score.
     """
@@ -105,8 +105,8 @@ def _without_nuisance(
     across = normal[np.ix_(shared, others)]
     eliminate = across @ np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
     lift = np.zeros((len(shared), len(one.score)))
-    lift[np.arange(len(shared)), shared] = spreads
-    lift[:, others] = -spreads[:, None] * eliminate
+    lift[np.arange(len(shared)), shared] = prior_deviations
+    lift[:, others] = -prior_deviations[:, None] * eliminate
     of_others = np.zeros_like(prior)
     of_others[np.ix_(others, others)] = prior[np.ix_(others, others)]
     return RecordingScore(

@@ -16,8 +16,9 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter, Rig, unknown, write_parameters
 from ..simulation import Run
-from ._estimate import MatchProblem, NoiseModel
 from ._noise import Noise
+from ._noise_model import NoiseModel
+from ._problem import MatchProblem
 from ._summary import Style, summary_table
 from ._uncertainty import Uncertainty
 
