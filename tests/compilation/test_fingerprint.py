@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 
 from jaxtwin import Twin
+from jaxtwin._compilation import _fingerprint
 from jaxtwin._compilation._fingerprint import NoFingerprintError, fingerprint
 
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
@@ -26,6 +27,12 @@ VALUES = st.recursive(
 class Pair:
     left: object
     right: object
+
+
+@pytest.fixture(autouse=True)
+def _this_file_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = (*_fingerprint.KNOWN_CODE, __name__.partition(".")[0])
+    monkeypatch.setattr(_fingerprint, "KNOWN_CODE", known)
 
 
 def twice(number: float) -> float:
@@ -66,6 +73,13 @@ def sets_in(value: Any) -> bool:
 )
 def test_what_would_compile_to_another_program_has_another_digest(first, second):
     assert fingerprint(first) != fingerprint(second)
+
+
+def test_code_that_may_change_under_its_name_has_none(monkeypatch):
+    monkeypatch.undo()
+    for own in (twice, Pair, Pair(1, 2)):
+        with pytest.raises(NoFingerprintError):
+            fingerprint(own)
 
 
 @pytest.mark.parametrize("value", [lambda: 0, object(), [Pair(1, lambda: 0)], {1: object()}])

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin._compilation import _persistent_jit, persistent_jit
+from jaxtwin._compilation import _fingerprint, _persistent_jit, persistent_jit
 
 traced: list[str] = []
 """Which functions were traced; a program that is loaded leaves nothing here."""
@@ -37,6 +37,8 @@ def applied(function: Any, x: Any) -> Any:
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", str(tmp_path))
+    known = (*_fingerprint.KNOWN_CODE, __name__.partition(".")[0])
+    monkeypatch.setattr(_fingerprint, "KNOWN_CODE", known)
     traced.clear()
     return tmp_path
 
@@ -130,7 +132,8 @@ def test_a_loaded_program_finds_lapack(tmp_path):
     """In a process that has lowered no call of it, nobody else has looked up its functions."""
     (tmp_path / "eigenvalues.py").write_text(
         "import jax.numpy as jnp\n"
-        "from jaxtwin._compilation import persistent_jit\n"
+        "from jaxtwin._compilation import _fingerprint, persistent_jit\n"
+        "_fingerprint.KNOWN_CODE += ('eigenvalues',)\n"
         "@persistent_jit\n"
         "def largest(matrix):\n"
         "    print('traced')\n"

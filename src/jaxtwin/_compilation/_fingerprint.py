@@ -22,6 +22,10 @@ PLAIN = (type(None), bool, int, float, complex, str, bytes, enum.Enum, np.dtype)
 LIBRARIES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy")
 """What has a say in the compiled code, beside this package."""
 
+KNOWN_CODE = ("builtins", "collections", "functools", "jaxtwin", *LIBRARIES)
+"""Packages whose functions and classes are known by their names: `surroundings` holds their
+versions. A user's own code may be another one tomorrow under the same name."""
+
 
 class NoFingerprintError(Exception):
     """A value holds something that has no meaning outside of this process, such as a closure."""
@@ -33,7 +37,8 @@ def fingerprint(value: object) -> str:
     Dataclasses (and so `equinox.Module`s) count by their fields, functions by their names, arrays
     by shape, type and contents, containers by what is in them.
 
-    **Raises:** `NoFingerprintError` for closures, lambdas, and objects of any other type.
+    **Raises:** `NoFingerprintError` for closures, lambdas, functions and classes of other packages
+    than `KNOWN_CODE`, and objects of any other type.
     """
     digest = hashlib.sha256()
     _add(value, digest.update)
@@ -64,16 +69,11 @@ def _processor() -> str:
 
 
 def _add(value: object, update: Callable[[bytes], None]) -> None:
-    kind = type(value)
-    update(f"({kind.__module__}.{kind.__qualname__}:".encode())
+    update(f"({_name(type(value))}:".encode())
     if isinstance(value, PLAIN):
         update(repr(value).encode())
-    elif isinstance(value, type):
-        update(f"{value.__module__}.{value.__qualname__}".encode())
-    elif isinstance(value, FunctionType | BuiltinFunctionType):
-        if "<" in value.__qualname__:  # a lambda, or defined within another function
-            raise NoFingerprintError(repr(value))
-        update(f"{value.__module__}.{value.__qualname__}".encode())
+    elif isinstance(value, type | FunctionType | BuiltinFunctionType):
+        update(_name(value).encode())
     elif eqx.is_array(value):
         array = np.asarray(value)
         update(f"{array.shape} {array.dtype}".encode())
@@ -82,6 +82,13 @@ def _add(value: object, update: Callable[[bytes], None]) -> None:
         for part in _parts(value):
             _add(part, update)
     update(b")")
+
+
+def _name(code: type | FunctionType | BuiltinFunctionType) -> str:
+    within_function = "<" in code.__qualname__  # a lambda is, too
+    if within_function or code.__module__.partition(".")[0] not in KNOWN_CODE:
+        raise NoFingerprintError(repr(code))
+    return f"{code.__module__}.{code.__qualname__}"
 
 
 def _parts(value: Any) -> list[object]:
