@@ -308,7 +308,7 @@ class Fit:
             "rmse_K": self.rmse,
             "status": self.status,
             "converged": self.converged,
-            "iterations": len(self.history) - 1,
+            "iterations": self.history[-1].number,
             "wall_time_s": self.wall_time,
             "parameters": rows,
             "recordings": {name: dict(values) for name, values in self.recording_values.items()},
