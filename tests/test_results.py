@@ -95,11 +95,12 @@ def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: P
 def test_the_tables_hold_the_numbers_of_the_results():
     matched = fit()
     data = matched.to_xarray()
-    row = matched["R_pc"]
-    assert float(data.value.sel(parameter="R_pc")) == row.value
-    assert float(data.standard_error.sel(parameter="R_pc")) == row.standard_error
-    variance = data.covariance.sel(entry="R_pc", other_entry="R_pc")
-    assert float(variance) == pytest.approx(row.standard_error**2)
+    rows = matched.parameters.values()
+    np.testing.assert_array_equal(data.value, [row.value for row in rows])
+    np.testing.assert_array_equal(data.standard_error, [row.standard_error for row in rows])
+    room = "T_amb[synthetic-A]"
+    variance = float(data.covariance.sel(entry=room, other_entry=room))
+    assert variance == pytest.approx(matched.uncertainty.standard_errors[room] ** 2)
     room = data.recording_value.sel(recording="synthetic-B", own_parameter="T_amb")
     assert float(room) == matched.recording_values["synthetic-B"]["T_amb"]
     percent = matched.fit_percent["synthetic-A", "T11"]
