@@ -29,10 +29,10 @@ from jaxtyping import Float
 from .._arguments import check_callable, of_kind, whole_number
 from .._display import html_table, picture
 from .._errors import MatchError, ParameterError
+from .._number_text import short_number
 from ._descend import Step, descend
 from ._estimate import make_problem
 from ._fit import Fit, Iteration
-from ._interval import short_number
 from ._match import default_solver, make_iteration
 
 if TYPE_CHECKING:

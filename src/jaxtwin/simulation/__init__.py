@@ -4,6 +4,7 @@ The default solver is exponential time differencing in the modes of the thermal 
 grid that is fine after each input change; any diffrax solver can take its place.
 """
 
+from .._measures import fit_percent, rmse
 from ._ambient import ambient_of_samples, reference_temperature
 from ._batch import (
     REDUCTIONS,
@@ -14,7 +15,6 @@ from ._batch import (
 )
 from ._chunk import Reduction
 from ._chunk_runner import Precision
-from ._measures import fit_percent, fit_text, mean_fit_percent, rmse
 from ._padding import padded, padded_schedule
 from ._run import Run
 from ._schedule import Schedule, build_schedule, twin_schedule
@@ -40,8 +40,6 @@ __all__ = [
     "checked_precision",
     "checked_reductions",
     "fit_percent",
-    "fit_text",
-    "mean_fit_percent",
     "network_field",
     "padded",
     "padded_schedule",

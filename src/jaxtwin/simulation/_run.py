@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from .._display import html_table, picture
 from .._errors import RecordingError, SimulationError
+from .._measures import fit_percent, fit_text, rmse
 from .._whole_file import check_ending
 from ..io import Experiment
-from ._measures import fit_percent, fit_text, rmse
 from ._uniformity import Uniformity, uniformity
 
 if TYPE_CHECKING:

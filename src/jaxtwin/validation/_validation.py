@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from .._display import html_table, picture
+from .._measures import fit_text, mean_fit_percent
 from ..matching import Fit
 from ..physics import Twin
-from ..simulation import Run, fit_text, mean_fit_percent
+from ..simulation import Run
 from ._whiteness import Whiteness, whiteness
 
 if TYPE_CHECKING:
