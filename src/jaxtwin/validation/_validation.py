@@ -113,7 +113,15 @@ class Validation:
     def summary(self) -> str:
         """The numbers as a table of text, a row for each channel."""
         rows: list[tuple[str, ...]] = [
-            ("recording", "channel", "fit, %", "RMSE, K", "mean, K", "correlated, s", "white?")
+            (
+                "recording",
+                "channel",
+                "fit, %",
+                "RMSE, K",
+                "mean, K",
+                "corr. time, s",
+                "white?",
+            )
         ]
         for one in self.predictions:
             for column, (channel, fit) in enumerate(one.run.fit_percent.items()):
@@ -125,7 +133,7 @@ class Validation:
                         fit_text(fit),
                         f"{np.sqrt(np.nanmean(error**2)):.3f}",
                         f"{np.nanmean(error):+.3f}",
-                        f"{test.correlated * one.sample_time:.0f}",
+                        f"{test.autocorrelation_time * one.sample_time:.0f}",
                         _verdict(test),
                     )
                 )
@@ -151,13 +159,13 @@ class Validation:
 
     def to_xarray(self) -> "xarray.Dataset":
         """The numbers with labels: fit_percent, rmse and mean_error, the p_value and the
-        correlated_s of the test of whiteness, all (recording, channel), NaN where a recording does
+        autocorrelation_time (s) of the test of whiteness, all (recording, channel), NaN where a recording does
         not have the channel. The runs have their own `to_xarray`."""
         return self.to_dataframe().to_xarray().assign_attrs(rig=self.rig, kind=self.kind)
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A row for each recording and channel, its index, and columns fit_percent (%), rmse (K),
-        mean_error (K), p_value and correlated_s (s), as in `summary`."""
+        mean_error (K), p_value and autocorrelation_time (s), as in `summary`."""
         import pandas
 
         rows = {
@@ -166,7 +174,8 @@ class Validation:
                 "rmse": float(np.sqrt(np.nanmean(error**2))),
                 "mean_error": float(np.nanmean(error)),
                 "p_value": one.whiteness[channel].p_value,
-                "correlated_s": one.whiteness[channel].correlated * one.sample_time,
+                "autocorrelation_time": one.whiteness[channel].autocorrelation_time
+                * one.sample_time,
             }
             for one in self.predictions
             for (channel, fit), error in zip(
@@ -219,7 +228,7 @@ def _prediction(one: Prediction) -> dict[str, Any]:
             "ljung_box": test.statistic,
             "lags": test.lags,
             "p_value": test.p_value,
-            "correlated_samples": test.correlated,
+            "autocorrelation_time_samples": test.autocorrelation_time,
         }
     return {
         "from_s": float(one.run.time[0]),
