@@ -63,8 +63,7 @@ def ours(objective: Objective, problem: MatchProblem) -> Result:
     start = problem.unknowns.start()
     (end,) = descend([objective], solver, [start], problem.unknowns.search_space(), LIMIT)
     assert end.optimiser is not None
-    counts = end.optimiser.num_residuals, end.optimiser.num_jacobians
-    return end.vector, *map(int, counts)
+    return end.vector, int(end.optimiser.num_residuals), int(end.optimiser.num_jacobians)
 
 
 def optimistix_own(objective: Objective, problem: MatchProblem) -> Result:
