@@ -71,15 +71,15 @@ def _descend_once(
             throw=False,
         )
         end = np.asarray(arrays[1].from_unbounded(solution.value))
-        found = _evaluate(end, arrays[0])
-    iterations = done + int(solution.stats["num_steps"])
-    converged = bool(solution.result == optx.RESULTS.successful)
-    name = type(solver).__name__
+        found = jax.tree.map(np.asarray, _evaluate(end, arrays[0]))
+        iterations = done + int(solution.stats["num_steps"])
+        converged = bool(solution.result == optx.RESULTS.successful)
+        words = "converged" if converged else optx.RESULTS[solution.result]
     return DescentResult(
         vector=end,
         cost=float(found.cost),
         mean_square=float(found.mean_square),
-        status=f"{name}: converged" if converged else f"{name}: {optx.RESULTS[solution.result]}",
+        status=f"{type(solver).__name__}: {words}",
         converged=converged,
         steps=(first, _step(iterations, found, end)),
         iterations=iterations,
@@ -117,9 +117,9 @@ class _Evaluated(NamedTuple):
     """Everything that a result holds of a vector."""
 
     evaluation: Evaluation
-    cost: Float[Array, ""]
-    mean_square: Float[Array, ""]
-    gradient: Float[Array, ""]
+    cost: Float[np.ndarray | Array, ""]
+    mean_square: Float[np.ndarray | Array, ""]
+    gradient: Float[np.ndarray | Array, ""]
 
 
 @eqx.filter_jit
