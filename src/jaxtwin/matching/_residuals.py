@@ -25,12 +25,10 @@ from jaxtyping import Array, Bool, Float, Int
 from ..io import Experiment
 from ..physics import System, Twin
 from ..simulation import (
-    Schedule,
-    ambient_of_samples,
+    TimeGrid,
     padded,
-    padded_schedule,
-    reference_temperature,
-    solve_schedule,
+    padded_time_grid,
+    solve_network,
 )
 from ._unknowns import Layout, Unknowns
 from ._weights import Weights, stacked
@@ -40,10 +38,10 @@ from ._weights import Weights, stacked
 class Recordings(eqx.Module):
     """Recordings of equal shapes, stacked so that they are solved at once.
 
-    Their samples are filled up to a few sizes, as their schedules are, with some that count for
+    Their samples are filled up to a few sizes, as their grids are, with some that count for
     nothing, so that recordings of another length run through the same programs.
 
-    - `schedule`: every array with a leading recordings axis.
+    - `grid`: every array with a leading recordings axis.
     - `columns`: which of the rig's channels each recording holds.
     - `temperatures`: recorded, `(recordings, times, channels)`, degC; any finite number where a
       sample is missing or fills up their number, which weighs nothing.
@@ -53,7 +51,7 @@ class Recordings(eqx.Module):
     - `positions`: their places among all recordings.
     """
 
-    schedule: Schedule
+    grid: TimeGrid
     columns: Int[np.ndarray | Array, "recordings channels"]
     temperatures: Float[np.ndarray | Array, "recordings times channels"]
     sampled: Bool[np.ndarray | Array, "recordings times channels"]
@@ -105,14 +103,14 @@ def build_problem(
     weights: Sequence[Weights],
     ties: Ties | None = None,
 ) -> Problem:
-    """Groups recordings by the shape of their schedules, so that compiled code is shared."""
+    """Groups recordings by the shape of their grids, so that compiled code is shared."""
     groups: dict[tuple, list[int]] = {}
-    schedules = [padded_schedule(twin, experiment) for experiment in experiments]
+    grids = [padded_time_grid(twin, experiment) for experiment in experiments]
     weights = [one.padded() for one in weights]
-    for position, (schedule, experiment) in enumerate(zip(schedules, experiments, strict=True)):
-        leaves = jax.tree.leaves((schedule, weights[position]))
+    for position, (grid, experiment) in enumerate(zip(grids, experiments, strict=True)):
+        leaves = jax.tree.leaves((grid, weights[position]))
         shapes = tuple(np.shape(leaf) for leaf in leaves)
-        key = (shapes, schedule.ambient is None, len(experiment.channels))
+        key = (shapes, grid.ambient is None, len(experiment.channels))
         groups.setdefault(key, []).append(position)
     gathered = []
     for positions in groups.values():
@@ -120,9 +118,7 @@ def build_problem(
         columns = [[twin.channels.index(name) for name in e.channels] for e in members]
         gathered.append(
             Recordings(
-                schedule=jax.tree.map(
-                    lambda *leaves: np.stack(leaves), *(schedules[p] for p in positions)
-                ),
+                grid=jax.tree.map(lambda *leaves: np.stack(leaves), *(grids[p] for p in positions)),
                 columns=np.array(columns, dtype=np.int32),
                 # Nothing times NaN would be NaN.
                 temperatures=np.stack(
@@ -186,7 +182,7 @@ def differences(vector: Float[Array, " unknowns"], problem: Problem) -> list[Flo
     for samples that fill up."""
 
     def one(local: Array, group: Recordings) -> Array:
-        error = _reading(local, problem, group.schedule, group.columns) - group.temperatures
+        error = _reading(local, problem, group.grid, group.columns) - group.temperatures
         return jnp.where(jnp.arange(len(error))[:, None] < group.lengths, error, 0.0)
 
     return [
@@ -211,9 +207,7 @@ def derivatives(
 ) -> list[Float[Array, "_recordings _entries _times _channels"]]:
     """Derivatives of the `differences` in the entries that concern each recording."""
     return [
-        jax.vmap(lambda one, g: _reading_jacobian(one, problem, g.schedule, g.columns))(
-            local, group
-        )
+        jax.vmap(lambda one, g: _reading_jacobian(one, problem, g.grid, g.columns))(local, group)
         for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True)
     ]
 
@@ -250,19 +244,19 @@ def _local_vectors(
 def _reading(
     local: Float[Array, " entries"],
     problem: Problem,
-    schedule: Schedule,
+    grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "times channels"]:
     """What the camera reads without its common error, degC."""
     system = problem.twin.with_parameters(problem.layout.local_values(local)).system(lumped=True)
-    base, rise = channel_rises(system, schedule, columns)
+    base, rise = channel_rises(system, grid, columns)
     return base + system.gain[columns] * rise - 273.15
 
 
 def _reading_jacobian(
     local: Float[Array, " entries"],
     problem: Problem,
-    schedule: Schedule,
+    grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "entries times channels"]:
     layout = problem.layout
@@ -275,7 +269,7 @@ def _reading_jacobian(
 
     def plate(part: Array) -> tuple[Array, Array]:
         system = twin(part, inner).system(lumped=True)
-        return channel_rises(system, schedule, columns)
+        return channel_rises(system, grid, columns)
 
     def gain(part: Array, entries: np.ndarray) -> Array:
         one = twin(part, entries)
@@ -299,13 +293,12 @@ def _reading_jacobian(
 
 
 def channel_rises(
-    system: System, schedule: Schedule, columns: Int[Array | np.ndarray, " columns"]
+    system: System, grid: TimeGrid, columns: Int[Array | np.ndarray, " columns"]
 ) -> tuple[Float[Array, "times #channels"], Float[Array, "times channels"]]:
     """From the rig's own start: the surroundings' temperature, K, and how far above it what each
     channel looks at is."""
     weights = jnp.asarray(system.wiring.channel_weights)[columns]
-    reference = reference_temperature(system, schedule)
-    deviation = solve_schedule(system, schedule, system.initial_temperature, weights)
-    ambient = jnp.asarray(ambient_of_samples(system, schedule), deviation.dtype)
+    drive, deviation = solve_network(system, grid, system.initial_temperature, weights)
+    ambient = jnp.asarray(drive.ambient_at_samples(), deviation.dtype)
     ambient = jnp.broadcast_to(ambient, (deviation.shape[0], 1))
-    return reference + ambient, deviation - ambient
+    return drive.reference + ambient, deviation - ambient
