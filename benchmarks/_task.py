@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 import jaxtwin as jt
-from jaxtwin.sensitivity import normal_draws
+from jaxtwin.sensitivity_analysis import normal_draws
 
 SPREAD, SEED = 0.25, 0
 HELD = ("T_amb", "T_start", "t_delay")

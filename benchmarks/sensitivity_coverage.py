@@ -29,7 +29,7 @@ from jaxtwin import (
     simulate_batch,
 )
 from jaxtwin.data import synthetic_recordings
-from jaxtwin.sensitivity import (
+from jaxtwin.sensitivity_analysis import (
     drawn_values,
     normal_draws,
     pearson,

@@ -1,5 +1,6 @@
 """The package's face: what `import jaxtwin` offers and what it leaves alone."""
 
+import pkgutil
 import subprocess
 import sys
 from types import ModuleType
@@ -43,12 +44,11 @@ def test_import_leaves_the_settings_of_jax_alone():
     assert run_fresh(code) == "set()\n"
 
 
-def test_a_public_name_is_not_hidden_by_the_subpackage_of_the_same_name():
-    """Importing a submodule sets it as an attribute of the package, which must not win."""
-    name = "JaxtwinError"
-    expected = getattr(jaxtwin, name)
-    setattr(jaxtwin, name, ModuleType(f"jaxtwin.{name}"))
-    assert getattr(jaxtwin, name) is expected
+def test_no_public_name_is_that_of_a_submodule():
+    """Importing a submodule sets it as an attribute of the package: it would hide the name."""
+    submodules = {module.name for module in pkgutil.iter_modules(jaxtwin.__path__)}
+    assert {"matching", "sensitivity_analysis", "sweeps"} <= submodules
+    assert not submodules & set(jaxtwin.__all__)
 
 
 @pytest.mark.parametrize(

@@ -29,15 +29,15 @@ from .rig import Rig as Rig  # a rig file, read and checked
 from .rig import bundled_rigs as bundled_rigs  # names of the rigs that come along
 from .rig import load_rig as load_rig  # a bundled rig, or one's own .toml
 from .rig import read_parameters as read_parameters  # values that a fit saved
-from .sensitivity import Sensitivity as Sensitivity  # what a sensitivity analysis gives
-from .sensitivity import sensitivity as sensitivity  # which parameters matter
+from .sensitivity_analysis import Sensitivity as Sensitivity  # what a sensitivity analysis gives
+from .sensitivity_analysis import sensitivity as sensitivity  # which parameters matter
 from .simulation import Run as Run  # what a simulation gives
 from .simulation import response as response  # the same as a pure JAX function
 from .simulation import simulate as simulate  # one run
 from .simulation import simulate_batch as simulate_batch  # many draws
-from .sweep import Sweep as Sweep  # where a long sweep stands
-from .sweep import open_sweep as open_sweep  # its results, as an xarray data set
-from .sweep import sweep as sweep  # millions of draws into a folder, over many sittings
+from .sweeps import Sweep as Sweep  # where a long sweep stands
+from .sweeps import open_sweep as open_sweep  # its results, as an xarray data set
+from .sweeps import sweep as sweep  # millions of draws into a folder, over many sittings
 from .validation import Validation as Validation  # predictions, and how good they are
 from .validation import leave_one_out as leave_one_out  # each recording from a match to the others
 from .validation import validate as validate  # recordings that the match has not seen

@@ -112,7 +112,7 @@ def test_the_rest_of_the_sets_compiles_nothing_new(
     told: set[int] = set()
     with jax.log_compiles():
         caplog.clear()
-        three = matched(*benches, on_iteration=lambda number, _: told.add(number))
+        three = matched(*benches, on_progress=lambda iteration: told.add(iteration.start))
         assert not [one.message for one in caplog.records if "Compiling" in one.message]
     assert told == {0, 1, 2}
     assert [value(one) for one in three[:2]] == [value(one) for one in fits]

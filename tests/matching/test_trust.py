@@ -233,7 +233,7 @@ def test_a_hand_before_the_camera_is_found_and_shaded(start: Twin):
 def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_linear(calm: Fit):
     row = calm.parameter("h_A")
     told: set[int] = set()
-    found = profile(calm, "h_A", points=7, on_iteration=lambda point, _: told.add(point))
+    found = profile(calm, "h_A", points=7, on_progress=lambda iteration: told.add(iteration.start))
     assert told == set(range(7))
     assert found.excess.min() == pytest.approx(0.0, abs=0.2)
     expected = 2 * 1.96 * row.standard_error

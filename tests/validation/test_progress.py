@@ -6,6 +6,7 @@ import pytest
 from jaxtwin import Experiment, Twin, leave_one_out, validate, validate_split
 from jaxtwin.commands._validate import _News
 from jaxtwin.matching import Iteration
+from jaxtwin.validation import Prediction
 
 FREE = ["C_load", "T_amb", "T_start"]
 
@@ -24,9 +25,9 @@ def days() -> list[Experiment]:
 
 
 def test_a_validation_tells_of_each_recording(days: list[Experiment]):
-    told: list[int] = []
+    told: list[object] = []
     validate(Twin("single-cell"), days, on_progress=told.append)
-    assert told == [1, 1]
+    assert [one.name for one in told if isinstance(one, Prediction)] == ["monday", "tuesday"]
 
 
 def test_a_split_tells_of_the_match_and_of_each_recording(days: list[Experiment]):
@@ -38,9 +39,8 @@ def test_a_split_tells_of_the_match_and_of_each_recording(days: list[Experiment]
         free=FREE,
         max_iterations=2,
         on_progress=told.append,
-        on_iteration=told.append,
     )
-    assert told[-2:] == [1, 1]
+    assert all(isinstance(one, Prediction) for one in told[-2:])
     assert all(isinstance(one, Iteration) for one in told[:-2])
     assert len(told) > 2
 
@@ -54,15 +54,19 @@ def test_leave_one_out_tells_of_every_match(days: list[Experiment]):
         free=FREE,
         max_iterations=2,
         on_progress=told.append,
-        on_iteration=told.append,
     )
-    assert [one for one in told if one == 1] == [1, 1]
-    assert [isinstance(one, int) for one in told].index(True) < len(told) - 1
-    assert told[-1] == 1
+    kinds = [type(one) for one in told]
+    assert kinds.count(Prediction) == 2
+    assert [one.number for one in told if isinstance(one, Iteration)].count(0) == 2
+    assert kinds.index(Prediction) < len(told) - 1
+    assert kinds[-1] is Prediction
 
 
-def test_the_command_says_how_many_are_predicted_and_how_far_the_match_is():
+def test_the_command_says_how_many_are_predicted_and_how_far_the_match_is(
+    days: list[Experiment],
+):
     said: list[str] = []
+    (prediction,) = validate(Twin("single-cell"), days[0]).predictions
 
     class Listener:
         def step(self, text: str) -> None:
@@ -72,13 +76,13 @@ def test_the_command_says_how_many_are_predicted_and_how_far_the_match_is():
             said.append(text)
 
     news = _News(Listener(), 2)
-    news.predicted(1)
+    news(prediction)
     step = Iteration(
         number=3, start=0, cost=0.04, rmse=0.2, gradient=0.0, accepted=True, parameters={}
     )
-    news.iteration(step)
+    news(step)
     assert said == [
         "0 of 2 predicted",
         "1 of 2 predicted",
-        "1 of 2 predicted, matching: iteration 3, RMSE 0.2000 K",
+        "1 of 2 predicted, matching: iteration 3: RMSE 0.2000 K",
     ]

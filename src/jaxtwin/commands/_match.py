@@ -63,7 +63,7 @@ def match(
 
         def tell(iteration: "Iteration") -> None:
             where = f"start {iteration.start + 1} of {starts}, " if starts > 1 else ""
-            progress.news(f"{where}iteration {iteration.number}: RMSE {iteration.rmse:.4f} K")
+            progress.news(f"{where}{iteration}")
 
         progress.step(f"matching {loaded.name} to {len(experiments)} recordings")
         fit = matching.match(
@@ -75,7 +75,7 @@ def match(
             starts=starts,
             seed=seed,
             max_iterations=max_iterations,
-            on_iteration=tell,
+            on_progress=tell,
         )
         progress.step(f"writing {out}")
         fit.save(out)

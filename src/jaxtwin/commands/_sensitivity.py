@@ -18,7 +18,7 @@ from ._progress import show_progress
 from ._sources import open_recordings, open_twins
 
 if TYPE_CHECKING:
-    from ..sensitivity import Sensitivity
+    from ..sensitivity_analysis import Sensitivity
 
 
 def sensitivity(

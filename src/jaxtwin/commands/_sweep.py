@@ -13,7 +13,7 @@ from ._sources import open_recordings, open_twins
 if TYPE_CHECKING:
     from ..io import Experiment
     from ..rig import Rig
-    from ..sweep import Sweep
+    from ..sweeps import Sweep
 
 
 def sweep(
@@ -81,7 +81,7 @@ def sweep(
         progress.step("reading")
         from .. import sweep as run  # which takes a second
         from ..rig import load_rig
-        from ..sweep import Advance, meet
+        from ..sweeps import Advance, meet
 
         loaded = load_rig(rig)
         experiments = _experiments(loaded, recordings or [], duty, duration)

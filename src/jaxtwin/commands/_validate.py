@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..matching import Fit, Iteration
     from ..physics import Twin
     from ..rig import Rig
-    from ..validation import Validation
+    from ..validation import Prediction, Validation
 
 
 def validate(
@@ -107,17 +107,14 @@ def _validate(
     from ..physics import Twin
 
     if not isinstance(fitted, Twin) or (split is None and not leave_one_out):
-        return validation.validate(fitted, experiments, warm_up=warm_up, on_progress=told.predicted)
+        return validation.validate(fitted, experiments, warm_up=warm_up, on_progress=told)
     if split is not None:
-        return validation.validate_split(
-            fitted, experiments, split, on_progress=told.predicted, on_iteration=told.iteration
-        )
+        return validation.validate_split(fitted, experiments, split, on_progress=told)
     return validation.leave_one_out(
         fitted,
         experiments,
         warm_up=warm_up,
-        on_progress=told.predicted,
-        on_iteration=told.iteration,
+        on_progress=told,
     )
 
 
@@ -127,19 +124,16 @@ class _News:
     def __init__(self, progress: Progress, recordings: int):
         self.progress, self.recordings = progress, recordings
         self.done = 0
-        self.predicted(0)
+        self.progress.news(f"0 of {recordings} predicted")
 
-    def predicted(self, newly: int) -> None:
-        """Some recordings more are predicted."""
-        self.done += newly
-        self.progress.news(f"{self.done} of {self.recordings} predicted")
+    def __call__(self, newest: "Iteration | Prediction") -> None:
+        """A recording more is predicted, or a match has made a step."""
+        from ..matching import Iteration
 
-    def iteration(self, one: "Iteration") -> None:
-        """A match has made a step."""
-        self.progress.news(
-            f"{self.done} of {self.recordings} predicted, matching: iteration {one.number}, "
-            f"RMSE {one.rmse:.4f} K"
-        )
+        matching = isinstance(newest, Iteration)
+        self.done += not matching
+        tail = f", matching: {newest}" if matching else ""
+        self.progress.news(f"{self.done} of {self.recordings} predicted{tail}")
 
 
 def _draw(result: "Validation", folder: Path) -> None:

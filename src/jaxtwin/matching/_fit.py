@@ -78,7 +78,8 @@ class FittedParameter:
 class Iteration:
     """One step of the optimiser, for Fig. 14 of the paper.
 
-    - `number`: 0 is the start. `start`: of which of several starts.
+    - `number`: 0 is the start. `start`: of which of several starts; for `match_many` the number of
+      the set, for `profile` that of the point.
     - `cost`: mean squared error, eq. (11), K^2. `rmse`: its root, K.
     - `gradient`: largest cosine between residual and Jacobian column, 0 at an optimum.
     - `accepted`: whether the step was taken.
@@ -92,6 +93,9 @@ class Iteration:
     gradient: float
     accepted: bool
     parameters: Mapping[str, float]
+
+    def __str__(self) -> str:
+        return f"iteration {self.number}: RMSE {self.rmse:.4f} K"
 
 
 @final

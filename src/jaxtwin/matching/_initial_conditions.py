@@ -66,8 +66,8 @@ class InitialConditions:
 
 
 def estimate_initial_conditions(
-    fitted: Twin | Fit,
-    recording: Experiment,
+    twin: Twin | Fit,
+    experiment: Experiment,
     warm_up: float = WARM_UP,
     own: Iterable[str] | None = None,
 ) -> InitialConditions:
@@ -75,9 +75,9 @@ def estimate_initial_conditions(
 
     **Arguments:**
 
-    - `fitted`: a fit, whose recordings say what rooms and delays are usual; or a twin, and then
-      the priors of its rig file do.
-    - `recording`: of which the part before `warm_up` is looked at.
+    - `twin`: a fit, whose recordings say what rooms and delays are usual; or a twin, and then the
+      priors of its rig file do.
+    - `experiment`: a recording, of which the part before `warm_up` is looked at.
     - `warm_up`: from the first sample on, s.
     - `own`: the parameters to estimate; by default those that have a value for each recording in
       the fit or in the rig's table, but for a drift of the room, which a minute does not show.
@@ -89,21 +89,21 @@ def estimate_initial_conditions(
     the twin gives no finite temperatures; `ParameterError` for unknown names; `SimulationError` for
     a recording of another rig.
     """
-    twin, names = _twin_and_names(fitted, own)
+    earlier = twin.recording_values if isinstance(twin, Fit) else {}
+    twin, names = _twin_and_names(twin, own)
     if not names:
         return InitialConditions(twin, {}, np.zeros((0, 0)), ())
-    (label,) = checked_recordings(twin, [recording])
-    early = recording.time < recording.time[0] + warm_up
-    count = int(np.count_nonzero(recording.sampled[early].any(axis=1)))
+    (label,) = checked_recordings(twin, [experiment])
+    early = experiment.time < experiment.time[0] + warm_up
+    count = int(np.count_nonzero(experiment.sampled[early].any(axis=1)))
     if count < max(2, len(names)):
         raise MatchError(
             f"{label}: warm_up = {warm_up:g} s: found {count} samples, allowed are at least "
             f"{max(2, len(names))} for {', '.join(names)}"
         )
-    part = recording.between(None, recording.time[0] + warm_up)
+    part = experiment.between(None, experiment.time[0] + warm_up)
     first = float(np.nanmean(_first_readings(part)))
     unknowns = choose_unknowns(twin, 1, free=names, per_recording=names)
-    earlier = fitted.recording_values if isinstance(fitted, Fit) else {}
     rows = tuple(with_prior(row, twin.rig, first, earlier) for row in unknowns.own)
     unknowns = replace(unknowns, own=rows)
     attempt = _descend(twin, part, unknowns, first)

@@ -9,9 +9,9 @@ from .._arguments import check_callable
 from .._errors import MatchError, ParameterError, SimulationError
 from ..io import Experiment, as_experiments
 from ..physics import Twin
-from ._descend import Attempt
+from ._descend import Attempt, Step
 from ._estimate import Knowledge, Setting, estimate
-from ._fit import Fit
+from ._fit import Fit, Iteration
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._match import (
     Events,
@@ -19,6 +19,7 @@ from ._match import (
     checked_recordings,
     checked_solver,
     make_fit,
+    make_iteration,
     make_setting,
 )
 from ._unknowns import choose_unknowns
@@ -37,7 +38,7 @@ def match_many(
     robust: float | None = None,
     max_iterations: int = 200,
     solver: BoundedLevenbergMarquardt | None = None,
-    on_iteration: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[Iteration], None] | None = None,
 ) -> tuple[Fit | None, ...]:
     """Matches the same twin to many sets of recordings, each on its own, in batches.
 
@@ -51,7 +52,8 @@ def match_many(
       channels and in whether the ambient temperature is recorded, and nearly alike in their numbers
       of samples and of changes of their inputs (the solver's steps follow from these): to an
       eighth, and freely where there are few.
-    - `on_iteration`: called with the number of the set, from 0 on, and of its iteration.
+    - `on_progress`: called with each `Iteration` as it ends; its `start` is the number of the set,
+      counted from 0.
     - the others: as in `match`.
 
     **Returns:** a `Fit` for each set, in order; None for one whose temperatures, residuals or
@@ -62,7 +64,7 @@ def match_many(
     """
     began = time.perf_counter()
     check_counts(max_iterations=max_iterations)
-    check_callable("on_iteration", on_iteration, MatchError)
+    check_callable("on_progress", on_progress, MatchError)
     if isinstance(sets, str | bytes | Experiment) or not isinstance(sets, Iterable):
         raise MatchError(f"sets: found {sets!r}, allowed is one or several sets of recordings")
     recordings = [as_experiments("match_many: sets", one, MatchError) for one in sets]
@@ -82,12 +84,17 @@ def match_many(
         make_setting(twin, one, name, unknowns, events, None, robust)
         for one, name in zip(recordings, names, strict=True)
     ]
+
+    def tell(number: int, step: Step) -> None:
+        if on_progress is not None:
+            on_progress(make_iteration(step, number, unknowns, names[number]))
+
     results = estimate(
         settings,
         checked_solver(solver, settings[0]),
         [unknowns.start()] * len(settings),
         max_iterations,
-        None if on_iteration is None else lambda number, step: on_iteration(number, step[0]),
+        tell,
     )
     return tuple(
         _fit(setting, knowledge, attempt, name, began)

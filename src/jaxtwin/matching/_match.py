@@ -64,7 +64,7 @@ def match(
     seed: int = 0,
     max_iterations: int = 200,
     solver: BoundedLevenbergMarquardt | None = None,
-    on_iteration: Callable[[Iteration], None] | None = None,
+    on_progress: Callable[[Iteration], None] | None = None,
 ) -> Fit:
     """Matches a twin to recordings by nonlinear least squares, in float64.
 
@@ -96,7 +96,7 @@ def match(
     - `seed`: of the other starts.
     - `max_iterations`: of each start.
     - `solver`: tolerances; see `BoundedLevenbergMarquardt`.
-    - `on_iteration`: called after each iteration, to show progress.
+    - `on_progress`: called with each `Iteration` as it ends; `print` is a good one.
 
     **Returns:** a `Fit`, the best of all starts. Evaluations take the default solver's longest
     steps, as `response` does; the fit's runs are by `simulate`, which looks at its error, and
@@ -123,13 +123,13 @@ def match(
     )
     check_counts(starts=starts, max_iterations=max_iterations)
     whole_number("seed", seed, 0, MatchError)
-    check_callable("on_iteration", on_iteration, MatchError)
+    check_callable("on_progress", on_progress, MatchError)
     setting = make_setting(twin, recordings, names, unknowns, events, masks, robust)
     solver = checked_solver(solver, setting)
 
     def tell(start: int, step: Step) -> None:
-        if on_iteration is not None:
-            on_iteration(_iteration(step, start, unknowns, names))
+        if on_progress is not None:
+            on_progress(make_iteration(step, start, unknowns, names))
 
     vectors = _starts(unknowns, starts, seed)
     ((first, knowledge),) = estimate([setting], solver, vectors[:1], max_iterations, tell)
@@ -288,7 +288,7 @@ def make_fit(
         rmse=float(np.sqrt(attempt.mean_square)),
         status=STATUS[int(state.status)],
         converged=int(state.status) != RUNNING,
-        history=tuple(_iteration(step, start, unknowns, names) for step in attempt.steps),
+        history=tuple(make_iteration(step, start, unknowns, names) for step in attempt.steps),
         optima=optima,
         wall_time=time.perf_counter() - began,
         solver_gap=max(float(np.abs(gap).max()) for gap in gaps),
@@ -310,7 +310,8 @@ def _seen(run: Run, offset: Float[np.ndarray, " times"]) -> Run:
     return replace(run, temperatures=run.temperatures + offset[:, None])
 
 
-def _iteration(step: Step, start: int, unknowns: Unknowns, names: tuple[str, ...]) -> Iteration:
+def make_iteration(step: Step, start: int, unknowns: Unknowns, names: tuple[str, ...]) -> Iteration:
+    """One step of a descent in the parameters' units."""
     number, mean_square, gradient, accepted, vector = step
     return Iteration(
         number=number,

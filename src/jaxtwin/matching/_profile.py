@@ -28,10 +28,10 @@ from jaxtyping import Float
 
 from .._arguments import check_callable, of_kind, whole_number
 from .._errors import MatchError, ParameterError
-from ._descend import descend
+from ._descend import Step, descend
 from ._estimate import make_problem
-from ._fit import Fit
-from ._match import default_solver
+from ._fit import Fit, Iteration
+from ._match import default_solver, make_iteration
 
 LIMIT = 3.841
 """95 % quantile of chi-squared with one degree of freedom."""
@@ -72,7 +72,7 @@ def profile(
     values: Sequence[float] | Float[np.ndarray, " values"] | None = None,
     points: int = 9,
     *,
-    on_iteration: Callable[[int, int], None] | None = None,
+    on_progress: Callable[[Iteration], None] | None = None,
 ) -> Profile:
     """The profile likelihood of a shared parameter.
 
@@ -84,7 +84,8 @@ def profile(
       (where it has none, within a factor of twenty or three tenths of its range), inside its
       bounds.
     - `points`: at least 3.
-    - `on_iteration`: called with the number of the point, from 0 on, and of its iteration.
+    - `on_progress`: called with each `Iteration` as it ends; its `start` is the number of the
+      point, counted from 0.
 
     **Returns:** the profile; its points increase, and those that bounds let coincide are one.
 
@@ -99,7 +100,7 @@ def profile(
         raise ParameterError(f"profile: found {name!r}, allowed are {', '.join(shared)}")
     if values is None:
         whole_number("profile: points", points, LEAST, MatchError)
-    check_callable("profile: on_iteration", on_iteration, MatchError)
+    check_callable("profile: on_progress", on_progress, MatchError)
     entry = shared.index(name)
     row = unknowns.shared[entry]
     lower, upper = unknowns.lower()[entry], unknowns.upper()[entry]
@@ -128,6 +129,11 @@ def profile(
         start = fit.vector.copy()
         start[entry] = value
         starts.append(start)
+
+    def tell(number: int, step: Step) -> None:
+        if on_progress is not None:
+            on_progress(make_iteration(step, number, unknowns, fit.recordings))
+
     attempts = descend(
         problems,
         default_solver(setting),
@@ -135,9 +141,7 @@ def profile(
         50,
         setting.box,
         setting.scale,
-        on_step=None
-        if on_iteration is None
-        else lambda number, step: on_iteration(number, step[0]),
+        on_step=tell,
     )
     prior = 0.5 * ((at - problem.centre[entry]) * problem.precision[entry]) ** 2
     rise = np.array([one.cost for one in attempts]) + prior - fit.cost

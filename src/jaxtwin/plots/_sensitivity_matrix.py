@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
-from ..sensitivity import Sensitivity
+from ..sensitivity_analysis import Sensitivity
 from ._style import INK, MUTED, styled, symbol
 
 

@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
-from ..sensitivity import Sensitivity
-from ..sensitivity._sensitivity import MEAN
+from ..sensitivity_analysis import Sensitivity
+from ..sensitivity_analysis._sensitivity import MEAN
 from ._style import BLUE, INK, MUTED, VERMILION, styled, symbol
 
 

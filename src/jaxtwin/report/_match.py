@@ -44,7 +44,7 @@ def match_fixed(
         Twin(rig, rig.parameter_sets["initial"]),
         source.experiments,
         starts=STARTS,
-        on_iteration=_news(progress, STARTS),
+        on_progress=_news(progress, STARTS),
     )
     before = _mean_fit(published)
     section = Section(
@@ -96,7 +96,7 @@ def match_own(
         Twin(rig, rig.parameter_sets["initial"]),
         source.experiments,
         free=[row.name for row in fixed.parameters.values() if row.free] + [AMBIENT],
-        on_iteration=_news(progress),
+        on_progress=_news(progress),
     )
     runs = list(fit.runs.values())
     section = Section(
@@ -153,7 +153,7 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
         source.experiments,
         free=[name for name, row in rig.parameters.items() if row.free and name not in EDGES]
         + [AMBIENT, START],
-        on_iteration=_news(progress),
+        on_progress=_news(progress),
     )
     rows = [row for row in fit.parameters.values() if row.free and row.scope == "shared"]
     deviations = [_deviation(row, truth[row.name]) for row in rows]

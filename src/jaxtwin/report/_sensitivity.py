@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from .._progress import Progress
 from ..matching import Fit
 from ..plots import plot_sensitivity_matrix, plot_tornado, styled, to_png
-from ..sensitivity import Sensitivity, sensitivity
+from ..sensitivity_analysis import Sensitivity, sensitivity
 from ._blocks import Numbers, Picture, Section, Table, Text
 
 FEW = 50

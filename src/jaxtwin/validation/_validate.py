@@ -10,7 +10,14 @@ from jaxtyping import Bool
 from .._arguments import check_callable, finite_number, names_of
 from .._errors import MatchError
 from ..io import Experiment, as_experiments
-from ..matching import WARM_UP, Fit, checked_recordings, estimate_initial_conditions, match
+from ..matching import (
+    WARM_UP,
+    Fit,
+    Iteration,
+    checked_recordings,
+    estimate_initial_conditions,
+    match,
+)
 from ..physics import Twin
 from ..simulation import Run, simulate
 from ._validation import Prediction, Validation
@@ -20,12 +27,12 @@ LEAST = 30
 
 
 def validate(
-    fitted: Twin | Fit | str | os.PathLike[str],
-    recordings: Experiment | Sequence[Experiment],
+    twin: Twin | Fit | str | os.PathLike[str],
+    experiments: Experiment | Sequence[Experiment],
     *,
     warm_up: float | int = WARM_UP,
     own: Iterable[str] | None = None,
-    on_progress: Callable[[int], None] | None = None,
+    on_progress: Callable[[Prediction], None] | None = None,
 ) -> Validation:
     """Predicts recordings that the match has not seen.
 
@@ -36,38 +43,38 @@ def validate(
 
     **Arguments:**
 
-    - `fitted`: a fit, the path of a saved one, or a twin with its values.
-    - `recordings`: one or several of the same rig.
+    - `twin`: a fit, the path of a saved one, or a twin with its values.
+    - `experiments`: one or several recordings of the same rig.
     - `warm_up`: s.
     - `own`: which parameters are estimated from a recording; by default those that have a value for
       each recording in the fit, or in the rig's table.
-    - `on_progress`: called with the number of newly predicted recordings.
+    - `on_progress`: called with each `Prediction` as it is made.
 
     **Raises:** `MatchError` where a recording is too short for that or has no temperatures;
     `SimulationError` for recordings of another rig; `ParameterError` where a saved fit cannot be
     read.
     """
-    fitted = Fit.load(fitted) if isinstance(fitted, str | os.PathLike) else fitted
+    fitted = Fit.load(twin) if isinstance(twin, str | os.PathLike) else twin
     twin = fitted.twin if isinstance(fitted, Fit) else fitted
     own = None if own is None else names_of("validate: own", own, MatchError)
     warm_up = finite_number("validate: warm_up", warm_up, MatchError)
-    several = _listed(recordings)
+    several = as_experiments("validate: experiments", experiments, MatchError)
     names = checked_recordings(twin, several)
     check_callable("validate: on_progress", on_progress, MatchError)
     made = []
     for name, one in zip(names, several, strict=True):
         made.append(_predict(name, fitted, one, warm_up, own, None))
-        _tell(on_progress)
+        _tell(on_progress, made[-1])
     kind = f"predicted after the first {warm_up:g} s"
     return Validation(twin.rig.name, kind, tuple(made))
 
 
 def validate_split(
     twin: Twin,
-    recordings: Experiment | Sequence[Experiment],
+    experiments: Experiment | Sequence[Experiment],
     at: float | int,
     *,
-    on_progress: Callable[[int], None] | None = None,
+    on_progress: Callable[[Iteration | Prediction], None] | None = None,
     **options: Any,
 ) -> Validation:
     """Matches the first part of recordings and predicts the rest.
@@ -75,17 +82,16 @@ def validate_split(
     **Arguments:**
 
     - `twin`: where the match starts.
-    - `recordings`: one or several.
+    - `experiments`: one or several recordings.
     - `at`: the match sees samples before this time, s.
-    - `on_progress`: called with the number of newly predicted recordings.
-    - `options`: those of `match`, `on_iteration` among them. Events and masks at or after the
-      split are left out.
+    - `on_progress`: called with each `Iteration` of the match and each `Prediction` as it is made.
+    - `options`: the others of `match`. Events and masks at or after the split are left out.
 
     **Raises:** `MatchError` where the split leaves too few samples on either side; what `match`
     raises.
     """
     at = finite_number("validate_split: at", at, MatchError)
-    several = _listed(recordings)
+    several = as_experiments("validate_split: experiments", experiments, MatchError)
     names = checked_recordings(twin, several)
     check_callable("validate_split: on_progress", on_progress, MatchError)
     for name, one in zip(names, several, strict=True):
@@ -96,21 +102,26 @@ def validate_split(
                 f"on, allowed are at least {LEAST} each in every channel; the recording goes from "
                 f"{one.time[0]:g} to {one.time[-1]:g} s"
             )
-    fit = match(twin, [one.between(None, at) for one in several], **_before(at, several, options))
+    fit = match(
+        twin,
+        [one.between(None, at) for one in several],
+        on_progress=on_progress,
+        **_before(at, several, options),
+    )
     made = []
     for name, one in zip(names, several, strict=True):
         run = _from(simulate(fit.twins[name], one), at)
         made.append(Prediction(name, run, fit.twins[name], fit.recording_values[name], (), fit))
-        _tell(on_progress)
+        _tell(on_progress, made[-1])
     return Validation(twin.rig.name, f"matched before {at:g} s, predicted from there", tuple(made))
 
 
 def leave_one_out(
     twin: Twin,
-    recordings: Sequence[Experiment],
+    experiments: Sequence[Experiment],
     *,
     warm_up: float | int = WARM_UP,
-    on_progress: Callable[[int], None] | None = None,
+    on_progress: Callable[[Iteration | Prediction], None] | None = None,
     **options: Any,
 ) -> Validation:
     """Predicts each recording with a twin matched to the others.
@@ -118,14 +129,14 @@ def leave_one_out(
     **Arguments:**
 
     - `twin`: where every match starts.
-    - `recordings`: two or more.
+    - `experiments`: two or more recordings.
     - `warm_up`: as in `validate`.
-    - `on_progress`: called with the number of newly predicted recordings.
-    - `options`: those of `match`; `on_iteration` is told of each match.
+    - `on_progress`: called with each `Iteration` of each match and each `Prediction` as it is made.
+    - `options`: the others of `match`.
 
     **Raises:** `MatchError` for fewer than two recordings; what `match` and `validate` raise.
     """
-    several = _listed(recordings)
+    several = as_experiments("leave_one_out: experiments", experiments, MatchError)
     warm_up = finite_number("leave_one_out: warm_up", warm_up, MatchError)
     check_callable("leave_one_out: on_progress", on_progress, MatchError)
     names = checked_recordings(twin, several)
@@ -134,9 +145,9 @@ def leave_one_out(
     made = []
     for out, name in enumerate(names):
         others = [one for number, one in enumerate(several) if number != out]
-        fit = match(twin, others, **_without(name, options))
+        fit = match(twin, others, on_progress=on_progress, **_without(name, options))
         made.append(_predict(name, fit, several[out], warm_up, None, fit))
-        _tell(on_progress)
+        _tell(on_progress, made[-1])
     return Validation(twin.rig.name, "each predicted by a match to the others", tuple(made))
 
 
@@ -165,9 +176,9 @@ def _samples(recording: Experiment, part: Bool[np.ndarray, " times"]) -> int:
     return int(recording.sampled[part].sum(axis=0).min(initial=len(recording.time)))
 
 
-def _tell(on_progress: Callable[[int], None] | None) -> None:
+def _tell(on_progress: Callable[[Prediction], None] | None, prediction: Prediction) -> None:
     if on_progress is not None:
-        on_progress(1)
+        on_progress(prediction)
 
 
 def _from(run: Run, start: float) -> Run:
@@ -204,7 +215,3 @@ def _without(name: str, options: dict[str, Any]) -> dict[str, Any]:
         if isinstance(given := options.get(key), Mapping):
             kept[key] = {n: value for n, value in given.items() if n != name}
     return kept
-
-
-def _listed(recordings: Experiment | Sequence[Experiment]) -> list[Experiment]:
-    return as_experiments("recordings", recordings, MatchError)

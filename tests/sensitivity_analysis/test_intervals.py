@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import bootstrap, pearsonr, rankdata, spearmanr
 
-from jaxtwin.sensitivity import pearson, pearson_interval, spearman_interval
+from jaxtwin.sensitivity_analysis import pearson, pearson_interval, spearman_interval
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import kstest, truncnorm
 
-from jaxtwin.sensitivity import normal_draws
+from jaxtwin.sensitivity_analysis import normal_draws
 
 VALUES = {"R_E": 2.0, "R_pc": 0.3}
 

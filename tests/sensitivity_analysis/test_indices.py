@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import pearsonr, spearmanr
 
-from jaxtwin.sensitivity import pearson, spearman
+from jaxtwin.sensitivity_analysis import pearson, spearman
 
 
 def test_correlations_equal_scipys():

@@ -14,7 +14,7 @@ from .._errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
-from ..sensitivity import (
+from ..sensitivity_analysis import (
     checked_seed,
     checked_spread,
     distinct_names,

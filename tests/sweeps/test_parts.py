@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from jaxtwin import SimulationError, simulate_batch
-from jaxtwin.sensitivity import normal_draws
-from jaxtwin.sweep import Advance, own_part, sweep
+from jaxtwin.sensitivity_analysis import normal_draws
+from jaxtwin.sweeps import Advance, own_part, sweep
 
 ASKED: dict[str, Any] = {"draws": 40, "chunk_size": 8, "reductions": ["final", "plate_std"]}
 

@@ -7,8 +7,8 @@ from small_results import fit, recordings
 
 from jaxtwin import Experiment, SimulationError, Twin, read_recording, sensitivity, validate
 from jaxtwin.data import synthetic_recordings
-from jaxtwin.sensitivity import paired_twins
-from jaxtwin.sweep._plan import plan_sweep
+from jaxtwin.sensitivity_analysis import paired_twins
+from jaxtwin.sweeps._plan import plan_sweep
 
 
 def ambients(twins: list[Twin]) -> list[float]:

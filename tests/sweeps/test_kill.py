@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from jaxtwin.sweep import sweep
+from jaxtwin.sweeps import sweep
 
 CHUNKS = 60
 # The store is what is killed here, so the engine is one that needs no compiler, and the processes
@@ -19,7 +19,7 @@ CHUNKS = 60
 NURSERY = """
 import os, sys, numpy, jaxtwin, xarray, zarr
 from jaxtwin.simulation import Reductions
-from jaxtwin.sweep import _plan
+from jaxtwin.sweeps import _plan
 
 def quick(twin, experiment, parameters, **options):
     R_E = parameters["R_E"]

@@ -11,7 +11,7 @@ from xarray.core.indexing import (
     explicit_indexing_adapter,
 )
 
-from ..sensitivity import normal_draws
+from ..sensitivity_analysis import normal_draws
 
 
 @final

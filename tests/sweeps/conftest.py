@@ -9,7 +9,7 @@ import pytest
 
 from jaxtwin import Experiment, Twin
 from jaxtwin.simulation import Reductions
-from jaxtwin.sweep import _plan, sweep
+from jaxtwin.sweeps import _plan, sweep
 
 CHANNELS = ("T11", "TAM")
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jaxtwin import SimulationError, open_sweep
-from jaxtwin.sensitivity import normal_draws
-from jaxtwin.sweep import sweep
+from jaxtwin.sensitivity_analysis import normal_draws
+from jaxtwin.sweeps import sweep
 
 ASKED: dict[str, Any] = {
     "draws": 20,

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxtwin import Experiment, SimulationError, Twin, load_rig
-from jaxtwin.sweep import _plan, _store, sweep
-from jaxtwin.sweep._store import read_identity
+from jaxtwin.sweeps import _plan, _store, sweep
+from jaxtwin.sweeps._store import read_identity
 
 REDUCTIONS = ("final", "plate_range")
 ASKED: dict[str, Any] = {"draws": 20, "chunk_size": 8, "reductions": REDUCTIONS}
