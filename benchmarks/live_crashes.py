@@ -23,7 +23,8 @@ import numpy as np
 
 import jaxtwin as jt
 from jaxtwin import RecordingError
-from jaxtwin.live import Greeting, Hello, Reading, Recorder, Sample, Session
+from jaxtwin.io import Session
+from jaxtwin.live import Greeting, Hello, Reading, Recorder, Sample
 from jaxtwin.rig import Rig
 
 HELLO = Hello(1, "dual-cell", "bench", cells=("P1", "P2"), camera=(80, 60))

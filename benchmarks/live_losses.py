@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import jaxtwin as jt
+from jaxtwin.io import Session as Recording
 from jaxtwin.live import (
     Data,
     Gap,
@@ -31,7 +32,6 @@ from jaxtwin.live import (
     connect,
     encode,
 )
-from jaxtwin.live import Session as Recording
 from jaxtwin.live._identity import Identity
 from jaxtwin.live._link import Arrived
 from jaxtwin.live._receiver import Receiver

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import jaxtwin as jt
+from jaxtwin.io import Session
 from jaxtwin.live import (
     Data,
     Follower,
@@ -29,7 +30,6 @@ from jaxtwin.live import (
     Reading,
     Recorder,
     Sample,
-    Session,
     connect,
     encode,
 )

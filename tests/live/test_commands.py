@@ -14,14 +14,13 @@ from hand_clock import START, HandClock
 
 from jaxtwin import LinkError, RecordingError
 from jaxtwin.cli import run
-from jaxtwin.io import read_recording
+from jaxtwin.io import Session, read_recording
 from jaxtwin.live import (
     Greeting,
     Hello,
     Reading,
     Recorder,
     Sample,
-    Session,
     SystemClock,
     TcpServer,
     VirtualRig,

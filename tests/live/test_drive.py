@@ -14,7 +14,7 @@ from hand_clock import START, HandClock, stepped_bench, virtual_bench
 import jaxtwin as jt
 from jaxtwin import JaxtwinError
 from jaxtwin._errors import SafetyStop
-from jaxtwin.io import Experiment
+from jaxtwin.io import Experiment, Session
 from jaxtwin.live import (
     Ask,
     Event,
@@ -28,7 +28,6 @@ from jaxtwin.live import (
     Reading,
     Recorder,
     Sample,
-    Session,
     SystemClock,
     TcpServer,
     VirtualRig,

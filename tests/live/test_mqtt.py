@@ -11,18 +11,19 @@ from pathlib import Path
 import pytest
 
 from jaxtwin import JaxtwinError
+from jaxtwin.io import Session
 from jaxtwin.live import (
     Reading,
     Recorder,
     Sample,
-    Session,
     SystemClock,
     VirtualRig,
     connect,
     opener,
     serve,
 )
-from jaxtwin.live._mqtt import MqttServer, MqttTransport, Publisher
+from jaxtwin.live._mqtt import MqttTransport, Publisher
+from jaxtwin.live._serve import MqttServer
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 

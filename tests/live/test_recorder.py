@@ -14,6 +14,7 @@ from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
 
 import jaxtwin as jt
 from jaxtwin import RecordingError
+from jaxtwin.io import Session, _session
 from jaxtwin.live import (
     Data,
     Gap,
@@ -24,8 +25,6 @@ from jaxtwin.live import (
     Reading,
     Recorder,
     Sample,
-    Session,
-    _session,
     connect,
     encode,
 )

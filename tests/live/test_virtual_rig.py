@@ -10,7 +10,7 @@ from hand_clock import START, HandClock, virtual_bench
 
 import jaxtwin as jt
 from jaxtwin import JaxtwinError
-from jaxtwin.io import Experiment, read_recording
+from jaxtwin.io import Experiment, Session, read_recording
 from jaxtwin.live import (
     Duty,
     Event,
@@ -24,7 +24,6 @@ from jaxtwin.live import (
     Recorder,
     Replay,
     Sample,
-    Session,
     VirtualRig,
     deframe,
     encode,

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import lognorm, norm
 
-from jaxtwin.matching._interval import interval_95, interval_text, short_number
+from jaxtwin._number_text import interval_text, short_number
+from jaxtwin.matching._interval import interval_95
 
 
 @given(st.floats(1e-6, 1e6), st.floats(1e-4, 20))

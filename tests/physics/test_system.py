@@ -211,7 +211,7 @@ def test_channels_read_the_surroundings_and_part_of_the_rise(float64):
 
 
 def test_stiff_shorted_cell_is_what_the_slope_of_the_heat_says(float64):
-    """alpha^2 T / R, which solvers treat linearly: d q_c / d(T_h - T_c) of a braked cell at rest."""
+    """alpha^2 T / R, which solvers treat linearly: d q_c / d(T_h - T_c) of a braked cell."""
     system = assembled(Twin("dual-cell"))
     reference = float(system.ambient_temperature)
 

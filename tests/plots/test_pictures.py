@@ -18,8 +18,8 @@ from matplotlib.patches import Rectangle
 from small_results import analysis, fit, recordings
 
 from jaxtwin import Experiment, Run, SimulationError, ThermoelectricModule, plots
+from jaxtwin._number_text import interval_text, short_number
 from jaxtwin.matching import FittedParameters
-from jaxtwin.matching._interval import interval_text, short_number
 from jaxtwin.plots._labels import spread
 from jaxtwin.plots._parameters import _position
 from jaxtwin.plots._style import symbol

@@ -13,8 +13,8 @@ from matplotlib.patches import Rectangle
 from small_results import fit
 
 from jaxtwin import Experiment, Fit, SimulationError, plate_map, plots
+from jaxtwin._residual_statistics import autocorrelation
 from jaxtwin.matching import CameraError, Comparison
-from jaxtwin.validation import autocorrelation
 
 
 @pytest.fixture(autouse=True)

@@ -13,8 +13,8 @@ from small_results import analysis, fit, recordings
 import jaxtwin.report._match as report_match
 import jaxtwin.report._sensitivity as report_sensitivity
 from jaxtwin import Experiment, RecordingError, Sensitivity, load_rig
+from jaxtwin._number_text import interval_text
 from jaxtwin.matching import FittedParameters
-from jaxtwin.matching._interval import interval_text
 from jaxtwin.report import _demo, write_demo
 from jaxtwin.report._checks import check_table
 from jaxtwin.report._corrections import shows_sawtooth

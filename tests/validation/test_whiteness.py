@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxtwin.validation import autocorrelation, normal_quantiles, whiteness
+from jaxtwin._residual_statistics import autocorrelation, normal_quantiles
+from jaxtwin.validation import whiteness
 
 
 def autoregressive(seed: int, samples: int, factor: float) -> np.ndarray:

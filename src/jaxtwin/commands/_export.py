@@ -21,8 +21,7 @@ def export(
     json: JsonOption = None,
 ) -> None:
     """Put a recording of a live rig on an even time grid; gaps stay gaps."""
-    from ..io import write_recording
-    from ..live import Session
+    from ..io import Session, write_recording
 
     check_output(out, ".nc", ".csv")
     check_json(json)

@@ -28,8 +28,8 @@ def netlist(
     json: JsonOption = None,
 ) -> None:
     """Turn a rig into its network: count, draw, or export to SPICE."""
-    from .._network_counts import network_counts
     from ..io import Experiment
+    from ..physics._netlist import network_counts
     from ..rig import load_rig
 
     check_output(out, ".png")

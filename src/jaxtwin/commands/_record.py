@@ -29,7 +29,8 @@ def record(
     json: JsonOption = None,
 ) -> None:
     """Record a live rig until Ctrl-C."""
-    from ..live import Recorder, Session, connect, opener, report
+    from ..io import Session
+    from ..live import Recorder, connect, opener, report
     from ..rig import load_rig
 
     check_output(out, ".db")

@@ -17,8 +17,8 @@ def rigs(json: JsonOption = None) -> None:
 
 def check(rig: RigArgument, json: JsonOption = None) -> None:
     """Check a rig file: say what is wrong, or what was understood."""
-    from .._network_counts import network_counts
     from ..physics import build_netlist
+    from ..physics._netlist import network_counts
     from ..rig import load_rig
 
     check_json(json)
@@ -32,7 +32,7 @@ def check(rig: RigArgument, json: JsonOption = None) -> None:
 
 def network_line(counts: dict[str, float | int]) -> str:
     """The counts of a network for a person."""
-    from .._network_counts import network_text
+    from ..physics._netlist import network_text
 
     return (
         f"{network_text(counts)}, "

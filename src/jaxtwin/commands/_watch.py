@@ -66,7 +66,7 @@ def watch(
 
 
 def _rig(source: str, links: list[str]) -> "Rig":
-    from ..live import Session
+    from ..io import Session
     from ..rig import load_rig
 
     if links:

@@ -1,11 +1,12 @@
 """Recordings: found or fetched, read, checked and written."""
 
-from ._checks import is_channel_name
+from ._clock_map import ClockMap
 from ._experiment import Experiment
 from ._fetch import fetch_recordings
 from ._locate import find_recordings
 from ._published import SINGLE_CELL, TWO_CELL, PublishedRecording
 from ._read import read_recording
+from ._session import DeviceClock, Series, Session
 from ._several import EXPERIMENT, as_experiments
 from ._write import save_dataset, write_recording
 
@@ -13,12 +14,15 @@ __all__ = [
     "EXPERIMENT",
     "SINGLE_CELL",
     "TWO_CELL",
+    "ClockMap",
+    "DeviceClock",
     "Experiment",
     "PublishedRecording",
+    "Series",
+    "Session",
     "as_experiments",
     "fetch_recordings",
     "find_recordings",
-    "is_channel_name",
     "read_recording",
     "save_dataset",
     "write_recording",

@@ -1,6 +1,5 @@
 """What the fields of an `Experiment` must be; each check returns the field as it is held."""
 
-import re
 import sys
 from collections.abc import Iterable
 from numbers import Real
@@ -11,6 +10,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from .._errors import RecordingError
+from ..rig._camera import is_channel_name
 
 ABSOLUTE_ZERO = -273.15  # degC
 ROUNDING = 1e-9  # counts / 255 and unit conversions may leave this much above full duty
@@ -87,11 +87,6 @@ def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:
     if twice:
         raise RecordingError(f"channel {', '.join(twice)} occurs more than once; allowed is once")
     return names
-
-
-def is_channel_name(name: str) -> bool:
-    """Whether a channel may have a name: whatever a column of a recording can be called."""
-    return re.fullmatch(r"\w([\w .-]*\w)?", name) is not None
 
 
 def checked_temperatures(

@@ -9,6 +9,8 @@ from ._experiment import GAP_FACTOR, Experiment
 from ._mat import parse_mat
 from ._matlab5 import is_matlab5
 from ._netcdf import parse_netcdf
+from ._session import Session
+from ._session_file import is_session
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -26,7 +28,7 @@ def read_recording(
         `pwm_P1` are counts, `_K` is kelvin. Where all channels are blank, none was recorded.
         Semicolons or tabs may separate columns, numbers may have a decimal comma beside them, and
         a unit may stand in brackets: `T11 [degC]`.
-    - .db: a live session, as `jaxtwin record` writes it, on a grid of 1 s; `jaxtwin.live.Session`
+    - .db: a live session, as `jaxtwin record` writes it, on a grid of 1 s; `jaxtwin.io.Session`
         gives other grids and parts of it.
     - netCDF: `duty` (time, cell), `temperature` (time, channel) and `ambient`, with units, as
         `Experiment.to_xarray` gives them.
@@ -54,9 +56,7 @@ def read_recording(
     whole_number("counts", counts, 1, RecordingError)
     if polarity not in (1, -1):
         raise RecordingError(f"polarity: found {polarity!r}, allowed are 1 and -1")
-    from ..live._recognise import is_recording  # which depends on recordings, not the reverse
-
-    if is_recording(file):
+    if is_session(file):
         return _session_experiment(file, zone)
     content = _content(file)
     kind = _kind(file, content)
@@ -92,8 +92,6 @@ def check_no_gap(experiment: Experiment) -> None:
 
 
 def _session_experiment(file: Path, zone: str | None) -> Experiment:
-    from ..live import Session
-
     if zone is not None:
         raise RecordingError(f"{file}: zone = {zone!r} applies to two-cell .mat recordings only")
     with Session(file) as session:

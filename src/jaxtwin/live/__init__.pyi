@@ -4,7 +4,6 @@
 from ._bench import Bench as Bench
 from ._bench import View as View
 from ._bench import connect as connect
-from ._clock_map import ClockMap as ClockMap
 from ._drive import Guard as Guard
 from ._drive import drive as drive
 from ._drive import switch_off as switch_off
@@ -24,8 +23,8 @@ from ._messages import Image as Image
 from ._messages import Notice as Notice
 from ._messages import encode as encode
 from ._messages import parse as parse
-from ._mqtt import MqttServer as MqttServer
 from ._mqtt import Publisher as Publisher
+from ._opener import opener as opener
 from ._recorder import Recorder as Recorder
 from ._records import Command as Command
 from ._records import Event as Event
@@ -39,17 +38,14 @@ from ._records import Sample as Sample
 from ._replay import Replay as Replay
 from ._report import report as report
 from ._serve import InProcess as InProcess
+from ._serve import MqttServer as MqttServer
 from ._serve import PtyServer as PtyServer
 from ._serve import Server as Server
 from ._serve import TcpServer as TcpServer
 from ._serve import serve as serve
-from ._session import DeviceClock as DeviceClock
-from ._session import Series as Series
-from ._session import Session as Session
 from ._time import Clock as Clock
 from ._time import SystemClock as SystemClock
 from ._transport import Transport as Transport
-from ._transport import opener as opener
 from ._virtual_rig import VirtualRig as VirtualRig
 from ._watch import Screen as Screen
 

@@ -10,10 +10,11 @@ from ..rig import Rig
 from ._identity import Identity
 from ._link import INBOX, Arrived, Inbox, Link
 from ._messages import VERSION, Ask, Duty, encode
+from ._opener import opener
 from ._receiver import Receiver
 from ._records import Command, LinkState, Record
 from ._time import Clock, SystemClock
-from ._transport import Opener, opener
+from ._transport import Opener
 
 BATCH = 128
 """Reads that are journalled together at most."""

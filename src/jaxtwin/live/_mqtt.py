@@ -16,7 +16,6 @@ from urllib.parse import urlsplit
 from .._errors import LinkError
 from ._records import Event, Gap, Greeting, LinkChange, Reading, Record, Sample
 from ._transport import READ_SECONDS
-from ._virtual_rig import VirtualRig
 
 CONNECT_SECONDS = 5.0
 WAITING = 1000  # messages that wait at most, coming and going
@@ -87,38 +86,6 @@ class MqttTransport:
 
 
 @final
-class MqttServer:
-    """A virtual rig behind a broker.
-
-    **Arguments:**
-
-    - `url`: `mqtt://host:port/topic`.
-    """
-
-    def __init__(self, url: str):
-        host, port, topic = _parts(url)
-        self.url = url
-        try:
-            self._transport = MqttTransport(host, port, topic, reads="down", writes="up")
-        except OSError as error:
-            raise LinkError(f"{url}: {error}") from None
-
-    def tick(self, data: bytes, device: VirtualRig) -> None:
-        try:
-            if data:
-                self._transport.write(data)
-            device.receive(self._transport.waiting())
-        except OSError as error:
-            raise LinkError(f"{self.url}: {error}") from None
-
-    def hang_up(self) -> None:
-        """A broker keeps its connections; the fault is none here."""
-
-    def close(self) -> None:
-        self._transport.close()
-
-
-@final
 class Publisher:
     """Publishes records as JSON: `TOPIC/readings`, `TOPIC/duty`, `TOPIC/events`.
 
@@ -133,7 +100,7 @@ class Publisher:
     """
 
     def __init__(self, url: str, channels: Sequence[str], cells: Sequence[str]):
-        host, port, self._topic = _parts(url)
+        host, port, self._topic = mqtt_address(url)
         self._channels, self._cells = channels, cells
         self._client = _client(reconnect=True)
         self._client.max_queued_messages_set(WAITING)
@@ -173,7 +140,11 @@ class Publisher:
         return "", {}
 
 
-def _parts(url: str) -> tuple[str, int, str]:
+def mqtt_address(url: str) -> tuple[str, int, str]:
+    """Host, port and topic of `mqtt://host:port/topic`.
+
+    **Raises:** `LinkError` where the text is something else.
+    """
     parts = urlsplit(url)
     if parts.scheme != "mqtt" or not parts.hostname or not parts.path.strip("/"):
         raise LinkError(f"{url!r}: allowed is mqtt://host:port/topic")

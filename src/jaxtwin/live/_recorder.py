@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any, final
 
 from .._errors import RecordingError
+from ..io._lock import lock, unlock
+from ..io._session_file import Columns, read_metadata
 from ..rig import Rig
-from ._lock import lock, unlock
 from ._records import (
     Command,
     Event,
@@ -27,7 +28,7 @@ from ._records import (
     Record,
     Sample,
 )
-from ._tables import Columns, create_tables, mark, metadata_of, read_metadata, versions
+from ._tables import create_tables, mark, metadata_of, versions
 from ._time import Clock, SystemClock, seconds
 
 SYNC_SECONDS = 1.0

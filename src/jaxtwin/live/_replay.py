@@ -10,6 +10,8 @@ from typing import Any, final
 
 import numpy as np
 
+from ..io import Session
+from ..io._session_file import Columns
 from ._bench import View
 from ._messages import Hello
 from ._records import (
@@ -23,8 +25,6 @@ from ._records import (
     Record,
     Sample,
 )
-from ._session import Session
-from ._tables import Columns
 from ._time import Clock, SystemClock
 
 Rows = Generator[Record, None, None]

@@ -5,7 +5,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ._session import Session
+from ..io import Session
 
 
 @final

@@ -1,4 +1,4 @@
-"""A virtual rig behind a TCP port, a pseudo-terminal, or no wire at all."""
+"""A virtual rig behind a TCP port, a pseudo-terminal, an MQTT broker, or no wire at all."""
 
 import contextlib
 import errno
@@ -11,6 +11,7 @@ import threading
 from typing import Protocol, final, runtime_checkable
 
 from .._errors import LinkError
+from ._mqtt import MqttTransport, mqtt_address
 from ._time import Clock
 from ._virtual_rig import VirtualRig
 
@@ -184,6 +185,38 @@ class PtyServer:
         self._selector.close()
         os.close(self._near)
         os.close(self._far)
+
+
+@final
+class MqttServer:
+    """A virtual rig behind a broker.
+
+    **Arguments:**
+
+    - `url`: `mqtt://host:port/topic`.
+    """
+
+    def __init__(self, url: str):
+        host, port, topic = mqtt_address(url)
+        self.url = url
+        try:
+            self._transport = MqttTransport(host, port, topic, reads="down", writes="up")
+        except OSError as error:
+            raise LinkError(f"{url}: {error}") from None
+
+    def tick(self, data: bytes, device: VirtualRig) -> None:
+        try:
+            if data:
+                self._transport.write(data)
+            device.receive(self._transport.waiting())
+        except OSError as error:
+            raise LinkError(f"{self.url}: {error}") from None
+
+    def hang_up(self) -> None:
+        """A broker keeps its connections; the fault is none here."""
+
+    def close(self) -> None:
+        self._transport.close()
 
 
 @final

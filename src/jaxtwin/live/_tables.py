@@ -3,38 +3,16 @@
 import json
 import platform
 import sqlite3
-from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
-from .._errors import RecordingError
+from ..io._session_file import APPLICATION, FORMAT, Columns
 from ..rig import Rig
 from ._identity import Identity
-from ._recognise import APPLICATION
-
-FORMAT = 1
-"""Version of the tables."""
 
 _APPEND_ONLY = ("greetings", "samples", "readings", "frames", "gaps", "events", "commands")
-
-
-@final
-@dataclass(frozen=True)
-class Columns:
-    """Names of the columns that depend on the rig."""
-
-    pwm: tuple[str, ...]
-    temperatures: tuple[str, ...]
-
-    @classmethod
-    def of(cls, metadata: dict[str, Any]) -> "Columns":
-        """From a recording's metadata."""
-        return cls(
-            pwm=tuple(f"pwm_{cell}" for cell in metadata["cells"]),
-            temperatures=tuple(f"{channel}_degC" for channel in metadata["channels"]),
-        )
 
 
 def metadata_of(rig: Rig) -> dict[str, Any]:
@@ -99,26 +77,6 @@ def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> Non
         [(key, json.dumps(value)) for key, value in metadata.items()],
     )
     database.execute(f"PRAGMA user_version = {FORMAT}")
-
-
-def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
-    """The metadata of a recording.
-
-    **Raises:** `RecordingError` where the file is no recording, or one of a later version.
-    """
-    try:
-        (application,) = database.execute("PRAGMA application_id").fetchone()
-        (form,) = database.execute("PRAGMA user_version").fetchone()
-        if application != APPLICATION:
-            raise RecordingError(f"{file}: is an SQLite database, but no recording of a live rig")
-        if form != FORMAT:
-            raise RecordingError(f"{file}: format {form}; allowed is {FORMAT}")
-        return {
-            key: json.loads(value)
-            for key, value in database.execute("SELECT key, value FROM session")
-        }
-    except sqlite3.DatabaseError as error:
-        raise RecordingError(f"{file}: cannot be read: {error}") from None
 
 
 def _rig_file(rig: Rig) -> str:

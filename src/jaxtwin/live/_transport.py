@@ -4,17 +4,13 @@ import contextlib
 import socket
 from collections.abc import Callable
 from typing import Protocol, final, runtime_checkable
-from urllib.parse import urlsplit
 
 import serial
-
-from .._errors import LinkError
 
 READ_SECONDS = 0.2
 """The longest that `read` blocks, and so the longest that closing a link takes."""
 
 _MOST = 65_536  # bytes of one read
-_CONNECT_SECONDS = 3.0
 
 
 @runtime_checkable
@@ -36,41 +32,6 @@ class Transport(Protocol):
 
 Opener = Callable[[], Transport]
 """Opens a connection, or raises `OSError`."""
-
-
-def opener(url: str, *, baud: int = 115_200) -> Opener:
-    """How to open a link, without opening it.
-
-    **Arguments:**
-
-    - `url`: `socket://host:port`, `mqtt://host:port/topic`, or what pyserial takes: a port such as
-        `/dev/ttyACM0` or `COM3`, `rfc2217://host:port`, `loop://`.
-    - `baud`: of a serial port.
-
-    **Raises:** `LinkError` where the text is none of those.
-    """
-    parts = urlsplit(url)
-    if parts.scheme in ("socket", "mqtt"):
-        try:
-            host, port = parts.hostname, parts.port
-        except ValueError:
-            host = port = None
-        if parts.scheme == "mqtt" and host and parts.path.strip("/"):
-            from ._mqtt import MqttTransport
-
-            topic = parts.path.strip("/")
-            return lambda: MqttTransport(host, port or 1883, topic)
-        if parts.scheme == "socket" and host and port:
-            return lambda: SocketTransport(socket.create_connection((host, port), _CONNECT_SECONDS))
-        raise LinkError(f"link {url!r}: allowed are socket://host:port and mqtt://host:port/topic")
-    try:
-        serial.serial_for_url(url, baud, do_not_open=True)
-    except (ValueError, serial.SerialException) as error:
-        raise LinkError(
-            f"link {url!r}: {error}; allowed are a serial port, socket://host:port, "
-            "rfc2217://host:port, loop:// and mqtt://host:port/topic"
-        ) from None
-    return lambda: SerialTransport(url, baud)
 
 
 @final

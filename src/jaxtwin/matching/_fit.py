@@ -11,10 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import MatchError, ParameterError
+from .._measures import mean_fit_percent
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter, Rig, unknown, write_parameters
-from ..simulation import Run, mean_fit_percent
+from ..simulation import Run
 from ._estimate import Knowledge, Setting
 from ._noise import Noise
 from ._summary import Style, summary_table

@@ -5,9 +5,6 @@ import math
 QUANTILE = 1.959963984540054
 """Of the standard normal distribution at 0.975."""
 
-LARGE = 1e6
-"""Numbers below this are written out."""
-
 
 def interval_95(value: float, error: float, *, is_logarithmic: bool) -> tuple[float, float]:
     r"""Where a value lies with 95 % probability, in its own unit.
@@ -33,26 +30,3 @@ def interval_95(value: float, error: float, *, is_logarithmic: bool) -> tuple[fl
         return value * math.exp(-reach), value * math.exp(reach)
     except OverflowError:
         return 0.0, math.inf
-
-
-def interval_text(interval: tuple[float, float]) -> str:
-    """An interval for tables, with as many digits as tell its ends apart.
-
-    `unknown` where nothing tells the value, `-` where there is no interval.
-    """
-    low, high = interval
-    if math.isnan(low) or math.isnan(high):
-        return "-"
-    if math.isinf(high):
-        return "unknown"
-    largest, width = max(abs(low), abs(high)), high - low
-    digits = 2 + (round(math.log10(largest / width)) if 0 < width < largest else 0)
-    return f"{short_number(low, digits)} to {short_number(high, digits)}"
-
-
-def short_number(value: float, digits: int = 4) -> str:
-    """A number for tables, with this many significant digits: `0.84`, `140`, `1.6e-5`, `2e6`."""
-    text = f"{value:.{digits}g}"
-    if "e+" in text and abs(value) < LARGE:
-        return f"{float(text):.0f}"
-    return text.replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")

@@ -3,8 +3,8 @@
 import math
 from typing import TYPE_CHECKING, Literal
 
-from ..simulation import fit_text
-from ._interval import interval_text, short_number
+from .._measures import fit_text
+from .._number_text import interval_text, short_number
 
 if TYPE_CHECKING:
     from ._fit import Fit, FittedParameter

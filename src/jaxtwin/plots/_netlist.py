@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from .._errors import ParameterError
-from .._network_counts import network_counts, network_text
 from ..physics import Twin
+from ..physics._netlist import network_counts, network_text
 from ..rig import AMBIENT, Plate
 from ._netlist_cells import draw_cells, draw_contacts, outlined
 from ._netlist_layout import LEGEND, netlist_layout

@@ -1,17 +1,20 @@
 """Which parameters matter for one channel, Fig. 16 of the paper."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
-from ..sensitivity_analysis import Sensitivity
-from ..sensitivity_analysis._sensitivity import MEAN
 from ._style import BLUE, INK, MUTED, VERMILION, styled, symbol
+
+if TYPE_CHECKING:
+    from ..sensitivity_analysis import Sensitivity
 
 
 @styled
 def plot_tornado(
-    sensitivity: Sensitivity, channel: str = "mean", *, ax: Axes | None = None
+    sensitivity: "Sensitivity", channel: str = "mean", *, ax: Axes | None = None
 ) -> Axes:
     """Correlation of each parameter with a channel's cost, the strongest on top.
 
@@ -49,7 +52,7 @@ def plot_tornado(
     ax.set_yticks(places, [symbol(name) for name in names], fontsize=10)
     widest = min(1.12, 1.25 * float(np.abs(interval).max()) + 0.08)  # with room for the numbers
     ax.set(xlim=(-widest, widest), xlabel="Pearson correlation with the cost")
-    ax.set_title("mean of all channels" if channel == MEAN else channel)
+    ax.set_title("mean of all channels" if channel == "mean" else channel)
     failed = int(np.count_nonzero(sensitivity.failed))
     draws = f"{len(sensitivity.failed):,} draws".replace(",", " ")
     note = f"{draws}, {failed} failed" if failed else draws

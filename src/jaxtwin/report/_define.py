@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from .._network_counts import network_counts
 from ..data import table
 from ..io import Experiment
 from ..physics import Twin
+from ..physics._netlist import network_counts
 from ..plots import plot_netlist, plot_recordings, to_png
 from ._blocks import Numbers, Picture, Section, Table, Text
 from ._source import Source, recorded

@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from .._measures import mean_fit_percent
+from .._number_text import interval_text, short_number
 from .._progress import Progress
 from ..data import synthetic_truth
 from ..matching import Fit, FittedParameter, Iteration, match
-from ..matching._interval import interval_text, short_number
 from ..physics import Twin
 from ..plots import plot_comparison, plot_history, plot_parameters, plot_residuals, to_png
 from ..rig import Rig, read_parameters
-from ..simulation import Run, mean_fit_percent
+from ..simulation import Run
 from ._blocks import Numbers, Picture, Section, Table, Text
 from ._corrections import shows_sawtooth
 from ._source import Source, recorded, synthetic_source

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .._measures import mean_fit_percent
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import ThermoelectricModule, Twin
 from ..plots import plot_comparison, plot_dc_sweep, plot_plate_map, to_png
 from ..rig import bundled_modules, load_module
-from ..simulation import Run, mean_fit_percent
+from ..simulation import Run
 from ._blocks import Numbers, Picture, Section, Text
 from ._source import Source
 

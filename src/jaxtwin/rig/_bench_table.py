@@ -1,7 +1,6 @@
 """`[driver]`, `[camera]` and `[[channels]]` of a rig file -> what stands around the plate."""
 
-from ..io import is_channel_name
-from ._camera import Camera, Channel, CommonError
+from ._camera import Camera, Channel, CommonError, is_channel_name
 from ._driver import Driver
 from ._fields import Fields
 from ._plate import AMBIENT, Plate

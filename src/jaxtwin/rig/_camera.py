@@ -1,5 +1,6 @@
 """What measures: an infrared camera or point sensors, and the channels read from them."""
 
+import re
 from dataclasses import dataclass
 from typing import final
 
@@ -84,3 +85,8 @@ class Channel:
     x: tuple[float, float] | None
     y: tuple[float, float] | None
     gain: Value
+
+
+def is_channel_name(name: str) -> bool:
+    """Whether a channel may have a name: whatever a column of a recording can be called."""
+    return re.fullmatch(r"\w([\w .-]*\w)?", name) is not None

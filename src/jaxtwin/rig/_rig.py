@@ -1,6 +1,7 @@
 """The rig: everything that a rig file documents, checked and in SI units."""
 
 import hashlib
+import html
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -9,7 +10,6 @@ from typing import final
 from ._camera import Camera, Channel, CommonError, Sensors
 from ._cell import Cell
 from ._circuit import Circuit
-from ._describe import rig_html, rig_parts
 from ._driver import Driver
 from ._parameter import Parameter
 from ._plate import Plate
@@ -85,11 +85,66 @@ class Rig:
         return hash((self.name, self.source, self.plate, self.circuit, self.cells))
 
     def __repr__(self) -> str:
-        return f"<Rig {self.name!r}: {rig_parts(self)['plate']}>"
+        return f"<Rig {self.name!r}: {_parts(self)['plate']}>"
 
     def __str__(self) -> str:
         lines = [f"{self.name}: {self.title}"]
-        return "\n".join(lines + [f"  {part}: {text}" for part, text in rig_parts(self).items()])
+        return "\n".join(lines + [f"  {part}: {text}" for part, text in _parts(self).items()])
 
     def _repr_html_(self) -> str:
-        return rig_html(self)
+        return _html(self)
+
+
+def _parts(rig: Rig) -> dict[str, str]:
+    """What a rig consists of, part -> one line of text."""
+    plate = rig.plate
+    circuit = "by finite volumes"
+    if rig.circuit is not None:
+        count = sum(len(link.between) for link in rig.circuit.links)
+        circuit = f"given, {count} resistance{'s' * (count != 1)} on the plate"
+    free = sum(parameter.free for parameter in rig.parameters.values())
+    return {
+        "plate": (
+            f"{100 * plate.width:g} cm x {100 * plate.height:g} cm, "
+            f"{len(plate.rows)} x {len(plate.columns)} elements, circuit {circuit}"
+        ),
+        "cells": ", ".join(
+            f"{cell.name} on {' '.join(element for element, _ in cell.contacts)}"
+            for cell in rig.cells
+        ),
+        "driver": f"{rig.driver.averaging} averaging, {rig.driver.counts} counts",
+        "channels": " ".join(channel.name for channel in rig.channels),
+        "parameters": f"{len(rig.parameters)}, {free} of them free",
+        "parameter sets": ", ".join(rig.parameter_sets) or "none",
+        "file": rig.source,
+    }
+
+
+def _html(rig: Rig) -> str:
+    """A rig as a heading and two tables: its parts and its parameters."""
+    parts = "".join(_row(part, text) for part, text in _parts(rig).items())
+    parameters = "".join(
+        _row(
+            p.name,
+            f"{p.value:g}",
+            p.unit,
+            f"{p.lower:g} … {p.upper:g}",
+            "free" if p.free else "fixed",
+            p.scope,
+            p.description,
+        )
+        for p in rig.parameters.values()
+    )
+    heading = "".join(
+        f"<th>{name}</th>"
+        for name in ("parameter", "value", "unit", "bounds", "", "scope", "description")
+    )
+    return (
+        f"<b>{html.escape(rig.name)}</b>: {html.escape(rig.title)}<table>{parts}</table>"
+        f"<details><summary>parameters</summary>"
+        f"<table><tr>{heading}</tr>{parameters}</table></details>"
+    )
+
+
+def _row(*cells: str) -> str:
+    return "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>"

@@ -4,10 +4,10 @@ The default solver is exponential time differencing in the modes of the thermal 
 grid that is fine after each input change; any diffrax solver can take its place.
 """
 
+from .._measures import fit_percent, rmse
 from ._draws import Precision
 from ._drive import Drive
 from ._integrate import solve_network
-from ._measures import fit_percent, fit_text, mean_fit_percent, rmse
 from ._network_exponential import HeldInputs, NetworkExponential, NetworkProblem, network_field
 from ._padding import padded, padded_time_grid
 from ._reductions import REDUCTIONS, ReductionName, Reductions, checked_reductions
@@ -34,8 +34,6 @@ __all__ = [
     "checked_precision",
     "checked_reductions",
     "fit_percent",
-    "fit_text",
-    "mean_fit_percent",
     "network_field",
     "padded",
     "padded_time_grid",

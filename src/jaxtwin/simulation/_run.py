@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import RecordingError, SimulationError
+from .._measures import fit_percent, rmse
 from .._whole_file import check_ending
 from ..io import Experiment
-from ._measures import fit_percent, rmse
 from ._uniformity import Uniformity, uniformity
 
 if TYPE_CHECKING:

@@ -2,15 +2,13 @@
 
 from ._validate import leave_one_out, validate, validate_split
 from ._validation import Prediction, Validation
-from ._whiteness import Whiteness, autocorrelation, normal_quantiles, whiteness
+from ._whiteness import Whiteness, whiteness
 
 __all__ = [
     "Prediction",
     "Validation",
     "Whiteness",
-    "autocorrelation",
     "leave_one_out",
-    "normal_quantiles",
     "validate",
     "validate_split",
     "whiteness",

@@ -9,9 +9,10 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Float
 
+from .._measures import fit_text, mean_fit_percent
 from ..matching import Fit
 from ..physics import Twin
-from ..simulation import Run, fit_text, mean_fit_percent
+from ..simulation import Run
 from ._whiteness import Whiteness, whiteness
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hand_clock import START
 
-from jaxtwin.live import ClockMap
+from jaxtwin.io import ClockMap
 
 
 def stamps(

@@ -3,21 +3,21 @@
 import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 from urllib.parse import quote
 
 import numpy as np
 from jaxtyping import Float
 
 from .._errors import RecordingError
-from ..io import Experiment
-from ..rig import Rig
-from ..rig._bundled import parse_toml
 from ._clock_map import ClockMap
-from ._grid import bin_means, held
+from ._experiment import Experiment
 from ._lock import is_locked
-from ._recognise import is_recording
-from ._tables import Columns, read_metadata
+from ._resample import bin_means, held
+from ._session_file import Columns, is_session, read_metadata
+
+if TYPE_CHECKING:
+    from ..rig import Rig
 
 MOST_STAMPS = 1_000_000
 """Of each table that a clock is fitted to; of a longer recording every second, third, ... stamp."""
@@ -71,7 +71,7 @@ class Session:
         self.file = Path(file)
         if not self.file.is_file():
             raise RecordingError(f"{self.file}: no such file")
-        if not is_recording(self.file):
+        if not is_session(self.file):
             raise RecordingError(f"{self.file}: is no recording of a live rig")
         self.database = _open(self.file)
         try:
@@ -97,12 +97,13 @@ class Session:
         return tuple(self.metadata["channels"])
 
     @property
-    def rig(self) -> Rig:
+    def rig(self) -> "Rig":
         """The rig, from the text of its file at the time of the recording.
 
         **Raises:** `RigError` where this version of the program does not understand it.
         """
         from ..rig._build import build_rig  # with pydantic, which reading numbers does not need
+        from ..rig._bundled import parse_toml
 
         source = f"{self.file}: rig file"
         return build_rig(parse_toml(self.metadata["rig_file"].encode(), source), source)
@@ -162,7 +163,7 @@ class Session:
         start: float | int | None = None,
         end: float | int | None = None,
     ) -> Experiment:
-        """The recording on an even grid, by the rule of `_grid`: no temperature is filled in.
+        """The recording on an even grid, by the rule of `_resample`: no temperature is filled in.
 
         **Arguments:**
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxtwin.live._grid import bin_means, held
+from jaxtwin.io._resample import bin_means, held
 
 GRID = np.array([10.0, 11.0, 12.0, 13.0])
 

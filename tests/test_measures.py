@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtwin.simulation import fit_percent, fit_text, mean_fit_percent
+from jaxtwin._measures import fit_percent, fit_text, mean_fit_percent
 
 
 def test_the_fit_of_a_channel_that_never_changes_is_no_number():

@@ -1,0 +1,90 @@
+r"""Statistics of residuals: their autocorrelation, Ljung and Box's test, normal quantiles.
+
+The test is that of Ljung and Box (1978): of $n$ residuals with sample autocorrelations $\rho_k$,
+
+$$Q = n (n + 2) \sum_{k=1}^{h} \frac{\rho_k^2}{n - k}$$
+
+is distributed as $\chi^2$ with $h$ degrees of freedom where they are white. Of a series with
+missing samples (NaN) $n$ are there, and in place of $n - k$ stands how many pairs are there at the
+lag $k$ (Stoffer and Toloi 1992).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+LAGS = 20
+"""Of Ljung and Box's test; fewer in short series."""
+
+
+class LjungBox(NamedTuple):
+    """The result of Ljung and Box's test.
+
+    - `statistic`: $Q$. `lags`: $h$.
+    - `p_value`: the probability that white noise has a larger $Q$.
+    """
+
+    statistic: float
+    lags: int
+    p_value: float
+
+
+def ljung_box(residuals: Float[np.ndarray, " times"]) -> LjungBox:
+    """Ljung and Box's test of equally spaced residuals, less their mean; NaN where one is missing.
+
+    **Raises:** `ValueError` for fewer than ten samples that are there.
+    """
+    from scipy.stats import chi2  # takes a while to import
+
+    samples = int(np.count_nonzero(~np.isnan(residuals)))
+    if samples < 10:
+        raise ValueError(f"found {samples} samples, allowed are at least 10")
+    lags = min(LAGS, samples // 5)
+    sums, pairs = _products(residuals, lags)
+    rho = sums[1:] / sums[0] if sums[0] > 0 else np.zeros(lags)
+    known = pairs[1:] > 0
+    statistic = samples * (samples + 2) * float(np.sum(rho[known] ** 2 / pairs[1:][known]))
+    return LjungBox(statistic, int(known.sum()), float(chi2.sf(statistic, known.sum())))
+
+
+def autocorrelation(
+    residuals: Float[np.ndarray, " times"], lags: int
+) -> Float[np.ndarray, " lags_and_zero"]:
+    """Sample autocorrelations at the lags 0 to `lags`; zeros where nothing varies.
+
+    Missing samples (NaN) are left out: each lag is the mean over the pairs that are there, times
+    the share of pairs that a complete series has.
+    """
+    sums, pairs = _products(residuals, lags)
+    if sums[0] <= 0:
+        return np.zeros(lags + 1)
+    complete = 1 - np.arange(lags + 1) / len(residuals)
+    means = np.divide(sums, pairs, out=np.zeros_like(sums), where=pairs > 0)
+    return complete * means / means[0]
+
+
+def _products(
+    residuals: Float[np.ndarray, " times"], lags: int
+) -> tuple[Float[np.ndarray, " lags_and_zero"], Float[np.ndarray, " lags_and_zero"]]:
+    """Sums of products of two residuals at the lags 0 to `lags`, and how many pairs each has."""
+    there = (~np.isnan(residuals)).astype(float)
+    sums, pairs = (
+        np.fft.irfft(np.abs(np.fft.rfft(series, 2 * len(series))) ** 2, 2 * len(series))[: lags + 1]
+        for series in (about_mean(residuals), there)
+    )
+    if np.nanmax(residuals) == np.nanmin(residuals):
+        sums = np.zeros_like(sums)
+    return sums, np.rint(pairs)
+
+
+def about_mean(residuals: Float[np.ndarray, " times"]) -> Float[np.ndarray, " times"]:
+    """Less their mean; 0 where one is missing."""
+    return np.nan_to_num(residuals - np.nanmean(residuals))
+
+
+def normal_quantiles(count: int) -> Float[np.ndarray, " count"]:
+    """Where `count` sorted samples of a standard normal distribution are expected (Blom 1958)."""
+    from scipy.special import ndtri
+
+    return ndtri((np.arange(1, count + 1) - 0.375) / (count + 0.25))

@@ -1,0 +1,76 @@
+"""The file that a live session is recorded into: how it is recognised, and what it says of its rig.
+
+Its tables are made by `live/_tables.py`; docs/protocol.md describes them for other programs.
+"""
+
+import json
+import sqlite3
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+from .._errors import RecordingError
+from ._lock import is_locked
+
+APPLICATION = 0x6A747731
+"""SQLite's `application_id` of a session, "jtw1": what `file` and SQLite tools show."""
+
+FORMAT = 1
+"""Version of the tables."""
+
+_SQLITE = b"SQLite format 3\0"
+_APPLICATION_BYTES = slice(68, 72)  # where the file's header holds the `application_id`
+
+
+def is_session(file: Path) -> bool:
+    """Whether a recorder made this file; `False` also where it cannot be read.
+
+    The file's first bytes are read without SQLite, which may leave files beside it.
+    """
+    if is_locked(file):
+        # Not opened: closing it would release the locks that SQLite holds in this process.
+        return True
+    try:
+        with file.open("rb") as stream:
+            header = stream.read(_APPLICATION_BYTES.stop)
+    except OSError:
+        return False
+    number = APPLICATION.to_bytes(4, "big")
+    return header.startswith(_SQLITE) and header[_APPLICATION_BYTES] == number
+
+
+@final
+@dataclass(frozen=True)
+class Columns:
+    """Names of the columns that depend on the rig."""
+
+    pwm: tuple[str, ...]
+    temperatures: tuple[str, ...]
+
+    @classmethod
+    def of(cls, metadata: dict[str, Any]) -> "Columns":
+        """From a recording's metadata."""
+        return cls(
+            pwm=tuple(f"pwm_{cell}" for cell in metadata["cells"]),
+            temperatures=tuple(f"{channel}_degC" for channel in metadata["channels"]),
+        )
+
+
+def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
+    """The metadata of a recording.
+
+    **Raises:** `RecordingError` where the file is no recording, or one of a later version.
+    """
+    try:
+        (application,) = database.execute("PRAGMA application_id").fetchone()
+        (form,) = database.execute("PRAGMA user_version").fetchone()
+        if application != APPLICATION:
+            raise RecordingError(f"{file}: is an SQLite database, but no recording of a live rig")
+        if form != FORMAT:
+            raise RecordingError(f"{file}: format {form}; allowed is {FORMAT}")
+        return {
+            key: json.loads(value)
+            for key, value in database.execute("SELECT key, value FROM session")
+        }
+    except sqlite3.DatabaseError as error:
+        raise RecordingError(f"{file}: cannot be read: {error}") from None
