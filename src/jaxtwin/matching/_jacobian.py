@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics import Twin
-from ..simulation import Schedule
+from ..simulation import TimeGrid
 from ._objective import Objective
 from ._residual_weights import ResidualWeights, SplitErrors
 from ._residuals import channel_rises, local_vectors
@@ -33,9 +33,7 @@ def output_error_jacobians(
 ) -> list[Float[Array, "_recordings _entries _times _channels"]]:
     """Derivatives of the `output_errors` in the entries that concern each recording."""
     return [
-        jax.vmap(lambda one, g: _reading_jacobian(one, objective, g.schedule, g.columns))(
-            local, group
-        )
+        jax.vmap(lambda one, g: _reading_jacobian(one, objective, g.grid, g.columns))(local, group)
         for group, local in zip(objective.groups, local_vectors(vector, objective), strict=True)
     ]
 
@@ -66,7 +64,7 @@ def weighted_jacobian(
 def _reading_jacobian(
     local: Float[Array, " entries"],
     objective: Objective,
-    schedule: Schedule,
+    grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "entries times channels"]:
     """Derivatives of `camera_readings`: those of the network by pushing forward its entries alone,
@@ -81,7 +79,7 @@ def _reading_jacobian(
 
     def rises(part: Array) -> tuple[Array, Array]:
         system = twin(part, inner).system(lumped=True)
-        return channel_rises(system, schedule, columns)
+        return channel_rises(system, grid, columns)
 
     def gains(part: Array, entries: np.ndarray) -> Array:
         changed = twin(part, entries)

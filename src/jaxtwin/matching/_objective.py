@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..io import Experiment
 from ..physics import Twin
-from ..simulation import Schedule, padded, padded_schedule
+from ..simulation import TimeGrid, padded, padded_time_grid
 from ._camera_error import camera_shapes, count_shapes
 from ._noise_model import NoiseModel
 from ._problem import MatchProblem
@@ -24,10 +24,10 @@ Tree = TypeVar("Tree")
 class RecordingGroup(eqx.Module):
     """Recordings of equal shapes, stacked so that they are solved at once.
 
-    Their samples are filled up to a few sizes, as their schedules are, with some that count for
+    Their samples are filled up to a few sizes, as their grids are, with some that count for
     nothing, so that recordings of another length run through the same programs.
 
-    - `schedule`: every array with a leading recordings axis.
+    - `grid`: every array with a leading recordings axis.
     - `columns`: which of the rig's channels each recording holds.
     - `temperatures`: recorded, `(recordings, times, channels)`, degC; any finite number where a
       sample is missing or fills up their number, which weighs nothing.
@@ -37,7 +37,7 @@ class RecordingGroup(eqx.Module):
     - `positions`: the number of each recording among all.
     """
 
-    schedule: Schedule
+    grid: TimeGrid
     columns: Int[np.ndarray | Array, "recordings channels"]
     temperatures: Float[np.ndarray | Array, "recordings times channels"]
     sampled: Bool[np.ndarray | Array, "recordings times channels"]
@@ -98,17 +98,17 @@ def make_objective(
     """
     count = shapes_needed(problem, noise_model) if shapes is None else shapes
     experiments = problem.experiments
-    schedules = [padded_schedule(problem.twin, experiment) for experiment in experiments]
+    grids = [padded_time_grid(problem.twin, experiment) for experiment in experiments]
     weights = [
         recording_weights(problem, noise_model, number, count).padded()
         for number in range(len(experiments))
     ]
-    # Recordings whose schedules have equal shapes share compiled code.
+    # Recordings whose grids have equal shapes share compiled code.
     groups: dict[tuple, list[int]] = {}
-    for position, (schedule, experiment) in enumerate(zip(schedules, experiments, strict=True)):
-        leaves = jax.tree.leaves((schedule, weights[position]))
+    for position, (grid, experiment) in enumerate(zip(grids, experiments, strict=True)):
+        leaves = jax.tree.leaves((grid, weights[position]))
         shapes_of_leaves = tuple(np.shape(leaf) for leaf in leaves)
-        key = (shapes_of_leaves, schedule.ambient is None, len(experiment.channels))
+        key = (shapes_of_leaves, grid.ambient is None, len(experiment.channels))
         groups.setdefault(key, []).append(position)
     unknowns = problem.unknowns
     return Objective(
@@ -117,7 +117,7 @@ def make_objective(
             _group(
                 problem.twin,
                 [experiments[position] for position in positions],
-                _stacked([schedules[position] for position in positions]),
+                _stacked([grids[position] for position in positions]),
                 _stacked([weights[position] for position in positions]),
                 positions,
             )
@@ -133,7 +133,7 @@ def make_objective(
 def shapes_needed(problem: MatchProblem, noise_model: NoiseModel) -> int:
     """How many shapes the camera's common error has in the recording where it has the most.
 
-    All have as many, so that their schedules alone say which recordings are solved at once.
+    All have as many, so that their grids alone say which recordings are solved at once.
     """
     error = problem.common_error
     if error is None:
@@ -166,13 +166,13 @@ def recording_weights(
 def _group(
     twin: Twin,
     members: Sequence[Experiment],
-    schedule: Schedule,
+    grid: TimeGrid,
     weights: ResidualWeights,
     positions: Sequence[int],
 ) -> RecordingGroup:
     columns = [[twin.channels.index(name) for name in e.channels] for e in members]
     return RecordingGroup(
-        schedule=schedule,
+        grid=grid,
         columns=np.array(columns, dtype=np.int32),
         # Nothing times NaN would be NaN.
         temperatures=np.stack([padded(np.nan_to_num(np.asarray(e.temperatures))) for e in members]),

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics import System
-from ..simulation import Schedule, ambient_of_samples, reference_temperature, solve_schedule
+from ..simulation import TimeGrid, solve_network
 from ._objective import Objective, RecordingGroup
 from ._residual_weights import ResidualWeights, SplitErrors
 
@@ -44,7 +44,7 @@ def output_errors(
     for samples that fill up."""
 
     def of_recording(local: Array, group: RecordingGroup) -> Array:
-        simulated = camera_readings(local, objective, group.schedule, group.columns)
+        simulated = camera_readings(local, objective, group.grid, group.columns)
         error = simulated - group.temperatures
         return jnp.where(jnp.arange(len(error))[:, None] < group.lengths, error, 0.0)
 
@@ -93,24 +93,23 @@ def local_vectors(
 def camera_readings(
     local: Float[Array, " entries"],
     objective: Objective,
-    schedule: Schedule,
+    grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "times channels"]:
     """What the camera reads without its common error, degC."""
     twin = objective.twin.with_parameters(objective.layout.local_values(local))
     system = twin.system(lumped=True)
-    surroundings, rise = channel_rises(system, schedule, columns)
+    surroundings, rise = channel_rises(system, grid, columns)
     return surroundings + system.gain[columns] * rise - 273.15
 
 
 def channel_rises(
-    system: System, schedule: Schedule, columns: Int[Array | np.ndarray, " columns"]
+    system: System, grid: TimeGrid, columns: Int[Array | np.ndarray, " columns"]
 ) -> tuple[Float[Array, "times #channels"], Float[Array, "times channels"]]:
     """From the rig's own start: the surroundings' temperature, K, and how far above it what each
     channel looks at is."""
     weights = jnp.asarray(system.wiring.channel_weights)[columns]
-    reference = reference_temperature(system, schedule)
-    rise = solve_schedule(system, schedule, system.initial_temperature, weights)
-    ambient = jnp.asarray(ambient_of_samples(system, schedule), rise.dtype)
+    drive, rise = solve_network(system, grid, system.initial_temperature, weights)
+    ambient = jnp.asarray(drive.ambient_at_samples(), rise.dtype)
     ambient = jnp.broadcast_to(ambient, (rise.shape[0], 1))
-    return reference + ambient, rise - ambient
+    return drive.reference + ambient, rise - ambient

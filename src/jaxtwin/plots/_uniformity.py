@@ -25,7 +25,7 @@ MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # of a panel, inches
 
 @styled
 def plot_uniformity(runs: "Sequence[Run]") -> Figure:
-    """Spread (highest less lowest) and standard deviation over the channels at each time.
+    """Range (highest less lowest) and standard deviation over the channels at each time.
 
     A time at which a channel's sample is missing is a gap in what was recorded.
 
@@ -42,12 +42,12 @@ def plot_uniformity(runs: "Sequence[Run]") -> Figure:
     for column, run in zip(grid.T, runs, strict=True):
         recorded, twin = run.recorded_uniformity, run.uniformity
         for axes, was, says, means in (
-            (column[0], recorded.spread, twin.spread, (recorded.mean_spread, twin.mean_spread)),
+            (column[0], recorded.range, twin.range, (recorded.mean_range, twin.mean_range)),
             (
                 column[1],
-                recorded.deviation,
-                twin.deviation,
-                (recorded.mean_deviation, twin.mean_deviation),
+                recorded.std,
+                twin.std,
+                (recorded.mean_std, twin.mean_std),
             ),
         ):
             axes.plot(run.time, was, color=MUTED, lw=2.4, alpha=0.55)

@@ -26,7 +26,7 @@ from ..sensitivity_analysis import (
 from ..simulation import (
     REDUCTIONS,
     Precision,
-    Reduction,
+    ReductionName,
     checked_channels,
     checked_precision,
     checked_reductions,
@@ -42,8 +42,8 @@ ROLES = {
     "final": ("channel", "degC"),
     "minimum": ("channel", "degC"),
     "maximum": ("channel", "degC"),
-    "spread": ("recording", "K"),
-    "deviation": ("recording", "K"),
+    "plate_range": ("recording", "K"),
+    "plate_std": ("recording", "K"),
 }
 """Second dimension of each array of draws, and its unit."""
 
@@ -68,7 +68,7 @@ class Plan:
     draws: int
     spread: float
     seed: int
-    reductions: tuple[Reduction, ...]
+    reductions: tuple[ReductionName, ...]
     precision: Precision
     chunk_size: int
 
