@@ -61,15 +61,15 @@ class Factors(eqx.Module):
 
 @final
 class Trial(eqx.Module):
-    """A vector that was tried.
+    """A vector that was tried, or those of several descents with a leading axis.
 
     - `vector`: the unknowns. `cost`: half the sum of squared residuals there.
     - `aux`: what the residuals came with.
     - `factors`: of the Jacobian there; not looked at where the trial is not accepted.
     """
 
-    vector: Vector
-    cost: Scalar
+    vector: Float[Array, "*descents unknowns"]
+    cost: Float[Array, "*descents"]
     aux: PyTree[Array]
     factors: Factors
 
