@@ -129,7 +129,9 @@ def _descend_batch(
         state = _first_state(solver, batch.starts, space)
         for iteration in range(int(left.max(initial=0)) + 1):
             if iteration == 0 and earlier:
-                evaluation = _stacked([start.evaluation for start in earlier])
+                evaluation = jax.tree.map(
+                    jnp.asarray, _stacked([start.evaluation for start in earlier])
+                )
                 errors, jacobians = evaluation.output_errors, evaluation.jacobians
                 proposal = _Proposal(state.vectors, errors, jacobians)
             else:
@@ -302,7 +304,7 @@ def _update(
     trials: Trial,
     space: SearchSpace,
     optimisers: LMState,
-    active: Bool[np.ndarray, " descents"],
+    active: Bool[np.ndarray | Array, " descents"],
 ) -> tuple[Vectors, LMState]:
     new = jax.vmap(lambda v, t, s: solver.update(v, t, space, s))(vectors, trials, optimisers)
     return _choose(active, new, (vectors, optimisers))
