@@ -165,13 +165,13 @@ def _first_state(
     solver: BoundedLevenbergMarquardt, starts: Sequence[Start], space: SearchSpace
 ) -> DescentState:
     vectors = jnp.asarray(
-        np.stack([one.vector if isinstance(one, DescentResult) else one for one in starts])
+        np.stack([s.vector if isinstance(s, DescentResult) else s for s in starts])
     )
     optimiser = _first_optimiser(solver, vectors, space)
-    earlier = [one.optimiser for one in starts if isinstance(one, DescentResult) and one.optimiser]
+    earlier = [s.optimiser for s in starts if isinstance(s, DescentResult) and s.optimiser]
     if earlier:
         # The new weights change little: go on as carefully or boldly as before.
-        damping = jnp.asarray(np.array([float(one.damping) for one in earlier]))
+        damping = jnp.asarray(np.array([float(optimiser.damping) for optimiser in earlier]))
         optimiser = eqx.tree_at(lambda s: s.damping, optimiser, damping)
     return DescentState(vectors, optimiser, None)
 
