@@ -1,4 +1,9 @@
-"""Behavioural matching: parameters from recordings, step 4 of the paper."""
+"""Behavioural matching: parameters from recordings, step 4 of the paper.
+
+The way from a recording to a fit: `_problem` checks it, `_noise_model` says how its samples count,
+`_objective` stacks it, `_residuals` and `_jacobian` solve the twin and subtract, `_descent`
+minimises, `_reweighted_least_squares` repeats, `_make_fit` puts the `Fit` together.
+"""
 
 from ._band import Band, prediction_band
 from ._fit import (

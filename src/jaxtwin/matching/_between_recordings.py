@@ -64,22 +64,26 @@ def estimate_heterogeneity(
     - `prior_deviations`: standard deviations of their priors, 0 for those without one, which are
       taken to be the same in all recordings.
     """
-    reduced = [_without_nuisance(one, prior, shared, prior_deviations) for one in scores]
+    reduced = [
+        _without_nuisance(of_recording, prior, shared, prior_deviations) for of_recording in scores
+    ]
     count, size = len(reduced), len(shared)
-    inverse = np.linalg.pinv(sum(one.information for one in reduced), hermitian=True)
-    stacked = np.concatenate([one.information for one in reduced])
+    inverse = np.linalg.pinv(
+        sum(of_recording.information for of_recording in reduced), hermitian=True
+    )
+    stacked = np.concatenate([of_recording.information for of_recording in reduced])
     mixing = np.eye(count * size) - np.tile(stacked @ inverse, (1, count))
     by_noise, by_differences = (
         mixing @ _block_diagonal(blocks) @ mixing.T
         for blocks in (
-            [one.noise for one in reduced],
-            [one.information @ one.information for one in reduced],
+            [of_recording.noise for of_recording in reduced],
+            [of_recording.information @ of_recording.information for of_recording in reduced],
         )
     )
-    score = mixing @ np.concatenate([one.score for one in reduced])
+    score = mixing @ np.concatenate([of_recording.score for of_recording in reduced])
     variances, directions = np.linalg.eigh(by_noise)
     # Of one recording nothing is left but rounding.
-    kept = variances > NEGLIGIBLE * max(np.trace(one.noise) for one in reduced)
+    kept = variances > NEGLIGIBLE * max(np.trace(of_recording.noise) for of_recording in reduced)
     whitened = directions[:, kept] / np.sqrt(variances[kept])
     gains, turned = np.linalg.eigh(whitened.T @ by_differences @ whitened)
     squares = (turned.T @ (whitened.T @ score)) ** 2
@@ -91,7 +95,7 @@ def estimate_heterogeneity(
 
 
 def _without_nuisance(
-    one: RecordingScore,
+    of_recording: RecordingScore,
     prior: Float[np.ndarray, "unknowns unknowns"],
     shared: Int[np.ndarray, " shared"],
     prior_deviations: Float[np.ndarray, " shared"],
@@ -100,19 +104,19 @@ def _without_nuisance(
 
     The priors of what is eliminated are noise of its score.
     """
-    others = np.setdiff1d(np.arange(len(one.score)), shared)
-    normal = one.information + prior
+    others = np.setdiff1d(np.arange(len(of_recording.score)), shared)
+    normal = of_recording.information + prior
     across = normal[np.ix_(shared, others)]
     eliminate = across @ np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
-    lift = np.zeros((len(shared), len(one.score)))
+    lift = np.zeros((len(shared), len(of_recording.score)))
     lift[np.arange(len(shared)), shared] = prior_deviations
     lift[:, others] = -prior_deviations[:, None] * eliminate
     of_others = np.zeros_like(prior)
     of_others[np.ix_(others, others)] = prior[np.ix_(others, others)]
     return RecordingScore(
-        lift @ one.score,
-        lift @ (one.information + of_others) @ lift.T,
-        lift @ (one.noise + of_others) @ lift.T,
+        lift @ of_recording.score,
+        lift @ (of_recording.information + of_others) @ lift.T,
+        lift @ (of_recording.noise + of_others) @ lift.T,
     )
 
 

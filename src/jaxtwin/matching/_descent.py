@@ -129,7 +129,9 @@ def _descend_batch(
         state = _first_state(solver, batch.starts, space)
         for iteration in range(int(left.max(initial=0)) + 1):
             if iteration == 0 and earlier:
-                evaluation = _stacked([start.evaluation for start in earlier])
+                evaluation = jax.tree.map(
+                    jnp.asarray, _stacked([start.evaluation for start in earlier])
+                )
                 errors, jacobians = evaluation.output_errors, evaluation.jacobians
                 proposal = _Proposal(state.vectors, errors, jacobians)
             else:
@@ -163,13 +165,13 @@ def _first_state(
     solver: BoundedLevenbergMarquardt, starts: Sequence[Start], space: SearchSpace
 ) -> DescentState:
     vectors = jnp.asarray(
-        np.stack([one.vector if isinstance(one, DescentResult) else one for one in starts])
+        np.stack([s.vector if isinstance(s, DescentResult) else s for s in starts])
     )
     optimiser = _first_optimiser(solver, vectors, space)
-    earlier = [one.optimiser for one in starts if isinstance(one, DescentResult) and one.optimiser]
+    earlier = [s.optimiser for s in starts if isinstance(s, DescentResult) and s.optimiser]
     if earlier:
         # The new weights change little: go on as carefully or boldly as before.
-        damping = jnp.asarray(np.array([float(one.damping) for one in earlier]))
+        damping = jnp.asarray(np.array([float(optimiser.damping) for optimiser in earlier]))
         optimiser = eqx.tree_at(lambda s: s.damping, optimiser, damping)
     return DescentState(vectors, optimiser, None)
 
@@ -302,7 +304,7 @@ def _update(
     trials: Trial,
     space: SearchSpace,
     optimisers: LMState,
-    active: Bool[np.ndarray, " descents"],
+    active: Bool[np.ndarray | Array, " descents"],
 ) -> tuple[Vectors, LMState]:
     new = jax.vmap(lambda v, t, s: solver.update(v, t, space, s))(vectors, trials, optimisers)
     return _choose(active, new, (vectors, optimisers))

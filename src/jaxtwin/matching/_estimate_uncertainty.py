@@ -28,19 +28,19 @@ def estimate_uncertainty(
     unknowns, (result, noise_model) = problem.unknowns, estimate
     vector, prior_weights = result.vector, unknowns.prior_weights()
     inside = (vector > unknowns.lower() + 1e-9) & (vector < unknowns.upper() - 1e-9)
-    series, lift = _series(estimate, inside)
+    all_series, lift = _series(estimate, inside)
     count, values = lift.shape
     camera = np.diag((np.arange(count) >= values).astype(float))
     normal = camera.copy()
-    for one in series:
-        at = np.ix_(one.entries, one.entries)
-        normal[at] += np.tensordot(one.slopes, one.slopes, ([0, 1], [0, 1]))
+    for series in all_series:
+        at = np.ix_(series.entries, series.entries)
+        normal[at] += np.tensordot(series.slopes, series.slopes, ([0, 1], [0, 1]))
     prior = np.zeros((count, count))
     prior[:values, :values] = np.diag(prior_weights[inside] ** 2)
-    mixtures, meat = fit_noise(series, inverse_of_normal(normal + prior)[0], camera + prior)
+    mixtures, meat = fit_noise(all_series, inverse_of_normal(normal + prior)[0], camera + prior)
     scales = (noise_model.channel.effective, noise_model.common_mode.effective)
     noise = [mixture.noise(scale) for mixture, scale in zip(mixtures, scales, strict=True)]
-    if all(one.kind == 1 for one in series):
+    if all(series.kind == 1 for series in all_series):
         # Recordings of one channel: the common mode is all there is.
         noise[0] = noise[1]
     found = uncertainty(
@@ -54,7 +54,7 @@ def estimate_uncertainty(
     )
     pull = np.zeros(count)
     pull[:values] = ((vector - unknowns.prior_means()) * prior_weights**2)[inside]
-    between = _between_recordings(series, mixtures, camera + prior, pull, unknowns, inside)
+    between = _between_recordings(all_series, mixtures, camera + prior, pull, unknowns, inside)
     return replace(found, between_recordings=between), (noise[0], noise[1])
 
 
@@ -68,7 +68,7 @@ def _series(
     errors = result.recording_errors()
     jacobian = result.jacobian()[:, inside]
     row, count = 0, jacobian.shape[1]
-    lift, series = [np.eye(count)], []
+    lift, all_series = [np.eye(count)], []
     for group in result.objective.groups:
         blocks = []
         for part in (group.weights.channel, group.weights.common_mode, group.weights.sizes):
@@ -86,8 +86,17 @@ def _series(
                 # Of the channels that count at a time, their mean takes one away.
                 channels = float(beside.sum() / np.count_nonzero(beside.any(axis=1)))
                 roots = np.sqrt(counted * beside)
-                apart = (channels, channels - 1)
-                series.append(_dependent_part(0, position, of_channels, d_channel, roots, *apart))
+                series = Series(
+                    kind=0,
+                    recording=position,
+                    residuals=of_channels,
+                    slopes=d_channel,
+                    entries=np.arange(d_channel.shape[-1]),
+                    roots=roots,
+                    channels=channels,
+                    independent=channels - 1,
+                )
+                all_series.append(series.dependent_part())
             used = weights.shapes.any(axis=0)
             common_mode = weights.common_mode[times]
             shapes = weights.shapes[times] * common_mode[:, None] / weights.sizes
@@ -97,14 +106,24 @@ def _series(
             slopes[:, 0, count:] = -shapes[:, used]
             moments = np.sqrt(noise_model.common_mode_weights[position]) * counted.any(axis=1)
             shared = (common_mode * errors[position].common_mode)[:, None]
-            series.append(_dependent_part(1, position, shared, slopes, moments[:, None], 1.0, 1.0))
+            series = Series(
+                kind=1,
+                recording=position,
+                residuals=shared,
+                slopes=slopes,
+                entries=np.arange(slopes.shape[-1]),
+                roots=moments[:, None],
+                channels=1.0,
+                independent=1.0,
+            )
+            all_series.append(series.dependent_part())
             lift.append(d_sizes[used])
             count += int(used.sum())
-    return series, np.concatenate(lift)
+    return all_series, np.concatenate(lift)
 
 
 def _between_recordings(
-    series: list[Series],
+    all_series: list[Series],
     mixtures: tuple[Mixture, ...],
     prior: Float[np.ndarray, "all_unknowns all_unknowns"],
     pull: Float[np.ndarray, " all_unknowns"],
@@ -118,11 +137,11 @@ def _between_recordings(
         RecordingScore(np.zeros(size), np.zeros((size, size)), np.zeros((size, size)))
         for _ in range(unknowns.recordings)
     ]
-    for one in series:
-        of, at = scores[one.recording], np.ix_(one.entries, one.entries)
-        of.score[one.entries] += np.tensordot(one.slopes, one.residuals, ([0, 1], [0, 1]))
-        of.information[at] += np.tensordot(one.slopes, one.slopes, ([0, 1], [0, 1]))
-        of.noise[at] += noise_in_unknowns(one, mixtures[one.kind])
+    for series in all_series:
+        of, at = scores[series.recording], np.ix_(series.entries, series.entries)
+        of.score[series.entries] += np.tensordot(series.slopes, series.residuals, ([0, 1], [0, 1]))
+        of.information[at] += np.tensordot(series.slopes, series.slopes, ([0, 1], [0, 1]))
+        of.noise[at] += noise_in_unknowns(series, mixtures[series.kind])
     values = int(inside.sum())
     for number, of in enumerate(scores):
         # Each value of one recording alone is told by it and by its prior.
@@ -137,18 +156,3 @@ def _between_recordings(
     # The unknowns of the series are the entries inside their bounds, then the camera's sizes.
     shared = np.flatnonzero(is_shared[inside])
     return deviations * estimate_heterogeneity(scores, prior, shared, deviations[is_shared])
-
-
-def _dependent_part(
-    kind: int,
-    recording: int,
-    residuals: Float[np.ndarray, "times channels"],
-    slopes: Float[np.ndarray, "times channels all_unknowns"],
-    roots: Float[np.ndarray, "times channels"],
-    channels: float,
-    independent: float,
-) -> Series:
-    """A series with derivatives in those unknowns alone on which it depends."""
-    entries = np.flatnonzero(slopes.any(axis=(0, 1)))
-    at = (..., entries)
-    return Series(kind, recording, residuals, slopes[at], entries, roots, channels, independent)

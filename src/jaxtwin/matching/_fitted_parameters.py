@@ -81,7 +81,9 @@ def parameter_warnings(row: FittedParameter, uncertainty: Uncertainty) -> tuple[
     if not row.free:
         return ()
     labels = [
-        one for one in uncertainty.labels if one == row.name or one.startswith(f"{row.name}[")
+        label
+        for label in uncertainty.labels
+        if label == row.name or label.startswith(f"{row.name}[")
     ]
     warnings = []
     if row.at_bound:

@@ -33,7 +33,9 @@ def output_error_jacobians(
 ) -> list[Float[Array, "_recordings _entries _times _channels"]]:
     """Derivatives of the `output_errors` in the entries that concern each recording."""
     return [
-        jax.vmap(lambda one, g: _reading_jacobian(one, objective, g.grid, g.columns))(local, group)
+        jax.vmap(lambda part, g: _reading_jacobian(part, objective, g.grid, g.columns))(
+            local, group
+        )
         for group, local in zip(objective.groups, local_vectors(vector, objective), strict=True)
     ]
 

@@ -61,15 +61,15 @@ class Factors(eqx.Module):
 
 @final
 class Trial(eqx.Module):
-    """A vector that was tried.
+    """A vector that was tried, or those of several descents with a leading axis.
 
     - `vector`: the unknowns. `cost`: half the sum of squared residuals there.
     - `aux`: what the residuals came with.
     - `factors`: of the Jacobian there; not looked at where the trial is not accepted.
     """
 
-    vector: Vector
-    cost: Scalar
+    vector: Float[Array, "*descents unknowns"]
+    cost: Float[Array, "*descents"]
     aux: PyTree[Array]
     factors: Factors
 
@@ -342,9 +342,9 @@ def _triangle_of(columns: Float[Array, "columns rows"]) -> Float[Array, "columns
     thousand rows), and at home on an accelerator.
     """
     n = columns.shape[0]
-    one = jnp.eye(n, dtype=columns.dtype)
-    shift = 100 * n * jnp.finfo(columns.dtype).eps * one
-    lower, q = one, columns
+    identity = jnp.eye(n, dtype=columns.dtype)
+    shift = 100 * n * jnp.finfo(columns.dtype).eps * identity
+    lower, q = identity, columns
     for _ in range(3):
         products = q @ q.T
         lengths = jnp.sqrt(jnp.diag(products))
@@ -352,7 +352,7 @@ def _triangle_of(columns: Float[Array, "columns rows"]) -> Float[Array, "columns
         # Columns that depend on others leave nothing behind: the shift keeps the factor defined.
         factor = jnp.linalg.cholesky(products / jnp.outer(divisors, divisors) + shift)
         lower = lower @ (lengths[:, None] * factor)
-        q = (jax.scipy.linalg.solve_triangular(factor, one, lower=True) / divisors) @ q
+        q = (jax.scipy.linalg.solve_triangular(factor, identity, lower=True) / divisors) @ q
     return lower.T
 
 

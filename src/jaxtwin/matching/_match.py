@@ -69,8 +69,11 @@ def match(
       by a tenth of its range (its prior's width), inside bounds. They descend in one batch, and
       `Fit.optima` compares where they end.
     - `seed`: of the other starts.
-    - `max_iterations`: of each start.
-    - `solver`: tolerances; see `BoundedLevenbergMarquardt`.
+    - `max_iterations`: of each start, over all rounds.
+    - `solver`: any least-squares solver of optimistix, such as `optimistix.LevenbergMarquardt(rtol,
+      atol)`, which runs through `optimistix.least_squares` with bounds by a transform (see
+      `docs/matching.md`); by default a `BoundedLevenbergMarquardt`, whose starts descend side by
+      side and which shows its steps.
     - `on_progress`: called with each `Iteration` as it ends; `print` is a good one.
 
     **Returns:** a `Fit`, the best of all starts. Evaluations take the default solver's longest
