@@ -9,7 +9,7 @@ from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
 from ._options import JsonOption
 from ._output import aligned, check_json, say, write_json
-from ._progress import show_progress
+from ._show_progress import show_progress
 
 
 def dc_sweep(

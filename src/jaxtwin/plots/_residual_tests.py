@@ -75,10 +75,10 @@ def _draw(row: np.ndarray, run: "Run", channel: str, series: np.ndarray, color: 
         sample * np.arange(lags + 1), autocorrelation(series, lags), color=color, lw=1.2
     )
     there = series[~np.isnan(series)]
-    deviation = there.std() or 1.0
+    standard_deviation = there.std() or 1.0
     against_normal.plot(
-        normal_quantiles(len(there)), np.sort(there - there.mean()) / deviation, color=color,
-        lw=1.4, label=channel,
+        normal_quantiles(len(there)), np.sort(there - there.mean()) / standard_deviation,
+        color=color, lw=1.4, label=channel,
     )  # fmt: skip
 
 
