@@ -87,7 +87,7 @@ def validate(
 def _saved_fit(rig: "Rig", path: Path | None) -> "Fit | None":
     """What `Fit.save` wrote, which says how rooms and delays differ; None for bare parameters."""
     from ..matching import Fit
-    from ..rig import read_toml
+    from ..rig._bundled import read_toml
 
     if path is None:
         return None

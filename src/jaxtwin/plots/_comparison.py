@@ -14,8 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from .._errors import SimulationError
 from .._measures import fit_text, mean_fit_percent
 from ._labels import label_ends
-from ._masked import masked_key, of_sampled, shade_masked
-from ._missing import last_means, mean_there
+from ._samples import last_means, masked_key, mean_there, of_sampled, shade_masked
 from ._style import CYCLE, INK, MUTED, VERMILION, styled
 
 if TYPE_CHECKING:
@@ -120,7 +119,7 @@ def plot_residuals(
     figure.legend(
         handles=[
             Line2D([], [], color=INK, lw=2.0, label="mean of the channels"),
-            *masked_key(of_sampled(run, one) for run, one in zip(runs, weights, strict=False)),
+            *masked_key(of_sampled(*pair) for pair in zip(runs, weights, strict=False)),
         ],
         loc="outside lower right",
         ncols=2,

@@ -20,7 +20,7 @@ def plot_parameters(fit: "Fit") -> Figure:
 
     A line through a matched value is its 95 % interval, as far as the bounds reach. The scale is
     logarithmic for parameters above 0. Where each recording has its own value, their mean is shown.
-    Behind each stand the remarks of the match.
+    The warnings of the match stand behind each value.
 
     **Arguments:**
 
@@ -48,8 +48,8 @@ def plot_parameters(fit: "Fit") -> Figure:
             scale.plot(at, place, "D", mfc="white", mec=BLUE, mew=1.4, ms=5.5, zorder=4)
         scale.plot(ends[1], place, "o", color=VERMILION, ms=7, zorder=5)
         color = VERMILION if parameter.at_bound else INK
-        remarks = ", ".join(parameter.warnings)
-        _write(scale, 1.04, place, remarks, ha="left", color=color, fontsize=8.5)
+        warnings = ", ".join(parameter.warnings)
+        _write(scale, 1.04, place, warnings, ha="left", color=color, fontsize=8.5)
     scale.set_ylim(len(free) - 0.4, -1.2)
     scale.set_xlim(-0.03, 1.42)
     for text, at, ha in (("lower bound", 0, "left"), ("upper bound", 1, "right")):

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from .._errors import SimulationError
 from .._residual_statistics import autocorrelation, ljung_box, normal_quantiles
 from ._labels import label_ends
-from ._missing import last_means
+from ._samples import last_means
 from ._style import CYCLE, FAINT, INK, MUTED, styled
 
 if TYPE_CHECKING:

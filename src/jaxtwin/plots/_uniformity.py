@@ -25,7 +25,7 @@ MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # of a panel, inches
 
 @styled
 def plot_uniformity(runs: "Sequence[Run]") -> Figure:
-    """Spread (highest less lowest) and standard deviation over the channels at each time.
+    """Range (highest less lowest) and standard deviation over the channels at each time.
 
     A time at which a channel's sample is missing is a gap in what was recorded.
 
@@ -115,34 +115,34 @@ def plot_plate_beside(rig: Rig, runs: "Sequence[Run]", times: Sequence[float]) -
     order = sorted(range(len(channels)), key=lambda n: -_area(channels[n], rig))
     for number, (panels, (label, values)) in enumerate(zip(grid, rows.items(), strict=True)):
         colors, rim, unit = (apart, MUTED, "K") if values is difference else (scale, FAINT, "°C")
-        for axes, time, one in zip(panels, times, values, strict=True):
+        for axes, time, shown in zip(panels, times, values, strict=True):
             frame(axes, rig.plate)
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_visible(False)
             axes.grid(visible=False)
             axes.set_title(f"{time:g} s" if number == 0 else "")
-            there = one[~np.isnan(one)]
+            there = shown[~np.isnan(shown)]
             text = f"{there.min():.1f} … {there.max():.1f} {unit}" if there.size else "no sample"
             axes.set_title(
                 text.replace("-", "−"), loc="right", fontsize=9, fontweight="normal", color=MUTED
             )
             if number == 0:
-                _draw_field(axes, rig, one, norm)
+                _draw_field(axes, rig, shown, norm)
                 draw_cells(axes, rig)
             else:
                 for column in order:
                     for place in places(channels[column], rig.plate):
-                        value = np.array([one[column]])
+                        value = np.array([shown[column]])
                         color = "none" if np.isnan(value) else colors.to_rgba(value)[0]
                         axes.add_patch(rectangle(place, fc=color, ec=rim, lw=0.8))
                 outline = (0.0, rig.plate.width, 0.0, rig.plate.height)
                 axes.add_patch(rectangle(outline, fc="none", ec=MUTED, lw=0.8))
         panels[0].set_ylabel(label, color=INK)
-    for one, panels, label, aspect in (
+    for colors, panels, label, aspect in (
         (scale, grid[:3], "temperature, °C", 28),
         (apart, grid[3:], "difference, K", 9),
     ):
-        bar = figure.colorbar(one, ax=panels, shrink=0.7, aspect=aspect, pad=0.02)
+        bar = figure.colorbar(colors, ax=panels, shrink=0.7, aspect=aspect, pad=0.02)
         bar.set_label(label)
         bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     return figure

@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from .._arguments import names_of
 from .._errors import ParameterError, SimulationError
-from ..io import Experiment, as_experiments
+from ..io import Experiment
+from ..io._experiment import as_experiments
 from ..matching import Fit, twin_for
 from ..physics import Twin, check_twin
 

@@ -183,7 +183,7 @@ class Sensitivity:
 
         **Raises:** `RecordingError` for another ending, and where the file cannot be written.
         """
-        from ..io import save_dataset
+        from ..io._write import save_dataset
 
         save_dataset(self.to_xarray(), path)
 
