@@ -74,10 +74,10 @@ def coverage(fits: Sequence[Fit], truth: dict[str, np.ndarray]) -> dict[str, tup
         for fit, value in zip(fits, values, strict=True):
             row = fit.parameter(name)
             entry = [label.split("[")[0] for label in fit.uncertainty.labels].index(name)
-            spread = np.sqrt(fit.uncertainty.entries[entry, entry])
+            spread = np.sqrt(fit.uncertainty.vector_covariance[entry, entry])
             at = np.log(row.value / value) if row.is_logarithmic else row.value - value
             inside.append(abs(at) < 1.96 * spread)
-            flagged.append(row.narrowing < 1)
+            flagged.append(row.prior_to_data_ratio < 1)
         result[name] = (float(np.mean(inside)), float(np.mean(flagged)))
     return result
 

@@ -22,8 +22,8 @@ from scipy.optimize import least_squares
 
 import jaxtwin as jt
 from jaxtwin.data import synthetic_recordings
-from jaxtwin.matching._estimate import first_knowledge, make_problem
-from jaxtwin.matching._match import checked_recordings, make_setting
+from jaxtwin.matching._estimate import initial_noise_model, make_objective
+from jaxtwin.matching._match import checked_recordings, make_match_problem
 from jaxtwin.matching._residuals import residual_jacobian, residuals
 from jaxtwin.matching._unknowns import choose_unknowns
 
@@ -92,9 +92,9 @@ class Residuals:
         unknowns = choose_unknowns(
             twin, len(experiments), free=[*free, *own], per_recording=own, bounds=own
         )
-        setting = make_setting(twin, experiments, names, unknowns, None, None, None)
-        self._problem = make_problem(setting, first_knowledge(setting))
-        self.start, (self.lower, self.upper) = unknowns.start(), setting.box
+        problem = make_match_problem(twin, experiments, names, unknowns, None, None, None)
+        self._problem = make_objective(problem, initial_noise_model(problem))
+        self.start, (self.lower, self.upper) = unknowns.start(), problem.bounds
         self.samples = _samples(experiments)
         self.evaluations = self.jacobians = 0
         self(self.start)  # compiles
@@ -123,13 +123,13 @@ def _samples(experiments: list[jt.Experiment]) -> int:
 
 
 @eqx.filter_jit
-def _residuals(vector: Any, problem: Any) -> Any:
-    return ravel_pytree(residuals(vector, problem)[0])[0]
+def _residuals(vector: Any, objective: Any) -> Any:
+    return ravel_pytree(residuals(vector, objective)[0])[0]
 
 
 @eqx.filter_jit
-def _slope(vector: Any, problem: Any) -> Any:
-    return residual_jacobian(vector, problem)
+def _slope(vector: Any, objective: Any) -> Any:
+    return residual_jacobian(vector, objective)
 
 
 def _ours(twin: jt.Twin, experiments: list[jt.Experiment], free: list[str]) -> dict[str, Any]:

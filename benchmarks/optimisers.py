@@ -26,8 +26,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtwin import Experiment, Twin, match, read_recording
 from jaxtwin.matching import BoundedLevenbergMarquardt
 from jaxtwin.matching._descend import descend
-from jaxtwin.matching._estimate import Setting, make_problem
-from jaxtwin.matching._residuals import Problem, residual_jacobian, residuals
+from jaxtwin.matching._estimate import MatchProblem, make_objective
+from jaxtwin.matching._residuals import Objective, residual_jacobian, residuals
 
 RTOL = 1e-6
 LIMIT = 200
@@ -40,57 +40,57 @@ _jacobian = eqx.filter_jit(residual_jacobian)
 class Counted:
     """Residuals and Jacobian for solvers that call Python."""
 
-    def __init__(self, problem: Problem):
-        self.problem, self.residuals, self.jacobians = problem, 0, 0
+    def __init__(self, objective: Objective):
+        self.objective, self.residuals, self.jacobians = objective, 0, 0
 
     def fn(self, vector: Any) -> np.ndarray:
         self.residuals += 1
-        return np.asarray(_residuals(jnp.asarray(vector), self.problem))
+        return np.asarray(_residuals(jnp.asarray(vector), self.objective))
 
     def jac(self, vector: Any) -> np.ndarray:
         self.jacobians += 1
-        return np.array(_jacobian(jnp.asarray(vector), self.problem))  # lmfit writes into it
+        return np.array(_jacobian(jnp.asarray(vector), self.objective))  # lmfit writes into it
 
 
 Result = tuple[np.ndarray, int | str, int | str]
 """Vector, residuals, Jacobians."""
 
 
-def ours(problem: Problem, setting: Setting) -> Result:
+def ours(objective: Objective, problem: MatchProblem) -> Result:
     solver = BoundedLevenbergMarquardt(rtol=RTOL)
-    start = setting.unknowns.start()
-    (end,) = descend([problem], solver, [start], LIMIT, setting.box, setting.scale)
+    start = problem.unknowns.start()
+    (end,) = descend([objective], solver, [start], LIMIT, problem.bounds, problem.scale)
     return end.vector, int(end.state.residuals), int(end.state.jacobians)
 
 
-def optimistix_own(problem: Problem, setting: Setting) -> Result:
-    end = _optimistix(jnp.asarray(setting.unknowns.start()), problem)
+def optimistix_own(objective: Objective, problem: MatchProblem) -> Result:
+    end = _optimistix(jnp.asarray(problem.unknowns.start()), objective)
     steps = int(end.stats["num_steps"])
     return np.asarray(end.value), steps, steps
 
 
 @eqx.filter_jit
-def _optimistix(start: Any, problem: Problem) -> optx.Solution:
-    def fn(vector: Any, problem: Any) -> Any:
-        return ravel_pytree(residuals(vector, problem)[0])[0]
+def _optimistix(start: Any, objective: Objective) -> optx.Solution:
+    def fn(vector: Any, objective: Any) -> Any:
+        return ravel_pytree(residuals(vector, objective)[0])[0]
 
     return optx.least_squares(
         fn,
         optx.LevenbergMarquardt(rtol=RTOL, atol=RTOL),
         start,
-        args=problem,
+        args=objective,
         options={"jac": "fwd"},
         max_steps=LIMIT,
         throw=False,
     )
 
 
-def scipy_trf(problem: Problem, setting: Setting) -> Result:
-    counted = Counted(problem)
-    lower, upper = setting.box
+def scipy_trf(objective: Objective, problem: MatchProblem) -> Result:
+    counted = Counted(objective)
+    lower, upper = problem.bounds
     end = scipy.optimize.least_squares(
         counted.fn,
-        setting.unknowns.start(),
+        problem.unknowns.start(),
         counted.jac,  # pyright: ignore[reportArgumentType]
         bounds=(lower, upper),
         x_scale="jac",
@@ -100,13 +100,13 @@ def scipy_trf(problem: Problem, setting: Setting) -> Result:
     return end.x, counted.residuals, counted.jacobians
 
 
-def lmfit_leastsq(problem: Problem, setting: Setting) -> Result:
+def lmfit_leastsq(objective: Objective, problem: MatchProblem) -> Result:
     """MINPACK behind lmfit's bounds (a sine), with our Jacobian in those bounds' variables."""
-    counted = Counted(problem)
-    names = [f"p{number}" for number in range(setting.unknowns.size)]
+    counted = Counted(objective)
+    names = [f"p{number}" for number in range(problem.unknowns.size)]
     parameters = lmfit.Parameters()
-    lower, upper = setting.box
-    for name, value, low, high in zip(names, setting.unknowns.start(), lower, upper, strict=True):
+    lower, upper = problem.bounds
+    for name, value, low, high in zip(names, problem.unknowns.start(), lower, upper, strict=True):
         parameters.add(name, value=value, min=low, max=high)
 
     def vector(parameters: Any) -> np.ndarray:
@@ -125,7 +125,7 @@ def lmfit_leastsq(problem: Problem, setting: Setting) -> Result:
     return vector(found.params), counted.residuals, counted.jacobians
 
 
-WAYS: dict[str, Callable[[Problem, Setting], Result]] = {
+WAYS: dict[str, Callable[[Objective, MatchProblem], Result]] = {
     "ours": ours,
     "optimistix LevenbergMarquardt": optimistix_own,
     "SciPy TRF": scipy_trf,
@@ -136,16 +136,16 @@ WAYS: dict[str, Callable[[Problem, Setting], Result]] = {
 def compare(rig: str, experiments: list[Experiment]) -> list[str]:
     """Rows of a table for one rig."""
     fit = match(Twin(rig), experiments)
-    problem = make_problem(fit.setting, fit.knowledge)
+    objective = make_objective(fit.problem, fit.noise_model)
     rows = []
     with jax.enable_x64(True):
         for name, way in WAYS.items():
-            way(problem, fit.setting)  # compiles
+            way(objective, fit.problem)  # compiles
             began = time.process_time()
-            vector, counted, jacobians = way(problem, fit.setting)
+            vector, counted, jacobians = way(objective, fit.problem)
             used = time.process_time() - began
-            cost = 0.5 * float(jnp.sum(_residuals(jnp.asarray(vector), problem) ** 2))
-            lower, upper = fit.setting.box
+            cost = 0.5 * float(jnp.sum(_residuals(jnp.asarray(vector), objective) ** 2))
+            lower, upper = fit.problem.bounds
             outside = int(np.sum((vector < lower - 1e-9) | (vector > upper + 1e-9)))
             counts = f"{jacobians} | {counted}"
             rows.append(f"| {rig} | {name} | {cost:.5g} | {counts} | {used:.1f} | {outside} |")

@@ -127,7 +127,7 @@ def matched(name: str, twin: Twin, experiments: list[Experiment]) -> str:
     shapes = sum(
         1 + int(np.ceil(np.ptp(one.time) / error.drift_time) + 1) + len(error.relaxation) * len(c)
         for one, c in zip(experiments, (c.events for c in fit.camera.values()), strict=True)
-        if (error := fit.setting.common_error) is not None
+        if (error := fit.problem.common_error) is not None
     )
     n, k = samples / CORRELATED, len(fit.vector) + shapes
     deviance = n * np.log(fit.rmse**2)

@@ -6,8 +6,8 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from jaxtwin.matching._autocovariance import Series, correlated, fit_noise
-from jaxtwin.matching._noise import noise_of
+from jaxtwin.matching._autocovariance import Series, apply_autocorrelation, fit_noise
+from jaxtwin.matching._noise import estimate_noise
 from jaxtwin.matching._uncertainty import uncertainty
 
 TIMES, CHANNELS, RHO = 400, 4, float(np.exp(-1 / 8))
@@ -46,7 +46,7 @@ def test_the_two_filters_are_the_matrix():
     table = np.random.default_rng(0).standard_normal((50, 2, 3))
     matrix = toeplitz(RHO ** np.arange(50))
     expected = np.einsum("ts,sij->tij", matrix, table)
-    np.testing.assert_allclose(correlated(RHO, table), expected, atol=1e-12)
+    np.testing.assert_allclose(apply_autocorrelation(RHO, table), expected, atol=1e-12)
 
 
 def test_the_middle_is_that_of_the_noise_that_is_found():
@@ -55,14 +55,14 @@ def test_the_middle_is_that_of_the_noise_that_is_found():
     roots = np.ones((TIMES, CHANNELS))
     roots[50:80], roots[200:220, 1] = 0.0, 0.7
     series, inverse = residuals_of(first_order(rng, RHO), slow_and_fast(), roots)
-    (mixture,), middle = fit_noise([series], inverse, NOTHING)
+    (mixture,), meat = fit_noise([series], inverse, NOTHING)
     lags = np.arange(TIMES)
     gamma = toeplitz(sum(v * r**lags for v, r in zip(mixture.variances, mixture.rho, strict=True)))
     expected = np.zeros((3, 3))
     for channel in range(CHANNELS):
         weighted = series.roots[:, channel, None] * series.slopes[:, channel]
         expected += weighted.T @ gamma @ weighted
-    np.testing.assert_allclose(middle, expected, rtol=1e-9)
+    np.testing.assert_allclose(meat, expected, rtol=1e-9)
 
 
 def test_a_linear_model_in_first_order_noise_has_the_covariance_of_the_theory():
@@ -76,17 +76,17 @@ def test_a_linear_model_in_first_order_noise_has_the_covariance_of_the_theory():
     for seed in range(40):
         noise = first_order(np.random.default_rng(seed), RHO)
         series, inverse = residuals_of(noise, slopes)
-        _, middle = fit_noise([series], inverse, NOTHING)
+        _, meat = fit_noise([series], inverse, NOTHING)
         result = uncertainty(
             ["level", "rise", "transient"],
             normal,
-            middle,
+            meat,
             np.zeros(3),
             np.ones(3),
             np.ones(3),
             np.ones(3, dtype=bool),
         )
-        np.testing.assert_allclose(result.covariance, inverse @ middle @ inverse, rtol=1e-6)
+        np.testing.assert_allclose(result.covariance, inverse @ meat @ inverse, rtol=1e-6)
         found.append(np.diag(result.covariance))
     # No part of the noise can be negative: on average a little too much is found.
     ratio = np.mean(found, axis=0) / np.diag(theory)
@@ -107,7 +107,7 @@ def test_what_the_unknowns_take_from_the_residuals_is_given_back():
         noise = first_order(np.random.default_rng(seed), RHO)
         series, inverse = residuals_of(noise, slopes)
         (mixture,), _ = fit_noise([series], inverse, np.zeros(inverse.shape))
-        plain.append(noise_of([series.residuals]).effective ** 2)
+        plain.append(estimate_noise([series.residuals]).effective ** 2)
         ours.append(mixture.noise(1.0).effective ** 2)
     assert np.mean(plain) < 0.7 * true
     assert np.median(ours) == pytest.approx(true, rel=0.2)
@@ -117,14 +117,14 @@ def test_white_noise_is_white_and_nothing_is_nothing():
     slopes = slow_and_fast()
     white = np.random.default_rng(5).standard_normal((TIMES, CHANNELS))
     series, inverse = residuals_of(0.3 * white, slopes)
-    (mixture,), middle = fit_noise([series], inverse, NOTHING)
+    (mixture,), meat = fit_noise([series], inverse, NOTHING)
     noise = mixture.noise(2.0)
-    assert noise.deviation == pytest.approx(0.6, rel=0.05)
-    assert noise.correlated == pytest.approx(1.0, abs=0.3)
+    assert noise.standard_deviation == pytest.approx(0.6, rel=0.05)
+    assert noise.autocorrelation_time == pytest.approx(1.0, abs=0.3)
     series, inverse = residuals_of(0 * white, slopes)
-    (mixture,), middle = fit_noise([series], inverse, NOTHING)
-    assert mixture.noise(1.0).deviation == 0.0
-    assert not middle.any()
+    (mixture,), meat = fit_noise([series], inverse, NOTHING)
+    assert mixture.noise(1.0).standard_deviation == 0.0
+    assert not meat.any()
 
 
 def test_a_level_that_the_prior_holds_is_known_as_well_as_both_say():
@@ -135,10 +135,10 @@ def test_a_level_that_the_prior_holds_is_known_as_well_as_both_say():
         ["level"], normal, normal, precision, 1 / precision, np.ones(1), np.ones(1, dtype=bool)
     )
     assert result.covariance[0, 0] == pytest.approx(1 / 29)
-    assert result.narrowing[0] == pytest.approx(2.5)
+    assert result.prior_to_data_ratio[0] == pytest.approx(2.5)
     # Noise four times as strong where the unknown is told: half as far.
     louder = uncertainty(
         ["level"], normal, 4 * normal, precision, 1 / precision, np.ones(1), np.ones(1, dtype=bool)
     )
-    assert louder.narrowing[0] == pytest.approx(1.25)
+    assert louder.prior_to_data_ratio[0] == pytest.approx(1.25)
     assert louder.covariance[0, 0] == pytest.approx((100 + 4) / 29**2)

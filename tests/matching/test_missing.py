@@ -13,7 +13,7 @@ from jaxtwin import Experiment, MatchError, Twin, match, simulate
 from jaxtwin.io import read_recording, write_recording
 from jaxtwin.matching import Fit, estimate_initial_conditions
 from jaxtwin.matching._estimate import estimate
-from jaxtwin.matching._match import default_solver, make_setting
+from jaxtwin.matching._match import default_solver, make_match_problem
 from jaxtwin.matching._unknowns import choose_unknowns
 
 FREE = ["R_E", "R_pc", "T_amb"]
@@ -107,17 +107,17 @@ def test_what_stands_under_weight_0_changes_nothing(
     holes = np.random.default_rng(seed).random((51, 3)) < share
     recording = with_holes(whole, holes)
     unknowns = choose_unknowns(start, 1, free=FREE)
-    missing = make_setting(start, [recording], ("day",), unknowns, None, None, robust)
+    missing = make_match_problem(start, [recording], ("day",), unknowns, None, None, robust)
     filled = with_temperatures(whole, np.where(holes, garbage, np.asarray(whole.temperatures)))
     weighed = replace(missing, experiments=(filled,))
     results = [
-        estimate([setting], default_solver(setting), [unknowns.start()], 50)[0]
-        for setting in (missing, weighed)
+        estimate([problem], default_solver(problem), [unknowns.start()], 50)[0]
+        for problem in (missing, weighed)
     ]
     (one, known), (other, also_known) = results
     assert one.cost == pytest.approx(other.cost, rel=1e-9)
     np.testing.assert_allclose(one.vector, other.vector, rtol=1e-9)
-    assert known.alone.effective == pytest.approx(also_known.alone.effective, rel=1e-9)
+    assert known.channel.effective == pytest.approx(also_known.channel.effective, rel=1e-9)
 
 
 def test_the_truth_is_recovered_from_what_is_left(start: Twin, whole: Experiment):

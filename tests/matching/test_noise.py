@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxtwin.matching._camera_error import camera_shapes, detect_events
-from jaxtwin.matching._noise import huber_weights, noise_of
+from jaxtwin.matching._noise import estimate_noise, huber_weights
 from jaxtwin.rig import CommonError
 
 ERROR = CommonError(
@@ -13,9 +13,9 @@ ERROR = CommonError(
 
 
 def test_independent_residuals_count_one_by_one():
-    noise = noise_of([np.random.default_rng(0).normal(0, 0.3, (5000, 4))])
-    assert noise.deviation == pytest.approx(0.3, rel=0.02)
-    assert noise.correlated == pytest.approx(1.0, abs=0.1)
+    noise = estimate_noise([np.random.default_rng(0).normal(0, 0.3, (5000, 4))])
+    assert noise.standard_deviation == pytest.approx(0.3, rel=0.02)
+    assert noise.autocorrelation_time == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_first_order_process_counts_as_its_theory_says():
@@ -25,9 +25,9 @@ def test_a_first_order_process_counts_as_its_theory_says():
     series = np.zeros_like(steps)
     for k in range(1, len(steps)):
         series[k] = a * series[k - 1] + steps[k]
-    noise = noise_of([series])
-    assert noise.deviation == pytest.approx(1 / np.sqrt(1 - a**2), rel=0.05)
-    assert noise.correlated == pytest.approx((1 + a) / (1 - a), rel=0.15)
+    noise = estimate_noise([series])
+    assert noise.standard_deviation == pytest.approx(1 / np.sqrt(1 - a**2), rel=0.05)
+    assert noise.autocorrelation_time == pytest.approx((1 + a) / (1 - a), rel=0.15)
 
 
 def test_hubers_weights_fall_as_one_over_the_residual():

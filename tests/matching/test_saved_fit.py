@@ -85,7 +85,7 @@ def same(one: Fit, other: Fit) -> None:
             assert str(mine) == str(theirs)
     for name in one.recordings:
         np.testing.assert_array_equal(one.weights[name], other.weights[name])
-    mine, theirs = one.setting, other.setting
+    mine, theirs = one.problem, other.problem
     assert mine.unknowns == theirs.unknowns
     assert (mine.common_error, mine.robust) == (theirs.common_error, theirs.robust)
     assert mine.twin.parameters == theirs.twin.parameters
@@ -115,14 +115,14 @@ def test_any_fit_comes_back_whole(fit: Fit, tmp_path_factory: pytest.TempPathFac
             name: replace(
                 row,
                 standard_error=data.draw(anything),
-                narrowing=data.draw(anything),
+                prior_to_data_ratio=data.draw(anything),
                 warnings=tuple(data.draw(st.lists(st.text(max_size=5), max_size=2))),
             )
             for name, row in fit.parameters.items()
         }
     )
     matrix = np.array(data.draw(st.lists(anything, min_size=16, max_size=16))).reshape(4, 4)
-    shape = fit.setting.samples[0].shape
+    shape = fit.problem.sample_weights[0].shape
     some = st.sampled_from([0.0, 0.3, 1.0])
     weights = np.array(data.draw(st.lists(some, min_size=shape[0], max_size=shape[0])))
     changed = replace(
@@ -136,9 +136,9 @@ def test_any_fit_comes_back_whole(fit: Fit, tmp_path_factory: pytest.TempPathFac
         history=(*fit.history, replace(fit.history[0], cost=data.draw(anything))),
         parameters=rows,
         uncertainty=replace(fit.uncertainty, inverse_hessian=matrix),
-        knowledge=replace(
-            fit.knowledge,
-            alone_weights=(weights[:, None], fit.knowledge.alone_weights[1]),
+        noise_model=replace(
+            fit.noise_model,
+            channel_weights=(weights[:, None], fit.noise_model.channel_weights[1]),
             events=((data.draw(number),), ()),
         ),
     )
@@ -230,7 +230,7 @@ def test_another_rig_is_refused(saved: Path, tmp_path: Path):
         ),
         (r"\[fit.parameters.R_E\]\n", "[fit.more]\n", r"fit.parameters.R_E: found None, allowed"),
         (r"\ninitial = .*", "\ninitial = inf", r"fit.parameters.C_load.initial: found inf"),
-        (r"\nsamples = 61", "\nsamples = 60", r"given_weights: found weights of 61 samples, all"),
+        (r"\nsamples = 61", "\nsamples = 60", r"sample_weights: found weights of 61 samples, all"),
         (r'\[recordings."monday"\]\n.*', "", r"recordings.monday.T_amb: missing, allowed is the v"),
         (r"\[fit.recordings.monday\]", "[fit.recordings.friday]", r"recordings.friday.T_amb: miss"),
     ],

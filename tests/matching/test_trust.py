@@ -23,8 +23,8 @@ from jaxtwin import (
     simulate,
 )
 from jaxtwin.matching import FittedParameters, _estimate
-from jaxtwin.matching._estimate import first_knowledge, make_problem
-from jaxtwin.matching._match import checked_recordings, make_setting
+from jaxtwin.matching._estimate import initial_noise_model, make_objective
+from jaxtwin.matching._match import checked_recordings, make_match_problem
 from jaxtwin.matching._residuals import residual_jacobian, residuals
 from jaxtwin.matching._uncertainty import uncertainty
 from jaxtwin.matching._unknowns import choose_unknowns
@@ -98,12 +98,12 @@ def test_the_jacobian_is_that_of_the_residuals(start: Twin):
     runs = [recording(4, True, "a"), recording(5, False, "b")]
     unknowns = choose_unknowns(start, 2, free=FREE)
     names = checked_recordings(start, runs)
-    setting = make_setting(start, runs, names, unknowns, None, None, None)
-    problem = make_problem(setting, first_knowledge(setting))
+    problem = make_match_problem(start, runs, names, unknowns, None, None, None)
+    objective = make_objective(problem, initial_noise_model(problem))
     with jax.enable_x64(True):
         vector = jnp.asarray(unknowns.start()) + 0.1
-        flat = jax.jit(lambda v: ravel_pytree(residuals(v, problem)[0])[0])
-        ours = np.asarray(jax.jit(lambda v: residual_jacobian(v, problem))(vector))
+        flat = jax.jit(lambda v: ravel_pytree(residuals(v, objective)[0])[0])
+        ours = np.asarray(jax.jit(lambda v: residual_jacobian(v, objective))(vector))
         for entry in range(vector.size):
             step = jnp.zeros_like(vector).at[entry].set(1e-4)
             slope = (flat(vector + step) - flat(vector - step)) / 2e-4
@@ -113,9 +113,9 @@ def test_the_jacobian_is_that_of_the_residuals(start: Twin):
 
 def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
     row = calm.parameter("g_T26")
-    assert row.narrowing == 0
+    assert row.prior_to_data_ratio == 0
     assert "no effect" in row.warnings
-    assert calm.uncertainty.dead == ("g_T26",)
+    assert calm.uncertainty.insensitive == ("g_T26",)
     assert row.value == pytest.approx(0.9)
     assert row.standard_error == pytest.approx(0.15 * 0.9)
 
@@ -125,7 +125,7 @@ def test_intervals_are_in_the_scale_of_the_match(calm: Fit):
     known = calm.uncertainty
     row = calm.parameter("h_A")
     entry = known.labels.index("h_A")
-    s = np.sqrt(known.entries[entry, entry])
+    s = np.sqrt(known.vector_covariance[entry, entry])
     assert row.relative_standard_error == pytest.approx(s, rel=1e-12)
     ends = row.value * np.exp([-1.96 * s, 1.96 * s])
     assert row.interval == pytest.approx(ends, rel=1e-4)
@@ -147,7 +147,7 @@ def test_a_summary_shows_intervals(calm: Fit):
 def test_what_the_recordings_leave_open_is_remarked_on(calm: Fit):
     """Half as sharp as before: the prior's value where there is one, else nobody's."""
     row = next(row for row in calm.parameters.values() if row.name == "h_A")
-    told, open_ = replace(row, narrowing=2.0), replace(row, narrowing=0.5)
+    told, open_ = replace(row, prior_to_data_ratio=2.0), replace(row, prior_to_data_ratio=0.5)
     assert parameter_warnings(told, calm.uncertainty) == ()
     assert parameter_warnings(open_, calm.uncertainty) == ("prior only",)
     without = replace(open_, prior_spread=None)
@@ -156,7 +156,7 @@ def test_what_the_recordings_leave_open_is_remarked_on(calm: Fit):
     assert parameter_warnings(endless, calm.uncertainty) == ("not determined",)
 
 
-def test_a_report_says_once_what_narrowing_means():
+def test_a_report_says_once_what_the_ratio_means():
     """Recordings see a + 2 b with 44.7 times what was known, and across it a tenth (by hand)."""
     together = np.array([[400.0, 800.0], [800.0, 1600.05]])
     known = uncertainty(
@@ -164,12 +164,12 @@ def test_a_report_says_once_what_narrowing_means():
     )
     report = known.report()
     assert report.count("below 1 they say less than was known") == 1
-    (flat,) = known.flat
-    assert str(flat) == "+0.89 a -0.45 b (narrowing 0.1)"
-    assert f"flat: {flat}" in report.splitlines()
+    (direction,) = known.unidentifiable
+    assert str(direction) == "+0.89 a -0.45 b (ratio 0.1)"
+    assert f"unidentifiable: {direction}" in report.splitlines()
     one, nine = np.ones(1), 9 * np.eye(1)
     clear = uncertainty(("a",), nine, nine, one, one, one, np.ones(1, bool))
-    assert "narrowing" not in clear.report()
+    assert "ratio" not in clear.report()
 
 
 def test_masked_spans_do_not_count(start: Twin):
@@ -271,7 +271,7 @@ def test_many_sets_in_one_batch_have_honest_intervals(start: Twin):
         for name, value in TRUTH.items()
     ]
     assert np.sum(inside) >= 54
-    assert all(fit.uncertainty.dead == ("g_T26",) for fit in kept)
+    assert all(fit.uncertainty.insensitive == ("g_T26",) for fit in kept)
 
 
 def test_a_batch_gives_what_single_matches_give(start: Twin, disturbed: Fit):
@@ -347,12 +347,13 @@ def test_a_temperature_is_near_its_bound_on_its_own_scale(calm: Fit):
 def test_results_are_compared_by_what_they_are_not_by_their_arrays(calm: Fit):
     for one in (
         replace(calm, vector=calm.vector.copy()),
-        replace(calm.setting, samples=tuple(w.copy() for w in calm.setting.samples)),
+        replace(calm.problem, sample_weights=tuple(w.copy() for w in calm.problem.sample_weights)),
         replace(
-            calm.knowledge, common_weights=tuple(w.copy() for w in calm.knowledge.common_weights)
+            calm.noise_model,
+            common_mode_weights=tuple(w.copy() for w in calm.noise_model.common_mode_weights),
         ),
     ):
-        assert one not in (calm, calm.setting, calm.knowledge)
+        assert one not in (calm, calm.problem, calm.noise_model)
         assert one in {one}
 
 

@@ -50,8 +50,8 @@ def disturbed() -> Fit:
         weight[30:40] = 0.0
         weight[50:, 1] = 0.5
         weights.append(weight)
-    knowledge = replace(fit().knowledge, alone_weights=tuple(weights))
-    return replace(fit(), comparisons=tuple(comparisons), knowledge=knowledge)
+    noise_model = replace(fit().noise_model, channel_weights=tuple(weights))
+    return replace(fit(), comparisons=tuple(comparisons), noise_model=noise_model)
 
 
 def test_the_cameras_error_is_shown_and_taken_away():

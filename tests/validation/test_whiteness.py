@@ -76,7 +76,7 @@ def test_correlated_noise_is_no_white_noise_and_counts_less():
     """A first-order process with factor 1/2 has (1 + f) / (1 - f) = 3 samples for one."""
     test = whiteness(autoregressive(3, 50_000, 0.5))
     assert not test.is_white
-    assert test.correlated == pytest.approx(3.0, rel=0.1)
+    assert test.autocorrelation_time == pytest.approx(3.0, rel=0.1)
 
 
 def test_a_series_that_never_changes_has_no_autocorrelation():

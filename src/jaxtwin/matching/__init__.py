@@ -14,7 +14,7 @@ from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_co
 from ._levenberg_marquardt import BoundedLevenbergMarquardt, LMState
 from ._many import match_many
 from ._match import checked_recordings, match
-from ._noise import Noise, noise_of
+from ._noise import Noise, estimate_noise
 from ._own_values import twin_for
 from ._profile import Profile, profile
 
@@ -35,9 +35,9 @@ __all__ = [
     "Profile",
     "checked_recordings",
     "estimate_initial_conditions",
+    "estimate_noise",
     "match",
     "match_many",
-    "noise_of",
     "prediction_band",
     "profile",
     "twin_for",

@@ -93,11 +93,11 @@ def fit_noise(
     rho = _fading(max(len(one.residuals) for one in series))
     # One part of the noise of one kind each: J^T Gamma J for a variance of 1, and the periodogram
     # that is expected of all residuals.
-    middles = np.zeros((kinds, len(rho), *known.shape))
+    meats = np.zeros((kinds, len(rho), *known.shape))
     own = [np.zeros((len(rho), len(_bands(one)))) for one in series]
     for one, expected in zip(series, own, strict=True):
-        _add_own(one, rho, inverse, middles[one.kind], expected)
-    flat = middles.reshape(kinds * len(rho), *known.shape)  # no unknowns where all are at bounds
+        _add_own(one, rho, inverse, meats[one.kind], expected)
+    flat = meats.reshape(kinds * len(rho), *known.shape)  # no unknowns where all are at bounds
     passed = np.concatenate([flat, known[None]])
     passed = inverse @ passed @ inverse
     expected, seen, counts = [], [], []
@@ -112,8 +112,8 @@ def fit_noise(
         np.concatenate(seen),
         np.concatenate(counts),
     )
-    middle = np.tensordot(theta, flat, 1)
-    return tuple(Mixture(one, rho) for one in theta.reshape(kinds, -1)), middle
+    meat = np.tensordot(theta, flat, 1)
+    return tuple(Mixture(one, rho) for one in theta.reshape(kinds, -1)), meat
 
 
 def noise_in_unknowns(one: Series, noise: Mixture) -> Float[np.ndarray, "entries entries"]:
@@ -121,12 +121,16 @@ def noise_in_unknowns(one: Series, noise: Mixture) -> Float[np.ndarray, "entries
     total = np.zeros((len(one.entries), len(one.entries)))
     for variance, rho in zip(noise.variances, noise.rho, strict=True):
         if variance > 0:
-            answer = correlated(rho, one.roots[..., None] * one.slopes) * one.roots[..., None]
+            answer = (
+                apply_autocorrelation(rho, one.roots[..., None] * one.slopes) * one.roots[..., None]
+            )
             total += variance * np.tensordot(one.slopes, answer, ([0, 1], [0, 1]))
     return total
 
 
-def correlated(rho: float, table: Float[np.ndarray, "times ..."]) -> Float[np.ndarray, "times ..."]:
+def apply_autocorrelation(
+    rho: float, table: Float[np.ndarray, "times ..."]
+) -> Float[np.ndarray, "times ..."]:
     r"""$\sum_s \rho^{|t - s|} x_s$: a filter that runs forward and one that runs backward."""
     if rho == 0:
         return table
@@ -144,7 +148,7 @@ def _add_own(
     one: Series,
     rho: Float[np.ndarray, " parts"],
     inverse: Float[np.ndarray, "unknowns unknowns"],
-    middles: Float[np.ndarray, "parts unknowns unknowns"],
+    meats: Float[np.ndarray, "parts unknowns unknowns"],
     expected: Float[np.ndarray, "parts bands"],
 ) -> None:
     """Adds one series' $J^T \\Gamma J$, and to its expected periodogram what its own noise does
@@ -155,8 +159,10 @@ def _add_own(
     overlap = np.fft.irfft(np.abs(np.fft.rfft(one.roots, 2 * times, axis=0)) ** 2, axis=0)
     overlap = overlap[:times].sum(axis=1) * one.independent / one.channels
     for number, part in enumerate(rho):
-        answer = correlated(part, one.roots[..., None] * one.slopes) * one.roots[..., None]
-        middles[number][at] += np.tensordot(one.slopes, answer, ([0, 1], [0, 1]))
+        answer = (
+            apply_autocorrelation(part, one.roots[..., None] * one.slopes) * one.roots[..., None]
+        )
+        meats[number][at] += np.tensordot(one.slopes, answer, ([0, 1], [0, 1]))
         lags = overlap * part ** np.arange(times)
         # Folded: lag k and lag k - times meet at the frequencies of the recording.
         power = 2 * np.fft.rfft(lags).real - lags[0]

@@ -86,8 +86,8 @@ def prediction_band(
         raise MatchError(
             f"prediction_band: level: found {level!r}, allowed is a level between 0 and 1"
         )
-    unknowns, covariance = fit.setting.unknowns, np.nan_to_num(fit.uncertainty.entries)
-    rows = unknowns.shared + unknowns.own
+    unknowns, covariance = fit.problem.unknowns, np.nan_to_num(fit.uncertainty.vector_covariance)
+    rows = unknowns.shared + unknowns.per_recording
     if recording is None and experiment is not None and experiment.temperatures is not None:
         start = estimate_initial_conditions(fit, experiment, warm_up)
         twin, size = start.twin, len(unknowns.shared)
@@ -101,7 +101,7 @@ def prediction_band(
         number = 0 if recording is None else fit.recordings.index(recording)
         experiment = fit.experiments[number] if experiment is None else experiment
         twin = fit.twins[fit.recordings[number]]
-        places = unknowns.layout.places()[number]
+        places = unknowns.layout.entry_indices()[number]
         known = covariance[np.ix_(places, places)]
     slopes = _slopes(twin, experiment, rows)
     variance = np.einsum("tci,ij,tcj->tc", slopes, known, slopes) + _reading_noise(fit) ** 2

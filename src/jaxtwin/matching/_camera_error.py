@@ -66,7 +66,7 @@ def _corners(
 
 def detect_events(
     time: Float[np.ndarray, " times"],
-    common: Float[np.ndarray, " times"],
+    common_mode: Float[np.ndarray, " times"],
     counted: Bool[np.ndarray, " times"],
 ) -> tuple[float, ...]:
     """Times of flat-field corrections: jumps within a sample that all channels share.
@@ -82,7 +82,7 @@ def detect_events(
     **Arguments:**
 
     - `time`: s.
-    - `common`: mean over the channels of recorded less simulated temperatures, K.
+    - `common_mode`: mean over the channels of recorded less simulated temperatures, K.
     - `counted`: where there is one. Elsewhere it lies between its neighbours, and a jump beside
       such times counts where at least half of each line's seconds are there.
     """
@@ -92,7 +92,7 @@ def detect_events(
         return ()
     line = np.stack([np.ones(width), np.arange(width) + 0.5], axis=1)
     end = np.linalg.pinv(line)[0]
-    windows = np.lib.stride_tricks.sliding_window_view(common, width)
+    windows = np.lib.stride_tricks.sliding_window_view(common_mode, width)
     jumps = np.abs(windows[width:] @ end - windows[:-width] @ end[::-1])
     at = time[width : width + len(jumps)]
     there = np.lib.stride_tricks.sliding_window_view(counted, width).mean(axis=1) >= 0.5

@@ -8,18 +8,18 @@ from jaxtyping import Bool, Float
 
 from ._autocovariance import Mixture, Series, fit_noise, noise_in_unknowns
 from ._between_recordings import RecordingScore, spread_between_recordings
-from ._descend import Attempt
-from ._estimate import Knowledge, Residuals, beside_others
+from ._descend import DescentResult
+from ._estimate import NoiseModel, Residuals, beside_others
 from ._noise import Noise
 from ._uncertainty import Uncertainty, inverse_of_normal, uncertainty
 from ._unknowns import Unknowns
 
 
 def confidence(
-    attempt: Attempt,
+    result: DescentResult,
     residuals: Residuals,
     unknowns: Unknowns,
-    knowledge: Knowledge,
+    noise_model: NoiseModel,
     names: tuple[str, ...],
 ) -> tuple[Uncertainty, tuple[Noise, Noise]]:
     """The uncertainty of the matched values, and the noise of what each channel has alone and of
@@ -28,9 +28,9 @@ def confidence(
     The sizes of the camera's shapes, which the optimiser never saw, are unknowns here: what they
     take away from the residuals must be known before the noise is.
     """
-    vector, precision = attempt.vector, unknowns.prior_precision()
+    vector, precision = result.vector, unknowns.prior_weights()
     inside = (vector > unknowns.lower() + 1e-9) & (vector < unknowns.upper() - 1e-9)
-    series, lift = _series(attempt, residuals, knowledge, inside)
+    series, lift = _series(result, residuals, noise_model, inside)
     count, values = lift.shape
     camera = np.diag((np.arange(count) >= values).astype(float))
     normal = camera.copy()
@@ -39,68 +39,70 @@ def confidence(
         normal[at] += np.tensordot(one.slopes, one.slopes, ([0, 1], [0, 1]))
     prior = np.zeros((count, count))
     prior[:values, :values] = np.diag(precision[inside] ** 2)
-    mixtures, middle = fit_noise(series, inverse_of_normal(normal + prior)[0], camera + prior)
-    scales = (knowledge.alone.effective, knowledge.common.effective)
+    mixtures, meat = fit_noise(series, inverse_of_normal(normal + prior)[0], camera + prior)
+    scales = (noise_model.channel.effective, noise_model.common_mode.effective)
     noise = [one.noise(scale) for one, scale in zip(mixtures, scales, strict=True)]
     if all(one.kind == 1 for one in series):
         # Recordings of one channel: it has nothing alone.
         noise[0] = noise[1]
-    result = uncertainty(
+    found = uncertainty(
         unknowns.labels(names),
         lift.T @ normal @ lift,
-        lift.T @ (middle + camera) @ lift,
+        lift.T @ (meat + camera) @ lift,
         precision,
-        np.where(precision > 0, 1 / np.where(precision > 0, precision, 1.0), unknowns.widths()),
-        unknowns.slopes(vector),
+        np.where(
+            precision > 0, 1 / np.where(precision > 0, precision, 1.0), unknowns.default_scales()
+        ),
+        unknowns.value_derivatives(vector),
         inside,
     )
     pull = np.zeros(count)
-    pull[:values] = ((vector - unknowns.prior_centre()) * precision**2)[inside]
+    pull[:values] = ((vector - unknowns.prior_means()) * precision**2)[inside]
     between = _between_recordings(series, mixtures, camera + prior, pull, unknowns, inside)
-    result = replace(result, between_recordings=between)
-    return result, (noise[0], noise[1])
+    found = replace(found, between_recordings=between)
+    return found, (noise[0], noise[1])
 
 
 def _series(
-    attempt: Attempt,
+    result: DescentResult,
     residuals: Residuals,
-    knowledge: Knowledge,
+    noise_model: NoiseModel,
     inside: Bool[np.ndarray, " unknowns"],
 ) -> tuple[list[Series], Float[np.ndarray, "all_unknowns values"]]:
     """The weighted residuals of all recordings with their derivatives in the values and in the
     sizes of the camera's shapes, counted in their standard deviations; and how all of these follow
     the values."""
-    jacobian = attempt.jacobian()[:, inside]
+    jacobian = result.jacobian()[:, inside]
     row, count = 0, jacobian.shape[1]
     lift, series = [np.eye(count)], []
-    for group in attempt.problem.groups:
+    for group in result.objective.groups:
         blocks = []
-        for part in (group.weights.alone, group.weights.common, group.weights.size_weight):
+        for part in (group.weights.channel, group.weights.common_mode, group.weights.size_weight):
             rows = jacobian[row : row + np.size(part)]
             blocks.append(rows.reshape(*np.shape(part), jacobian.shape[1]))
             row += len(rows)
         for number, position in enumerate(group.positions):
-            counted = knowledge.alone_weights[position]
+            counted = noise_model.channel_weights[position]
             times = slice(len(counted))  # without the samples that fill up their number
             weights = jax.tree.map(lambda leaf, at=number: np.asarray(leaf[at]), group.weights)
-            of_alone, of_common, of_sizes = (block[number] for block in blocks)
-            of_alone, of_common = of_alone[times], of_common[times]
+            of_channel, of_common, of_sizes = (block[number] for block in blocks)
+            of_channel, of_common = of_channel[times], of_common[times]
             if (beside := beside_others(counted)).any():
-                own = weights.alone[times] * residuals.alone[position]
+                own = weights.channel[times] * residuals.channel[position]
                 # Of the channels that count at a time, their mean takes one away.
                 channels = float(beside.sum() / np.count_nonzero(beside.any(axis=1)))
                 roots = np.sqrt(counted * beside)
                 apart = (channels, channels - 1)
-                series.append(_dependent_part(0, position, own, of_alone, roots, *apart))
+                series.append(_dependent_part(0, position, own, of_channel, roots, *apart))
             used = weights.shapes.any(axis=0)
-            common = weights.common[times]
-            shapes = weights.shapes[times] * common[:, None] / weights.size_weight
+            common_mode = weights.common_mode[times]
+            shapes = weights.shapes[times] * common_mode[:, None] / weights.size_weight
             # The match has each value move the sizes too: undone here.
             slopes = np.zeros((len(shapes), 1, count + int(used.sum())))
             slopes[:, 0, : jacobian.shape[1]] = of_common + shapes @ of_sizes
             slopes[:, 0, count:] = -shapes[:, used]
-            moments = np.sqrt(knowledge.common_weights[position]) * counted.any(axis=1)
-            shared = (common * residuals.common[position])[:, None]
+            moments = np.sqrt(noise_model.common_mode_weights[position]) * counted.any(axis=1)
+            shared = (common_mode * residuals.common_mode[position])[:, None]
             series.append(_dependent_part(1, position, shared, slopes, moments[:, None], 1.0, 1.0))
             lift.append(of_sizes[used])
             count += int(used.sum())
@@ -130,12 +132,12 @@ def _between_recordings(
     values = int(inside.sum())
     for number, of in enumerate(scores):
         # Each value of one recording alone is told by it and by its prior.
-        own = [place for place in unknowns.layout.places()[number] if inside[place]]
+        own = [place for place in unknowns.layout.entry_indices()[number] if inside[place]]
         own = np.cumsum(inside)[[place for place in own if place >= len(unknowns.shared)]] - 1
         of.score[own] += pull[own]
         # The camera's sizes are solved for exactly.
         of.score[values:] = 0.0
-    spreads = np.array([row.prior_spread or 0.0 for row in unknowns.rows])
+    spreads = np.array([row.prior_spread or 0.0 for row in unknowns.entry_parameters])
     spreads[len(unknowns.shared) :] = 0.0
     is_shared = (np.arange(unknowns.size) < len(unknowns.shared)) & inside
     # The unknowns of the series are the entries inside their bounds, then the camera's sizes.

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from .._jax_settings import own_settings
 from ._levenberg_marquardt import RUNNING, BoundedLevenbergMarquardt, LMState, factors
-from ._residuals import Problem, derivatives, differences, weighted, weighted_jacobian
+from ._residuals import Objective, derivatives, differences, weighted, weighted_jacobian
 
 Box = tuple[Float[np.ndarray, " unknowns"], Float[np.ndarray, " unknowns"]]
 """Lower and upper bounds of the vector."""
@@ -34,18 +34,18 @@ CHUNK = 16
 
 @final
 @dataclass(frozen=True, eq=False)
-class Attempt:
+class DescentResult:
     """Where a descent ended.
 
     - `vector`, `state`: of the optimiser. `steps`: all of them, earlier rounds' too.
-    - `problem`: what it worked on.
+    - `objective`: what it worked on.
     - `differences`, `derivatives`: of the problem at the vector, see `_residuals`.
     """
 
     vector: Float[np.ndarray, " unknowns"]
     state: LMState
     steps: tuple[Step, ...]
-    problem: Problem
+    objective: Objective
     differences: list[Any]
     derivatives: list[Any]
 
@@ -62,65 +62,65 @@ class Attempt:
     def jacobian(self) -> Float[np.ndarray, "residuals unknowns"]:
         """Of the weighted residuals."""
         with own_settings():
-            return np.asarray(_jacobian(self.derivatives, self.problem))
+            return np.asarray(_jacobian(self.derivatives, self.objective))
 
 
 def descend(
-    problems: Sequence[Problem],
+    objectives: Sequence[Objective],
     solver: BoundedLevenbergMarquardt,
     starts: Sequence[Float[np.ndarray, " unknowns"]],
     max_iterations: int,
     box: Box,
     scale: Float[np.ndarray, " unknowns"] | None = None,
-    before: Sequence[Attempt] | None = None,
+    before: Sequence[DescentResult] | None = None,
     on_step: OnStep | None = None,
-) -> list[Attempt]:
+) -> list[DescentResult]:
     """Descends in every problem from its start.
 
     **Arguments:**
 
-    - `problems`: of equal shapes.
+    - `objectives`: of equal shapes.
     - `box`: of all.
     - `scale`: option of the solver.
     - `before`: earlier rounds, which these continue where they ended, or None.
     """
     # The last chunk is filled up, so that the others' compiled steps are its own.
-    size = min(len(problems), CHUNK)
+    size = min(len(objectives), CHUNK)
     found = []
-    for first in range(0, len(problems), CHUNK):
+    for first in range(0, len(objectives), CHUNK):
         part = slice(first, first + CHUNK)
 
-        def tell(number: int, step: Step, first: int = first) -> None:
+        def report_step(number: int, step: Step, first: int = first) -> None:
             if on_step is not None:
                 on_step(first + number, step)
 
         found += _descend_chunk(
-            problems[part],
+            objectives[part],
             solver,
             starts[part],
             max_iterations,
             box,
             scale,
             None if before is None else before[part],
-            tell,
+            report_step,
             size,
         )
     return found
 
 
 def _descend_chunk(
-    problems: Sequence[Problem],
+    objectives: Sequence[Objective],
     solver: BoundedLevenbergMarquardt,
     starts: Sequence[Float[np.ndarray, " unknowns"]],
     max_iterations: int,
     box: Box,
     scale: Float[np.ndarray, " unknowns"] | None,
-    before: Sequence[Attempt] | None,
+    before: Sequence[DescentResult] | None,
     on_step: OnStep,
     size: int,
-) -> list[Attempt]:
-    count = len(problems)
-    problems, starts = _filled(problems, size), _filled(starts, size)
+) -> list[DescentResult]:
+    count = len(objectives)
+    objectives, starts = _filled(objectives, size), _filled(starts, size)
     before = None if before is None else _filled(before, size)
     with own_settings():
         # Plain floats would be constants of the compiled step: another tolerance, another program.
@@ -128,7 +128,7 @@ def _descend_chunk(
             lambda s: [s.rtol, s.atol, s.gtol, s.damping], solver, replace_fn=jnp.asarray
         )
         bounds = (jnp.asarray(box[0]), jnp.asarray(box[1]))
-        problem = jax.tree.map(lambda *leaves: np.stack(leaves), *problems)
+        objective = jax.tree.map(lambda *leaves: np.stack(leaves), *objectives)
         vectors = jnp.asarray(np.stack(starts))
         widths = None if scale is None else jnp.asarray(scale)
         state = _start(solver, vectors, widths)
@@ -141,7 +141,7 @@ def _descend_chunk(
                 lambda *leaves: np.stack(leaves),
                 *((one.differences, one.derivatives) for one in before),
             )
-        steps = [[] for _ in problems] if before is None else [list(one.steps) for one in before]
+        steps = [[] for _ in objectives] if before is None else [list(one.steps) for one in before]
         left = np.array([max_iterations - max(0, len(one) - 1) for one in steps])
         active = np.arange(size) < count
         for iteration in range(int(left.max(initial=0)) + 1):
@@ -149,15 +149,15 @@ def _descend_chunk(
                 trials, (new, slopes) = vectors, known
             else:
                 trials = _propose(solver, vectors, bounds, state)
-                new, slopes = _differences(trials, problem), None
-            residual, cost, mean_square = _weigh(new, trials, problem)
+                new, slopes = _differences(trials, objective), None
+            residual, cost, mean_square = _weigh(new, trials, objective)
             accepted = np.asarray(_accepts(solver, vectors, trials, cost, state)) & active
             if slopes is None and accepted.any():
-                slopes = _derivatives(trials, problem)
+                slopes = _derivatives(trials, objective)
             if slopes is None or not accepted.any():
                 parts = (state.triangle, state.projected)
             else:
-                parts = _factors(slopes, residual, problem)
+                parts = _factors(slopes, residual, objective)
             if known is None:
                 known = (new, slopes)
             elif accepted.any():
@@ -182,11 +182,11 @@ def _descend_chunk(
                 break
         ended = jax.tree.map(np.asarray, (vectors, state, known))
     return [
-        Attempt(
+        DescentResult(
             vector=ended[0][number],
             state=_of(ended[1], number),
             steps=tuple(steps[number]),
-            problem=problems[number],
+            objective=objectives[number],
             differences=_of(ended[2][0], number),
             derivatives=_of(ended[2][1], number),
         )
@@ -225,29 +225,29 @@ def _propose(solver: Any, vectors: Any, bounds: Any, states: Any) -> Any:
 
 
 @eqx.filter_jit
-def _differences(vectors: Any, problems: Any) -> Any:
-    return jax.vmap(differences)(vectors, problems)
+def _differences(vectors: Any, objectives: Any) -> Any:
+    return jax.vmap(differences)(vectors, objectives)
 
 
 @eqx.filter_jit
-def _derivatives(vectors: Any, problems: Any) -> Any:
-    return jax.vmap(derivatives)(vectors, problems)
+def _derivatives(vectors: Any, objectives: Any) -> Any:
+    return jax.vmap(derivatives)(vectors, objectives)
 
 
 @eqx.filter_jit
-def _weigh(groups: Any, vectors: Any, problems: Any) -> Any:
-    def one(groups: Any, vector: Any, problem: Any) -> Any:
-        parts, mean_square = weighted(groups, vector, problem)
+def _weigh(groups: Any, vectors: Any, objectives: Any) -> Any:
+    def one(groups: Any, vector: Any, objective: Any) -> Any:
+        parts, mean_square = weighted(groups, vector, objective)
         residual = ravel_pytree(parts)[0]
         return residual, 0.5 * jnp.sum(residual**2), mean_square
 
-    return jax.vmap(one)(groups, vectors, problems)
+    return jax.vmap(one)(groups, vectors, objectives)
 
 
 @eqx.filter_jit
-def _factors(groups: Any, residuals: Any, problems: Any) -> Any:
+def _factors(groups: Any, residuals: Any, objectives: Any) -> Any:
     return jax.vmap(lambda g, r, p: factors(weighted_jacobian(g, p), r))(
-        groups, residuals, problems
+        groups, residuals, objectives
     )
 
 

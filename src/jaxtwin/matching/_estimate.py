@@ -14,10 +14,10 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import CommonError
 from ._camera_error import camera_shapes, count_shapes, detect_events
-from ._descend import Attempt, Box, OnStep, descend
+from ._descend import Box, DescentResult, OnStep, descend
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
-from ._noise import Noise, huber_weights, noise_of
-from ._residuals import Problem, Ties, build_problem
+from ._noise import Noise, estimate_noise, huber_weights
+from ._residuals import Objective, Ties, build_objective
 from ._unknowns import Unknowns
 from ._weights import Weights, make_weights
 
@@ -31,10 +31,10 @@ LOOSE = (3e-2, 1e-2)
 
 @final
 @dataclass(frozen=True, eq=False)
-class Setting:
+class MatchProblem:
     """What a match works on.
 
-    - `samples`: weight of each sample of each recording, 0 to 1.
+    - `sample_weights`: weight of each sample of each recording, 0 to 1.
     - `events`: times of the camera's corrections in each recording, s; None to look for them.
     - `common_error`: of the camera, None for none.
     - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
@@ -43,115 +43,119 @@ class Setting:
     twin: Twin
     experiments: tuple[Experiment, ...]
     unknowns: Unknowns
-    samples: tuple[Float[np.ndarray, "_times _channels"], ...]
+    sample_weights: tuple[Float[np.ndarray, "_times _channels"], ...]
     events: tuple[tuple[float, ...], ...] | None
     common_error: CommonError | None
     robust: float | None
 
     @property
-    def box(self) -> Box:
+    def bounds(self) -> Box:
         """Bounds of the vector."""
         return self.unknowns.lower(), self.unknowns.upper()
 
     @property
     def scale(self) -> Float[np.ndarray, " unknowns"] | None:
         """One over how far the entries are expected to move, where priors say so."""
-        precision = self.unknowns.prior_precision()
+        precision = self.unknowns.prior_weights()
         if not precision.any():
             return None
-        return np.where(precision > 0, precision, 1 / self.unknowns.widths())
+        return np.where(precision > 0, precision, 1 / self.unknowns.default_scales())
 
     @property
-    def weighs(self) -> bool:
+    def is_weighted(self) -> bool:
         """Whether it matters how large the residuals are: beside priors it does."""
-        priors = self.unknowns.prior_precision().any()
+        priors = self.unknowns.prior_weights().any()
         return bool(priors) or self.common_error is not None or self.robust is not None
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Knowledge:
-    """What is known of the residuals in a round.
+class NoiseModel:
+    """What a match assumes of its residuals' noise, and what follows: weights of all samples.
 
-    - `alone`, `common`: of what each channel has alone, and of what all share times the root of
-      their number.
+    The residuals of a recording are split into their common mode, the mean over the channels, and
+    what is left in each channel.
+
+    - `channel`: the noise of what is left in each channel.
+    - `common_mode`: the noise of the common mode times the root of the number of channels.
     - `events`: times of the camera's corrections in each recording, s.
-    - `alone_weights`, `common_weights`: of each sample, by Huber's loss and the given spans.
+    - `channel_weights`, `common_mode_weights`: weights of the samples, 0 to 1, from masks and from
+      Huber's loss.
     """
 
-    alone: Noise
-    common: Noise
+    channel: Noise
+    common_mode: Noise
     events: tuple[tuple[float, ...], ...]
-    alone_weights: tuple[Float[np.ndarray, "_times _channels"], ...]
-    common_weights: tuple[Float[np.ndarray, " _times"], ...]
+    channel_weights: tuple[Float[np.ndarray, "_times _channels"], ...]
+    common_mode_weights: tuple[Float[np.ndarray, " _times"], ...]
 
 
 def estimate(
-    settings: Sequence[Setting],
+    problems: Sequence[MatchProblem],
     solver: BoundedLevenbergMarquardt,
     starts: Sequence[Float[np.ndarray, " unknowns"]],
     max_iterations: int,
     on_step: OnStep | None = None,
-) -> list[tuple[Attempt, Knowledge]]:
+) -> list[tuple[DescentResult, NoiseModel]]:
     """Matches in rounds until the weights fit the residuals; in one where weights do not matter.
 
     **Arguments:**
 
-    - `settings`: one or several, alike but for their recordings' temperatures, samples and events.
+    - `problems`: one or several, alike but for their recordings' temperatures, samples and events.
     - `solver`: with the tolerances of the last round.
     - `starts`: of each. `max_iterations`: of each, over all rounds.
-    - `on_step`: called with the number of the setting and each step.
+    - `on_step`: called with the number of the problem and each step.
 
-    **Raises:** `MatchError` where the recordings of two settings differ in shape.
+    **Raises:** `MatchError` where the recordings of two problems differ in shape.
     """
-    settings = list(settings)
-    knowledge = [first_knowledge(setting) for setting in settings]
-    rounds = ROUNDS if settings[0].weighs else 1
-    attempts: list[Attempt] = []
+    problems = list(problems)
+    noise_model = [initial_noise_model(problem) for problem in problems]
+    rounds = ROUNDS if problems[0].is_weighted else 1
+    results: list[DescentResult] = []
     for number in range(rounds):
         last = number == rounds - 1
         loose = solver if last else replace(solver, rtol=LOOSE[number])
-        pairs = list(zip(settings, knowledge, strict=True))
-        # Compiled steps do not follow what is found in one of the settings.
+        pairs = list(zip(problems, noise_model, strict=True))
+        # Compiled steps do not follow what is found in one of the problems.
         shapes = max(shapes_needed(*pair) for pair in pairs)
-        problems = [make_problem(*pair, shapes) for pair in pairs]
+        objectives = [make_objective(*pair, shapes) for pair in pairs]
         if number == 0:
-            _check_alike(problems)
-        vectors = [one.vector for one in attempts] or starts
-        attempts = descend(
-            problems,
+            _check_alike(objectives)
+        vectors = [one.vector for one in results] or starts
+        results = descend(
+            objectives,
             loose,
             vectors,
             max_iterations,
-            settings[0].box,
-            settings[0].scale,
-            attempts or None,
+            problems[0].bounds,
+            problems[0].scale,
+            results or None,
             on_step,
         )
         if not last:
-            knowledge = [
-                learn(*one) if np.isfinite(one[2].cost) else one[1]
-                for one in zip(settings, knowledge, attempts, strict=True)
+            noise_model = [
+                update_noise_model(*one) if np.isfinite(one[2].cost) else one[1]
+                for one in zip(problems, noise_model, results, strict=True)
             ]
-    return list(zip(attempts, knowledge, strict=True))
+    return list(zip(results, noise_model, strict=True))
 
 
-def first_knowledge(setting: Setting) -> Knowledge:
+def initial_noise_model(problem: MatchProblem) -> NoiseModel:
     """Before the first descent."""
-    noise = FIRST_NOISE if setting.weighs else Noise(1.0, 1.0)
-    return Knowledge(
-        alone=noise,
-        common=noise,
-        events=setting.events or tuple(() for _ in setting.experiments),
-        alone_weights=setting.samples,
-        common_weights=tuple(np.ones(len(one)) for one in setting.samples),
+    noise = FIRST_NOISE if problem.is_weighted else Noise(1.0, 1.0)
+    return NoiseModel(
+        channel=noise,
+        common_mode=noise,
+        events=problem.events or tuple(() for _ in problem.experiments),
+        channel_weights=problem.sample_weights,
+        common_mode_weights=tuple(np.ones(len(one)) for one in problem.sample_weights),
     )
 
 
-def _check_alike(problems: Sequence[Problem]) -> None:
+def _check_alike(objectives: Sequence[Objective]) -> None:
     first, *others = [
         (jax.tree.structure(one), [np.shape(leaf) for leaf in jax.tree.leaves(one)])
-        for one in problems
+        for one in objectives
     ]
     for number, other in enumerate(others, start=1):
         if other != first:
@@ -163,23 +167,26 @@ def _check_alike(problems: Sequence[Problem]) -> None:
             )
 
 
-def shapes_needed(setting: Setting, knowledge: Knowledge) -> int:
+def shapes_needed(problem: MatchProblem, noise_model: NoiseModel) -> int:
     """How many shapes the camera's common error has in the recording where it has the most.
 
     All have as many, so that their schedules alone say which recordings are solved at once.
     """
-    error = setting.common_error
+    error = problem.common_error
     if error is None:
         return 0
     return max(
         count_shapes(error, experiment.time, events)
-        for experiment, events in zip(setting.experiments, knowledge.events, strict=True)
+        for experiment, events in zip(problem.experiments, noise_model.events, strict=True)
     )
 
 
-def make_problem(
-    setting: Setting, knowledge: Knowledge, shapes: int | None = None, ties: Ties | None = None
-) -> Problem:
+def make_objective(
+    problem: MatchProblem,
+    noise_model: NoiseModel,
+    shapes: int | None = None,
+    ties: Ties | None = None,
+) -> Objective:
     """The optimiser's problem with the weights that follow from what is known.
 
     **Arguments:**
@@ -187,26 +194,28 @@ def make_problem(
     - `shapes`: of the camera's common error; by default as many as are needed.
     - `ties`: what is known beforehand of combinations of unknowns.
     """
-    count = shapes_needed(setting, knowledge) if shapes is None else shapes
+    count = shapes_needed(problem, noise_model) if shapes is None else shapes
     weights = [
-        recording_weights(setting, knowledge, number, count)
-        for number in range(len(setting.experiments))
+        recording_weights(problem, noise_model, number, count)
+        for number in range(len(problem.experiments))
     ]
-    return build_problem(setting.twin, setting.experiments, setting.unknowns, weights, ties)
+    return build_objective(problem.twin, problem.experiments, problem.unknowns, weights, ties)
 
 
-def recording_weights(setting: Setting, knowledge: Knowledge, number: int, count: int) -> Weights:
+def recording_weights(
+    problem: MatchProblem, noise_model: NoiseModel, number: int, count: int
+) -> Weights:
     """Weights of one recording, with that many shapes of the camera's common error."""
-    time = setting.experiments[number].time
+    time = problem.experiments[number].time
     shapes, spreads = np.zeros((len(time), 0)), np.zeros(0)
-    if setting.common_error is not None:
-        events = knowledge.events[number]
-        shapes, spreads = camera_shapes(setting.common_error, time, events, count)
+    if problem.common_error is not None:
+        events = noise_model.events[number]
+        shapes, spreads = camera_shapes(problem.common_error, time, events, count)
     return make_weights(
-        knowledge.alone_weights[number],
-        knowledge.common_weights[number],
-        knowledge.alone.effective,
-        knowledge.common.effective,
+        noise_model.channel_weights[number],
+        noise_model.common_mode_weights[number],
+        noise_model.channel.effective,
+        noise_model.common_mode.effective,
         shapes,
         spreads,
     )
@@ -215,35 +224,37 @@ def recording_weights(setting: Setting, knowledge: Knowledge, number: int, count
 class Residuals(NamedTuple):
     """Simulated less recorded, of each recording in parts, K.
 
-    - `alone`: what channels have alone.
-    - `common`: what they share, less the camera's error.
+    - `channel`: what channels have alone.
+    - `common_mode`: what they share, less the camera's error.
     - `camera`: that error.
     """
 
-    alone: tuple[Float[np.ndarray, "_times _channels"], ...]
-    common: tuple[Float[np.ndarray, " _times"], ...]
+    channel: tuple[Float[np.ndarray, "_times _channels"], ...]
+    common_mode: tuple[Float[np.ndarray, " _times"], ...]
     camera: tuple[Float[np.ndarray, " _times"], ...]
 
 
-def split_residuals(attempt: Attempt) -> Residuals:
+def split_residuals(result: DescentResult) -> Residuals:
     """The residuals where a descent ended."""
     found: dict[int, tuple[np.ndarray, ...]] = {}
     with own_settings():
-        for group, difference in zip(attempt.problem.groups, attempt.differences, strict=True):
-            alone, common, sizes = jax.vmap(lambda w, d: w.split(d))(group.weights, difference)
+        for group, difference in zip(result.objective.groups, result.differences, strict=True):
+            channel, common_mode, sizes = jax.vmap(lambda w, d: w.split(d))(
+                group.weights, difference
+            )
             error = np.einsum("rtk,rk->rt", np.asarray(group.weights.shapes), np.asarray(sizes))
             times = np.asarray(group.lengths)
             for row, position in enumerate(group.positions):
-                parts = (np.asarray(alone[row]), np.asarray(common[row]), error[row])
+                parts = (np.asarray(channel[row]), np.asarray(common_mode[row]), error[row])
                 found[position] = tuple(part[: times[row]] for part in parts)
     ordered = [found[position] for position in sorted(found)]
     return Residuals(*zip(*ordered, strict=True))
 
 
-def solved_temperatures(attempt: Attempt) -> list[Float[np.ndarray, "times channels"]]:
+def solved_temperatures(result: DescentResult) -> list[Float[np.ndarray, "times channels"]]:
     """What the twin reads in each recording where a descent ended, degC."""
     found: dict[int, np.ndarray] = {}
-    for group, difference in zip(attempt.problem.groups, attempt.differences, strict=True):
+    for group, difference in zip(result.objective.groups, result.differences, strict=True):
         for row, position in enumerate(group.positions):
             times = slice(int(group.lengths[row]))  # without the samples that fill up their number
             read = np.asarray(difference[row]) + np.asarray(group.temperatures[row])
@@ -251,11 +262,13 @@ def solved_temperatures(attempt: Attempt) -> list[Float[np.ndarray, "times chann
     return [found[position] for position in sorted(found)]
 
 
-def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge:
+def update_noise_model(
+    problem: MatchProblem, noise_model: NoiseModel, result: DescentResult
+) -> NoiseModel:
     """What the residuals of a descent tell: corrections, noise, outliers."""
-    alone, common, errors = split_residuals(attempt)
-    events = knowledge.events
-    if setting.common_error is not None and setting.events is None:
+    channel, common_mode, errors = split_residuals(result)
+    events = noise_model.events
+    if problem.common_error is not None and problem.events is None:
         # What is recorded less what is simulated, with the camera's error still in it.
         events = tuple(
             detect_events(
@@ -264,35 +277,40 @@ def learn(setting: Setting, knowledge: Knowledge, attempt: Attempt) -> Knowledge
                 np.count_nonzero(weight, axis=1) > 0,
             )
             for experiment, one, shared, error, weight in zip(
-                setting.experiments, alone, common, errors, setting.samples, strict=True
+                problem.experiments,
+                channel,
+                common_mode,
+                errors,
+                problem.sample_weights,
+                strict=True,
             )
         )
-    alone_weights = setting.samples
-    common_weights = tuple(np.ones(len(one)) for one in common)
-    if setting.robust is not None:
+    channel_weights = problem.sample_weights
+    common_mode_weights = tuple(np.ones(len(one)) for one in common_mode)
+    if problem.robust is not None:
         # A single channel has nothing alone.
-        alone_weights = tuple(
-            given * huber_weights(one, setting.robust, beside_others(given))
+        channel_weights = tuple(
+            given * huber_weights(one, problem.robust, beside_others(given))
             if one.shape[1] > 1
             else given
-            for given, one in zip(setting.samples, alone, strict=True)
+            for given, one in zip(problem.sample_weights, channel, strict=True)
         )
-        common_weights = tuple(
-            huber_weights(one, setting.robust, given.sum(axis=1) > 0)
-            for given, one in zip(setting.samples, common, strict=True)
+        common_mode_weights = tuple(
+            huber_weights(one, problem.robust, given.sum(axis=1) > 0)
+            for given, one in zip(problem.sample_weights, common_mode, strict=True)
         )
-    noise = residual_noise(alone, common, alone_weights, common_weights)
+    noise = residual_noise(channel, common_mode, channel_weights, common_mode_weights)
     # Residuals that are nothing tell no noise to weigh by.
-    of_alone, of_common = (
-        found if found.deviation > 0 else before
-        for found, before in zip(noise, (knowledge.alone, knowledge.common), strict=True)
+    of_channel, of_common = (
+        found if found.standard_deviation > 0 else before
+        for found, before in zip(noise, (noise_model.channel, noise_model.common_mode), strict=True)
     )
-    return Knowledge(of_alone, of_common, events, alone_weights, common_weights)
+    return NoiseModel(of_channel, of_common, events, channel_weights, common_mode_weights)
 
 
 def shared_residual(
-    alone: Float[np.ndarray, "times channels"],
-    common: Float[np.ndarray, " times"],
+    channel: Float[np.ndarray, "times channels"],
+    common_mode: Float[np.ndarray, " times"],
     camera: Float[np.ndarray, " times"],
     samples: Float[np.ndarray, "times channels"],
 ) -> Float[np.ndarray, " times"]:
@@ -300,10 +318,10 @@ def shared_residual(
 
     Where a channel begins or ends to count, a mean of the others alone would jump.
     """
-    shared = common + camera
+    shared = common_mode + camera
     if (samples > 0).all():
         return shared
-    whole, times = alone + shared[:, None], np.arange(len(shared))
+    whole, times = channel + shared[:, None], np.arange(len(shared))
     columns = [
         np.interp(times, times[weight > 0], column[weight > 0])
         for column, weight in zip(whole.T, samples.T, strict=True)
@@ -321,15 +339,15 @@ def beside_others(
 
 
 def residual_noise(
-    alone: Sequence[Float[np.ndarray, "_times _channels"]],
-    common: Sequence[Float[np.ndarray, " _times"]],
-    alone_weights: Sequence[Float[np.ndarray, "_times _channels"]],
-    common_weights: Sequence[Float[np.ndarray, " _times"]],
+    channel: Sequence[Float[np.ndarray, "_times _channels"]],
+    common_mode: Sequence[Float[np.ndarray, " _times"]],
+    channel_weights: Sequence[Float[np.ndarray, "_times _channels"]],
+    common_mode_weights: Sequence[Float[np.ndarray, " _times"]],
 ) -> tuple[Noise, Noise]:
     """The noise of both parts of the residuals; where no two channels count at the same time, the
     first part is nothing and takes after the second."""
     several, counted = [], 0.0
-    for one, weights in zip(alone, alone_weights, strict=True):
+    for one, weights in zip(channel, channel_weights, strict=True):
         beside = beside_others(weights)
         if beside.any():
             # Deviations from a mean of n channels vary less than the channels do, by (n - 1) / n.
@@ -338,11 +356,11 @@ def residual_noise(
             counted += float(np.sum(weights * beside))
     shared = [
         (one * np.sqrt(w * v.sum(axis=1)))[:, None]
-        for one, w, v in zip(common, common_weights, alone_weights, strict=True)
+        for one, w, v in zip(common_mode, common_mode_weights, channel_weights, strict=True)
     ]
     # Samples that do not count are no samples.
-    counts = [v.sum(axis=1) > 0 for v in alone_weights]
-    of_common = noise_of(shared, float(sum(one.sum() for one in counts)))
+    counts = [v.sum(axis=1) > 0 for v in channel_weights]
+    of_common = estimate_noise(shared, float(sum(one.sum() for one in counts)))
     if not several:
         return of_common, of_common
-    return noise_of(several, counted), of_common
+    return estimate_noise(several, counted), of_common

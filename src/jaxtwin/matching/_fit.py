@@ -17,7 +17,7 @@ from ..physics import Twin
 from ..rig import Parameter, Rig, write_parameters
 from ..rig._problems import unknown
 from ..simulation import Run
-from ._estimate import Knowledge, Setting
+from ._estimate import MatchProblem, NoiseModel
 from ._noise import Noise
 from ._summary import Style, summary_table
 from ._uncertainty import Uncertainty
@@ -44,8 +44,8 @@ class FittedParameter:
     - `prior_value`, `prior_spread`: what was known beforehand, None where nothing was.
     - `prior_distance`: of the value from there in standard deviations; the largest of all
       recordings.
-    - `narrowing`: how many times narrower than beforehand the recordings alone would leave it, the
-      others being known.
+    - `prior_to_data_ratio`: the prior's standard deviation over the one that the recordings alone
+      would leave if all other parameters were known.
     - `warnings`: what to know before believing it.
     - `relative_standard_error`: of its natural logarithm, where it was matched by that; else NaN.
     - `interval`: both ends of its 95 % interval, in `unit`: $v e^{\pm 1.96 s}$ where it was matched
@@ -69,7 +69,7 @@ class FittedParameter:
     prior_value: float | None = None
     prior_spread: float | None = None
     prior_distance: float | None = None
-    narrowing: float = math.nan
+    prior_to_data_ratio: float = math.nan
     warnings: tuple[str, ...] = ()
     relative_standard_error: float = math.nan
     interval: tuple[float, float] = (math.nan, math.nan)
@@ -185,7 +185,8 @@ class Fit:
     - `noise`: of what each channel has alone, and of what all share times the root of their number.
     - `uncertainty`: covariance, correlations, what the recordings cannot tell.
     - `cost`: half the sum of squared weighted residuals, priors among them.
-    - `setting`, `knowledge`, `vector`: from which the match can go on.
+    - `problem`, `noise_model`, `vector`: what was matched, the noise model of the last round, and
+      the optimiser's vector.
     - `date`: when the match ended, UTC, ISO 8601. `versions`: of jaxtwin and jax.
     - `comparisons`: of the fitted twin with each recording; None where those are not at hand.
     """
@@ -208,8 +209,8 @@ class Fit:
     noise: tuple[Noise, Noise]
     uncertainty: Uncertainty
     cost: float
-    setting: Setting
-    knowledge: Knowledge
+    problem: MatchProblem
+    noise_model: NoiseModel
     vector: Float[np.ndarray, " unknowns"]
     date: str
     versions: Mapping[str, str]
@@ -222,7 +223,7 @@ class Fit:
         **Raises:** `MatchError` where the fit was loaded without them.
         """
         self._compared()
-        return self.setting.experiments
+        return self.problem.experiments
 
     @property
     def runs(self) -> dict[str, Run]:
@@ -245,8 +246,8 @@ class Fit:
     @property
     def weights(self) -> dict[str, Float[np.ndarray, "times channels"]]:
         """Recording -> how much each sample counted, 0 to 1, `(times, channels)`."""
-        known = self.knowledge
-        parts = zip(self.recordings, known.alone_weights, known.common_weights, strict=True)
+        known = self.noise_model
+        parts = zip(self.recordings, known.channel_weights, known.common_mode_weights, strict=True)
         return {name: weight * moment[:, None] for name, weight, moment in parts}
 
     @property

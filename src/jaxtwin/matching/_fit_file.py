@@ -32,7 +32,7 @@ from jaxtyping import Float
 from ..rig import bundled_rigs
 from ._fit import Fit, FittedParameter, Iteration, Optimum
 from ._noise import Noise
-from ._uncertainty import FlatDirection
+from ._uncertainty import UnidentifiableDirection
 
 if TYPE_CHECKING:
     pass
@@ -68,8 +68,8 @@ class StoredRecording:
     - `fingerprint`: of its contents. `channels`: their names. `samples`: how many times it has.
     - `events`: times of the camera's corrections, s.
     - `fit_percent`: channel -> NRMSE fit, %.
-    - `given_weights`, `alone_weights`, `common_weights`: how much samples counted by masks, by
-      masks and the robust loss, and what all channels share by the robust loss.
+    - `sample_weights`: weights of the samples from masks. `channel_weights`: from masks and the
+      robust loss. `common_mode_weights`: of the common mode, from the robust loss.
     """
 
     fingerprint: str
@@ -77,9 +77,9 @@ class StoredRecording:
     samples: int
     events: tuple[float, ...]
     fit_percent: dict[str, float]
-    given_weights: Stretches
-    alone_weights: Stretches
-    common_weights: Stretches
+    sample_weights: Stretches
+    channel_weights: Stretches
+    common_mode_weights: Stretches
 
 
 @final
@@ -92,9 +92,9 @@ class StoredUnknowns:
 
     labels: tuple[str, ...]
     undetermined: tuple[str, ...]
-    narrowing: tuple[float, ...]
+    prior_to_data_ratio: tuple[float, ...]
     singular_values: tuple[float, ...]
-    flat: tuple[FlatDirection, ...]
+    unidentifiable: tuple[UnidentifiableDirection, ...]
     covariance: tuple[tuple[float, ...], ...]
     inverse_hessian: tuple[tuple[float, ...], ...]
     between_recordings: tuple[float, ...]
@@ -106,7 +106,7 @@ class StoredFit:
     """The table [fit].
 
     - `rig`, `rig_file`, `rig_fingerprint`: the rig's name, where it was read from, its contents.
-    - `noise`, `weighed_by`: noise of both kinds that was found, and that the weights followed.
+    - `noise`: of channels and common mode, as found. `assumed_noise`: that the weights followed.
     - the others: as in `Fit`.
     """
 
@@ -124,7 +124,7 @@ class StoredFit:
     solver_gap: float
     camera_error: float
     noise: tuple[Noise, Noise]
-    weighed_by: tuple[Noise, Noise]
+    assumed_noise: tuple[Noise, Noise]
     unknowns: StoredUnknowns
     recordings: dict[str, StoredRecording]
     parameters: dict[str, FittedParameter]
@@ -151,8 +151,8 @@ def fit_tables(fit: Fit) -> str:
         "solver_gap": fit.solver_gap,
         "camera_error": fit.camera_error,
         "noise": fit.noise,
-        "weighed_by": (fit.knowledge.alone, fit.knowledge.common),
-        "robust": fit.setting.robust,
+        "assumed_noise": (fit.noise_model.channel, fit.noise_model.common_mode),
+        "robust": fit.problem.robust,
         "history": fit.history,
         "optima": fit.optima,
     }
@@ -160,10 +160,10 @@ def fit_tables(fit: Fit) -> str:
     unknowns = {
         "labels": known.labels,
         "undetermined": [label for label, variance in endless if np.isinf(variance)],
-        "narrowing": known.narrowing,
+        "prior_to_data_ratio": known.prior_to_data_ratio,
         "singular_values": known.singular_values,
-        "flat": known.flat,
-        "covariance": known.entries,
+        "unidentifiable": known.unidentifiable,
+        "covariance": known.vector_covariance,
         "inverse_hessian": known.inverse_hessian,
         "between_recordings": known.between_recordings,
     }
@@ -194,17 +194,17 @@ def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarra
 
 
 def _recording(fit: Fit, number: int) -> dict[str, Any]:
-    name, knowledge = fit.recordings[number], fit.knowledge
+    name, noise_model = fit.recordings[number], fit.noise_model
     percent = {c: value for (one, c), value in fit.fit_percent.items() if one == name}
     return {
         "fingerprint": fit.fingerprints[number],
         "channels": fit.channels[number],
-        "samples": len(knowledge.common_weights[number]),
-        "events": knowledge.events[number],
+        "samples": len(noise_model.common_mode_weights[number]),
+        "events": noise_model.events[number],
         "fit_percent": percent,
-        "given_weights": _stretches(fit.setting.samples[number]),
-        "alone_weights": _stretches(knowledge.alone_weights[number]),
-        "common_weights": _stretches(knowledge.common_weights[number][:, None]),
+        "sample_weights": _stretches(fit.problem.sample_weights[number]),
+        "channel_weights": _stretches(noise_model.channel_weights[number]),
+        "common_mode_weights": _stretches(noise_model.common_mode_weights[number][:, None]),
     }
 
 

@@ -22,8 +22,14 @@ from jaxtyping import Float
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
-from ._descend import Attempt, descend
-from ._estimate import Setting, first_knowledge, learn, make_problem, solved_temperatures
+from ._descend import DescentResult, descend
+from ._estimate import (
+    MatchProblem,
+    initial_noise_model,
+    make_objective,
+    solved_temperatures,
+    update_noise_model,
+)
 from ._fit import Fit
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._match import checked_recordings
@@ -104,19 +110,19 @@ def estimate_initial_conditions(
     part = experiment.between(None, experiment.time[0] + warm_up)
     first = float(np.nanmean(_first_readings(part)))
     unknowns = choose_unknowns(twin, 1, free=names, per_recording=names)
-    rows = tuple(with_prior(row, twin.rig, first, earlier) for row in unknowns.own)
-    unknowns = replace(unknowns, own=rows)
-    attempt = _descend(twin, part, unknowns, first)
-    if not np.isfinite(attempt.cost):
+    rows = tuple(with_prior(row, twin.rig, first, earlier) for row in unknowns.per_recording)
+    unknowns = replace(unknowns, per_recording=rows)
+    result = _descend(twin, part, unknowns, first)
+    if not np.isfinite(result.cost):
         raise MatchError(f"{label}: the twin gives no finite temperatures")
-    (values,) = unknowns.values(attempt.vector)
+    (values,) = unknowns.recording_values(result.vector)
     values = {name: float(value) for name, value in values.items()}
-    covariance = _covariance(attempt)
+    covariance = _covariance(result)
     return InitialConditions(
         twin=twin.with_parameters(values),
         values=values,
         covariance=covariance,
-        warnings=_warnings(unknowns, attempt, covariance, warm_up),
+        warnings=_warnings(unknowns, result, covariance, warm_up),
     )
 
 
@@ -149,47 +155,47 @@ def _first_readings(part: Experiment) -> Float[np.ndarray, " channels"]:
     return part.temperatures[rows, np.arange(len(rows))]
 
 
-def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> Attempt:
+def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> DescentResult:
     """The values with the largest posterior density."""
     error = twin.rig.common_error
     sensor = Noise(twin.rig.noise, MEMORY)
-    setting = Setting(
+    problem = MatchProblem(
         twin=twin,
         experiments=(part,),
         unknowns=unknowns,
-        samples=(_weights(part, sensor.effective),),
+        sample_weights=(_weights(part, sensor.effective),),
         events=None if error is not None and error.detect else ((),),
         common_error=error,
         robust=None,
     )
-    knowledge = replace(first_knowledge(setting), alone=sensor, common=sensor)
+    noise_model = replace(initial_noise_model(problem), channel=sensor, common_mode=sensor)
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
-    room, attempts = None, []
+    room, results = None, []
     for _ in range(REWEIGHTINGS):
-        problem = make_problem(setting, knowledge, ties=ties(twin.rig, unknowns, room, first))
-        attempts = descend(
-            [problem],
+        objective = make_objective(problem, noise_model, ties=ties(twin.rig, unknowns, room, first))
+        results = descend(
+            [objective],
             solver,
-            [one.vector for one in attempts] or [unknowns.start()],
+            [one.vector for one in results] or [unknowns.start()],
             ITERATIONS,
-            setting.box,
-            setting.scale,
-            attempts or None,
+            problem.bounds,
+            problem.scale,
+            results or None,
         )
-        (attempt,) = attempts
-        if not np.isfinite(attempt.cost):
+        (result,) = results
+        if not np.isfinite(result.cost):
             break
         # A correction of the camera in this minute must not be taken for a plate that cools. Only
         # their times are learned: a minute is too short to learn the noise from.
-        events = learn(setting, knowledge, attempt).events
-        (simulated,) = solved_temperatures(attempt)
+        events = update_noise_model(problem, noise_model, result).events
+        (simulated,) = solved_temperatures(result)
         weights = _weights(part, sensor.effective, simulated)
-        knowledge = replace(knowledge, events=events, alone_weights=(weights,))
-        (values,) = unknowns.values(attempt.vector)
+        noise_model = replace(noise_model, events=events, channel_weights=(weights,))
+        (values,) = unknowns.recording_values(result.vector)
         room = next(
             (float(values[name]) for name in room_parameters(twin.rig) if name in values), None
         )
-    return attempts[0]
+    return results[0]
 
 
 def _weights(
@@ -210,25 +216,25 @@ def _weights(
     return 1 / (1 + (MODEL_ERROR * moved * math.sqrt(len(moved)) / noise) ** 2)
 
 
-def _covariance(attempt: Attempt) -> Float[np.ndarray, "values values"]:
+def _covariance(result: DescentResult) -> Float[np.ndarray, "values values"]:
     """Inverse of the normal matrix, priors and ties among its rows."""
-    jacobian = attempt.jacobian()
+    jacobian = result.jacobian()
     return np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
 
 
 def _warnings(
     unknowns: Unknowns,
-    attempt: Attempt,
+    result: DescentResult,
     covariance: Float[np.ndarray, "values values"],
     warm_up: float,
 ) -> tuple[str, ...]:
     spreads = np.sqrt(np.diag(covariance))
-    problem = attempt.problem
-    known = np.diag(np.square(problem.precision)) + problem.ties.rows.T @ problem.ties.rows
+    objective = result.objective
+    known = np.diag(np.square(objective.precision)) + objective.ties.rows.T @ objective.ties.rows
     before = np.sqrt(np.diag(np.linalg.pinv(np.asarray(known), hermitian=True)))
     warnings = []
-    (values,) = unknowns.values(attempt.vector)
-    for row, spread, expected in zip(unknowns.own, spreads, before, strict=True):
+    (values,) = unknowns.recording_values(result.vector)
+    for row, spread, expected in zip(unknowns.per_recording, spreads, before, strict=True):
         value = float(values[row.name])
         if row.prior_spread is not None and spread > UNSEEN * expected:
             warnings.append(
@@ -236,7 +242,7 @@ def _warnings(
                 "is mostly what was expected beforehand"
             )
     correlation = covariance / np.outer(spreads, spreads)
-    names = [row.name for row in unknowns.own]
+    names = [row.name for row in unknowns.per_recording]
     for a, b in zip(*np.nonzero(np.triu(np.abs(correlation) > 0.95, 1)), strict=True):
         warnings.append(
             f"{names[a]} and {names[b]} cannot be told apart in the first {warm_up:g} s"

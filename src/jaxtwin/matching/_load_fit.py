@@ -22,10 +22,10 @@ from ..rig import Parameter, Rig, load_rig, read_parameters
 from ..rig._bundled import read_toml
 from ..rig._problems import refuse
 from ..simulation import simulate
-from ._estimate import Knowledge, Setting, recording_weights, shapes_needed
+from ._estimate import MatchProblem, NoiseModel, recording_weights, shapes_needed
 from ._fit import CameraError, Comparison, Fit, FittedParameters
 from ._fit_file import FORMAT, StoredFit, StoredRecording, rig_to_load, unrolled
-from ._uncertainty import Uncertainty, close_pairs, dead_labels, physical_covariance
+from ._uncertainty import Uncertainty, close_pairs, insensitive_labels, physical_covariance
 from ._unknowns import Unknowns
 
 STORED = pydantic.TypeAdapter(StoredFit)
@@ -53,39 +53,39 @@ def load_fit(
     values = [read_parameters(path, rig, name) for name in names]
     unknowns = _unknowns(rig, stored, len(names))
     for name in names:
-        for row in unknowns.own:
+        for row in unknowns.per_recording:
             if row.name not in data.get("recordings", {}).get(name, {}):
                 field = f"recordings.{name}.{row.name}"
                 _refuse(source, field, "missing, allowed is the value of each recording")
     vector = np.array(
         [_inward(row, values[0][row.name]) for row in unknowns.shared]
-        + [_inward(row, one[row.name]) for one in values for row in unknowns.own]
+        + [_inward(row, one[row.name]) for one in values for row in unknowns.per_recording]
     )
     known = _uncertainty(source, stored, unknowns, vector)
     several = list(stored.recordings.values())
-    samples, alone, common = (
+    sample_weights, channel, common_mode = (
         tuple(_weights(source, name, kind, one) for name, one in stored.recordings.items())
-        for kind in ("given_weights", "alone_weights", "common_weights")
+        for kind in ("sample_weights", "channel_weights", "common_mode_weights")
     )
-    knowledge = Knowledge(
-        alone=stored.weighed_by[0],
-        common=stored.weighed_by[1],
+    noise_model = NoiseModel(
+        channel=stored.assumed_noise[0],
+        common_mode=stored.assumed_noise[1],
         events=tuple(one.events for one in several),
-        alone_weights=alone,
-        common_weights=tuple(one[:, 0] for one in common),
+        channel_weights=channel,
+        common_mode_weights=tuple(one[:, 0] for one in common_mode),
     )
     start = Twin(rig, {name: row.initial for name, row in stored.parameters.items()})
     matched = _recordings(stored, experiments)
-    setting = Setting(
+    problem = MatchProblem(
         twin=start,
         experiments=matched or (),
         unknowns=unknowns,
-        samples=samples,
-        events=knowledge.events,
+        sample_weights=sample_weights,
+        events=noise_model.events,
         common_error=rig.common_error,
         robust=stored.robust,
     )
-    own = [{row.name: one[row.name] for row in unknowns.own} for one in values]
+    own = [{row.name: one[row.name] for row in unknowns.per_recording} for one in values]
     shared = {row.name: values[0][row.name] for row in unknowns.shared}
     fit = Fit(
         twin=start.with_parameters({**shared, **own[0]}),
@@ -110,8 +110,8 @@ def load_fit(
         noise=stored.noise,
         uncertainty=known,
         cost=stored.cost,
-        setting=setting,
-        knowledge=knowledge,
+        problem=problem,
+        noise_model=noise_model,
         vector=vector,
         date=stored.date,
         versions=stored.versions,
@@ -200,13 +200,13 @@ def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]])
         _refuse(source, field, f"found {reprlib.repr(first['input'])}, allowed is {allowed}")
     if not stored.recordings:
         _refuse(source, "fit.recordings", "found none, allowed is a table for each recording")
-    kinds = {"noise": stored.noise, "weighed_by": stored.weighed_by}
+    kinds = {"noise": stored.noise, "assumed_noise": stored.assumed_noise}
     numbers = {"rmse": stored.rmse, "cost": stored.cost, "camera_error": stored.camera_error}
     numbers |= {
         f"{name}[{n}].{part}": getattr(noise, part)
         for name, pair in kinds.items()
         for n, noise in enumerate(pair)
-        for part in ("deviation", "correlated")
+        for part in ("standard_deviation", "autocorrelation_time")
     }
     for field, number in numbers.items():
         if not 0 <= number < math.inf:
@@ -237,7 +237,7 @@ def _unknowns(rig: Rig, stored: StoredFit, recordings: int) -> Unknowns:
     ]
     return Unknowns(
         shared=tuple(row for row in rows if row.scope == "shared"),
-        own=tuple(row for row in rows if row.scope == "recording"),
+        per_recording=tuple(row for row in rows if row.scope == "recording"),
         recordings=recordings,
     )
 
@@ -261,22 +261,27 @@ def _uncertainty(
         matrix = getattr(found, name)
         if len(matrix) != size or any(len(row) != size for row in matrix):
             _refuse(source, f"fit.unknowns.{name}", f"allowed are {size} rows of {size} numbers")
-    for name in ("narrowing", "between_recordings"):
+    for name in ("prior_to_data_ratio", "between_recordings"):
         if len(getattr(found, name)) != size:
             _refuse(source, f"fit.unknowns.{name}", f"allowed are {size} numbers")
-    entries, narrowing = np.array(found.covariance), np.array(found.narrowing)
+    vector_covariance, prior_to_data_ratio = (
+        np.array(found.covariance),
+        np.array(found.prior_to_data_ratio),
+    )
     lost = np.isin(labels, found.undetermined)
-    covariance, correlation = physical_covariance(entries, unknowns.slopes(vector), lost)
+    covariance, correlation = physical_covariance(
+        vector_covariance, unknowns.value_derivatives(vector), lost
+    )
     return Uncertainty(
         labels=labels,
         covariance=covariance,
         correlation=correlation,
-        narrowing=narrowing,
+        prior_to_data_ratio=prior_to_data_ratio,
         singular_values=np.array(found.singular_values),
-        flat=found.flat,
-        dead=dead_labels(labels, narrowing),
+        unidentifiable=found.unidentifiable,
+        insensitive=insensitive_labels(labels, prior_to_data_ratio),
         collinear=close_pairs(labels, correlation),
-        entries=entries,
+        vector_covariance=vector_covariance,
         inverse_hessian=np.array(found.inverse_hessian),
         between_recordings=np.array(found.between_recordings),
     )
@@ -285,7 +290,7 @@ def _uncertainty(
 def _weights(
     source: str, name: str, kind: str, one: StoredRecording
 ) -> Float[np.ndarray, "times columns"]:
-    columns = 1 if kind == "common_weights" else len(one.channels)
+    columns = 1 if kind == "common_mode_weights" else len(one.channels)
     try:
         return unrolled(getattr(one, kind), one.samples, columns)
     except ValueError as problem:
@@ -315,14 +320,14 @@ def _recordings(
 
 def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Comparison:
     run = simulate(twin, experiment)
-    count = shapes_needed(fit.setting, fit.knowledge)
-    weights = recording_weights(fit.setting, fit.knowledge, number, count)
+    count = shapes_needed(fit.problem, fit.noise_model)
+    weights = recording_weights(fit.problem, fit.noise_model, number, count)
     with jax.enable_x64(True):
         # A sample that is missing has no weight.
         difference = np.nan_to_num(run.temperatures - np.asarray(experiment.temperatures))
         _, _, sizes = weights.split(jnp.asarray(difference))
         error = np.asarray(weights.shapes) @ np.asarray(sizes)
-    return Comparison(run, CameraError(fit.knowledge.events[number], error))
+    return Comparison(run, CameraError(fit.noise_model.events[number], error))
 
 
 def _inward(row: Parameter, value: float) -> float:

@@ -10,8 +10,8 @@ from .._errors import MatchError, ParameterError, SimulationError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
-from ._descend import Attempt, Step
-from ._estimate import Knowledge, Setting, estimate
+from ._descend import DescentResult, Step
+from ._estimate import MatchProblem, NoiseModel, estimate
 from ._fit import Fit, Iteration
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._match import (
@@ -21,7 +21,7 @@ from ._match import (
     checked_solver,
     make_fit,
     make_iteration,
-    make_setting,
+    make_match_problem,
 )
 from ._unknowns import choose_unknowns
 
@@ -81,35 +81,39 @@ def match_many(
         per_recording=per_recording,
         bounds=bounds,
     )
-    settings = [
-        make_setting(twin, one, name, unknowns, events, None, robust)
+    problems = [
+        make_match_problem(twin, one, name, unknowns, events, None, robust)
         for one, name in zip(recordings, names, strict=True)
     ]
 
-    def tell(number: int, step: Step) -> None:
+    def report_step(number: int, step: Step) -> None:
         if on_progress is not None:
             on_progress(make_iteration(step, number, unknowns, names[number]))
 
     results = estimate(
-        settings,
-        checked_solver(solver, settings[0]),
-        [unknowns.start()] * len(settings),
+        problems,
+        checked_solver(solver, problems[0]),
+        [unknowns.start()] * len(problems),
         max_iterations,
-        tell,
+        report_step,
     )
     return tuple(
-        _fit(setting, knowledge, attempt, name, began)
-        for setting, (attempt, knowledge), name in zip(settings, results, names, strict=True)
+        _fit(problem, noise_model, result, name, began)
+        for problem, (result, noise_model), name in zip(problems, results, names, strict=True)
     )
 
 
 def _fit(
-    setting: Setting, knowledge: Knowledge, attempt: Attempt, names: tuple[str, ...], began: float
+    problem: MatchProblem,
+    noise_model: NoiseModel,
+    result: DescentResult,
+    names: tuple[str, ...],
+    began: float,
 ) -> Fit | None:
-    if not np.isfinite(attempt.cost):
+    if not np.isfinite(result.cost):
         return None
     try:
-        return make_fit(setting, knowledge, attempt, 0, names, (), began)
+        return make_fit(problem, noise_model, result, 0, names, (), began)
     except (ParameterError, SimulationError, np.linalg.LinAlgError):
         # Values without a meaning, temperatures or derivatives that are not finite: descents do not
         # look at all of that.

@@ -20,12 +20,12 @@ from ..io._experiment import as_experiments
 from ..physics import Twin, check_twin
 from ..simulation import Run, checked_channels, simulate
 from ._confidence import confidence
-from ._descend import Attempt, Step, descend
+from ._descend import DescentResult, Step, descend
 from ._estimate import (
-    Knowledge,
-    Setting,
+    MatchProblem,
+    NoiseModel,
     estimate,
-    make_problem,
+    make_objective,
     solved_temperatures,
     split_residuals,
 )
@@ -125,42 +125,42 @@ def match(
     check_counts(starts=starts, max_iterations=max_iterations)
     whole_number("seed", seed, 0, MatchError)
     check_callable("on_progress", on_progress, MatchError)
-    setting = make_setting(twin, recordings, names, unknowns, events, masks, robust)
-    solver = checked_solver(solver, setting)
+    problem = make_match_problem(twin, recordings, names, unknowns, events, masks, robust)
+    solver = checked_solver(solver, problem)
 
-    def tell(start: int, step: Step) -> None:
+    def report_step(start: int, step: Step) -> None:
         if on_progress is not None:
             on_progress(make_iteration(step, start, unknowns, names))
 
     vectors = _starts(unknowns, starts, seed)
-    ((first, knowledge),) = estimate([setting], solver, vectors[:1], max_iterations, tell)
-    attempts = [first]
+    ((first, noise_model),) = estimate([problem], solver, vectors[:1], max_iterations, report_step)
+    results = [first]
     if starts > 1:
         # The others descend on the same cost, so that they can be compared.
-        problem = make_problem(setting, knowledge)
-        attempts += descend(
-            [problem] * (starts - 1),
+        objective = make_objective(problem, noise_model)
+        results += descend(
+            [objective] * (starts - 1),
             solver,
             vectors[1:],
             max_iterations,
-            setting.box,
-            setting.scale,
-            on_step=lambda number, step: tell(number + 1, step),
+            problem.bounds,
+            problem.scale,
+            on_step=lambda number, step: report_step(number + 1, step),
         )
     order = sorted(
-        (number for number, one in enumerate(attempts) if np.isfinite(one.cost)),
-        key=lambda number: attempts[number].cost,
+        (number for number, one in enumerate(results) if np.isfinite(one.cost)),
+        key=lambda number: results[number].cost,
     )
     if not order:
         raise MatchError(
             f"{twin.rig.name}: the start gives no finite temperatures; start from other values"
         )
-    best = attempts[order[0]]
-    optima = tuple(_optimum(attempts[number], number, best, unknowns, names) for number in order)
-    return make_fit(setting, knowledge, best, order[0], names, optima, began)
+    best = results[order[0]]
+    optima = tuple(_optimum(results[number], number, best, unknowns, names) for number in order)
+    return make_fit(problem, noise_model, best, order[0], names, optima, began)
 
 
-def make_setting(
+def make_match_problem(
     twin: Twin,
     recordings: Sequence[Experiment],
     names: tuple[str, ...],
@@ -168,7 +168,7 @@ def make_setting(
     events: Events | None,
     masks: Mapping[str, Sequence[Span]] | None,
     robust: float | None,
-) -> Setting:
+) -> MatchProblem:
     """Checks what is said about single recordings and puts a match together."""
     weights = tuple(span_weights(names, recordings, masks))
     samples = sum(int(np.count_nonzero(one)) for one in weights)
@@ -201,11 +201,11 @@ def make_setting(
     else:
         detect = error is not None and (error.detect if events is None else events == "detect")
         times = None if detect else none
-    return Setting(
+    return MatchProblem(
         twin=twin,
         experiments=tuple(recordings),
         unknowns=unknowns,
-        samples=weights,
+        sample_weights=weights,
         events=times,
         common_error=error,
         robust=robust,
@@ -222,84 +222,84 @@ def _is_excited(recording: Experiment, weight: Float[np.ndarray, "times channels
     return bool(np.any(recording.duty) or np.any(spread > 0))
 
 
-def default_solver(setting: Setting) -> BoundedLevenbergMarquardt:
+def default_solver(problem: MatchProblem) -> BoundedLevenbergMarquardt:
     """Weighted residuals are counted in standard deviations, and a fall of a thousandth means
     nothing; plain ones may be all that a recording without noise leaves."""
-    return BoundedLevenbergMarquardt(rtol=3e-5 if setting.weighs else 1e-7)
+    return BoundedLevenbergMarquardt(rtol=3e-5 if problem.is_weighted else 1e-7)
 
 
 def checked_solver(
-    solver: BoundedLevenbergMarquardt | None, setting: Setting
+    solver: BoundedLevenbergMarquardt | None, problem: MatchProblem
 ) -> BoundedLevenbergMarquardt:
     """The solver that was given, or the default one.
 
     **Raises:** `MatchError` where another thing was given.
     """
     if solver is None:
-        return default_solver(setting)
+        return default_solver(problem)
     allowed = "a BoundedLevenbergMarquardt or None"
     return of_kind("solver", solver, BoundedLevenbergMarquardt, allowed, MatchError)
 
 
 def make_fit(
-    setting: Setting,
-    knowledge: Knowledge,
-    attempt: Attempt,
+    problem: MatchProblem,
+    noise_model: NoiseModel,
+    result: DescentResult,
     start: int,
     names: tuple[str, ...],
     optima: tuple[Optimum, ...],
     began: float,
 ) -> Fit:
-    """The result of the best attempt."""
-    twin, unknowns = setting.twin, setting.unknowns
+    """The fit of the best descent."""
+    twin, unknowns = problem.twin, problem.unknowns
     values = [
         {name: float(value) for name, value in one.items()}
-        for one in unknowns.values(attempt.vector)
+        for one in unknowns.recording_values(result.vector)
     ]
     own = {
-        name: {row.name: one[row.name] for row in unknowns.own}
+        name: {row.name: one[row.name] for row in unknowns.per_recording}
         for name, one in zip(names, values, strict=True)
     }
     runs = {
         name: simulate(twin.with_parameters(value), experiment)
-        for name, value, experiment in zip(names, values, setting.experiments, strict=True)
+        for name, value, experiment in zip(names, values, problem.experiments, strict=True)
     }
-    residuals = split_residuals(attempt)
-    solved = solved_temperatures(attempt)
+    residuals = split_residuals(result)
+    solved = solved_temperatures(result)
     gaps = [run.temperatures - own for run, own in zip(runs.values(), solved, strict=True)]
     camera = {
         name: CameraError(events, error)
-        for name, events, error in zip(names, knowledge.events, residuals.camera, strict=True)
+        for name, events, error in zip(names, noise_model.events, residuals.camera, strict=True)
     }
     fits = {
         (name, channel): value
         for name, run in runs.items()
         for channel, value in _seen(run, camera[name].offset).fit_percent.items()
     }
-    known, noise = confidence(attempt, residuals, unknowns, knowledge, names)
-    state = attempt.state
+    known, noise = confidence(result, residuals, unknowns, noise_model, names)
+    state = result.state
     return Fit(
         twin=twin.with_parameters(values[0]),
         recordings=names,
-        fingerprints=tuple(one.fingerprint for one in setting.experiments),
-        channels=tuple(one.channels for one in setting.experiments),
-        parameters=_table(twin, unknowns, attempt.vector, known),
+        fingerprints=tuple(one.fingerprint for one in problem.experiments),
+        channels=tuple(one.channels for one in problem.experiments),
+        parameters=_table(twin, unknowns, result.vector, known),
         recording_values=own,
         fit_percent=fits,
-        rmse=float(np.sqrt(attempt.mean_square)),
+        rmse=float(np.sqrt(result.mean_square)),
         status=STATUS[int(state.status)],
         converged=int(state.status) != RUNNING,
-        history=tuple(make_iteration(step, start, unknowns, names) for step in attempt.steps),
+        history=tuple(make_iteration(step, start, unknowns, names) for step in result.steps),
         optima=optima,
         wall_time=time.perf_counter() - began,
         solver_gap=max(float(np.abs(gap).max()) for gap in gaps),
         camera_error=float(np.sqrt(np.mean(np.concatenate(residuals.camera) ** 2))),
         noise=noise,
         uncertainty=known,
-        cost=attempt.cost,
-        setting=setting,
-        knowledge=knowledge,
-        vector=attempt.vector,
+        cost=result.cost,
+        problem=problem,
+        noise_model=noise_model,
+        vector=result.vector,
         date=datetime.now(UTC).isoformat(timespec="seconds"),
         versions={"jaxtwin": __version__, "jax": jax.__version__},
         comparisons=tuple(Comparison(runs[name], camera[name]) for name in names),
@@ -326,28 +326,34 @@ def make_iteration(step: Step, start: int, unknowns: Unknowns, names: tuple[str,
 
 
 def _optimum(
-    attempt: Attempt, number: int, best: Attempt, unknowns: Unknowns, names: tuple[str, ...]
+    result: DescentResult,
+    number: int,
+    best: DescentResult,
+    unknowns: Unknowns,
+    names: tuple[str, ...],
 ) -> Optimum:
     # Samples that fill up recordings differ by nothing.
-    pairs = zip(attempt.differences, best.differences, strict=True)
+    pairs = zip(result.differences, best.differences, strict=True)
     squares = sum(float(np.sum((one - other) ** 2)) for one, other in pairs)
-    samples = sum(int(g.lengths.sum()) * g.temperatures.shape[-1] for g in best.problem.groups)
+    samples = sum(int(g.lengths.sum()) * g.temperatures.shape[-1] for g in best.objective.groups)
     return Optimum(
         start=number,
-        cost=attempt.cost,
+        cost=result.cost,
         apart=float(np.sqrt(squares / samples)),
-        rmse=float(np.sqrt(attempt.mean_square)),
-        iterations=len(attempt.steps) - 1,
-        status=STATUS[int(attempt.state.status)],
-        converged=int(attempt.state.status) != RUNNING,
-        parameters=labelled(unknowns, attempt.vector, names),
+        rmse=float(np.sqrt(result.mean_square)),
+        iterations=len(result.steps) - 1,
+        status=STATUS[int(result.state.status)],
+        converged=int(result.state.status) != RUNNING,
+        parameters=labelled(unknowns, result.vector, names),
     )
 
 
 def _starts(unknowns: Unknowns, starts: int, seed: int) -> list[Float[np.ndarray, " unknowns"]]:
     first, lower, upper = unknowns.start(), unknowns.lower(), unknowns.upper()
-    precision = unknowns.prior_precision()
-    spread = np.where(precision > 0, 1 / np.where(precision > 0, precision, 1), unknowns.widths())
+    precision = unknowns.prior_weights()
+    spread = np.where(
+        precision > 0, 1 / np.where(precision > 0, precision, 1), unknowns.default_scales()
+    )
     rng = np.random.default_rng(seed)
     vectors = [first]
     for _ in range(starts - 1):
@@ -360,7 +366,7 @@ def labelled(
     unknowns: Unknowns, vector: Float[np.ndarray, " unknowns"], names: tuple[str, ...]
 ) -> dict[str, float]:
     """Label -> value in the parameter's unit."""
-    return dict(zip(unknowns.labels(names), unknowns.physical(vector).tolist(), strict=True))
+    return dict(zip(unknowns.labels(names), unknowns.to_values(vector).tolist(), strict=True))
 
 
 def _table(
@@ -371,21 +377,21 @@ def _table(
 ) -> FittedParameters:
     errors = np.sqrt(np.diag(known.covariance))
     # What nothing tells has a finite share in the vector's covariance.
-    vector_errors = np.where(np.isinf(errors), np.inf, np.sqrt(np.diag(known.entries)))
+    vector_errors = np.where(np.isinf(errors), np.inf, np.sqrt(np.diag(known.vector_covariance)))
     lower, upper = unknowns.lower(), unknowns.upper()
     with np.errstate(invalid="ignore"):
         touching = (vector <= lower + 1e-9) | (vector >= upper - 1e-9)
-    centre, precision = unknowns.prior_centre(), unknowns.prior_precision()
+    centre, precision = unknowns.prior_means(), unknowns.prior_weights()
     away = (vector - centre) * precision
     published = twin.rig.parameter_sets.get("published", {})
     numbers: dict[str, list[int]] = {}
-    for number, row in enumerate(unknowns.rows):
+    for number, row in enumerate(unknowns.entry_parameters):
         numbers.setdefault(row.name, []).append(number)
-    values = unknowns.physical(vector)
+    values = unknowns.to_values(vector)
     table = FittedParameters()
     for name, row in twin.rig.parameters.items():
         entries = numbers.get(name, [])
-        matched = unknowns.rows[entries[0]] if entries else row
+        matched = unknowns.entry_parameters[entries[0]] if entries else row
         initial = float(twin.parameters[name])
         value = float(np.mean(values[entries])) if entries else initial
         error = float(np.max(vector_errors[entries])) if entries else float("nan")
@@ -408,7 +414,9 @@ def _table(
             prior_value=matched.prior_value if has_prior else None,
             prior_spread=matched.prior_spread if has_prior else None,
             prior_distance=max(away[entries].tolist(), key=abs) if has_prior else None,
-            narrowing=float(np.min(known.narrowing[entries])) if entries else float("nan"),
+            prior_to_data_ratio=float(np.min(known.prior_to_data_ratio[entries]))
+            if entries
+            else float("nan"),
             relative_standard_error=error if logarithmic else float("nan"),
             interval=interval_95(value, error, is_logarithmic=logarithmic),
         )

@@ -1,4 +1,4 @@
-"""What the residuals of a match are like: how large, for how long they keep their sign."""
+"""The noise of residuals: its standard deviation and autocorrelation time, and Huber's weights."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,23 +11,23 @@ from jaxtyping import Bool, Float
 @final
 @dataclass(frozen=True)
 class Noise:
-    """Residuals of one kind, over all recordings.
+    """The noise of residuals of one kind, over all recordings.
 
-    - `deviation`: their standard deviation, K.
-    - `correlated`: how many samples count as one, because they do not vary independently: one plus
-      twice the sum of the autocorrelations.
+    - `standard_deviation`: of one sample, K.
+    - `autocorrelation_time`: the integrated autocorrelation time in samples, one plus twice the sum
+      of the autocorrelations. As many samples tell as much as one independent sample.
     """
 
-    deviation: float
-    correlated: float
+    standard_deviation: float
+    autocorrelation_time: float
 
     @property
     def effective(self) -> float:
-        """Standard deviation that independent samples would need to tell as little, K."""
-        return self.deviation * float(np.sqrt(self.correlated))
+        """Standard deviation of independent samples that would tell as little, K."""
+        return self.standard_deviation * float(np.sqrt(self.autocorrelation_time))
 
 
-def noise_of(
+def estimate_noise(
     series: Sequence[Float[np.ndarray, "_times _channels"]], samples: float | int | None = None
 ) -> Noise:
     """Standard deviation and autocorrelation of several series of residuals about zero.

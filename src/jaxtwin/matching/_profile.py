@@ -29,7 +29,7 @@ from jaxtyping import Float
 from .._arguments import check_callable, of_kind, whole_number
 from .._errors import MatchError, ParameterError
 from ._descend import Step, descend
-from ._estimate import make_problem
+from ._estimate import make_objective
 from ._fit import Fit, Iteration
 from ._match import default_solver, make_iteration
 
@@ -93,8 +93,8 @@ def profile(
     the bounds, fewer than 3 points, or a fit that was loaded without its recordings.
     """
     of_kind("profile: fit", fit, Fit, "a Fit, as match gives it", MatchError)
-    unknowns = fit.setting.unknowns
-    setting = replace(fit.setting, experiments=fit.experiments)  # not those of a bare file
+    unknowns = fit.problem.unknowns
+    problem = replace(fit.problem, experiments=fit.experiments)  # not those of a bare file
     shared = [row.name for row in unknowns.shared]
     if name not in shared:
         raise ParameterError(f"profile: found {name!r}, allowed are {', '.join(shared)}")
@@ -105,9 +105,9 @@ def profile(
     row = unknowns.shared[entry]
     lower, upper = unknowns.lower()[entry], unknowns.upper()[entry]
     if values is None:
-        spread = float(np.sqrt(fit.uncertainty.entries[entry, entry]))
+        spread = float(np.sqrt(fit.uncertainty.vector_covariance[entry, entry]))
         if not np.isfinite(spread) or spread == 0:
-            spread = float(unknowns.widths()[entry])
+            spread = float(unknowns.default_scales()[entry])
         at = fit.vector[entry] + np.linspace(-3, 3, points) * spread
         at = np.unique(np.clip(at, lower, upper))
     else:
@@ -118,33 +118,33 @@ def profile(
                 f"{row.upper:g} {row.unit}"
             )
         at = np.log(given) if row.is_logarithmic else given
-    problem = make_problem(setting, fit.knowledge)
-    problems, starts = [], []
+    objective = make_objective(problem, fit.noise_model)
+    objectives, starts = [], []
     for value in at:
-        centre, precision = problem.centre.copy(), problem.precision.copy()
+        centre, precision = objective.centre.copy(), objective.precision.copy()
         centre[entry], precision[entry] = value, PIN
-        problems.append(
-            eqx.tree_at(lambda p: (p.centre, p.precision), problem, (centre, precision))
+        objectives.append(
+            eqx.tree_at(lambda p: (p.centre, p.precision), objective, (centre, precision))
         )
         start = fit.vector.copy()
         start[entry] = value
         starts.append(start)
 
-    def tell(number: int, step: Step) -> None:
+    def report_step(number: int, step: Step) -> None:
         if on_progress is not None:
             on_progress(make_iteration(step, number, unknowns, fit.recordings))
 
-    attempts = descend(
-        problems,
-        default_solver(setting),
+    results = descend(
+        objectives,
+        default_solver(problem),
         starts,
         50,
-        setting.box,
-        setting.scale,
-        on_step=tell,
+        problem.bounds,
+        problem.scale,
+        on_step=report_step,
     )
-    prior = 0.5 * ((at - problem.centre[entry]) * problem.precision[entry]) ** 2
-    rise = np.array([one.cost for one in attempts]) + prior - fit.cost
+    prior = 0.5 * ((at - objective.centre[entry]) * objective.precision[entry]) ** 2
+    rise = np.array([one.cost for one in results]) + prior - fit.cost
     excess = 2 * _adjustment(fit, entry) * rise
     shown = np.exp(at) if row.is_logarithmic else at
     return Profile(name, row.unit, shown, excess, _interval(shown, excess, row.lower, row.upper))
@@ -153,12 +153,12 @@ def profile(
 def _adjustment(fit: Fit, entry: int) -> float:
     """By how much the weights of the match make too much of its residuals, inverted."""
     known = fit.uncertainty
-    variance = float(known.entries[entry, entry])
-    if known.labels[entry] not in known.dead and 0 < variance < np.inf:
+    variance = float(known.vector_covariance[entry, entry])
+    if known.labels[entry] not in known.insensitive and 0 < variance < np.inf:
         return float(known.inverse_hessian[entry, entry]) / variance
     # At a bound, or where nothing tells the value, it has no covariance: all residuals by their
     # size and correlation, the stronger of their two kinds for both.
-    pairs = zip(fit.noise, (fit.knowledge.alone, fit.knowledge.common), strict=True)
+    pairs = zip(fit.noise, (fit.noise_model.channel, fit.noise_model.common_mode), strict=True)
     stronger = max(found.effective / counted.effective for found, counted in pairs)
     return stronger**-2 if stronger > 0 else 1.0
 

@@ -79,7 +79,7 @@ class Ties(eqx.Module):
 
 
 @final
-class Problem(eqx.Module):
+class Objective(eqx.Module):
     """Everything that the residuals depend on beside the unknowns.
 
     - `twin`: values of the parameters that are held.
@@ -98,13 +98,13 @@ class Problem(eqx.Module):
     layout: Layout = eqx.field(static=True)
 
 
-def build_problem(
+def build_objective(
     twin: Twin,
     experiments: Sequence[Experiment],
     unknowns: Unknowns,
     weights: Sequence[Weights],
     ties: Ties | None = None,
-) -> Problem:
+) -> Objective:
     """Groups recordings by the shape of their schedules, so that compiled code is shared."""
     groups: dict[tuple, list[int]] = {}
     schedules = [padded_schedule(twin, experiment) for experiment in experiments]
@@ -134,18 +134,18 @@ def build_problem(
                 positions=tuple(positions),
             )
         )
-    return Problem(
+    return Objective(
         twin=twin,
         groups=tuple(gathered),
-        centre=unknowns.prior_centre(),
-        precision=unknowns.prior_precision(),
+        centre=unknowns.prior_means(),
+        precision=unknowns.prior_weights(),
         ties=Ties.none(unknowns.size) if ties is None else ties,
         layout=unknowns.layout,
     )
 
 
 def residuals(
-    vector: Float[Array, " unknowns"], problem: Problem
+    vector: Float[Array, " unknowns"], objective: Objective
 ) -> tuple[list[Any], Float[Array, ""]]:
     """The weighted residuals.
 
@@ -153,125 +153,129 @@ def residuals(
     sizes of the camera's shapes, then priors and ties; and the mean squared error of all samples
     that are not missing, K^2.
     """
-    return weighted(differences(vector, problem), vector, problem)
+    return weighted(differences(vector, objective), vector, objective)
 
 
 def weighted(
     groups: Sequence[Float[Array, "_recordings _times _channels"]],
     vector: Float[Array, " unknowns"],
-    problem: Problem,
+    objective: Objective,
 ) -> tuple[list[Any], Float[Array, ""]]:
     """The weighted residuals from the `differences`."""
     parts, squares, samples = [], jnp.zeros(()), jnp.zeros((), int)
-    for group, difference in zip(problem.groups, groups, strict=True):
+    for group, difference in zip(objective.groups, groups, strict=True):
 
         def one(
             difference: Array, weights: Weights, sampled: Array | np.ndarray
         ) -> tuple[Any, Array]:
-            alone, common, sizes = weights.split(difference)
+            channel, common_mode, sizes = weights.split(difference)
             error = difference - (jnp.asarray(weights.shapes) @ sizes)[:, None]
-            return weights.weigh(alone, common, sizes), jnp.sum(error**2, where=sampled)
+            return weights.weigh(channel, common_mode, sizes), jnp.sum(error**2, where=sampled)
 
         part, square = jax.vmap(one)(difference, group.weights, group.sampled)
         parts.append(part)
         squares += square.sum()
         samples += jnp.sum(group.sampled)
-    parts.append((vector - problem.centre) * problem.precision)
-    parts.append(jnp.asarray(problem.ties.rows) @ vector - problem.ties.values)
+    parts.append((vector - objective.centre) * objective.precision)
+    parts.append(jnp.asarray(objective.ties.rows) @ vector - objective.ties.values)
     return parts, squares / samples
 
 
-def differences(vector: Float[Array, " unknowns"], problem: Problem) -> list[Float[Array, "..."]]:
+def differences(
+    vector: Float[Array, " unknowns"], objective: Objective
+) -> list[Float[Array, "..."]]:
     """Simulated less recorded temperatures, `(recordings, times, channels)` for each group, K; 0
     for samples that fill up."""
 
     def one(local: Array, group: Recordings) -> Array:
-        error = _reading(local, problem, group.schedule, group.columns) - group.temperatures
+        error = _reading(local, objective, group.schedule, group.columns) - group.temperatures
         return jnp.where(jnp.arange(len(error))[:, None] < group.lengths, error, 0.0)
 
     return [
         jax.vmap(one)(local, group)
-        for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True)
+        for group, local in zip(objective.groups, _local_vectors(vector, objective), strict=True)
     ]
 
 
 def residual_jacobian(
-    vector: Float[Array, " unknowns"], problem: Problem
+    vector: Float[Array, " unknowns"], objective: Objective
 ) -> Float[Array, "residuals unknowns"]:
     """Derivatives of all residuals, in the order in which `ravel_pytree` lays them out.
 
     The same as `jax.jacfwd` of `residuals`, for less: a recording does not depend on the others'
     own values, and a channel's gain does not act on the plate.
     """
-    return weighted_jacobian(derivatives(vector, problem), problem)
+    return weighted_jacobian(derivatives(vector, objective), objective)
 
 
 def derivatives(
-    vector: Float[Array, " unknowns"], problem: Problem
+    vector: Float[Array, " unknowns"], objective: Objective
 ) -> list[Float[Array, "_recordings _entries _times _channels"]]:
     """Derivatives of the `differences` in the entries that concern each recording."""
     return [
-        jax.vmap(lambda one, g: _reading_jacobian(one, problem, g.schedule, g.columns))(
+        jax.vmap(lambda one, g: _reading_jacobian(one, objective, g.schedule, g.columns))(
             local, group
         )
-        for group, local in zip(problem.groups, _local_vectors(vector, problem), strict=True)
+        for group, local in zip(objective.groups, _local_vectors(vector, objective), strict=True)
     ]
 
 
 def weighted_jacobian(
-    groups: Sequence[Float[Array, "_recordings _entries _times _channels"]], problem: Problem
+    groups: Sequence[Float[Array, "_recordings _entries _times _channels"]], objective: Objective
 ) -> Float[Array, "residuals unknowns"]:
     """The residuals' Jacobian from the `derivatives`."""
-    size, columns = np.shape(problem.centre)[0], []
-    for group, slopes in zip(problem.groups, groups, strict=True):
+    size, columns = np.shape(objective.centre)[0], []
+    for group, slopes in zip(objective.groups, groups, strict=True):
 
         def one(slopes: Array, weights: Weights) -> tuple[Array, Array, Array]:
             return jax.vmap(lambda d: weights.weigh(*weights.split(d)))(slopes)
 
-        places = problem.layout.places()[list(group.positions)]
+        places = objective.layout.entry_indices()[list(group.positions)]
         number = np.arange(len(places))[:, None]
         for part in jax.vmap(one)(slopes, group.weights):
             flat = part.reshape(*part.shape[:2], -1)
             whole = jnp.zeros((size, len(places), flat.shape[-1]), flat.dtype)
             columns.append(whole.at[places, number].set(flat).reshape(size, -1))
-    columns.append(jnp.diag(jnp.asarray(problem.precision)))
-    columns.append(jnp.asarray(problem.ties.rows).T)
+    columns.append(jnp.diag(jnp.asarray(objective.precision)))
+    columns.append(jnp.asarray(objective.ties.rows).T)
     # Turned last, where it costs nothing: products of the columns do not care how they lie.
     return jnp.concatenate(columns, axis=1).T
 
 
 def _local_vectors(
-    vector: Float[Array, " unknowns"], problem: Problem
+    vector: Float[Array, " unknowns"], objective: Objective
 ) -> list[Float[Array, "_recordings _entries"]]:
-    places = problem.layout.places()
-    return [vector[places[list(group.positions)]] for group in problem.groups]
+    places = objective.layout.entry_indices()
+    return [vector[places[list(group.positions)]] for group in objective.groups]
 
 
 def _reading(
     local: Float[Array, " entries"],
-    problem: Problem,
+    objective: Objective,
     schedule: Schedule,
     columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "times channels"]:
     """What the camera reads without its common error, degC."""
-    system = problem.twin.with_parameters(problem.layout.local_values(local)).system(lumped=True)
+    system = objective.twin.with_parameters(objective.layout.local_values(local)).system(
+        lumped=True
+    )
     base, rise = channel_rises(system, schedule, columns)
     return base + system.gain[columns] * rise - 273.15
 
 
 def _reading_jacobian(
     local: Float[Array, " entries"],
-    problem: Problem,
+    objective: Objective,
     schedule: Schedule,
     columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "entries times channels"]:
-    layout = problem.layout
-    inner = np.array(layout.inner_entries(problem.twin), dtype=int)
+    layout = objective.layout
+    inner = np.array(layout.network_entries(objective.twin), dtype=int)
     outer = np.setdiff1d(np.arange(local.size), inner)
 
     def twin(part: Array, entries: np.ndarray) -> Twin:
         values = layout.local_values(local.at[entries].set(part))
-        return problem.twin.with_parameters(values)
+        return objective.twin.with_parameters(values)
 
     def plate(part: Array) -> tuple[Array, Array]:
         system = twin(part, inner).system(lumped=True)
@@ -305,7 +309,7 @@ def channel_rises(
     channel looks at is."""
     weights = jnp.asarray(system.wiring.channel_weights)[columns]
     reference = reference_temperature(system, schedule)
-    deviation = solve_schedule(system, schedule, system.initial_temperature, weights)
-    ambient = jnp.asarray(ambient_of_samples(system, schedule), deviation.dtype)
-    ambient = jnp.broadcast_to(ambient, (deviation.shape[0], 1))
-    return reference + ambient, deviation - ambient
+    rise = solve_schedule(system, schedule, system.initial_temperature, weights)
+    ambient = jnp.asarray(ambient_of_samples(system, schedule), rise.dtype)
+    ambient = jnp.broadcast_to(ambient, (rise.shape[0], 1))
+    return reference + ambient, rise - ambient

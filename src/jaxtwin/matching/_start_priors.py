@@ -71,7 +71,7 @@ def ties(rig: Rig, unknowns: Unknowns, room: float | None, first: float) -> Ties
     - `room`: as the last round has it, degC; None for a rig at rest.
     - `first`: what was read first, degC.
     """
-    names = [row.name for row in unknowns.own]
+    names = [row.name for row in unknowns.per_recording]
     rooms = [names.index(name) for name in room_parameters(rig) if name in names]
     if not rooms:
         return Ties.none(len(names))

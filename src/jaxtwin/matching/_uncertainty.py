@@ -5,9 +5,10 @@ what is known beforehand, $P$,
 
 $$A = J^T J + P, \qquad \operatorname{cov} = A^{-1} (J^T \Gamma J + P) A^{-1}$$
 
-(Huber 1967, White 1982): the match weighs its residuals as if they did not depend on each other,
-which costs some sharpness and no honesty as long as $\Gamma$ is in the middle. `_autocovariance`
-says where it comes from. What the recordings alone tell is $J^T J (J^T \Gamma J)^{-1} J^T J$
+This is the sandwich estimator (Huber 1967, White 1982): $A^{-1}$ is its bread and
+$J^T \Gamma J + P$ its meat. The match weighs its residuals as if they were independent; that costs
+some sharpness, but the covariance stays honest because $\Gamma$ enters it. `_autocovariance` says
+how $\Gamma$ is estimated. What the recordings alone tell is $J^T J (J^T \Gamma J)^{-1} J^T J$
 (Godambe 1960), the inverse of that covariance without $P$.
 """
 
@@ -24,21 +25,24 @@ CLOSE = 0.95
 
 @final
 @dataclass(frozen=True)
-class FlatDirection:
-    """A combination of parameters that the recordings leave open.
+class UnidentifiableDirection:
+    """A combination of parameters that the recordings determine less than the prior does.
+
+    It is practically unidentifiable in the sense of Raue and others, Bioinformatics 25 (2009)
+    1923-1929: the likelihood alone is flat along it.
 
     - `weights`: label -> share in the direction, largest first; each parameter measured by what is
       known of it beforehand (relative for positive parameters without a prior).
-    - `narrowing`: how many times narrower than the prior the recordings alone would leave it: below
-      1 they tell less than the prior.
+    - `prior_to_data_ratio`: the prior's standard deviation along the direction over the one that
+      the recordings alone would leave. Below 1 the recordings tell less than the prior.
     """
 
     weights: dict[str, float]
-    narrowing: float
+    prior_to_data_ratio: float
 
     def __str__(self) -> str:
         terms = " ".join(f"{weight:+.2f} {label}" for label, weight in self.weights.items())
-        return f"{terms} (narrowing {self.narrowing:.2g})"
+        return f"{terms} (ratio {self.prior_to_data_ratio:.2g})"
 
 
 @final
@@ -52,14 +56,14 @@ class Uncertainty:
     - `covariance`: in physical units; NaN where a value was held at a bound, infinite variances
       where nothing tells it.
     - `correlation`: of the same.
-    - `narrowing`: how many times narrower than the prior the recordings alone would leave each
-      value, the others being known; 0 for dead parameters.
+    - `prior_to_data_ratio`: the prior's standard deviation of each value over the one that the
+      recordings alone would leave if the other values were known; 0 for insensitive parameters.
     - `singular_values`: of the recordings' sensitivity matrix, each column scaled by what is known
       beforehand, largest first: below 1 a direction is the prior's.
-    - `flat`: those directions, spelled out.
-    - `dead`: labels that no sample depends on.
+    - `unidentifiable`: those directions, spelled out.
+    - `insensitive`: labels that no sample depends on.
     - `collinear`: pairs whose correlation is above 0.95 in size, with it.
-    - `entries`: covariance of the optimiser's vector, in which positive parameters are logarithms.
+    - `vector_covariance`: of the optimiser's vector, in which positive parameters are logarithms.
     - `inverse_hessian`: $A^{-1}$, what the covariance of that vector would be if the weighted
       residuals were independent with a standard deviation of 1; NaN where a value was held at a
       bound.
@@ -70,12 +74,12 @@ class Uncertainty:
     labels: tuple[str, ...]
     covariance: Float[np.ndarray, "values values"]
     correlation: Float[np.ndarray, "values values"]
-    narrowing: Float[np.ndarray, " values"]
+    prior_to_data_ratio: Float[np.ndarray, " values"]
     singular_values: Float[np.ndarray, " directions"]
-    flat: tuple[FlatDirection, ...]
-    dead: tuple[str, ...]
+    unidentifiable: tuple[UnidentifiableDirection, ...]
+    insensitive: tuple[str, ...]
     collinear: tuple[tuple[str, str, float], ...]
-    entries: Float[np.ndarray, "values values"]
+    vector_covariance: Float[np.ndarray, "values values"]
     inverse_hessian: Float[np.ndarray, "values values"]
     between_recordings: Float[np.ndarray, " values"]
 
@@ -87,15 +91,15 @@ class Uncertainty:
 
     def report(self) -> str:
         """What the recordings cannot tell, in words."""
-        count = f"{len(self.singular_values)} directions, {len(self.flat)}"
+        count = f"{len(self.singular_values)} directions, {len(self.unidentifiable)}"
         lines = [f"{count} of them determined less by the recordings than beforehand"]
-        if self.flat:
+        if self.unidentifiable:
             lines.append(
-                "narrowing: how many times narrower than beforehand the recordings leave a "
-                "direction; below 1 they say less than was known"
+                "ratio: the standard deviation of the prior over the one that the recordings alone "
+                "would leave; below 1 they say less than was known"
             )
-        lines += [f"dead: {', '.join(self.dead)}"] * bool(self.dead)
-        lines += [f"flat: {direction}" for direction in self.flat]
+        lines += [f"insensitive: {', '.join(self.insensitive)}"] * bool(self.insensitive)
+        lines += [f"unidentifiable: {direction}" for direction in self.unidentifiable]
         lines += [f"correlated: {a} and {b}, {value:.3f}" for a, b, value in self.collinear]
         return "\n".join(lines)
 
@@ -103,7 +107,7 @@ class Uncertainty:
 def uncertainty(
     labels: Sequence[str],
     normal: Float[np.ndarray, "free free"],
-    middle: Float[np.ndarray, "free free"],
+    meat: Float[np.ndarray, "free free"],
     precision: Float[np.ndarray, " values"],
     scale: Float[np.ndarray, " values"],
     slopes: Float[np.ndarray, " values"],
@@ -114,7 +118,7 @@ def uncertainty(
     **Arguments:**
 
     - `labels`: of the entries of the optimiser's vector.
-    - `normal`, `middle`: $J^T J$ and $J^T \\Gamma J$ for the entries inside their bounds.
+    - `normal`, `meat`: $J^T J$ and $J^T \\Gamma J$ for the entries inside their bounds.
     - `precision`: one over the prior's standard deviation of each entry, 0 where there is none.
     - `scale`: by which entries are measured: the prior's standard deviation, or what stands for
       it.
@@ -127,21 +131,21 @@ def uncertainty(
     n = len(labels)
     prior = np.diag(precision[free] ** 2)
     inverse, lost = inverse_of_normal(normal + prior)
-    spread = inverse @ (middle + prior) @ inverse
-    entries = np.full((n, n), np.nan)
-    entries[np.ix_(free, free)] = spread
+    spread = inverse @ (meat + prior) @ inverse
+    vector_covariance = np.full((n, n), np.nan)
+    vector_covariance[np.ix_(free, free)] = spread
     inverse_hessian = np.full((n, n), np.nan)
     inverse_hessian[np.ix_(free, free)] = inverse
     endless = np.zeros(n, dtype=bool)
     endless[free[lost]] = True
-    covariance, correlation = physical_covariance(entries, slopes, endless)
+    covariance, correlation = physical_covariance(vector_covariance, slopes, endless)
     # What the recordings alone tell, per unit of what is known beforehand.
-    singular, directions, lengths = _singular(normal, middle, scale[free])
-    narrowing = np.full(n, np.nan)
-    narrowing[free] = lengths
+    singular, directions, lengths = _singular(normal, meat, scale[free])
+    prior_to_data_ratio = np.full(n, np.nan)
+    prior_to_data_ratio[free] = lengths
     names = [labels[int(number)] for number in free]
-    flat = [
-        FlatDirection(_largest(names, direction), float(value))
+    unidentifiable = [
+        UnidentifiableDirection(_largest(names, direction), float(value))
         for value, direction in zip(singular, directions.T, strict=True)
         if value < 1
     ]
@@ -149,19 +153,19 @@ def uncertainty(
         labels=tuple(labels),
         covariance=covariance,
         correlation=correlation,
-        narrowing=narrowing,
+        prior_to_data_ratio=prior_to_data_ratio,
         singular_values=singular[::-1],
-        flat=tuple(flat),
-        dead=dead_labels(labels, narrowing),
+        unidentifiable=tuple(unidentifiable),
+        insensitive=insensitive_labels(labels, prior_to_data_ratio),
         collinear=close_pairs(labels, correlation),
-        entries=entries,
+        vector_covariance=vector_covariance,
         inverse_hessian=inverse_hessian,
         between_recordings=np.zeros(n),
     )
 
 
 def physical_covariance(
-    entries: Float[np.ndarray, "values values"],
+    vector_covariance: Float[np.ndarray, "values values"],
     slopes: Float[np.ndarray, " values"],
     endless: Bool[np.ndarray, " values"],
 ) -> tuple[Float[np.ndarray, "values values"], Float[np.ndarray, "values values"]]:
@@ -169,19 +173,24 @@ def physical_covariance(
 
     **Arguments:**
 
-    - `entries`: covariance of the optimiser's vector. `slopes`: of the physical values in it.
+    - `vector_covariance`: of the optimiser's vector.
+    - `slopes`: derivatives of the physical values in the vector's entries.
     - `endless`: which values nothing tells: their variances are infinite.
     """
-    covariance = entries * np.outer(slopes, slopes)
+    covariance = vector_covariance * np.outer(slopes, slopes)
     covariance[endless, endless] = np.inf
     errors = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         return covariance, covariance / np.outer(errors, errors)
 
 
-def dead_labels(labels: Sequence[str], narrowing: Float[np.ndarray, " values"]) -> tuple[str, ...]:
+def insensitive_labels(
+    labels: Sequence[str], prior_to_data_ratio: Float[np.ndarray, " values"]
+) -> tuple[str, ...]:
     """Labels that no sample depends on."""
-    return tuple(label for label, one in zip(labels, narrowing, strict=True) if one < 1e-9)
+    return tuple(
+        label for label, one in zip(labels, prior_to_data_ratio, strict=True) if one < 1e-9
+    )
 
 
 def close_pairs(
@@ -214,7 +223,7 @@ def inverse_of_normal(
 
 def _singular(
     normal: Float[np.ndarray, "free free"],
-    middle: Float[np.ndarray, "free free"],
+    meat: Float[np.ndarray, "free free"],
     scale: Float[np.ndarray, " free"],
 ) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, "free free"], Float[np.ndarray, " free"]]:
     r"""Singular values of the scaled sensitivities, their directions, and lengths of the columns.
@@ -227,11 +236,11 @@ def _singular(
     shown = root > 1e-7 * root.max(initial=0.0)
     back = np.where(shown, 1 / np.where(shown, root, 1.0), 0.0)
     # How much stronger the noise is along each direction than the match's weights say.
-    stronger = (vectors * back).T @ (middle * size) @ (vectors * back)
+    stronger = (vectors * back).T @ (meat * size) @ (vectors * back)
     stronger += np.diag(~shown).astype(float)
     information = (vectors * root) @ np.linalg.pinv(stronger, hermitian=True) @ (vectors * root).T
     values, directions = np.linalg.eigh(information)
-    # Rounding must not make a dead parameter look alive.
+    # Rounding must not make an insensitive parameter look sensitive.
     lengths = np.sqrt(np.where(np.diag(normal * size) > 1e-18, np.abs(np.diag(information)), 0.0))
     return np.sqrt(np.maximum(values, 0.0)), directions, lengths
 

@@ -29,63 +29,68 @@ class Unknowns:
     **Arguments:**
 
     - `shared`: parameters with one value for all recordings.
-    - `own`: parameters with a value for each recording.
+    - `per_recording`: parameters with a value for each recording.
     - `recordings`: how many recordings there are.
     """
 
     shared: tuple[Parameter, ...]
-    own: tuple[Parameter, ...]
+    per_recording: tuple[Parameter, ...]
     recordings: int
 
     @property
-    def rows(self) -> tuple[Parameter, ...]:
+    def entry_parameters(self) -> tuple[Parameter, ...]:
         """The parameter of each entry of the vector."""
-        return self.shared + self.own * self.recordings
+        return self.shared + self.per_recording * self.recordings
 
     @property
     def size(self) -> int:
         """Length of the vector."""
-        return len(self.rows)
+        return len(self.entry_parameters)
 
     def start(self) -> Float[np.ndarray, " unknowns"]:
         """The parameters' values as a vector."""
-        return np.array([_inward(row, row.value) for row in self.rows])
+        return np.array([_inward(row, row.value) for row in self.entry_parameters])
 
     def lower(self) -> Float[np.ndarray, " unknowns"]:
         """Lower bounds of the vector."""
-        return np.array([_inward(row, row.lower) for row in self.rows])
+        return np.array([_inward(row, row.lower) for row in self.entry_parameters])
 
     def upper(self) -> Float[np.ndarray, " unknowns"]:
         """Upper bounds of the vector."""
-        return np.array([_inward(row, row.upper) for row in self.rows])
+        return np.array([_inward(row, row.upper) for row in self.entry_parameters])
 
-    def prior_centre(self) -> Float[np.ndarray, " unknowns"]:
+    def prior_means(self) -> Float[np.ndarray, " unknowns"]:
         """What each entry is expected to be beforehand; 0 where nothing is known."""
-        expected = [(row, row.prior_value) for row in self.rows]
+        expected = [(row, row.prior_value) for row in self.entry_parameters]
         return np.array([0.0 if value is None else _inward(row, value) for row, value in expected])
 
-    def prior_precision(self) -> Float[np.ndarray, " unknowns"]:
+    def prior_weights(self) -> Float[np.ndarray, " unknowns"]:
         """One over the standard deviation of that; 0 where nothing is known."""
         return np.array(
-            [0.0 if row.prior_spread is None else 1 / row.prior_spread for row in self.rows]
+            [
+                0.0 if row.prior_spread is None else 1 / row.prior_spread
+                for row in self.entry_parameters
+            ]
         )
 
-    def widths(self) -> Float[np.ndarray, " unknowns"]:
+    def default_scales(self) -> Float[np.ndarray, " unknowns"]:
         """What stands for the width of an entry of which nothing is known: a factor of e, a tenth
         of its range, or one more than its size."""
         with np.errstate(invalid="ignore"):
             ranges = self.upper() - self.lower()
         plain = 0.1 * np.where(np.isfinite(ranges), ranges, np.abs(self.start()) + 1)
-        return np.where([row.is_logarithmic for row in self.rows], 1.0, plain)
+        return np.where([row.is_logarithmic for row in self.entry_parameters], 1.0, plain)
 
-    def slopes(self, vector: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " unknowns"]:
+    def value_derivatives(
+        self, vector: Float[np.ndarray, " unknowns"]
+    ) -> Float[np.ndarray, " unknowns"]:
         """Derivatives of the parameters' values in the vector's entries."""
-        pairs = zip(self.rows, vector, strict=True)
+        pairs = zip(self.entry_parameters, vector, strict=True)
         return np.array([np.exp(entry) if row.is_logarithmic else 1.0 for row, entry in pairs])
 
     def labels(self, recordings: Sequence[str]) -> tuple[str, ...]:
         """Names of the entries; those of one recording as `name[recording]`."""
-        own = [f"{row.name}[{recording}]" for recording in recordings for row in self.own]
+        own = [f"{row.name}[{recording}]" for recording in recordings for row in self.per_recording]
         return (*(row.name for row in self.shared), *own)
 
     @property
@@ -93,29 +98,32 @@ class Unknowns:
         """Which entry is what."""
         return Layout(
             shared=tuple((row.name, row.is_logarithmic) for row in self.shared),
-            own=tuple((row.name, row.is_logarithmic) for row in self.own),
+            per_recording=tuple((row.name, row.is_logarithmic) for row in self.per_recording),
             recordings=self.recordings,
         )
 
-    def physical(
+    def to_values(
         self, vector: Float[np.ndarray, "*draws unknowns"]
     ) -> Float[np.ndarray, "*draws unknowns"]:
         """The entries in their parameters' units."""
         found = np.array(vector)
-        logarithmic = np.array([row.is_logarithmic for row in self.rows], dtype=bool)
+        logarithmic = np.array([row.is_logarithmic for row in self.entry_parameters], dtype=bool)
         found[..., logarithmic] = np.exp(found[..., logarithmic])
         # A value at a bound has been through a logarithm; it must not come back from beyond.
-        lower, upper = np.array([(row.lower, row.upper) for row in self.rows]).T
+        lower, upper = np.array([(row.lower, row.upper) for row in self.entry_parameters]).T
         return np.clip(found, lower, upper)
 
-    def values(
+    def recording_values(
         self, vector: Float[np.ndarray, "*draws unknowns"]
     ) -> list[dict[str, Float[np.ndarray, "*draws"]]]:
         """Name -> value in the parameter's unit, for each recording."""
-        found, names = self.physical(vector), [row.name for row in self.shared + self.own]
+        found, names = (
+            self.to_values(vector),
+            [row.name for row in self.shared + self.per_recording],
+        )
         return [
             {name: found[..., entry] for name, entry in zip(names, places, strict=True)}
-            for places in self.layout.places()
+            for places in self.layout.entry_indices()
         ]
 
 
@@ -126,17 +134,17 @@ class Layout:
 
     **Arguments:**
 
-    - `shared`, `own`: pairs (name, whether it enters by its logarithm).
+    - `shared`, `per_recording`: pairs (name, whether it enters by its logarithm).
     - `recordings`: how many recordings there are.
     """
 
     shared: tuple[tuple[str, bool], ...]
-    own: tuple[tuple[str, bool], ...]
+    per_recording: tuple[tuple[str, bool], ...]
     recordings: int
 
-    def places(self) -> Int[np.ndarray, "recordings entries"]:
+    def entry_indices(self) -> Int[np.ndarray, "recordings entries"]:
         """Where in the vector the entries that concern each recording stand."""
-        shared, own = len(self.shared), len(self.own)
+        shared, own = len(self.shared), len(self.per_recording)
         of_recording = shared + own * np.arange(self.recordings)[:, None] + np.arange(own)
         first = np.broadcast_to(np.arange(shared), (self.recordings, shared))
         return np.concatenate([first, of_recording], axis=1)
@@ -145,13 +153,13 @@ class Layout:
         """Name -> value in the parameter's unit, from the entries that concern one recording."""
         return {
             name: jnp.exp(local[number]) if logarithmic else local[number]
-            for number, (name, logarithmic) in enumerate(self.shared + self.own)
+            for number, (name, logarithmic) in enumerate(self.shared + self.per_recording)
         }
 
-    def inner_entries(self, twin: Twin) -> list[int]:
+    def network_entries(self, twin: Twin) -> list[int]:
         """Which entries that concern a recording act on the network, not only on gains."""
         outer = twin.wiring.gain_parameters
-        names = self.shared + self.own
+        names = self.shared + self.per_recording
         return [number for number, (name, _) in enumerate(names) if name not in outer]
 
 
@@ -232,7 +240,7 @@ def choose_unknowns(
         rows.append(replace(bounded, free=True, scope=scope))
     return Unknowns(
         shared=tuple(row for row in rows if row.scope == "shared"),
-        own=tuple(row for row in rows if row.scope == "recording"),
+        per_recording=tuple(row for row in rows if row.scope == "recording"),
         recordings=recordings,
     )
 

@@ -27,9 +27,9 @@ def parameter_warnings(row: "FittedParameter", known: Uncertainty) -> tuple[str,
         remarks.append("near bound")
     if row.prior_distance is not None and abs(row.prior_distance) > FAR:
         remarks.append(f"{row.prior_distance:+.1f} sd from prior")
-    if any(label in known.dead for label in labels):
+    if any(label in known.insensitive for label in labels):
         remarks.append("no effect")
-    elif row.narrowing < 1:
+    elif row.prior_to_data_ratio < 1:
         remarks.append("not determined" if row.prior_spread is None else "prior only")
     elif math.isinf(row.standard_error):
         remarks.append("not determined")

@@ -102,7 +102,15 @@ class Validation:
     def summary(self) -> str:
         """The numbers as a table of text, a row for each channel."""
         rows: list[tuple[str, ...]] = [
-            ("recording", "channel", "fit, %", "RMSE, K", "mean, K", "correlated, s", "white?")
+            (
+                "recording",
+                "channel",
+                "fit, %",
+                "RMSE, K",
+                "mean, K",
+                "corr. time, s",
+                "white?",
+            )
         ]
         for one in self.predictions:
             sample = float(np.median(np.diff(one.run.time)))
@@ -115,7 +123,7 @@ class Validation:
                         fit_text(fit),
                         f"{np.sqrt(np.nanmean(error**2)):.3f}",
                         f"{np.nanmean(error):+.3f}",
-                        f"{test.correlated * sample:.0f}",
+                        f"{test.autocorrelation_time * sample:.0f}",
                         _verdict(test),
                     )
                 )
@@ -168,7 +176,7 @@ def _prediction(one: Prediction) -> dict[str, Any]:
             "ljung_box": test.statistic,
             "lags": test.lags,
             "p_value": test.p_value,
-            "correlated_samples": test.correlated,
+            "autocorrelation_time_samples": test.autocorrelation_time,
         }
     return {
         "from_s": float(one.run.time[0]),

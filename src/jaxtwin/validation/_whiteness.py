@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._residual_statistics import about_mean, ljung_box
-from ..matching import noise_of
+from ..matching import estimate_noise
 
 
 @final
@@ -18,13 +18,14 @@ class Whiteness:
     - `statistic`: $Q$. `lags`: $h$.
     - `p_value`: how likely white noise would have a larger one. Below 0.01 the residuals still hold
       something that could be described.
-    - `correlated`: how many samples count as one, because they do not vary independently.
+    - `autocorrelation_time`: how many samples count as one, because they do not vary
+      independently.
     """
 
     statistic: float
     lags: int
     p_value: float
-    correlated: float
+    autocorrelation_time: float
 
     @property
     def is_white(self) -> bool:
@@ -40,5 +41,8 @@ def whiteness(residuals: Float[np.ndarray, " times"]) -> Whiteness:
     test = ljung_box(residuals)
     samples = int(np.count_nonzero(~np.isnan(residuals)))
     return Whiteness(
-        *test, correlated=noise_of([about_mean(residuals)[:, None]], samples).correlated
+        *test,
+        autocorrelation_time=estimate_noise(
+            [about_mean(residuals)[:, None]], samples
+        ).autocorrelation_time,
     )
