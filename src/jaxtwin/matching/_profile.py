@@ -20,18 +20,25 @@ else.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from .._arguments import check_callable, of_kind, whole_number
+from .._display import html_table, picture
 from .._errors import MatchError, ParameterError
+from .._number_text import short_number
 from ._descend import Step, descend
 from ._estimate import make_objective
 from ._fit import Fit, Iteration
 from ._match import default_solver, make_iteration
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
 
 LIMIT = 3.841
 """95 % quantile of chi-squared with one degree of freedom."""
@@ -45,9 +52,11 @@ LEAST = 3
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Profile:
     """A profile likelihood.
+
+    **Arguments:**
 
     - `name`, `unit`: of the parameter.
     - `values`: at which it was held, `(points,)`.
@@ -64,6 +73,36 @@ class Profile:
     values: Float[np.ndarray, " points"]
     excess: Float[np.ndarray, " points"]
     interval: tuple[float, float]
+
+    def plot(self) -> "Figure":
+        """The excess over the parameter, with the interval: `jaxtwin.plots.plot_profile`."""
+        return picture("plot_profile", self)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The profile with labels: excess (value); the interval stands in the attributes."""
+        import xarray
+
+        return xarray.Dataset(
+            {"excess": ("value", self.excess, {"units": "1"})},
+            coords={"value": ("value", self.values, {"units": self.unit or "1"})},
+            attrs={"parameter": self.name, "lower": self.interval[0], "upper": self.interval[1]},
+        )
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each value of the parameter, its index, and a column excess."""
+        return self.to_xarray().to_dataframe()
+
+    def __repr__(self) -> str:
+        low, high = map(short_number, self.interval)
+        interval = f"{low} to {high} {self.unit}".rstrip()
+        return f"<Profile of {self.name}: 95 % interval {interval}, {len(self.values)} points>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (short_number(value), f"{excess:.2f}")
+            for value, excess in zip(self.values.tolist(), self.excess.tolist(), strict=True)
+        ]
+        return html_table(repr(self), (f"{self.name}, {self.unit or '1'}", "excess"), rows)
 
 
 def profile(

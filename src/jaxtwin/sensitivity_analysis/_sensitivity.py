@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._display import html_table
 from .._errors import ParameterError
 from ._sampling import limits
 
@@ -186,6 +187,16 @@ class Sensitivity:
         from ..io._write import save_dataset
 
         save_dataset(self.to_xarray(), path)
+
+    def _repr_html_(self) -> str:
+        table = self.to_dataframe().loc[MEAN]
+        rows = [
+            (name, f"{row.correlation:+.3f}", f"{row.lower:+.3f} to {row.upper:+.3f}")
+            for name in self.ranking()
+            for row in [table.loc[name]]
+        ]
+        head = ("parameter", "correlation with the mean cost", "95 % interval")
+        return html_table(repr(self), head, rows)
 
     def _by_name(self, numbers: Float[np.ndarray, "channels parameters *bounds"]) -> dict[str, Any]:
         return {

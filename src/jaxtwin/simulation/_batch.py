@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, final, overload
+from typing import TYPE_CHECKING, Any, final, overload
 
 import equinox as eqx
 import jax
@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._arguments import check_callable, mapping_of, names_of, whole_number
+from .._display import html_table, picture
 from .._errors import JaxtwinError, ParameterError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
@@ -36,6 +37,11 @@ from ._schedule import REFINEMENTS, Schedule
 from ._simulate import checked_channels, simulate
 from ._solve import too_coarse
 
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
 REDUCTIONS: tuple[Reduction, ...] = (
     "cost",
     "final",
@@ -46,8 +52,19 @@ REDUCTIONS: tuple[Reduction, ...] = (
 )
 
 
+UNITS = {
+    "cost": "K2",
+    "final": "degC",
+    "minimum": "degC",
+    "maximum": "degC",
+    "spread": "K",
+    "deviation": "K",
+}
+"""Of each reduction."""
+
+
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Reductions:
     """What was asked of many draws instead of their trajectories; None where it was not.
 
@@ -70,6 +87,42 @@ class Reductions:
     maximum: Float[np.ndarray, "draws channels"] | None = None
     spread: Float[np.ndarray, " draws"] | None = None
     deviation: Float[np.ndarray, " draws"] | None = None
+
+    def plot(self) -> "Figure":
+        """How each quantity is distributed over the draws: `jaxtwin.plots.plot_distributions`."""
+        return picture("plot_distributions", self.to_xarray())
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """What was asked for with labels: failed (draw), and the others (draw, channel) or
+        (draw)."""
+        import xarray
+
+        kept = {name: values for name in UNITS if (values := getattr(self, name)) is not None}
+        dims = ("draw", "channel")
+        return xarray.Dataset(
+            {name: (dims[: v.ndim], v, {"units": UNITS[name]}) for name, v in kept.items()}
+            | {"failed": ("draw", self.failed)},
+            coords={"draw": np.arange(len(self.failed)), "channel": list(self.channels)},
+        )
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each draw and channel, its index, and a column for each quantity; those of the
+        plate stand in each row of their draw."""
+        return self.to_xarray().to_dataframe().rename_axis(["draw", "channel"])
+
+    def __repr__(self) -> str:
+        kept = ", ".join(name for name in UNITS if getattr(self, name) is not None) or "nothing"
+        failed = int(np.count_nonzero(self.failed))
+        return f"<Reductions of {len(self.failed)} draws: {kept}; {failed} failed>"
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for name, values in self.to_xarray().data_vars.items():
+            if name != "failed" and np.isfinite(values).any():
+                middle = np.nanquantile(values, (0.05, 0.5, 0.95))
+                unit = str(values.attrs["units"])
+                rows.append((str(name), *(f"{value:.4g}" for value in middle), unit))
+        return html_table(repr(self), ("", "5 %", "median", "95 %", "unit"), rows)
 
     @property
     def rmse(self) -> Float[np.ndarray, " draws"]:

@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from jaxtyping import Float
 
+from .._display import html_table, picture
 from .._errors import RecordingError, SimulationError
-from .._measures import fit_percent, rmse
+from .._measures import fit_percent, fit_text, rmse
 from .._whole_file import check_ending
 from ..io import Experiment
 from ._uniformity import Uniformity, uniformity
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
+    from matplotlib.figure import Figure
 
 
 @final
@@ -135,6 +138,23 @@ class Run:
             attrs={"rig": self.rig, "experiment": self.experiment.name},
         )
 
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each time (s), its index, and a column for each channel, degC."""
+        import pandas
+
+        index = pandas.Index(self.time, name="time")
+        return pandas.DataFrame(self.temperatures, index=index, columns=list(self.channels))
+
+    def plot(self) -> "Figure":
+        """The response beside the recording where there is one, else the response above the
+        drive: `jaxtwin.plots.plot_comparison` and `plot_recordings`."""
+        if self.experiment.temperatures is not None:
+            return picture("plot_comparison", [self])
+        return picture("plot_recordings", [self._as_recorded()])
+
+    def _as_recorded(self) -> Experiment:
+        return replace(self.experiment, channels=self.channels, temperatures=self.temperatures)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the run in the format that the ending says, as a whole or not at all.
 
@@ -152,10 +172,7 @@ class Run:
         if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
             save_dataset(self.to_xarray(), path)
         else:
-            simulated = replace(
-                self.experiment, channels=self.channels, temperatures=self.temperatures
-            )
-            write_recording(simulated, Path(path))
+            write_recording(self._as_recorded(), Path(path))
 
     def __repr__(self) -> str:
         low, high = self.temperatures.min(), self.temperatures.max()
@@ -163,6 +180,21 @@ class Run:
             f"<Run of {self.rig}: {len(self.time)} times, {len(self.channels)} channels, "
             f"{low:.2f} to {high:.2f} degC>"
         )
+
+    def _repr_html_(self) -> str:
+        fits = {} if self.experiment.temperatures is None else self.fit_percent
+        rows = [
+            (
+                channel,
+                f"{column.min():.2f}",
+                f"{column.max():.2f}",
+                f"{column[-1]:.2f}",
+                fit_text(fits[channel]) if channel in fits else "-",
+            )
+            for channel, column in zip(self.channels, self.temperatures.T, strict=True)
+        ]
+        head = ("channel", "lowest, degC", "highest, degC", "at the end, degC", "fit, %")
+        return html_table(repr(self), head, rows)
 
 
 def _position(name: str, names: tuple[str, ...], kind: str) -> int:

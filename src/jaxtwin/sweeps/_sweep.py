@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from .._arguments import check_callable, path_of
+from .._display import html_table, picture
 from .._errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
@@ -22,7 +23,9 @@ from ._progress_meter import ProgressMeter, SweepProgress
 from ._store import Store
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
+    from matplotlib.figure import Figure
 
 CHUNK = 65536
 """Draws in a chunk. A kill costs at most one chunk, some seconds of a CPU."""
@@ -60,6 +63,20 @@ class Sweep:
     def to_xarray(self) -> "xarray.Dataset":
         """The results of the finished draws, as `open_sweep` reads them."""
         return open_sweep(self.folder)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """The results of the draws that are done as a table, all of them in memory: a row for each
+        draw, recording, channel and parameter. Of a long sweep take a part of `to_xarray` first."""
+        return self.to_xarray().to_dataframe()
+
+    def plot(self) -> "Figure":
+        """How what was kept is distributed over the draws that are done:
+        `jaxtwin.plots.plot_distributions`."""
+        return picture("plot_distributions", self.to_xarray())
+
+    def _repr_html_(self) -> str:
+        rows = [(name, str(value)) for name, value in self.to_dict().items()]
+        return html_table(f"Sweep of {self.rig}", ("", ""), rows)
 
     def to_dict(self) -> dict[str, Any]:
         """The counts in plain types for JSON."""
