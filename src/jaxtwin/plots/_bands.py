@@ -1,7 +1,5 @@
 """What a twin predicts and how sure it is."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from jaxtyping import Float
 from matplotlib import pyplot
@@ -11,17 +9,15 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from .._errors import SimulationError
+from ..simulation import Run
 from ._style import MUTED, SKY, VERMILION, styled
-
-if TYPE_CHECKING:
-    from ..simulation import Run
 
 PANELS = 5  # in a row
 
 
 @styled
 def plot_bands(
-    run: "Run",
+    run: Run,
     low: Float[np.ndarray, "times channels"],
     high: Float[np.ndarray, "times channels"],
     *,

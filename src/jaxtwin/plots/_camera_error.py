@@ -1,21 +1,17 @@
 """What all channels share: the camera's sawtooth, and what is left without it."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ..matching import Fit
 from ._samples import masked_key, mean_there, of_sampled, shade_masked
 from ._style import INK, MUTED, ORANGE, VERMILION, styled
 
-if TYPE_CHECKING:
-    from ..matching import Fit
-
 
 @styled
-def plot_camera_error(fit: "Fit") -> Figure:
+def plot_camera_error(fit: Fit) -> Figure:
     """The mean residual of each recording's channels before and after the camera's error.
 
     Above, what the camera reads beyond the twin, and in colour the error that the match gives to

@@ -1,21 +1,18 @@
 """The matched parameters beside where they started and what was published, Table 4 of the paper."""
 
 import math
-from typing import TYPE_CHECKING
 
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .._number_text import interval_text, short_number
+from ..matching import Fit, FittedParameter
 from ._style import BLUE, FAINT, INK, MUTED, VERMILION, styled, symbol
-
-if TYPE_CHECKING:
-    from ..matching import Fit, FittedParameter
 
 
 @styled
-def plot_parameters(fit: "Fit") -> Figure:
+def plot_parameters(fit: Fit) -> Figure:
     """The free parameters as a table, and where each lies between its bounds.
 
     A line through a matched value is its 95 % interval, as far as the bounds reach. The scale is
@@ -71,7 +68,7 @@ def plot_parameters(fit: "Fit") -> Figure:
     return figure
 
 
-def _write_table(axes: Axes, free: "list[FittedParameter]") -> None:
+def _write_table(axes: Axes, free: list[FittedParameter]) -> None:
     columns = {"initial": 0.27, "published": 0.43, "matched": 0.60, "95 % interval": 0.99}
     for heading, at in columns.items():
         axes.annotate(heading, (at, -0.8), ha="right", va="center", fontsize=9, color=MUTED)
@@ -95,7 +92,7 @@ def _write(axes: Axes, x: float, y: int, text: str, ha: str = "right", **look) -
     axes.text(x, y, text, ha=ha, va="center", **look)
 
 
-def _position(value: float, parameter: "FittedParameter") -> float:
+def _position(value: float, parameter: FittedParameter) -> float:
     """0 at the lower bound, 1 at the upper one; what lies outside is there too."""
     lower, upper = parameter.lower, parameter.upper
     if not (math.isfinite(lower) and math.isfinite(upper)):

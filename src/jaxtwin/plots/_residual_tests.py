@@ -1,7 +1,6 @@
 """Are the residuals noise? Over time, against themselves, against a normal distribution."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import pyplot
@@ -9,12 +8,10 @@ from matplotlib.figure import Figure
 
 from .._errors import SimulationError
 from .._residual_statistics import autocorrelation, ljung_box, normal_quantiles
+from ..simulation import Run
 from ._labels import label_ends
 from ._samples import last_means
 from ._style import CYCLE, FAINT, INK, MUTED, styled
-
-if TYPE_CHECKING:
-    from ..simulation import Run
 
 LONGEST = 300
 """Lags of the autocorrelation that are shown, samples."""
@@ -24,7 +21,7 @@ LEAST = 10
 
 
 @styled
-def plot_residual_tests(runs: "Sequence[Run]") -> Figure:
+def plot_residual_tests(runs: Sequence[Run]) -> Figure:
     """Residuals of each recording over time, their autocorrelation, and their quantiles.
 
     Missing samples are gaps over time and left out of the tests.
@@ -66,7 +63,7 @@ def plot_residual_tests(runs: "Sequence[Run]") -> Figure:
     return figure
 
 
-def _draw(row: np.ndarray, run: "Run", channel: str, series: np.ndarray, color: str) -> None:
+def _draw(row: np.ndarray, run: Run, channel: str, series: np.ndarray, color: str) -> None:
     over_time, against_itself, against_normal = row
     over_time.plot(run.time, series, color=color, lw=0.9)
     sample = float(np.median(np.diff(run.time)))
@@ -82,7 +79,7 @@ def _draw(row: np.ndarray, run: "Run", channel: str, series: np.ndarray, color: 
     )  # fmt: skip
 
 
-def _finish(row: np.ndarray, run: "Run", residuals: np.ndarray) -> None:
+def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     over_time, against_itself, against_normal = row
     over_time.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
     over_time.set(ylabel="recorded − twin, K", xlim=(run.time[0], run.time[-1]))

@@ -1,21 +1,18 @@
 """Samples that are missing, and spans that count less in a match, for all pictures."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from ..simulation import Run
 from ._style import FAINT
-
-if TYPE_CHECKING:
-    from ..simulation import Run
 
 
 def of_sampled(
-    run: "Run", weights: Float[np.ndarray, "times channels"]
+    run: Run, weights: Float[np.ndarray, "times channels"]
 ) -> Float[np.ndarray, "times channels"]:
     """The weights of a run's samples, 1 where one is missing: that is a gap in the line."""
     return np.where(run.experiment.sampled, weights, 1.0)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._display import html_table
+from .._display import html_table, picture
 from .._errors import ParameterError
 from ._sampling import limits
 
@@ -67,17 +67,13 @@ class Sensitivity:
 
         **Raises:** `ParameterError` where there is no such channel.
         """
-        from ..plots import plot_tornado
-
         self._row(channel)
-        return plot_tornado(self, channel, ax=ax)
+        return picture("plot_tornado", self, channel, ax=ax)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """The correlations of all channels and parameters as a matrix; a number stands where the
         95 % interval leaves 0 out."""
-        from ..plots import plot_sensitivity_matrix
-
-        return plot_sensitivity_matrix(self, ax=ax)
+        return picture("plot_sensitivity_matrix", self, ax=ax)
 
     def significant(self, channel: str = MEAN, *, ranks: bool = False) -> dict[str, Literal[1, -1]]:
         """The parameters with a significant correlation: their 95 % interval does not contain 0.

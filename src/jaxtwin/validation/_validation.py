@@ -159,8 +159,8 @@ class Validation:
 
     def to_xarray(self) -> "xarray.Dataset":
         """The numbers with labels: fit_percent, rmse and mean_error, the p_value and the
-        autocorrelation_time (s) of the test of whiteness, all (recording, channel), NaN where a recording does
-        not have the channel. The runs have their own `to_xarray`."""
+        autocorrelation_time (s) of the test of whiteness, all (recording, channel), NaN where a
+        recording does not have the channel. The runs have their own `to_xarray`."""
         return self.to_dataframe().to_xarray().assign_attrs(rig=self.rig, kind=self.kind)
 
     def to_dataframe(self) -> "pandas.DataFrame":
