@@ -8,7 +8,8 @@ import optimistix as optx
 
 from .._arguments import check_callable, whole_number
 from .._errors import MatchError, ParameterError, SimulationError
-from ..io import Experiment, as_experiments
+from ..io import Experiment
+from ..io._experiment import as_experiments
 from ..physics import Twin
 from ._descent_result import DescentStep
 from ._fit import Fit, Iteration

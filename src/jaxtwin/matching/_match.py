@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from .._arguments import check_callable, of_kind, whole_number
 from .._errors import MatchError
-from ..io import Experiment, as_experiments
+from ..io import Experiment
+from ..io._experiment import as_experiments
 from ..physics import Twin
 from ._descent import descend
 from ._descent_result import DescentStep

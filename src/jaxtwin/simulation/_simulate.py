@@ -11,7 +11,8 @@ from jaxtyping import Array, Float, Int
 from .._arguments import of_kind
 from .._errors import ParameterError, SimulationError
 from .._jax_settings import own_settings
-from ..io import EXPERIMENT, Experiment
+from ..io import Experiment
+from ..io._experiment import EXPERIMENT
 from ..physics import Twin, build_netlist, check_twin
 from ..rig import Rig, Value
 from ._diffeqsolve import DiffraxMethod, checked_method, solve_with_diffrax, stiff_method

@@ -13,8 +13,10 @@ from jaxtyping import Float
 from .._errors import SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
-from ..physics import CALM, STEFAN_BOLTZMANN, Netlist, ThermoelectricElement, Twin
-from ..rig import AMBIENT, FILM_REFERENCE, Rig, Value
+from ..physics import Netlist, ThermoelectricElement, Twin
+from ..physics._loss import CALM, STEFAN_BOLTZMANN
+from ..rig import Rig, Value
+from ..rig._plate import AMBIENT, FILM_REFERENCE
 
 _RAMP = 1e-6
 """How long a step of the drive takes, s: sources of SPICE are made of straight lines."""
