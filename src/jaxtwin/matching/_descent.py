@@ -15,6 +15,7 @@ import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
+from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ._descent_result import DescentResult, DescentStep, Evaluation, OnStep, Start
 from ._jacobian import output_error_jacobians, weighted_jacobian
@@ -236,7 +237,7 @@ Groups = list[Float[Array, "..."]]
 """One array a group of recordings, with a leading descents axis."""
 
 
-@eqx.filter_jit
+@persistent_jit
 def _first_optimiser(
     solver: BoundedLevenbergMarquardt, vectors: Vectors, space: SearchSpace
 ) -> LMState:
@@ -244,24 +245,24 @@ def _first_optimiser(
     return jax.vmap(lambda vector: solver.first_state(vector, space, aux))(vectors)
 
 
-@eqx.filter_jit
+@persistent_jit
 def _propose(
     solver: BoundedLevenbergMarquardt, vectors: Vectors, optimisers: LMState, space: SearchSpace
 ) -> Vectors:
     return jax.vmap(lambda v, s: solver.propose(v, space, s))(vectors, optimisers)
 
 
-@eqx.filter_jit
+@persistent_jit
 def _solve(vectors: Vectors, objectives: Objective) -> Groups:
     return jax.vmap(output_errors)(vectors, objectives)
 
 
-@eqx.filter_jit
+@persistent_jit
 def _differentiate(vectors: Vectors, objectives: Objective) -> Groups:
     return jax.vmap(output_error_jacobians)(vectors, objectives)
 
 
-@eqx.filter_jit
+@persistent_jit
 def _weigh(
     errors: Groups, vectors: Vectors, objectives: Objective
 ) -> tuple[Float[Array, "descents residuals"], Costs, Costs]:
@@ -277,7 +278,7 @@ def _weigh(
     return jax.vmap(of_descent)(errors, vectors, objectives)
 
 
-@eqx.filter_jit
+@persistent_jit
 def _factorise(
     jacobians: Groups, residuals: Float[Array, "descents residuals"], objectives: Objective
 ) -> Factors:
@@ -286,7 +287,7 @@ def _factorise(
     )
 
 
-@eqx.filter_jit
+@persistent_jit
 def _accepts(
     solver: BoundedLevenbergMarquardt,
     vectors: Vectors,
@@ -297,7 +298,7 @@ def _accepts(
     return jax.vmap(solver.accepts)(vectors, proposed, costs, optimisers)
 
 
-@eqx.filter_jit
+@persistent_jit
 def _update(
     solver: BoundedLevenbergMarquardt,
     vectors: Vectors,
@@ -310,7 +311,7 @@ def _update(
     return _choose(active, new, (vectors, optimisers))
 
 
-@eqx.filter_jit
+@persistent_jit
 def _select(which: Bool[Array, " descents"], new: Evaluation, old: Evaluation) -> Evaluation:
     return _choose(which, new, old)
 

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ._jacobian import weighted_jacobian
 from ._levenberg_marquardt import LMState
@@ -111,4 +112,4 @@ Start = Float[np.ndarray, " unknowns"] | DescentResult
 """Where a descent begins: at a vector, or where an earlier one ended, which it then continues."""
 
 
-_jacobian = eqx.filter_jit(weighted_jacobian)
+_jacobian = persistent_jit(weighted_jacobian)

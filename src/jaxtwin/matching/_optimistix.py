@@ -11,6 +11,7 @@ import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ._descent_result import DescentResult, DescentStep, Evaluation, OnStep, Start
 from ._jacobian import output_error_jacobians, residual_jacobian, weighted_jacobian
@@ -122,7 +123,7 @@ class _Evaluated(NamedTuple):
     gradient: Float[np.ndarray | Array, ""]
 
 
-@eqx.filter_jit
+@persistent_jit
 def _evaluate(vector: Float[np.ndarray | Array, " unknowns"], objective: Objective) -> _Evaluated:
     vector = jnp.asarray(vector)
     evaluation = Evaluation(

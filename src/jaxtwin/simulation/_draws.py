@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
@@ -194,7 +195,7 @@ def _delayed_as(twin: Twin, commanded: TimeGrid) -> TimeGrid:
     return jax.tree.map(np.asarray, delayed)
 
 
-_delayed = eqx.filter_jit(delayed_time_grid)
+_delayed = persistent_jit(delayed_time_grid)
 
 
 def _as_float32(prepared: Prepared) -> Prepared:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._compilation import persistent_jit
 from ..io import Experiment
 from ..physics import System, Twin
 from ._compressed import CompressedRecording
@@ -58,7 +59,7 @@ class Stepped(eqx.Module):
     failed: Bool[Array, "*chunk"]
 
 
-@eqx.filter_jit
+@persistent_jit
 def prepare_chunk(
     twin: Twin,
     draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
@@ -89,7 +90,7 @@ def prepare_chunk(
     return jax.vmap(prepare_draw)(draws)
 
 
-@eqx.filter_jit
+@persistent_jit
 def step_chunk(
     prepared: Prepared,
     grid: TimeGrid,
@@ -116,7 +117,7 @@ def step_chunk(
     return jax.vmap(step_draw)(prepared)
 
 
-@eqx.filter_jit
+@persistent_jit
 def sample_chunk(
     prepared: Prepared,
     stepped: Stepped,
@@ -138,7 +139,7 @@ def sample_chunk(
     return jax.vmap(sample_draw)(prepared, stepped)
 
 
-@eqx.filter_jit
+@persistent_jit
 def sample_plate_end(
     prepared: Prepared, stepped: Stepped, grid: TimeGrid
 ) -> Float[Array, "chunk elements"]:
@@ -152,7 +153,7 @@ def sample_plate_end(
     return jax.vmap(sample_draw)(prepared, stepped)
 
 
-@eqx.filter_jit
+@persistent_jit
 def compressed_errors(
     prepared: Prepared,
     stepped: Stepped,
@@ -171,7 +172,7 @@ def compressed_errors(
     return jax.vmap(draw_errors)(prepared.system, stepped)
 
 
-@eqx.filter_jit
+@persistent_jit
 def compressed_cost(
     errors: Float[Array, "chunk rows channels"], recorded: CompressedRecording
 ) -> Float[Array, "chunk channels"]:
@@ -183,7 +184,7 @@ def compressed_cost(
     return jnp.sum(counted * errors**2, axis=1) / samples + beyond
 
 
-@eqx.filter_jit
+@persistent_jit
 def diffrax_chunk(
     twin: Twin,
     draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],

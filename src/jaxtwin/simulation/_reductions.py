@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, final
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
 from .._arguments import names_of
+from .._compilation import persistent_jit
 from .._display import html_table, picture
 from .._errors import SimulationError
 from ..io import Experiment
@@ -241,7 +241,7 @@ def reduce_readings(
     return results
 
 
-@eqx.filter_jit
+@persistent_jit
 def _of_each_draw(
     function: Callable[..., Array], values: Array, *more: Array | np.ndarray | None
 ) -> Array:

@@ -3,12 +3,12 @@
 from functools import lru_cache
 
 import diffrax
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._arguments import of_kind
+from .._compilation import persistent_jit
 from .._errors import ParameterError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
@@ -247,13 +247,13 @@ def _check_resolved(twin: Twin, experiment: Experiment) -> None:
         raise unresolved_network(twin)
 
 
-@eqx.filter_jit
+@persistent_jit
 def _stability_number(twin: Twin, grid: TimeGrid) -> Float[Array, ""]:
     system = twin.system(lumped=True)
     return stability_number(system, run_modes(system, grid), grid)
 
 
-@eqx.filter_jit
+@persistent_jit
 def _run_exponential(
     twin: Twin, grid: TimeGrid, initial: CheckedInitial
 ) -> tuple[
