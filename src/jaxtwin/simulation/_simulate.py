@@ -3,6 +3,7 @@
 from functools import lru_cache
 
 import diffrax
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
