@@ -12,9 +12,10 @@ import pytest
 
 from jaxtwin import SimulationError, simulate_batch
 from jaxtwin.sensitivity_analysis import normal_draws
-from jaxtwin.sweeps import Advance, own_part, sweep
+from jaxtwin.sweeps import SweepProgress, sweep
+from jaxtwin.sweeps._parts import assigned_part
 
-ASKED: dict[str, Any] = {"draws": 40, "chunk_size": 8, "reductions": ["final", "deviation"]}
+ASKED: dict[str, Any] = {"draws": 40, "chunk_size": 8, "reductions": ["final", "plate_std"]}
 
 
 def test_parts_are_disjoint_and_make_the_whole(stored, tmp_path, twin, experiment, engine):
@@ -34,11 +35,11 @@ def test_a_sweep_holds_what_a_batch_of_the_same_draws_gives(tmp_path, twin, expe
     result = sweep(twin, experiment, tmp_path, **ASKED, parameters=["R_E", "R_pc"])
     table = result.to_xarray()
     draws = normal_draws({"R_E": 1.9674922600619191, "R_pc": 0.09}, 0.25, 0, 40)
-    batch = simulate_batch(twin, experiment, draws, reductions=["final", "deviation"])
+    batch = simulate_batch(twin, experiment, draws, reductions=["final", "plate_std"])
     assert batch.final is not None
-    assert batch.deviation is not None
+    assert batch.plate_std is not None
     np.testing.assert_allclose(table.final, batch.final, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(table.deviation[:, 0], batch.deviation, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(table.plate_std[:, 0], batch.plate_std, rtol=0, atol=1e-9)
 
 
 def test_twins_with_values_of_their_own_get_the_same_relative_draws(
@@ -79,25 +80,25 @@ def test_two_processes_that_meet_by_jax_distributed_give_the_numbers_of_one(
 
 def test_an_initialised_jax_says_which_part_is_whose(monkeypatch):
     """A user's own script may have called `jax.distributed.initialize`."""
-    assert own_part() == (0, 1)
+    assert assigned_part() == (0, 1)
     monkeypatch.setattr("jax.distributed.is_initialized", lambda: True)
     monkeypatch.setattr("jax.process_index", lambda: 3)
     monkeypatch.setattr("jax.process_count", lambda: 4)
-    assert own_part() == (3, 4)
-    assert own_part((1, 2)) == (1, 2), "what is said comes first"
+    assert assigned_part() == (3, 4)
+    assert assigned_part((1, 2)) == (1, 2), "what is said comes first"
 
 
 @pytest.mark.parametrize("part", [(-1, 2), (2, 2), (0, 0)])
 def test_a_part_that_there_is_not_is_refused(part):
     with pytest.raises(SimulationError, match=f"process: found {part[0]} of {part[1]}"):
-        own_part(part)
+        assigned_part(part)
 
 
 def test_progress_counts_draws_from_where_it_goes_on(tmp_path, twin, experiment, engine):
     """Two simulations a draw here; rate and time left are known from the second report on."""
     both = [experiment, experiment]
     sweep(twin, both, tmp_path, draws=30, chunk_size=10, process=(0, 3))
-    seen: list[Advance] = []
+    seen: list[SweepProgress] = []
     sweep(twin, both, tmp_path, draws=30, chunk_size=10, on_progress=seen.append)
     assert [(advance.done, advance.total) for advance in seen] == [
         (15, 30), (20, 30), (25, 30), (30, 30)
@@ -105,4 +106,6 @@ def test_progress_counts_draws_from_where_it_goes_on(tmp_path, twin, experiment,
     assert seen[0].rate is None
     assert all(advance.rate and advance.left is not None for advance in seen[1:])
     assert seen[-1].left == 0
-    assert str(Advance(20, 100, 12.3, 6600.0)) == "20 of 100 draws, 12 draws/s, 1 h 50 min left"
+    assert (
+        str(SweepProgress(20, 100, 12.3, 6600.0)) == "20 of 100 draws, 12 draws/s, 1 h 50 min left"
+    )

@@ -9,8 +9,8 @@ from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
 from ._options import JsonOption, ParametersOption, RigArgument, SetOption
 from ._output import check_json, check_output, say, write_json
-from ._progress import show_progress
 from ._rigs import network_line
+from ._show_progress import show_progress
 from ._sources import open_twin
 
 
@@ -46,7 +46,7 @@ def netlist(
             progress.step(f"drawing into {out}")
             write_whole_file(out, to_png(plot_netlist(twin)), JaxtwinError)
         if spice is not None:
-            from ..physics import to_spice
+            from ..spice import to_spice
 
             progress.step(f"writing {spice}")
             step = Experiment.schedule("0:0.5,500:0.78", duration=1000.0, cells=len(loaded.cells))

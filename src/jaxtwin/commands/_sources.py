@@ -52,7 +52,7 @@ def open_twins(
     **Raises:** as `open_twin`; `MatchError` where a recording is too short for that.
     """
     from ..matching import estimate_initial_conditions
-    from ..rig import recording_parameters
+    from ..rig._parameter_file import recording_parameters
 
     known = {} if parameters is None else recording_parameters(parameters)
     own = list(dict.fromkeys(name for names in known.values() for name in names))

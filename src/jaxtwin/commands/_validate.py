@@ -11,7 +11,7 @@ from .._progress import Progress
 from .._whole_file import write_whole_file
 from ._options import JsonOption, RecordingsArgument, RigArgument, SetOption
 from ._output import check_json, say, write_json
-from ._progress import show_progress
+from ._show_progress import show_progress
 from ._sources import open_recordings, open_twin
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def validate(
         fitted = twin if split is not None or leave_one_out else _saved_fit(loaded, fit) or twin
 
         progress.step(f"validating {loaded.name} on {len(experiments)} recordings")
-        told = _News(progress, len(experiments))
+        told = _ValidationProgress(progress, len(experiments))
         result = _validate(fitted, experiments, split, leave_one_out, warm_up, told)
         if out is not None:
             progress.step(f"drawing into {out}")
@@ -87,7 +87,7 @@ def validate(
 def _saved_fit(rig: "Rig", path: Path | None) -> "Fit | None":
     """What `Fit.save` wrote, which says how rooms and delays differ; None for bare parameters."""
     from ..matching import Fit
-    from ..rig import read_toml
+    from ..rig._bundled import read_toml
 
     if path is None:
         return None
@@ -101,7 +101,7 @@ def _validate(
     split: float | None,
     leave_one_out: bool,
     warm_up: float,
-    told: "_News",
+    told: "_ValidationProgress",
 ) -> "Validation":
     from .. import validation
     from ..physics import Twin
@@ -118,13 +118,13 @@ def _validate(
     )
 
 
-class _News:
+class _ValidationProgress:
     """How far a validation is, in words."""
 
     def __init__(self, progress: Progress, recordings: int):
         self.progress, self.recordings = progress, recordings
         self.done = 0
-        self.progress.news(f"0 of {recordings} predicted")
+        self.progress.update(f"0 of {recordings} predicted")
 
     def __call__(self, newest: "Iteration | Prediction") -> None:
         """A recording more is predicted, or a match has made a step."""
@@ -133,7 +133,7 @@ class _News:
         matching = isinstance(newest, Iteration)
         self.done += not matching
         tail = f", matching: {newest}" if matching else ""
-        self.progress.news(f"{self.done} of {self.recordings} predicted{tail}")
+        self.progress.update(f"{self.done} of {self.recordings} predicted{tail}")
 
 
 def _draw(result: "Validation", folder: Path) -> None:

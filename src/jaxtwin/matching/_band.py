@@ -11,7 +11,7 @@ $$\operatorname{var} \hat y_{tc} = J_{tc} \operatorname{cov}(u) J_{tc}^T + \sigm
 
 import math
 from dataclasses import dataclass
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import jax
 import jax.numpy as jnp
@@ -19,31 +19,88 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._arguments import finite_number, of_kind
+from .._display import html_table, picture
 from .._errors import MatchError
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter
-from ..simulation import response, simulate
+from ..simulation import Run, response, simulate
 from ._fit import Fit
 from ._initial_conditions import WARM_UP, estimate_initial_conditions
 
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Band:
     """Where a reading lies with a given probability.
 
-    - `time`: s, `(times,)`. `channels`: names.
-    - `lower`, `middle`, `upper`: of the channels' readings, `(times, channels)`, degC; the middle
-      is what the twin says.
+    **Arguments:**
+
+    - `run`: what the twin says, in the middle of the band.
+    - `lower`, `upper`: edges of the channels' readings, `(times, channels)`, degC.
+    - `level`: the probability.
     """
 
-    time: Float[np.ndarray, " times"]
-    channels: tuple[str, ...]
+    run: Run
     lower: Float[np.ndarray, "times channels"]
-    middle: Float[np.ndarray, "times channels"]
     upper: Float[np.ndarray, "times channels"]
+    level: float
+
+    @property
+    def time(self) -> Float[np.ndarray, " times"]:
+        """Times of the samples, s."""
+        return self.run.time
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return self.run.channels
+
+    @property
+    def middle(self) -> Float[np.ndarray, "times channels"]:
+        """What the twin says, `(times, channels)`, degC."""
+        return self.run.temperatures
+
+    def plot(self) -> "Figure":
+        """The band and the twin, a panel for each channel, with what was recorded where something
+        was: `jaxtwin.plots.plot_bands`."""
+        return picture("plot_bands", self.run, self.lower, self.upper, level=self.level)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The band with labels: lower, middle and upper (time, channel), degC."""
+        import xarray
+
+        edges = {"lower": self.lower, "middle": self.middle, "upper": self.upper}
+        return xarray.Dataset(
+            {name: (("time", "channel"), edge, {"units": "degC"}) for name, edge in edges.items()},
+            coords={"time": ("time", self.time, {"units": "s"}), "channel": list(self.channels)},
+            attrs={"rig": self.run.rig, "level": self.level},
+        )
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each time and channel, its index, and columns lower, middle and upper, degC."""
+        return self.to_xarray().to_dataframe()
+
+    def __repr__(self) -> str:
+        width = float(np.mean(self.upper - self.lower))
+        return (
+            f"<Band of {self.run.rig}: {100 * self.level:g} % within {width:.2f} K on average, "
+            f"{len(self.time)} times, {len(self.channels)} channels>"
+        )
+
+    def _repr_html_(self) -> str:
+        widths = self.upper - self.lower
+        rows = [
+            (channel, f"{width.mean():.2f}", f"{width.max():.2f}")
+            for channel, width in zip(self.channels, widths.T, strict=True)
+        ]
+        return html_table(repr(self), ("channel", "mean width, K", "largest, K"), rows)
 
 
 def prediction_band(
@@ -105,10 +162,9 @@ def prediction_band(
         known = covariance[np.ix_(places, places)]
     slopes = _slopes(twin, experiment, rows)
     variance = np.einsum("tci,ij,tcj->tc", slopes, known, slopes) + _reading_noise(fit) ** 2
-    middle = simulate(twin, experiment).temperatures
+    run = simulate(twin, experiment)
     half = float(ndtri((1 + level) / 2)) * np.sqrt(variance)
-    channels = experiment.channels or twin.channels
-    return Band(experiment.time, channels, middle - half, middle, middle + half)
+    return Band(run, run.temperatures - half, run.temperatures + half, float(level))
 
 
 def _slopes(

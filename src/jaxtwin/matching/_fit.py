@@ -4,25 +4,29 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from html import escape
 from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 from jaxtyping import Float
 
+from .._display import html_table, picture
 from .._errors import MatchError, ParameterError
 from .._measures import mean_fit_percent
 from ..io import Experiment
 from ..physics import Twin
-from ..rig import Parameter, Rig, unknown, write_parameters
+from ..rig import Parameter, Rig, write_parameters
+from ..rig._problems import unknown
 from ..simulation import Run
-from ._estimate import MatchProblem, NoiseModel
 from ._noise import Noise
+from ._noise_model import NoiseModel
+from ._problem import MatchProblem
 from ._summary import Style, summary_table
 from ._uncertainty import Uncertainty
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
+    from matplotlib.figure import Figure
 
 
 @final
@@ -307,7 +311,7 @@ class Fit:
             "rmse_K": self.rmse,
             "status": self.status,
             "converged": self.converged,
-            "iterations": len(self.history) - 1,
+            "iterations": self.history[-1].number,
             "wall_time_s": self.wall_time,
             "parameters": rows,
             "recordings": {name: dict(values) for name, values in self.recording_values.items()},
@@ -326,6 +330,65 @@ class Fit:
                 for one in self.optima
             ],
         }
+
+    def plot(self) -> "Figure":
+        """The twin's response beside the recordings; of a fit that was loaded without them, the
+        parameters: `jaxtwin.plots.plot_comparison` and `plot_parameters`."""
+        if self.comparisons is None:
+            return picture("plot_parameters", self)
+        return picture("plot_comparison", list(self.runs.values()))
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The numbers with labels.
+
+        Of each parameter value, initial, standard_error, lower, upper and interval (parameter,
+        bound); recording_value (recording, own_parameter); fit_percent (recording, channel), NaN
+        where a recording does not have the channel; covariance and correlation (entry,
+        other_entry) of the matched values, whose labels are those of `uncertainty`; rmse
+        (iteration). The runs have their own `to_xarray`.
+        """
+        import xarray
+
+        table = tuple(self.parameters.values())
+        numbers = {
+            name: ("parameter", [getattr(row, name) for row in table])
+            for name in ("value", "initial", "standard_error", "lower", "upper")
+        }
+        own = list(next(iter(self.recording_values.values())))
+        channels = list(dict.fromkeys(channel for names in self.channels for channel in names))
+        fits = [
+            [self.fit_percent.get((name, channel), math.nan) for channel in channels]
+            for name in self.recordings
+        ]
+        own_values = [[values[n] for n in own] for values in self.recording_values.values()]
+        entries = ("entry", "other_entry")
+        return xarray.Dataset(
+            {
+                **numbers,
+                "free": ("parameter", [row.free for row in table]),
+                "interval": (("parameter", "bound"), [row.interval for row in table]),
+                "recording_value": (
+                    ("recording", "own_parameter"),
+                    np.reshape(own_values, (len(self.recordings), len(own))),
+                ),
+                "fit_percent": (("recording", "channel"), fits, {"units": "%"}),
+                "covariance": (entries, self.uncertainty.covariance),
+                "correlation": (entries, self.uncertainty.correlation, {"units": "1"}),
+                "rmse": ("iteration", [step.rmse for step in self.history], {"units": "K"}),
+            },
+            coords={
+                "parameter": [row.name for row in table],
+                "unit": ("parameter", [row.unit for row in table]),
+                "bound": ["lower", "upper"],
+                "recording": list(self.recordings),
+                "own_parameter": own,
+                "channel": channels,
+                "entry": list(self.uncertainty.labels),
+                "other_entry": list(self.uncertainty.labels),
+                "iteration": [step.number for step in self.history],
+            },
+            attrs={"rig": self.twin.rig.name, "status": self.status, "date": self.date},
+        )
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A row for every parameter, its name as index, the fields of `FittedParameter` as columns;
@@ -394,17 +457,19 @@ class Fit:
         return self.comparisons
 
     def _repr_html_(self) -> str:
-        head = "".join(
-            f"<th>{name}</th>" for name in ("", "value", "standard error", "unit", "remarks")
-        )
-        rows = "".join(
-            f"<tr><th>{escape(row.name)}</th><td>{row.value:.4g}</td>"
-            f"<td>{row.standard_error:.2g}</td><td>{escape(row.unit)}</td>"
-            f"<td>{escape(', '.join(row.warnings))}</td></tr>"
+        rows = [
+            (
+                row.name,
+                f"{row.value:.4g}",
+                f"{row.standard_error:.2g}",
+                row.unit,
+                ", ".join(row.warnings),
+            )
             for row in self.parameters.values()
             if row.free
-        )
-        return f"<table><caption>{escape(repr(self))}</caption><tr>{head}</tr>{rows}</table>"
+        ]
+        head = ("parameter", "value", "standard error", "unit", "warnings")
+        return html_table(repr(self), head, rows)
 
     def __repr__(self) -> str:
         return (

@@ -20,18 +20,27 @@ else.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from .._arguments import check_callable, of_kind, whole_number
+from .._display import html_table, picture
 from .._errors import MatchError, ParameterError
-from ._descend import Step, descend
-from ._estimate import make_objective
+from .._number_text import short_number
+from ._descent import descend
+from ._descent_result import DescentStep
 from ._fit import Fit, Iteration
-from ._match import default_solver, make_iteration
+from ._make_fit import make_iteration
+from ._match import default_solver
+from ._objective import make_objective
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
 
 LIMIT = 3.841
 """95 % quantile of chi-squared with one degree of freedom."""
@@ -45,9 +54,11 @@ LEAST = 3
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Profile:
     """A profile likelihood.
+
+    **Arguments:**
 
     - `name`, `unit`: of the parameter.
     - `values`: at which it was held, `(points,)`.
@@ -64,6 +75,36 @@ class Profile:
     values: Float[np.ndarray, " points"]
     excess: Float[np.ndarray, " points"]
     interval: tuple[float, float]
+
+    def plot(self) -> "Figure":
+        """The excess over the parameter, with the interval: `jaxtwin.plots.plot_profile`."""
+        return picture("plot_profile", self)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The profile with labels: excess (value); the interval stands in the attributes."""
+        import xarray
+
+        return xarray.Dataset(
+            {"excess": ("value", self.excess, {"units": "1"})},
+            coords={"value": ("value", self.values, {"units": self.unit or "1"})},
+            attrs={"parameter": self.name, "lower": self.interval[0], "upper": self.interval[1]},
+        )
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each value of the parameter, its index, and a column excess."""
+        return self.to_xarray().to_dataframe()
+
+    def __repr__(self) -> str:
+        low, high = map(short_number, self.interval)
+        interval = f"{low} to {high} {self.unit}".rstrip()
+        return f"<Profile of {self.name}: 95 % interval {interval}, {len(self.values)} points>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (short_number(value), f"{excess:.2f}")
+            for value, excess in zip(self.values.tolist(), self.excess.tolist(), strict=True)
+        ]
+        return html_table(repr(self), (f"{self.name}, {self.unit or '1'}", "excess"), rows)
 
 
 def profile(
@@ -121,29 +162,28 @@ def profile(
     objective = make_objective(problem, fit.noise_model)
     objectives, starts = [], []
     for value in at:
-        centre, precision = objective.centre.copy(), objective.precision.copy()
-        centre[entry], precision[entry] = value, PIN
+        means, weights = np.array(objective.prior_means), np.array(objective.prior_weights)
+        means[entry], weights[entry] = value, PIN
         objectives.append(
-            eqx.tree_at(lambda p: (p.centre, p.precision), objective, (centre, precision))
+            eqx.tree_at(lambda o: (o.prior_means, o.prior_weights), objective, (means, weights))
         )
         start = fit.vector.copy()
         start[entry] = value
         starts.append(start)
 
-    def report_step(number: int, step: Step) -> None:
+    def report_step(number: int, step: DescentStep) -> None:
         if on_progress is not None:
-            on_progress(make_iteration(step, number, unknowns, fit.recordings))
+            on_progress(make_iteration(problem, step, number))
 
     results = descend(
         objectives,
         default_solver(problem),
         starts,
+        unknowns.search_space(),
         50,
-        problem.bounds,
-        problem.scale,
-        on_step=report_step,
+        report_step,
     )
-    prior = 0.5 * ((at - objective.centre[entry]) * objective.precision[entry]) ** 2
+    prior = 0.5 * ((at - objective.prior_means[entry]) * objective.prior_weights[entry]) ** 2
     rise = np.array([one.cost for one in results]) + prior - fit.cost
     excess = 2 * _adjustment(fit, entry) * rise
     shown = np.exp(at) if row.is_logarithmic else at

@@ -6,12 +6,16 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from jaxtyping import Float
 
+from .._display import html_table, picture
+
 if TYPE_CHECKING:
+    import pandas
     import xarray
+    from matplotlib.figure import Figure
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DCSweep:
     """Curves over the current, one for each temperature difference, Fig. 11 of the paper.
 
@@ -36,6 +40,29 @@ class DCSweep:
         """Coefficient of performance Q_c / P; NaN where no power flows."""
         power = np.where(self.power > 0, self.power, np.nan)
         return self.heat_flow / power
+
+    def plot(self) -> "Figure":
+        """The curves over the current: `jaxtwin.plots.plot_dc_curves`."""
+        return picture("plot_dc_curves", self)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each temperature difference and current, its index, and columns heat_flow (W),
+        power (W) and cop."""
+        return self.to_xarray().to_dataframe()
+
+    def __repr__(self) -> str:
+        low, high = self.current.min(), self.current.max()
+        return (
+            f"<DCSweep at T_hot = {self.T_hot:g} K: {len(self.current)} currents, {low:g} to "
+            f"{high:g} A, at {len(self.delta_T)} differences>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (f"{difference:g}", f"{pumped.max():.3g}", f"{self.current[pumped.argmax()]:.3g}")
+            for difference, pumped in zip(self.delta_T, self.heat_flow, strict=True)
+        ]
+        return html_table(repr(self), ("delta_T, K", "most heat, W", "at, A"), rows)
 
     def to_xarray(self) -> "xarray.Dataset":
         """The curves with dims (delta_T, current) and units in attrs."""

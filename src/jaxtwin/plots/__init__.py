@@ -6,12 +6,14 @@ They are drawn with matplotlib in a style of their own; matplotlib's settings ar
 from ._bands import plot_bands
 from ._camera_error import plot_camera_error
 from ._comparison import plot_comparison, plot_residuals
-from ._dc_sweep import plot_dc_sweep
+from ._dc_sweep import plot_dc_curves, plot_dc_sweep
+from ._distributions import plot_distributions
 from ._history import plot_history
 from ._netlist import plot_netlist
 from ._parameters import plot_parameters
 from ._plate_map import plot_plate_map
 from ._png import to_png
+from ._profile import plot_profile
 from ._recordings import plot_recordings
 from ._residual_tests import plot_residual_tests
 from ._sensitivity_matrix import plot_sensitivity_matrix
@@ -23,12 +25,15 @@ __all__ = [
     "plot_bands",
     "plot_camera_error",
     "plot_comparison",
+    "plot_dc_curves",
     "plot_dc_sweep",
+    "plot_distributions",
     "plot_history",
     "plot_netlist",
     "plot_parameters",
     "plot_plate_beside",
     "plot_plate_map",
+    "plot_profile",
     "plot_recordings",
     "plot_residual_tests",
     "plot_residuals",

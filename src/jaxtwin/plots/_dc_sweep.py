@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib import colormaps, pyplot
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..physics import ThermoelectricModule
+from ..physics import DCSweep, ThermoelectricModule
 from ._style import INK, MUTED, styled
 
 
@@ -36,16 +37,12 @@ def plot_dc_sweep(
     differences = np.asarray(delta_T, float)
     currents = np.linspace(0.0, 1.12 * module.optimum_current(T_hot), 300)
     sweep = module.dc_sweep(currents, differences, T_hot)
-    colors = colormaps["viridis"](np.linspace(0.0, 0.85, len(differences)))
     figure = pyplot.figure(figsize=(10.4, 4.3), layout="constrained")
     figure.suptitle(title, x=0.01, ha="left")
     heat, cop = figure.subplots(1, 2)
+    _draw_curves(heat, cop, sweep)
     best_cops: list[float] = []
-    for difference, color, pumped, performance in zip(
-        differences, colors, sweep.heat_flow, sweep.cop, strict=True
-    ):
-        heat.plot(currents, pumped, color=color)
-        cop.plot(currents, performance, color=color, label=f"{difference:g} K")
+    for difference, color in zip(differences, _colors(sweep), strict=True):
         best = module.optimum_current(T_hot - difference)
         most = module.dc_sweep([best], [difference], T_hot).heat_flow.item()
         if most > 0:
@@ -58,19 +55,49 @@ def plot_dc_sweep(
             best = _best_cop_current(module, difference, T_hot)
             best_cops.append(module.dc_sweep([best], [difference], T_hot).cop.item())
             _mark(cop, best, best_cops[-1], color)
-    top = float(np.max(sweep.heat_flow))
-    heat.set(title="Heat pumped", xlabel="current, A", ylabel="$Q_c$, W", ylim=(0, 1.13 * top))
-    cop.set(title="Coefficient of performance", xlabel="current, A", ylabel="$Q_c / P$")
     # Without a temperature difference it has no limit as the current falls to 0.
     cop.set_ylim(0, 1.08 * max(best_cops, default=4.0))
-    for axes in (heat, cop):
-        axes.set_xlim(0, currents[-1])
-    cop.legend(title="$\\Delta T$", ncols=2)
     figure.supxlabel(
         f"$T_h$ = {T_hot:g} K; dots: best point of each curve in closed form",
         fontsize=9, color=MUTED, x=0.01, ha="left",
     )  # fmt: skip
     return figure
+
+
+@styled
+def plot_dc_curves(sweep: DCSweep) -> Figure:
+    """The curves of a DC sweep over the current, one for each temperature difference.
+
+    **Arguments:**
+
+    - `sweep`: the result of `ThermoelectricModule.dc_sweep`.
+
+    **Returns:** the figure.
+    """
+    figure = pyplot.figure(figsize=(10.4, 4.3), layout="constrained")
+    heat, cop = figure.subplots(1, 2)
+    _draw_curves(heat, cop, sweep)
+    # Without a temperature difference it has no limit as the current falls to 0.
+    driven = sweep.cop[sweep.delta_T > 0]
+    cop.set_ylim(0, 1.08 * max(4.0 if driven.size == 0 else float(np.nanmax(driven)), 0.1))
+    return figure
+
+
+def _draw_curves(heat: Axes, cop: Axes, sweep: DCSweep) -> None:
+    curves = zip(sweep.delta_T, _colors(sweep), sweep.heat_flow, sweep.cop, strict=True)
+    for difference, color, pumped, performance in curves:
+        heat.plot(sweep.current, pumped, color=color)
+        cop.plot(sweep.current, performance, color=color, label=f"{difference:g} K")
+    top = max(float(np.max(sweep.heat_flow)), 0.1)
+    heat.set(title="Heat pumped", xlabel="current, A", ylabel="$Q_c$, W", ylim=(0, 1.13 * top))
+    cop.set(title="Coefficient of performance", xlabel="current, A", ylabel="$Q_c / P$")
+    for axes in (heat, cop):
+        axes.set_xlim(0, sweep.current.max())
+    cop.legend(title="$\\Delta T$", ncols=2)
+
+
+def _colors(sweep: DCSweep) -> np.ndarray:
+    return colormaps["viridis"](np.linspace(0.0, 0.85, len(sweep.delta_T)))
 
 
 def _mark(axes, current: float, value: float, color) -> None:

@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from jaxtyping import Float
 
+from .._display import html_table, picture
 from .._errors import RecordingError, SimulationError
-from .._measures import fit_percent, rmse
+from .._measures import fit_percent, fit_text, rmse
 from .._whole_file import check_ending
 from ..io import Experiment
 from ._uniformity import Uniformity, uniformity
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
+    from matplotlib.figure import Figure
 
 
 @final
@@ -103,8 +106,8 @@ class Run:
 
     def to_xarray(self) -> "xarray.Dataset":
         """The run with labels: temperature (time, channel), state (time, node), duty (time, cell),
-        spread and deviation (time) over the channels and, where they are known, recorded (time,
-        channel), recorded_spread, recorded_deviation and ambient (time)."""
+        channel_range and channel_std (time) over the channels and, where they are known, recorded
+        (time, channel), recorded_range, recorded_std and ambient (time)."""
         import xarray
 
         duty = self.experiment.duty
@@ -114,13 +117,13 @@ class Run:
             "state": (("time", "node"), self.states, celsius),
             "duty": (("time", "cell"), duty, {"units": "1"}),
         }
-        evenness = {"": self.uniformity}
+        uniformities = {"channel": self.uniformity}
         if self.experiment.temperatures is not None:
             variables["recorded"] = (("time", "channel"), self._recorded, celsius)
-            evenness["recorded_"] = self.recorded_uniformity
-        for prefix, one in evenness.items():
-            variables[f"{prefix}spread"] = ("time", one.spread, {"units": "K"})
-            variables[f"{prefix}deviation"] = ("time", one.deviation, {"units": "K"})
+            uniformities["recorded"] = self.recorded_uniformity
+        for prefix, over_channels in uniformities.items():
+            variables[f"{prefix}_range"] = ("time", over_channels.range, {"units": "K"})
+            variables[f"{prefix}_std"] = ("time", over_channels.std, {"units": "K"})
         if self.experiment.ambient is not None:
             ambient = np.broadcast_to(self.experiment.ambient, self.time.shape)
             variables["ambient"] = ("time", ambient, celsius)
@@ -135,6 +138,23 @@ class Run:
             attrs={"rig": self.rig, "experiment": self.experiment.name},
         )
 
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each time (s), its index, and a column for each channel, degC."""
+        import pandas
+
+        index = pandas.Index(self.time, name="time")
+        return pandas.DataFrame(self.temperatures, index=index, columns=list(self.channels))
+
+    def plot(self) -> "Figure":
+        """The response beside the recording where there is one, else the response above the
+        drive: `jaxtwin.plots.plot_comparison` and `plot_recordings`."""
+        if self.experiment.temperatures is not None:
+            return picture("plot_comparison", [self])
+        return picture("plot_recordings", [self._as_recorded()])
+
+    def _as_recorded(self) -> Experiment:
+        return replace(self.experiment, channels=self.channels, temperatures=self.temperatures)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the run in the format that the ending says, as a whole or not at all.
 
@@ -146,15 +166,13 @@ class Run:
 
         **Raises:** `RecordingError` for another ending, and where the file cannot be written.
         """
-        from ..io import save_dataset, write_recording
+        from ..io import write_recording
+        from ..io._write import save_dataset
 
         if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
             save_dataset(self.to_xarray(), path)
         else:
-            simulated = replace(
-                self.experiment, channels=self.channels, temperatures=self.temperatures
-            )
-            write_recording(simulated, Path(path))
+            write_recording(self._as_recorded(), Path(path))
 
     def __repr__(self) -> str:
         low, high = self.temperatures.min(), self.temperatures.max()
@@ -162,6 +180,21 @@ class Run:
             f"<Run of {self.rig}: {len(self.time)} times, {len(self.channels)} channels, "
             f"{low:.2f} to {high:.2f} degC>"
         )
+
+    def _repr_html_(self) -> str:
+        fits = {} if self.experiment.temperatures is None else self.fit_percent
+        rows = [
+            (
+                channel,
+                f"{column.min():.2f}",
+                f"{column.max():.2f}",
+                f"{column[-1]:.2f}",
+                fit_text(fits[channel]) if channel in fits else "-",
+            )
+            for channel, column in zip(self.channels, self.temperatures.T, strict=True)
+        ]
+        head = ("channel", "lowest, degC", "highest, degC", "at the end, degC", "fit, %")
+        return html_table(repr(self), head, rows)
 
 
 def _position(name: str, names: tuple[str, ...], kind: str) -> int:

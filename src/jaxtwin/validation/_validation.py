@@ -4,16 +4,22 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from jaxtyping import Float
 
+from .._display import html_table, picture
 from .._measures import fit_text, mean_fit_percent
 from ..matching import Fit
 from ..physics import Twin
 from ..simulation import Run
 from ._whiteness import Whiteness, whiteness
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
 
 
 @final
@@ -43,6 +49,11 @@ class Prediction:
         """Recorded less predicted, K; NaN where a sample is missing."""
         assert self.run.experiment.temperatures is not None
         return self.run.experiment.temperatures - self.run.temperatures
+
+    @property
+    def sample_time(self) -> float:
+        """Median time from one sample to the next, s."""
+        return float(np.median(np.diff(self.run.time)))
 
     @cached_property
     def whiteness(self) -> dict[str, Whiteness]:
@@ -113,7 +124,6 @@ class Validation:
             )
         ]
         for one in self.predictions:
-            sample = float(np.median(np.diff(one.run.time)))
             for column, (channel, fit) in enumerate(one.run.fit_percent.items()):
                 error, test = one.residuals[:, column], one.whiteness[channel]
                 rows.append(
@@ -123,7 +133,7 @@ class Validation:
                         fit_text(fit),
                         f"{np.sqrt(np.nanmean(error**2)):.3f}",
                         f"{np.nanmean(error):+.3f}",
-                        f"{test.autocorrelation_time * sample:.0f}",
+                        f"{test.autocorrelation_time * one.sample_time:.0f}",
                         _verdict(test),
                     )
                 )
@@ -143,6 +153,38 @@ class Validation:
             lines += [f"{one.name}: {warning}" for warning in one.warnings]
         return "\n".join(lines)
 
+    def plot(self) -> "Figure":
+        """The predictions beside the recordings: `jaxtwin.plots.plot_comparison`."""
+        return picture("plot_comparison", list(self.runs.values()))
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The numbers with labels: fit_percent, rmse and mean_error, the p_value and the
+        autocorrelation_time (s) of the test of whiteness, all (recording, channel), NaN where a
+        recording does not have the channel. The runs have their own `to_xarray`."""
+        return self.to_dataframe().to_xarray().assign_attrs(rig=self.rig, kind=self.kind)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each recording and channel, its index, and columns fit_percent (%), rmse (K),
+        mean_error (K), p_value and autocorrelation_time (s), as in `summary`."""
+        import pandas
+
+        rows = {
+            (one.name, channel): {
+                "fit_percent": fit,
+                "rmse": float(np.sqrt(np.nanmean(error**2))),
+                "mean_error": float(np.nanmean(error)),
+                "p_value": one.whiteness[channel].p_value,
+                "autocorrelation_time": one.whiteness[channel].autocorrelation_time
+                * one.sample_time,
+            }
+            for one in self.predictions
+            for (channel, fit), error in zip(
+                one.run.fit_percent.items(), one.residuals.T, strict=True
+            )
+        }
+        table = pandas.DataFrame.from_dict(rows, orient="index")
+        return table.rename_axis(["recording", "channel"])
+
     def to_dict(self) -> dict[str, Any]:
         """The result in plain types for JSON; numbers that are not finite become None."""
         return {
@@ -152,6 +194,16 @@ class Validation:
             "rmse_K": _plain(self.rmse),
             "recordings": {one.name: _prediction(one) for one in self.predictions},
         }
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (one.name, channel, fit_text(fit), f"{run.rmse:.3f}")
+            for one in self.predictions
+            for run in [one.run]
+            for channel, fit in run.fit_percent.items()
+        ]
+        head = ("recording", "channel", "fit, %", "RMSE of the recording, K")
+        return html_table(repr(self), head, rows)
 
     def __repr__(self) -> str:
         return (

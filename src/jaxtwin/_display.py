@@ -1,0 +1,49 @@
+"""How results show themselves: as a table in a notebook, and as a picture."""
+
+import importlib
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+LONGEST = 40
+"""Rows of a table in a notebook; a last one says how many more there are."""
+
+
+def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table for Jupyter.
+
+    **Arguments:**
+
+    - `caption`: one line of plain text, such as the result's `repr`.
+    - `head`: of each column. `rows`: of plain text, the first cell being the row's name.
+    """
+    several = list(rows)
+    lines = [
+        f"<tr><th>{escape(first)}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
+        for first, *cells in several[:LONGEST]
+    ]
+    if len(several) > LONGEST:
+        more = f"{len(several) - LONGEST} more rows"
+        lines.append(f"<tr><th></th><td colspan={len(head) - 1}>{more}</td></tr>")
+    names = "".join(f"<th>{escape(name)}</th>" for name in head)
+    return (
+        f"<table><caption>{escape(caption)}</caption><thead><tr>{names}</tr></thead>"
+        f"<tbody>{''.join(lines)}</tbody></table>"
+    )
+
+
+def picture(name: str, *arguments: Any, **options: Any) -> Any:
+    """Draws with a function of `jaxtwin.plots`, which is looked up by its name when it is called.
+
+    `jaxtwin.plots` stands above the packages whose results it draws, and imports them. A result's
+    `plot` method therefore cannot import its picture. It asks for it here, as pandas asks its
+    plotting backend, so that imports between packages go one way.
+
+    **Arguments:**
+
+    - `name`: the name of the function, such as `"plot_bands"`.
+    - `arguments`, `options`: passed on to the function.
+
+    **Returns:** what the function returns, a matplotlib figure or axes.
+    """
+    return getattr(importlib.import_module(".plots", __package__), name)(*arguments, **options)

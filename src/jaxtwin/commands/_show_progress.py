@@ -1,0 +1,94 @@
+"""What a command is doing, for the person who waits, on standard error.
+
+On a terminal: a line that lives while a step goes on, and stays with its time when it is done.
+Elsewhere (a log, a pipe, a terminal that only prints lines): a plain line for each step that takes
+a second or more, and news of it every ten seconds at most.
+"""
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from .._progress import Progress
+
+PATIENCE = 1.0  # s before a step is worth a plain line
+PAUSE = 10.0  # s between two plain lines of news
+
+
+@contextmanager
+def show_progress() -> Iterator[Progress]:
+    """Shows progress while the block runs. What was under way when it fails is left unmarked."""
+    # On a terminal that can only print lines, rich would show nothing at all.
+    living = sys.stderr.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
+    shown = LiveProgress() if living else PlainProgress()
+    try:
+        yield shown
+        if isinstance(shown, LiveProgress):
+            shown.finish()
+    finally:
+        shown.stop()
+
+
+class PlainProgress:
+    """Plain lines; a step that is done within a second has nothing to tell."""
+
+    def __init__(self) -> None:
+        self.timer: threading.Timer | None = None
+        self.told = 0.0
+
+    def step(self, text: str) -> None:
+        self.stop()
+        self.told = time.monotonic()
+        self.timer = threading.Timer(PATIENCE, self._tell, [f"{text} ..."])
+        self.timer.daemon = True
+        self.timer.start()
+
+    def update(self, text: str) -> None:
+        if time.monotonic() - self.told >= PAUSE:
+            self._tell(f"  {text}")
+
+    def stop(self) -> None:
+        if self.timer is not None:
+            self.timer.cancel()
+
+    def _tell(self, line: str) -> None:
+        self.told = time.monotonic()
+        print(line, file=sys.stderr, flush=True)
+
+
+class LiveProgress:
+    """A spinner with the step and its news, by rich."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+
+        self.console = Console(stderr=True, highlight=False)
+        self.status = self.console.status("")
+        self.text = ""
+        self.began = 0.0
+
+    def step(self, text: str) -> None:
+        from rich.markup import escape
+
+        self.finish()
+        self.text, self.began = escape(text), time.monotonic()
+        self.status.update(self.text)
+        self.status.start()
+
+    def update(self, text: str) -> None:
+        from rich.markup import escape
+
+        self.status.update(f"{self.text} [dim]{escape(text)}[/]")
+
+    def finish(self) -> None:
+        if self.text:
+            self.status.stop()
+            took = time.monotonic() - self.began
+            self.console.print(f"[green]✓[/] {self.text} [dim]{took:.1f} s[/]")
+            self.text = ""
+
+    def stop(self) -> None:
+        self.status.stop()

@@ -1,0 +1,76 @@
+"""What is said about single recordings when they are matched: spans that count less, and the times
+of the camera's corrections."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import MatchError
+from ..io import Experiment
+
+Span = tuple[float, float] | tuple[float, float, float]
+"""From, to (s), and the weight in between, 0 where it is not given."""
+
+
+def span_weights(
+    recordings: Mapping[str, Experiment],
+    spans: Mapping[str, Sequence[Span]] | None,
+) -> list[Float[np.ndarray, "_times _channels"]]:
+    """Weights of all samples, 0 to 1; those that are missing weigh nothing.
+
+    **Raises:** `MatchError` for unknown recordings, spans outside of one, and weights that are not
+    0 to 1.
+    """
+    _check_names("masks", recordings, spans or {})
+    weights = []
+    for name, experiment in recordings.items():
+        weight = experiment.sampled.astype(float)
+        for span in (spans or {}).get(name, ()):
+            if len(span) not in (2, 3):
+                raise MatchError(
+                    f"masks: {name}: found {span!r}, allowed is (from, to) or (from, to, weight)"
+                )
+            start, end, value = (*span, 0.0)[:3]
+            first, last = experiment.time[0], experiment.time[-1]
+            if not (first <= start < end <= last and 0 <= value <= 1):
+                raise MatchError(
+                    f"masks: {name}: found {span!r}, allowed are spans inside {first:g} to "
+                    f"{last:g} s with a weight of 0 to 1"
+                )
+            weight[(experiment.time >= start) & (experiment.time <= end)] *= value
+        if not weight.any():
+            raise MatchError(f"masks: {name}: found no sample left, allowed is at least one")
+        weights.append(weight)
+    return weights
+
+
+def given_events(
+    recordings: Mapping[str, Experiment], events: Mapping[str, Sequence[float]]
+) -> list[tuple[float, ...]]:
+    """Times of the camera's corrections in each recording, s.
+
+    **Raises:** `MatchError` for unknown recordings and times outside of one.
+    """
+    _check_names("events", recordings, events)
+    times = []
+    for name, experiment in recordings.items():
+        first, last = experiment.time[0], experiment.time[-1]
+        for event in events.get(name, ()):
+            if not first < event <= last:
+                raise MatchError(
+                    f"events: {name}: found {event:g} s, allowed are times inside the recording, "
+                    f"{first:g} to {last:g} s"
+                )
+        times.append(tuple(sorted(float(event) for event in events.get(name, ()))))
+    return times
+
+
+def _check_names(
+    what: str, recordings: Mapping[str, Experiment], given: Mapping[str, object]
+) -> None:
+    unknown = [name for name in given if name not in recordings]
+    if unknown:
+        raise MatchError(
+            f"{what}: found the recording {unknown[0]!r}, allowed are {', '.join(recordings)}"
+        )

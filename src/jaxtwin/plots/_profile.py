@@ -1,0 +1,45 @@
+"""A profile likelihood, with the interval that it gives."""
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+
+from ..matching import Profile
+from ._style import INK, MUTED, SKY, VERMILION, styled, symbol
+
+LIMIT = 3.841
+"""95 % quantile of chi-squared with one degree of freedom."""
+
+
+@styled
+def plot_profile(profile: Profile) -> Figure:
+    """How much worse the match becomes with a parameter held at other values.
+
+    The dashed line is at 3.84, below which a value is inside the 95 % interval, which is shaded as
+    far as the profile reaches.
+
+    **Arguments:**
+
+    - `profile`: the result of `jaxtwin.profile`.
+
+    **Returns:** the figure.
+    """
+    figure = pyplot.figure(figsize=(5.6, 3.6), layout="constrained")
+    axes = figure.subplots()
+    low, high = np.clip(profile.interval, profile.values[0], profile.values[-1])
+    axes.axvspan(low, high, color=SKY, alpha=0.35, lw=0, label="95 % interval")
+    axes.plot(profile.values, profile.excess, "o-", color=VERMILION, ms=5)
+    axes.axhline(LIMIT, color=MUTED, lw=1.0, ls=(0, (4, 3)))
+    axes.annotate(
+        f"{LIMIT:.2f}", (1, LIMIT), xycoords=("axes fraction", "data"), xytext=(3, 0),
+        textcoords="offset points", va="center", color=INK, fontsize=9,
+    )  # fmt: skip
+    axes.set_ylim(bottom=min(0.0, float(profile.excess.min())))
+    unit = f", {profile.unit}" if profile.unit else ""
+    axes.set(
+        title="Profile likelihood",
+        xlabel=f"{symbol(profile.name)}{unit}",
+        ylabel="excess of twice the cost",
+    )
+    axes.legend(loc="upper center")
+    return figure

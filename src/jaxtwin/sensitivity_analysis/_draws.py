@@ -1,0 +1,112 @@
+"""The twins, experiments and central values of a study of random draws."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arguments import names_of
+from .._errors import ParameterError, SimulationError
+from ..io import Experiment
+from ..io._experiment import as_experiments
+from ..matching import Fit, twin_for
+from ..physics import Twin, check_twin
+
+
+def paired_twins(
+    study: str,
+    twin: Twin | Fit | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment] | None,
+) -> tuple[list[Twin], list[Experiment]]:
+    """Pairs each experiment with its twin.
+
+    **Arguments:**
+
+    - `study`: the name of the calling function, for error messages.
+    - `twin`: one twin for all experiments, one for each, or a fit, which has one for each: see
+      `jaxtwin.matching.twin_for`.
+    - `experiments`: one or several; None for the experiments of the fit.
+
+    **Raises:** `SimulationError` where their numbers differ, there are none, or the twins' rigs do;
+    `MatchError` where a recording that the fit has not seen is too short to take its own values
+    from.
+    """
+    if experiments is None:
+        if not isinstance(twin, Fit):
+            raise SimulationError(
+                f"{study}: experiments: found none, allowed is one or several; only a fit brings "
+                "its own"
+            )
+        experiments = twin.experiments
+    recordings = as_experiments(f"{study}: experiments", experiments, SimulationError)
+    if isinstance(twin, Fit):
+        twins = [twin_for(twin, experiment) for experiment in recordings]
+    elif isinstance(twin, Twin):
+        twins = [twin] * len(recordings)
+    else:
+        if isinstance(twin, str) or not isinstance(twin, Iterable):
+            check_twin(f"{study}: twin", twin, SimulationError)
+        twins = list(twin)
+    for candidate in twins:
+        check_twin(f"{study}: twin", candidate, SimulationError)
+    if not recordings or len(twins) != len(recordings):
+        raise SimulationError(
+            f"{study}: found {len(twins)} twins for {len(recordings)} experiments, allowed is one "
+            "for all or one each"
+        )
+    if any(twin.rig != twins[0].rig for twin in twins):
+        raise SimulationError(f"{study}: found twins of several rigs, allowed is one rig")
+    return twins, recordings
+
+
+def central_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, float]:
+    """The values around which parameters are drawn: name -> value in the rig's unit.
+
+    **Arguments:**
+
+    - `parameters`: names; None for the free parameters that all recordings share.
+
+    **Raises:** `ParameterError` for unknown names, none at all, or a value of 0.
+    """
+    table = twin.rig.parameters
+    if parameters is None:
+        names = [name for name, row in table.items() if row.free and row.scope == "shared"]
+    else:
+        names = list(names_of("parameters", parameters, ParameterError))
+    unknown = [name for name in names if name not in table]
+    if unknown or not names:
+        raise ParameterError(
+            f"{twin.rig.name}: parameters: found {', '.join(unknown) or 'none'}, allowed are "
+            f"{', '.join(table)}"
+        )
+    values = {name: float(twin.parameters[name]) for name in names}
+    for name, value in values.items():
+        if value == 0:
+            raise ParameterError(
+                f"{twin.rig.name}: parameter {name}: found 0, allowed is any other value; "
+                "draws have a standard deviation relative to it"
+            )
+    return values
+
+
+def rescaled_draws(
+    twin: Twin, values: Mapping[str, float], samples: Mapping[str, Float[np.ndarray, " draws"]]
+) -> dict[str, Float[np.ndarray, " draws"]]:
+    """Moves draws from around `values` to around the values of a twin, at the same ratios.
+
+    Twins of several recordings thus get the same draws relative to their values.
+    """
+    return {
+        name: float(twin.parameters[name]) / values[name] * sample
+        for name, sample in samples.items()
+    }
+
+
+def distinct_names(names: Iterable[str]) -> list[str]:
+    """The names, each made unique: a second `T` becomes `T (2)`."""
+    counts: dict[str, int] = {}
+    labels = []
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+        labels.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
+    return labels

@@ -1,0 +1,188 @@
+"""The exponential step as a diffrax solver."""
+
+from collections.abc import Callable
+from typing import Any, ClassVar, TypeAlias, final
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..physics import System
+from ._delay import lagged_duty
+from ._exponential import Inputs, ModalField, StepFactors, exponential_step, step_factors
+from ._modes import Modes, network_modes
+
+RealScalarLike: TypeAlias = float | int | Float[Array | np.ndarray, ""]
+
+_State: TypeAlias = Modes
+
+
+@final
+class HeldInputs(eqx.Module):
+    """Inputs that are held from each of some times to the next: time -> `Inputs`.
+
+    - `starts`: `(spans,)`, s. `duty`: `(spans, cells)`. `ambient`: deviation, `(spans,)`, K.
+    - `drift`: of the ambient beside that, K/s, or None.
+    - `lag`, `delay`, `steady_start`: of what reaches the cells behind the duty, see `lagged_duty`.
+    """
+
+    starts: Float[Array, " spans"]
+    duty: Float[Array, "spans cells"]
+    ambient: Float[Array, " spans"]
+    lag: Float[Array, ""] | None = None
+    delay: Float[Array, ""] | None = None
+    steady_start: bool = eqx.field(static=True, default=False)
+    drift: Float[Array, ""] | None = None
+
+    def __call__(self, t: RealScalarLike) -> Inputs:
+        """What is held at a time."""
+        now = jnp.searchsorted(self.starts, t, side="right") - 1
+        return Inputs(self._duty(jnp.asarray(t), now), self._ambient(t, now))
+
+    def over(self, t: RealScalarLike, size: RealScalarLike) -> Inputs:
+        """What acts during a step."""
+        now = jnp.searchsorted(self.starts, t, side="right") - 1
+        stages = jnp.asarray(t + size * jnp.array([0.0, 0.5, 1.0]))
+        duty = self.duty[now] if self.lag is None else self._duty(stages, now)
+        return Inputs(duty, self._ambient(stages, now))
+
+    def _ambient(
+        self, t: RealScalarLike | Float[Array, "*times"], now: Int[Array, ""]
+    ) -> Float[Array, "*times_or_none"]:
+        held = self.ambient[now]
+        return held if self.drift is None else held + self.drift * t
+
+    def _duty(self, t: Float[Array, "*times"], now: Int[Array, ""]) -> Float[Array, "*times cells"]:
+        if self.lag is None:
+            return self.duty[now]
+        return lagged_duty(self.lag, self.delay, self.starts, self.duty, t, self.steady_start)
+
+
+@final
+class NetworkProblem(eqx.Module):
+    """A twin's equations as diffrax sees them: `args` of a solve over `network_field`.
+
+    The state is the nodes' deviation from the `reference` temperature (K).
+    """
+
+    system: System
+    inputs: HeldInputs
+    reference: Float[Array, ""]
+
+
+def network_field(
+    t: RealScalarLike, deviation: Float[Array, " nodes"], problem: NetworkProblem
+) -> Float[Array, " nodes"]:
+    """The vector field of a twin for `diffrax.ODETerm`, K/s."""
+    now, system = problem.inputs(t), problem.system
+    heat = system.heat_into_nodes(deviation, now.duty, problem.reference, now.ambient)
+    return heat / system.capacitance
+
+
+@final
+class NetworkExponential(diffrax.AbstractAdaptiveSolver):
+    r"""Exponential Runge-Kutta steps in the modes of a thermal network, as a diffrax solver.
+
+    The linear network is integrated exactly, the cells' heat flows to fourth order (see
+    `jaxtwin.simulation`, whose own loop drives the same step on a grid known beforehand).
+    Dense output is cubic Hermite interpolation.
+    The error estimate is the difference to the second-order ETD2 step from the same stages, so a
+    step size controller is on the safe side with it.
+
+    Pass it to `simulate(..., solver=NetworkExponential())`, or to `diffrax.diffeqsolve` with
+    `ODETerm(network_field)` and a `NetworkProblem` as `args`.
+
+    **Not for** cells that act on themselves strongly beyond their linear part at rest under the
+    mean duty cycle, that is where the `stability_number` passes about 1 (cells of very low
+    resistance far from that point, steps of many seconds): the step is explicit in that part. An
+    adaptive controller shortens the steps then; a stiff solver such as `diffrax.Kvaerno5` takes
+    longer ones. `simulate` and `simulate_batch` look at it, halve their steps, and change over
+    where that does not help.
+    """
+
+    term_structure: ClassVar = diffrax.ODETerm
+    interpolation_cls: ClassVar[Callable[..., Any]] = (
+        diffrax.ThirdOrderHermitePolynomialInterpolation
+    )
+
+    def order(self, terms: diffrax.AbstractTerm) -> int:
+        """Four."""
+        del terms
+        return 4
+
+    def error_order(self, terms: diffrax.AbstractTerm) -> int:
+        """Of the estimate: that of the embedded second-order step plus one."""
+        del terms
+        return 3
+
+    def init(
+        self,
+        terms: diffrax.AbstractTerm,
+        t0: RealScalarLike,
+        t1: RealScalarLike,
+        y0: Float[Array, " nodes"],
+        args: NetworkProblem,
+    ) -> _State:
+        """The modes of the network, kept for all steps."""
+        del terms, y0
+        inputs = args.inputs
+        ends = jnp.append(inputs.starts[1:], t1)
+        lengths = jnp.clip(ends, t0, t1) - jnp.clip(inputs.starts, t0, t1)
+        return network_modes(args.system, lengths @ inputs.duty / lengths.sum(), args.reference)
+
+    def step(
+        self,
+        terms: diffrax.AbstractTerm,
+        t0: RealScalarLike,
+        t1: RealScalarLike,
+        y0: Float[Array, " nodes"],
+        args: NetworkProblem,
+        solver_state: _State,
+        made_jump: Any,
+    ) -> tuple[Any, Any, dict[str, Any], _State, Any]:
+        """One step; a command and a recorded ambient are held as they are at its start, lag and
+        drift go on."""
+        del terms, made_jump
+        modes = solver_state
+        size = jnp.asarray(t1) - t0
+        amplitudes = modes.amplitudes(y0)
+        factors = step_factors(modes.rates, size)
+        inputs = args.inputs.over(t0, size)
+        field = ModalField.of(args.system, modes, args.reference)
+        force_0 = field.force(amplitudes, inputs.at(0))
+        end, _ = exponential_step(amplitudes, force_0, factors, field, inputs)
+        force_1 = field.force(end, inputs.at(2))
+        lower = _second_order(amplitudes, force_0, force_1, factors)
+        y1 = modes.shapes @ end
+        dense = {
+            "y0": y0,
+            "y1": y1,
+            "k0": size * (modes.shapes @ (force_0 - modes.rates * amplitudes)),
+            "k1": size * (modes.shapes @ (force_1 - modes.rates * end)),
+        }
+        return y1, modes.shapes @ (end - lower), dense, solver_state, diffrax.RESULTS.successful
+
+    def func(
+        self,
+        terms: diffrax.AbstractTerm,
+        t0: RealScalarLike,
+        y0: Float[Array, " nodes"],
+        args: NetworkProblem,
+    ) -> Float[Array, " nodes"]:
+        """The vector field."""
+        return terms.vf(t0, y0, args)
+
+
+def _second_order(
+    amplitudes: Float[Array, " modes"],
+    force_0: Float[Array, " modes"],
+    force_1: Float[Array, " modes"],
+    factors: StepFactors,
+) -> Float[Array, " modes"]:
+    """ETD2: the force taken linear between its values at both ends."""
+    # first + 2 middle + last = h phi1 and middle + last = h phi2.
+    straight = factors.first + 2 * factors.middle + factors.last
+    bent = factors.middle + factors.last
+    return factors.decay * amplitudes + straight * force_0 + bent * (force_1 - force_0)

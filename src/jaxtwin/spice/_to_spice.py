@@ -1,0 +1,289 @@
+"""A twin in an experiment as SPICE text, so that another simulator can check it.
+
+Heat flows as current does: volts stand for kelvins, amperes for watts, ohms for K/W and farads for
+J/K.
+"""
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import SimulationError
+from .._jax_settings import own_settings
+from ..io import Experiment
+from ..physics import Netlist, ThermoelectricElement, Twin
+from ..physics._loss import CALM, STEFAN_BOLTZMANN
+from ..rig import Rig, Value
+from ..rig._plate import AMBIENT, FILM_REFERENCE
+
+_RAMP = 1e-6
+"""How long a step of the drive takes, s: sources of SPICE are made of straight lines."""
+
+_LONGEST_STEP = 1.0
+"""Of the solver, s. The tolerance asks for shorter ones where anything happens."""
+
+
+def to_spice(twin: Twin, experiment: Experiment, *, output: str = "temperatures.txt") -> str:
+    """The text of a netlist that `ngspice -b` runs.
+
+    A node's voltage is its temperature above that of the surroundings at the start, because
+    SPICE's tolerances are relative.
+    Capacities are capacitors, links are resistors that are named by role and ends, duty cycles are
+    voltage sources, and each cell is a pair of behavioural current sources, eqs. (7)-(9), with the
+    averaging of the rig's driver.
+    The run starts at the temperatures that the rig gives.
+
+    ngspice writes a table: a line of names, then a row for each of its steps with the time since
+    the first sample (s) and the temperatures of all nodes (degC, in the order of
+    `twin.netlist.nodes`). Steps end at every sample of the experiment, so that nothing has to be
+    interpolated.
+
+    **Arguments:**
+
+    - `twin`: with one value for each parameter.
+    - `experiment`: its duty cycles drive the twin; a recorded ambient takes the place of the rig's.
+    - `output`: the file that ngspice will write, a path without blanks.
+
+    **Returns:** the text, to be saved as a file for ngspice.
+
+    **Raises:** `SimulationError` where the experiment drives another number of cells;
+    `ParameterError` where a parameter holds more than one value.
+    """
+    cells = len(twin.netlist.cells)
+    if experiment.n_cells != cells:
+        raise SimulationError(
+            f"{experiment.name or 'the experiment'}: duty: found {experiment.n_cells} cells, "
+            f"allowed are the {cells} of {twin.rig.name}"
+        )
+    values = twin.numbers_si
+    time = experiment.time - experiment.time[0]
+    ambient = experiment.ambient
+    if ambient is None:
+        drift = 0.0 if twin.rig.ambient_drift is None else twin.rig.ambient_drift.evaluate(values)
+        ambient = twin.rig.ambient_temperature.evaluate(values) - 273.15 + drift * time
+    ambient = np.broadcast_to(np.asarray(ambient, float) + 273.15, experiment.time.shape)
+    names = _node_names(twin.netlist)
+    return "\n".join(
+        [
+            *_head(twin, experiment, values),
+            *_constants(twin.rig, ambient[0], values),
+            *_network(twin.netlist, names, ambient[0], values),
+            *_losses(twin, names, values),
+            f"Vambient ambient 0 {_held(time, ambient - ambient[0])}",
+            *_cells(twin, names, time, experiment.duty, values),
+            *_run(twin.netlist, names, time, ambient[0], output),
+            "",
+        ]
+    )
+
+
+def _head(twin: Twin, experiment: Experiment, values: Mapping[str, float]) -> list[str]:
+    table = twin.rig.parameters
+    return [
+        _comment(f"jaxtwin: {twin.rig.name}, {experiment.name or 'an experiment'}"),
+        "* 1 V = 1 K above T_ref (below), 1 A = 1 W, 1 ohm = 1 K/W, 1 F = 1 J/K",
+        "*",
+        "* Parameters in SI units:",
+        *(
+            _comment(f"{name} = {value!r} ({table[name].description})")
+            for name, value in values.items()
+        ),
+    ]
+
+
+def _constants(rig: Rig, reference: float, values: Mapping[str, float]) -> list[str]:
+    driver = rig.driver
+    return [
+        "*",
+        "* Surroundings at the start, K; supply, V; its resistance and that of the bridge, ohm",
+        f".param T_ref={float(reference)!r}",
+        f".param V_s={_number(driver.supply_voltage, values)}",
+        f".param R_s={_number(driver.supply_resistance, values)}",
+        f".param R_on={_number(driver.on_resistance, values)}",
+    ]
+
+
+def _network(
+    netlist: Netlist, names: Mapping[str, str], reference: float, values: Mapping[str, float]
+) -> list[str]:
+    lines = ["*", "* Nodes"]
+    for node in netlist.nodes:
+        name = names[node.name]
+        start = float(node.initial_temperature.evaluate(values) - reference)
+        capacitance = _number(node.capacitance, values)
+        lines.append(f"C_{name} {name} 0 {capacitance} ; {node.kind}: {node.capacitance}")
+        lines.append(f".ic v({name})={start!r}")
+    lines += ["*", "* Links"]
+    used: set[str] = set()
+    for link in netlist.links:
+        a, b = names[link.a], names[link.b]
+        resistor = _unique(f"R{link.role}_{a}_{b}", used)
+        resistance = float(link.resistance(values))
+        formula = " + ".join(str(value) for value in link.resistances)
+        lines.append(f"{resistor} {a} {b} {resistance!r} ; {formula}")
+    return lines
+
+
+def _losses(twin: Twin, names: Mapping[str, str], values: Mapping[str, float]) -> list[str]:
+    """What the plate loses beyond its links; see `NonlinearLoss`."""
+    with own_settings():
+        loss = twin.system().loss
+    if loss is None:
+        return []
+    lines = ["*", "* Losses beyond the links: convection with an exponent, radiation"]
+    square = f"{FILM_REFERENCE**2 + CALM**2!r}"
+    parts = zip(twin.netlist.nodes, np.asarray(loss.film), np.asarray(loss.radiating), strict=False)
+    for node, film, radiating in parts:
+        name = names[node.name]
+        rise = f"V({name},ambient)"
+        hot, cold = f"(V({name})+T_ref)", "(V(ambient)+T_ref)"
+        power = f"pow(({rise}*{rise}+{CALM**2!r})/{square},{float(loss.exponent) / 2!r})"
+        four = f"({hot}+{cold})*({hot}*{hot}+{cold}*{cold})"
+        heat = f"{float(film)!r}*({power}-1)+{STEFAN_BOLTZMANN * float(radiating)!r}*{four}"
+        lines.append(f"Bloss_{name} {name} ambient I={rise}*({heat})")
+    return lines
+
+
+def _cells(
+    twin: Twin,
+    names: Mapping[str, str],
+    time: Float[np.ndarray, " times"],
+    duty: Float[np.ndarray, "times cells"],
+    values: Mapping[str, float],
+) -> list[str]:
+    lines = []
+    for number, cell in enumerate(twin.netlist.cells, start=1):
+        lines += ["*", _comment(f"Cell {cell.name}: duty; EMF, V; currents, A (as voltages)")]
+        lines += [
+            f".param alpha_{number}={_number(cell.seebeck_coefficient, values)}",
+            f".param R_E_{number}={_number(cell.electrical_resistance, values)}",
+            *_duty(twin.rig, number, time, duty[:, number - 1], values),
+            *_heat(twin.rig, cell, number, names),
+        ]
+    return lines
+
+
+def _duty(
+    rig: Rig,
+    number: int,
+    time: Float[np.ndarray, " times"],
+    duty: Float[np.ndarray, " times"],
+    values: Mapping[str, float],
+) -> list[str]:
+    """A source for the duty cycle, behind a resistor and a capacitor where the driver lags."""
+    driver = rig.driver
+    if driver.lag is None:
+        return [f"Vduty_{number} duty_{number} 0 {_held(time, duty)}"]
+    delay = 0.0 if driver.delay is None else float(driver.delay.evaluate(values))
+    begun, commands = [0.0], [0.0]
+    begun += (time + max(delay, _RAMP)).tolist()
+    commands += duty.tolist()
+    return [
+        f"Vcommand_{number} command_{number} 0 {_held(np.array(begun), np.array(commands))}",
+        f"Rlag_{number} command_{number} duty_{number} 1",
+        f"Clag_{number} duty_{number} 0 {_number(driver.lag, values)}",
+        f".ic v(duty_{number})=0",
+    ]
+
+
+def _heat(
+    rig: Rig, cell: ThermoelectricElement, number: int, names: Mapping[str, str]
+) -> list[str]:
+    """Eqs. (7)-(9), averaged as in `Bridge`."""
+    cold, hot = names[cell.cold], names[cell.hot]
+    duty, emf = f"V(duty_{number})", f"V(emf_{number})"
+    lines = [f"Bemf_{number} emf_{number} 0 V=alpha_{number}*(V({hot})-V({cold}))"]
+    if rig.driver.averaging == "voltage":
+        drive = f"-{duty}*V_s"
+        loop = f"R_E_{number}+R_on+abs({duty})*R_s"
+        phases = {"on": ""}
+    else:
+        drive = f"-sgn({duty})*V_s"
+        loop = f"R_E_{number}+R_on+R_s"
+        phases = {"on": f"abs({duty})*", "off": f"(1-abs({duty}))*"}
+    lines.append(f"Bon_{number} on_{number} 0 V=({drive}-{emf})/({loop})")
+    if "off" in phases:
+        off = f"-{emf}/(R_E_{number}+R_on)" if rig.driver.off_phase == "brake" else "0"
+        lines.append(f"Boff_{number} off_{number} 0 V={off}")
+
+    def flow(side: str, sign: str) -> str:
+        # A product, not a power: `^` of a negative base is not the same in all versions of ngspice.
+        return "+".join(
+            f"{share}V({phase}_{number})*(alpha_{number}*(V({side})+T_ref)"
+            f"{sign}R_E_{number}/2*V({phase}_{number}))"
+            for phase, share in phases.items()
+        )
+
+    lines.append(f"Bcold_{number} {cold} 0 I={flow(cold, '-')}")
+    lines.append(f"Bhot_{number} 0 {hot} I={flow(hot, '+')}")
+    return lines
+
+
+def _run(
+    netlist: Netlist,
+    names: Mapping[str, str],
+    time: Float[np.ndarray, " times"],
+    reference: float,
+    output: str,
+) -> list[str]:
+    step = min(_LONGEST_STEP, float(np.median(np.diff(time))))
+    nodes = [names[node.name] for node in netlist.nodes]
+    offset = float(reference - 273.15)
+    return [
+        "*",
+        ".options reltol=1e-8",
+        f".tran {step!r} {float(time[-1])!r} 0 {step!r}",
+        ".control",
+        "set wr_singlescale",
+        "set wr_vecnames",
+        "set numdgt=12",
+        "run",
+        *(f"let {name}_degC = v({name}) + {offset!r}" for name in nodes),
+        f"wrdata {output} {' '.join(f'{name}_degC' for name in nodes)}",
+        "quit",
+        ".endc",
+        ".end",
+    ]
+
+
+def _held(time: Float[np.ndarray, " times"], values: Float[np.ndarray, " times"]) -> str:
+    """A source that holds each sample's value until the next; each sample is a corner, at which
+    the solver ends a step."""
+    points = [(time[0], values[0])]
+    for now, before, after in zip(time[1:], values[:-1], values[1:], strict=True):
+        points.append((now, before))
+        if after != before and now < time[-1]:
+            points.append((now + _RAMP, after))
+    lines = [
+        "+ "
+        + " ".join(f"{float(at)!r} {float(value)!r}" for at, value in points[start : start + 4])
+        for start in range(0, len(points), 4)
+    ]
+    return "\n".join(["PWL(", *lines, "+ )"])
+
+
+def _node_names(netlist: Netlist) -> dict[str, str]:
+    used = {"ambient"}
+    names = {node.name: _unique(node.name, used) for node in netlist.nodes}
+    return names | {AMBIENT: "ambient"}
+
+
+def _unique(text: str, used: set[str]) -> str:
+    """A name that SPICE understands, which knows no case, unlike those `used` already."""
+    name = plain = re.sub(r"\W", "_", text, flags=re.ASCII)
+    number = 1
+    while name.lower() in used:
+        number += 1
+        name = f"{plain}_{number}"
+    used.add(name.lower())
+    return name
+
+
+def _number(value: Value, values: Mapping[str, float]) -> str:
+    return repr(float(value.evaluate(values)))
+
+
+def _comment(text: str) -> str:
+    return "* " + " ".join(text.split())

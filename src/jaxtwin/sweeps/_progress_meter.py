@@ -1,0 +1,80 @@
+"""How far a sweep is, how fast it goes and how long it will take."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+
+@final
+@dataclass(frozen=True)
+class SweepProgress:
+    """How far a sweep has come.
+
+    **Arguments:**
+
+    - `done`, `total`: draws of this process's part, those of earlier runs included.
+    - `rate`: draws per second, without the first chunk, which waits for the compiler; None until
+      it is known.
+    - `left`: time until the part is done, s; None until it is known.
+    """
+
+    done: int
+    total: int
+    rate: float | None
+    left: float | None
+
+    def __str__(self) -> str:
+        text = f"{self.done} of {self.total} draws"
+        if self.rate is None or self.left is None:
+            return text
+        return f"{text}, {self.rate:.0f} draws/s, {_clock(self.left)} left"
+
+
+@final
+class ProgressMeter:
+    """Counts finished simulations and reports them as `SweepProgress`.
+
+    **Arguments:**
+
+    - `done`, `total`: draws that were done before, and all draws.
+    - `simulations`: simulations in each draw, which is the number of experiments.
+    - `on_progress`: called with a `SweepProgress` after each call, or None.
+    """
+
+    def __init__(
+        self,
+        done: int,
+        total: int,
+        simulations: int,
+        on_progress: Callable[[SweepProgress], None] | None,
+    ):
+        self.done_before, self.total, self.simulations = done, total, simulations
+        self.on_progress = on_progress
+        self.finished = 0
+        self.first: tuple[int, float] | None = None
+
+    def __call__(self, simulations: int) -> None:
+        """Adds simulations that have finished. One thread calls this at a time."""
+        self.finished += simulations
+        now = time.perf_counter()
+        if self.first is None:
+            self.first = self.finished, now
+        if self.on_progress is None:
+            return
+        before, since = self.first
+        draws = self.finished // self.simulations
+        done = self.done_before + draws
+        rate = left = None
+        if self.finished > before and now > since:
+            rate = (self.finished - before) / self.simulations / (now - since)
+            left = (self.total - done) / rate
+        self.on_progress(SweepProgress(done, self.total, rate, left))
+
+
+def _clock(seconds: float) -> str:
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    if seconds < 3600:
+        return f"{seconds // 60:.0f} min {seconds % 60:.0f} s"
+    return f"{seconds // 3600:.0f} h {seconds % 3600 // 60:.0f} min"

@@ -1,0 +1,150 @@
+"""Whatever a public function gives can be plotted, printed, and taken to xarray and pandas."""
+
+import inspect
+import typing
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+import pytest
+import xarray
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+from small_results import analysis, fit, recordings
+
+import jaxtwin as jt
+from jaxtwin.physics import DCSweep
+from jaxtwin.simulation import Reductions
+
+DRAWS = {"R_E": np.array([1.9, 2.0, 2.1])}
+
+
+@cache
+def reductions() -> Reductions:
+    return jt.simulate_batch(
+        fit().twin, recordings()[0], DRAWS, reductions=["cost", "final", "plate_range"]
+    )
+
+
+def dc_sweep() -> DCSweep:
+    module = jt.ThermoelectricModule.from_datasheet("CP10-127-05")
+    return module.dc_sweep(np.linspace(0.0, 3.0, 20), [0.0, 20.0], 300.0)
+
+
+def swept(folder: Path) -> jt.Sweep:
+    return jt.sweep(fit(), None, folder, draws=4, parameters=["R_E"], reductions=["final"])
+
+
+RESULTS: dict[str, Callable[[Path], Any]] = {
+    "Run": lambda _: fit().runs["synthetic-A"],
+    "Reductions": lambda _: reductions(),
+    "Fit": lambda _: fit(),
+    "Band": lambda _: jt.prediction_band(fit()),
+    "Profile": lambda _: jt.profile(fit(), "R_E", points=3),
+    "Validation": lambda _: jt.validate(fit(), recordings()[0], warm_up=20),
+    "Sensitivity": lambda _: analysis(),
+    "Sweep": lambda folder: swept(folder / "sweep"),
+    "DCSweep": lambda _: dc_sweep(),
+}
+"""Class -> one of it."""
+
+INPUTS = {"Experiment", "Netlist", "PlateMap", "Rig", "Twin"}
+"""Classes that public functions give and that are no results."""
+
+
+@pytest.fixture(autouse=True)
+def _closed_figures():
+    yield
+    pyplot.close("all")
+
+
+def test_every_class_that_a_public_function_gives_is_looked_at_here():
+    given = set()
+    for name in jt.__all__:
+        function = getattr(jt, name)
+        if inspect.isfunction(function):
+            kind = inspect.signature(function).return_annotation
+            for part in (kind, *typing.get_args(kind)):
+                if inspect.isclass(part) and part.__module__.startswith("jaxtwin"):
+                    given.add(part.__name__)
+    assert given - INPUTS <= set(RESULTS)
+    assert {"Run", "Fit", "Validation", "Sensitivity", "Sweep"} <= given
+
+
+@pytest.mark.parametrize("kind", RESULTS)
+def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: Path):
+    result = RESULTS[kind](tmp_path)
+    assert type(result).__name__ == kind
+    assert repr(result).startswith((f"<{kind} ", f"{kind}("))
+    html = result._repr_html_()
+    assert html.startswith("<table><caption>")
+    assert html.count("<tr>") == html.count("</tr>") > 1
+    assert isinstance(result.to_xarray(), xarray.Dataset)
+    table = result.to_dataframe()
+    assert isinstance(table, pandas.DataFrame)
+    assert len(table) > 0
+    picture = result.plot()
+    figure = picture if isinstance(picture, Figure) else picture.get_figure(root=True)
+    assert isinstance(figure, Figure)
+    assert figure.axes
+
+
+def test_the_tables_hold_the_numbers_of_the_results():
+    matched = fit()
+    data = matched.to_xarray()
+    rows = matched.parameters.values()
+    np.testing.assert_array_equal(data.value, [row.value for row in rows])
+    np.testing.assert_array_equal(data.standard_error, [row.standard_error for row in rows])
+    room = "T_amb[synthetic-A]"
+    variance = float(data.covariance.sel(entry=room, other_entry=room))
+    assert variance == pytest.approx(matched.uncertainty.standard_errors[room] ** 2)
+    room = data.recording_value.sel(recording="synthetic-B", own_parameter="T_amb")
+    assert float(room) == matched.recording_values["synthetic-B"]["T_amb"]
+    percent = matched.fit_percent["synthetic-A", "T11"]
+    assert float(data.fit_percent.sel(recording="synthetic-A", channel="T11")) == percent
+    # The channels of zone B are not those of zone A.
+    assert np.isnan(data.fit_percent.sel(recording="synthetic-B", channel="T11"))
+    run = matched.runs["synthetic-A"]
+    assert run.to_dataframe().loc[30.0, "T11"] == run.channel("T11")[30]
+    reduced = reductions()
+    assert reduced.cost is not None
+    table = reduced.to_dataframe()
+    assert table.loc[(1, "T11"), "cost"] == reduced.cost[1, 0]
+    band = jt.prediction_band(matched)
+    assert band.to_dataframe().loc[(30.0, "T11"), "upper"] == band.upper[30, 0]
+    checked = jt.validate(matched, recordings()[0], warm_up=20)
+    numbers = checked.to_dataframe().loc[("synthetic-A", "T11")]
+    assert numbers.fit_percent == checked.fit_percent["synthetic-A", "T11"]
+    assert float(checked.to_xarray().rmse.sel(channel="T11").item()) == numbers.rmse
+    curves = dc_sweep()
+    assert curves.to_dataframe().loc[(20.0, 3.0), "heat_flow"] == curves.heat_flow[1, -1]
+
+
+def test_a_profile_is_drawn_with_its_limit_and_interval():
+    found = jt.profile(fit(), "R_E", points=3)
+    (axes,) = found.plot().axes
+    curve, limit = axes.lines[:2]
+    np.testing.assert_array_equal(curve.get_ydata(), found.excess)
+    assert set(np.asarray(limit.get_ydata())) == {3.841}
+
+
+def test_distributions_are_those_of_the_draws():
+    reduced = reductions()
+    assert reduced.final is not None
+    figure = reduced.plot()
+    (axes,) = [axes for axes in figure.axes if axes.get_title(loc="left") == "final"]
+    medians = np.asarray(axes.lines[0].get_xdata(), float)
+    np.testing.assert_allclose(medians, np.median(reduced.final, axis=0))
+
+
+def test_a_long_table_says_how_many_rows_it_leaves_out():
+    from jaxtwin._display import html_table
+
+    rows = [(f"row {number}", "<1>") for number in range(45)]
+    html = html_table("forty-five & more", ("name", "value"), rows)
+    assert html.count("&lt;1&gt;") == 40
+    assert "5 more rows" in html
+    assert "forty-five &amp; more" in html
