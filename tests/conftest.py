@@ -15,6 +15,9 @@ from jaxtyping import install_import_hook
 # Before the first import of jaxtwin: every annotated shape and type in the package is checked.
 install_import_hook("jaxtwin", "beartype.beartype")
 
+# Tests count what is compiled; programs that an earlier process compiled would not be.
+os.environ["JAXTWIN_COMPILATION_CACHE"] = "off"
+
 os.environ["PATH"] += os.pathsep + "/usr/sbin"  # where Debian puts mosquitto
 
 # Figures are drawn in memory, whatever the machine has for a screen.
