@@ -103,7 +103,7 @@ _add(
     "validate",
     TWINS,
     _validate.validate,
-    "jaxtwin validate dual-cell monday.csv --fit fit.toml --out validation",
+    "jaxtwin validate dual-cell monday.csv --parameters fit.toml --out validation",
     "jaxtwin validate dual-cell monday.csv tuesday.csv --split 500 --json split.json",
     "jaxtwin validate dual-cell monday.csv tuesday.csv --leave-one-out",
 )

@@ -15,7 +15,6 @@ from ._levenberg_marquardt import BoundedLevenbergMarquardt, LMState
 from ._many import match_many
 from ._match import checked_recordings, match
 from ._noise import Noise, estimate_noise
-from ._own_values import twin_for
 from ._profile import Profile, profile
 
 __all__ = [
@@ -40,5 +39,4 @@ __all__ = [
     "match_many",
     "prediction_band",
     "profile",
-    "twin_for",
 ]

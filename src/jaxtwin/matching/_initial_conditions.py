@@ -129,7 +129,10 @@ def estimate_initial_conditions(
 def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin, list[str]]:
     """A twin with the mean of what recordings had, and which of its values to estimate."""
     if isinstance(fitted, Fit):
-        twin, names = mean_twin(fitted)
+        twin = fitted.mean_twin
+        names = [
+            row.name for row in fitted.parameters.values() if row.free and row.scope == "recording"
+        ]
     else:
         twin = fitted
         names = [name for name, row in twin.rig.parameters.items() if row.scope == "recording"]
@@ -139,13 +142,6 @@ def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin
     if not isinstance(fitted, Fit):
         twin = twin.with_parameters({n: twin.rig.parameters[n].value for n in drifts & {*names}})
     return twin, [name for name in names if name not in drifts]
-
-
-def mean_twin(fit: Fit) -> tuple[Twin, list[str]]:
-    """The twin of a fit with the mean of its recordings' own values, and the names of these."""
-    rows = fit.parameters.values()
-    own = {row.name: row.value for row in rows if row.free and row.scope == "recording"}
-    return fit.twin.with_parameters(own), list(own)
 
 
 def _first_readings(part: Experiment) -> Float[np.ndarray, " channels"]:

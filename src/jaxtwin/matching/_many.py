@@ -26,7 +26,7 @@ from ._unknowns import choose_unknowns
 
 
 def match_many(
-    twin: Twin,
+    twin: Twin | Fit,
     sets: Sequence[Sequence[Experiment]],
     *,
     free: Iterable[str] | None = None,
@@ -63,6 +63,7 @@ def match_many(
     is no set or they differ in shape.
     """
     began = time.perf_counter()
+    twin = twin.mean_twin if isinstance(twin, Fit) else twin
     check_counts(max_iterations=max_iterations)
     check_callable("on_progress", on_progress, MatchError)
     if isinstance(sets, str | bytes | Experiment) or not isinstance(sets, Iterable):

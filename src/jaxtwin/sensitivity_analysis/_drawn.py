@@ -8,7 +8,7 @@ from jaxtyping import Float
 from .._arguments import names_of
 from .._errors import ParameterError, SimulationError
 from ..io import Experiment, as_experiments
-from ..matching import Fit, twin_for
+from ..matching import Fit
 from ..physics import Twin, check_twin
 
 
@@ -23,7 +23,7 @@ def paired_twins(
 
     - `study`: what asks, for its errors.
     - `twin`: one for all experiments, one each, or a fit, which has one for each: see
-      `jaxtwin.matching.twin_for`.
+      `Fit.twin_for`.
     - `experiments`: one or several; None for those of the fit.
 
     **Raises:** `SimulationError` where their numbers differ, there are none, or the twins' rigs do;
@@ -39,7 +39,7 @@ def paired_twins(
         experiments = twin.experiments
     recordings = as_experiments(f"{study}: experiments", experiments, SimulationError)
     if isinstance(twin, Fit):
-        twins = [twin_for(twin, one) for one in recordings]
+        twins = [twin.twin_for(one) for one in recordings]
     elif isinstance(twin, Twin):
         twins = [twin] * len(recordings)
     else:

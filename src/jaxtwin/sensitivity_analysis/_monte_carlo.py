@@ -40,7 +40,7 @@ def sensitivity(
     **Arguments:**
 
     - `twin`: a fit, each of whose recordings then has its own values (of another recording they
-      are taken from its first minute, see `jaxtwin.matching.twin_for`); or a twin for all
+      are taken from its first minute, see `Fit.twin_for`); or a twin for all
       experiments, or one each.
     - `experiments`: recordings; with a fit by default its own.
     - `draws`: 50 in the paper.

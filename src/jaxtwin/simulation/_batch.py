@@ -32,6 +32,7 @@ from ._chunk_runner import ChunkRunner, Precision
 from ._compressed import compress
 from ._delay import delayed_schedule, has_own_delays
 from ._initial import Initial, checked_initial
+from ._own_twin import FittedTwins, own_twin
 from ._padding import padded, padded_schedule
 from ._schedule import REFINEMENTS, Schedule
 from ._simulate import checked_channels, simulate
@@ -137,7 +138,7 @@ class Reductions:
 
 @overload
 def simulate_batch(
-    twin: Twin,
+    twin: Twin | FittedTwins,
     experiment: Experiment,
     parameters: Mapping[str, Any],
     *,
@@ -152,7 +153,7 @@ def simulate_batch(
 
 @overload
 def simulate_batch(
-    twin: Twin,
+    twin: Twin | FittedTwins,
     experiment: Experiment,
     parameters: Mapping[str, Any],
     *,
@@ -166,7 +167,7 @@ def simulate_batch(
 
 
 def simulate_batch(
-    twin: Twin,
+    twin: Twin | FittedTwins,
     experiment: Experiment,
     parameters: Mapping[str, Any],
     *,
@@ -185,7 +186,8 @@ def simulate_batch(
 
     **Arguments:**
 
-    - `twin`: what is not drawn keeps its values.
+    - `twin`: what is not drawn keeps its values; those of a fit are the experiment's own, see
+      `Fit.twin_for`.
     - `experiment`: the inputs; with recorded temperatures where the cost is asked for.
     - `parameters`: name -> draws `(draws,)` in the unit of the rig's table.
     - `reductions`: some of "cost", "final", "minimum", "maximum", "spread", "deviation": computed
@@ -205,6 +207,7 @@ def simulate_batch(
     `SimulationError` where experiment and rig do not belong together, the cost is asked for
     without recorded temperatures, or an option has no meaning.
     """
+    twin = own_twin(twin, experiment)
     names = checked_channels(twin, experiment)
     start = checked_initial(twin, initial)
     draws = _checked_draws(twin, parameters)

@@ -15,6 +15,7 @@ from ..physics import System, Twin, build_netlist, check_twin
 from ..rig import Rig, Value
 from ._ambient import ambient_of_samples, reference_temperature
 from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
+from ._own_twin import FittedTwins, own_twin
 from ._padding import padded_schedule
 from ._resolution import unresolved_network
 from ._run import Run
@@ -37,7 +38,7 @@ needs some hundreds."""
 
 
 def simulate(
-    twin: Twin,
+    twin: Twin | FittedTwins,
     experiment: Experiment,
     *,
     initial: Initial = None,
@@ -55,7 +56,7 @@ def simulate(
 
     **Arguments:**
 
-    - `twin`: the twin.
+    - `twin`: the twin; or a fit, which is run with the experiment's own values, see `Fit.twin_for`.
     - `experiment`: its duty cycles drive the twin, held from sample to sample. A recorded ambient
       takes the place of the rig's. Where it names channels, these are returned.
     - `initial`: temperatures at the start. None: as the rig says. `"steady"`: at rest under the
@@ -81,6 +82,7 @@ def simulate(
             "stepsize_controller, dt0: found without a solver, allowed is beside one; the default "
             "solver chooses its steps itself"
         )
+    twin = own_twin(twin, experiment)
     channels = checked_channels(twin, experiment)
     _check_values(twin)
     start = checked_initial(twin, initial)
@@ -117,7 +119,7 @@ def simulate(
 
 
 def response(
-    twin: Twin, experiment: Experiment, *, initial: Initial = None
+    twin: Twin | FittedTwins, experiment: Experiment, *, initial: Initial = None
 ) -> Float[Array, "times channels"]:
     """The channels' temperatures as a pure JAX function of the twin's parameters, degC.
 
@@ -134,6 +136,7 @@ def response(
 
     **Raises:** `SimulationError` where experiment and rig do not belong together.
     """
+    twin = own_twin(twin, experiment)
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)

@@ -117,7 +117,7 @@ def sweep(
 
     - `twin`: what the parameters are spread around; one, one for each experiment, or a fit, with
       the own values of each recording (of one that it has not seen they are taken from its first
-      minute, see `jaxtwin.matching.twin_for`).
+      minute, see `Fit.twin_for`).
     - `experiments`: one or several, each run for every draw; None for those of a fit.
     - `folder`: of the Zarr store. Missing or empty it is made; else it must hold this sweep.
     - `draws`, `spread`, `seed`: as in `sensitivity`.
