@@ -1,6 +1,7 @@
 """The command line: what it prints, what it writes, and how it refuses."""
 
 import json
+import math
 import os
 import re
 import subprocess
@@ -15,6 +16,7 @@ import xarray
 from small_results import fit, recordings
 
 from jaxtwin import (
+    Experiment,
     Fit,
     Twin,
     bundled_rigs,
@@ -28,6 +30,7 @@ from jaxtwin.cli import app, run
 from jaxtwin.commands import _rigs
 from jaxtwin.commands._sources import find_recording, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
+from jaxtwin.matching import FittedParameters
 
 COMMANDS = [
     [],
@@ -39,6 +42,7 @@ COMMANDS = [
     ["simulate"],
     ["match"],
     ["validate"],
+    ["diff"],
     ["sensitivity"],
     ["sweep"],
     ["virtual-rig"],
@@ -339,6 +343,25 @@ def test_validate_takes_rooms_from_a_saved_fit(minute, tmp_path, capsys):
     assert run([*arguments, "--json", "numbers.json"]) == 0
     expected = validate(fit(), read_recording(minute), warm_up=20.0)
     assert json.loads(Path("numbers.json").read_text()) == expected.to_dict()
+
+
+def test_diff_counts_in_standard_errors(tmp_path, capsys):
+    """A fit beside itself, and beside one whose room is two standard errors further."""
+    room = fit()["T_amb"]
+    moved = replace(room, value=room.value + 2 * math.sqrt(2) * room.standard_error)
+    rows = FittedParameters({**fit().parameters, "T_amb": moved})
+    fit().save(tmp_path / "old.toml")
+    replace(fit(), parameters=rows).save(tmp_path / "new.toml")
+    assert run(["diff", "old.toml", "old.toml"]) == 0
+    assert printed(capsys) == "no difference\n"
+    assert run(["diff", "old.toml", "new.toml", "--json", "diff.json"]) == 0
+    head, line = printed(capsys).splitlines()
+    assert head.split()[:3] == ["parameter", "old", "new"]
+    assert line.split()[0] == "T_amb"
+    assert line.split()[-1] == "+2.00"
+    numbers = json.loads(Path("diff.json").read_text())["parameters"]
+    assert numbers["T_amb"]["standard_errors"] == pytest.approx(2.0)
+    assert numbers["R_pc"]["standard_errors"] == 0.0
 
 
 def test_known_recordings_are_found_by_name(tmp_path, monkeypatch):

@@ -19,6 +19,7 @@ from .commands import (
     _data,
     _dc_sweep,
     _demo,
+    _diff,
     _doctor,
     _drive,
     _export,
@@ -107,6 +108,7 @@ _add(
     "jaxtwin validate dual-cell monday.csv tuesday.csv --split 500 --json split.json",
     "jaxtwin validate dual-cell monday.csv tuesday.csv --leave-one-out",
 )
+_add("diff", TWINS, _diff.diff, "jaxtwin diff monday.toml tuesday.toml")
 _add(
     "sensitivity",
     TWINS,

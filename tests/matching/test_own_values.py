@@ -48,7 +48,7 @@ def fit() -> Fit:
 
 def test_each_experiment_has_its_own_twin():
     """Known by its contents; estimated from the first minute; the mean for a bare drive."""
-    monday, tuesday, wednesday = days()
+    _, tuesday, wednesday = days()
     renamed = replace(tuesday, name="another name")
     matched = fit().recording_values["tuesday"]["T_amb"]
     assert float(fit().twin_for(renamed).parameters["T_amb"]) == matched
@@ -92,10 +92,8 @@ def test_a_match_starts_at_a_fit_with_the_means_of_its_recordings():
 
 def test_a_scope_frees_what_it_names_and_what_is_fixed_has_none():
     monday = days()[0]
-    held = [name for name, row in fit().twin.rig.parameters.items() if row.free]
-    held.remove("C_load")
     found = match(
-        Twin("single-cell"), monday, fixed=held, per_recording=["R_loss"], max_iterations=1
+        Twin("single-cell"), monday, free=["C_load"], per_recording=["R_loss"], max_iterations=1
     )
     free = {row.name: row.scope for row in found.parameters.values() if row.free}
     assert free == {"C_load": "shared", "R_loss": "recording"}

@@ -1,6 +1,7 @@
 """Behavioural matching: parameters from recordings, step 4 of the paper."""
 
 from ._band import Band, prediction_band
+from ._difference import FitDifference, ParameterDifference, compare_fits
 from ._fit import (
     CameraError,
     Comparison,
@@ -24,6 +25,7 @@ __all__ = [
     "CameraError",
     "Comparison",
     "Fit",
+    "FitDifference",
     "FittedParameter",
     "FittedParameters",
     "InitialConditions",
@@ -31,8 +33,10 @@ __all__ = [
     "LMState",
     "Noise",
     "Optimum",
+    "ParameterDifference",
     "Profile",
     "checked_recordings",
+    "compare_fits",
     "estimate_initial_conditions",
     "estimate_noise",
     "match",
