@@ -30,13 +30,13 @@ from jaxtwin import (
 )
 from jaxtwin.data import synthetic_recordings
 from jaxtwin.sensitivity_analysis import (
-    drawn_values,
     normal_draws,
     pearson,
     pearson_interval,
     spearman,
     spearman_interval,
 )
+from jaxtwin.sensitivity_analysis._draws import central_values
 
 Pair = tuple[np.ndarray, np.ndarray]
 RESAMPLES = 1000
@@ -45,7 +45,7 @@ GROUPS = ((0.2, 1.0), (0.1, 0.2), (0.0, 0.1))
 
 def costs(twin: Twin, experiments: Sequence[Experiment], draws: int, seed: int) -> Pair:
     """Costs of every channel and their mean, and the draws."""
-    samples = normal_draws(drawn_values(twin, None), 0.25, seed, draws)
+    samples = normal_draws(central_values(twin, None), 0.25, seed, draws)
     results = [simulate_batch(twin, one, samples, reductions=["cost"]) for one in experiments]
     cost = np.column_stack([one.cost for one in results if one.cost is not None])
     assert not any(one.failed.any() for one in results)

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from jaxtwin.commands._progress import LiveProgress, PlainProgress, show_progress
+from jaxtwin.commands._show_progress import LiveProgress, PlainProgress, show_progress
 
 
 @pytest.mark.parametrize(

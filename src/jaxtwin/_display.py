@@ -3,10 +3,7 @@
 import importlib
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from typing import Any
 
 LONGEST = 40
 """Rows of a table in a notebook; a last one says how many more there are."""
@@ -35,15 +32,18 @@ def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]])
     )
 
 
-def picture(name: str, *arguments: Any, **options: Any) -> "Figure":
-    """What a function of `jaxtwin.plots` draws.
+def picture(name: str, *arguments: Any, **options: Any) -> Any:
+    """Draws with a function of `jaxtwin.plots`, which is looked up by its name when it is called.
 
-    Pictures stand above all packages and know the results that they show. A result's `plot` asks
-    for its picture by name when it is called, as pandas asks its plotting backend, so that no
-    package depends on the pictures of itself.
+    `jaxtwin.plots` stands above the packages whose results it draws, and imports them. A result's
+    `plot` method therefore cannot import its picture. It asks for it here, as pandas asks its
+    plotting backend, so that imports between packages go one way.
 
     **Arguments:**
 
-    - `name`: of the function.
+    - `name`: the name of the function, such as `"plot_bands"`.
+    - `arguments`, `options`: passed on to the function.
+
+    **Returns:** what the function returns, a matplotlib figure or axes.
     """
     return getattr(importlib.import_module(".plots", __package__), name)(*arguments, **options)

@@ -1,27 +1,27 @@
-"""What a long piece of work tells about itself."""
+"""How a long piece of work reports its progress."""
 
 from typing import Protocol, final, runtime_checkable
 
 
 @runtime_checkable
 class Progress(Protocol):
-    """Someone who waits."""
+    """Shows the progress of a piece of work that consists of steps."""
 
     def step(self, text: str) -> None:
-        """A new step begins, and the one before is done."""
+        """Ends the step under way, if there is one, and begins the next."""
         ...
 
-    def news(self, text: str) -> None:
-        """How far the step is."""
+    def update(self, text: str) -> None:
+        """Says how far the step under way has come."""
         ...
 
 
 @final
-class Silence:
-    """Nobody waits."""
+class NullProgress:
+    """Shows nothing."""
 
     def step(self, text: str) -> None:
-        """Says nothing."""
+        """Does nothing."""
 
-    def news(self, text: str) -> None:
-        """Says nothing."""
+    def update(self, text: str) -> None:
+        """Does nothing."""

@@ -20,7 +20,7 @@ from small_results import analysis, fit, recordings
 from jaxtwin import Experiment, Run, SimulationError, ThermoelectricModule, plots
 from jaxtwin._number_text import interval_text, short_number
 from jaxtwin.matching import FittedParameters
-from jaxtwin.plots._labels import spread
+from jaxtwin.plots._labels import space_apart
 from jaxtwin.plots._parameters import _position
 from jaxtwin.plots._style import symbol
 
@@ -260,7 +260,7 @@ def test_names_are_set_as_symbols(name, shown):
 def test_labels_keep_their_order_and_distance_and_move_no_more_than_needed(positions, spacing):
     """Least squares: labels already apart stay, and the mean of all does not move."""
     given_positions = np.array(positions)
-    moved = spread(given_positions, spacing)
+    moved = space_apart(given_positions, spacing)
     order = np.argsort(given_positions, kind="stable")
     assert np.all(np.diff(moved[order]) >= spacing * (1 - 1e-9) - 1e-12)
     assert moved.mean() == pytest.approx(given_positions.mean(), abs=1e-9)

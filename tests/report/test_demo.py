@@ -135,7 +135,7 @@ def test_the_report_holds_pictures_numbers_fits_and_says_what_it_was_done_on(tmp
         def step(self, text: str) -> None:
             steps.append(text)
 
-        def news(self, text: str) -> None:
+        def update(self, text: str) -> None:
             pass
 
     page = write_demo(tmp_path / "report", draws=20, progress=Listener())

@@ -5,7 +5,8 @@ from collections import Counter
 
 import pytest
 
-from jaxtwin.rig import AMBIENT, Rig, bundled_rigs, load_rig
+from jaxtwin.rig import Rig, bundled_rigs, load_rig
+from jaxtwin.rig._plate import AMBIENT
 
 COLUMNS, ROWS = range(1, 9), range(1, 4)
 

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxtwin import ParameterError
-from jaxtwin.rig import Rig, load_rig, parameters_toml, read_parameters, write_parameters
+from jaxtwin.rig import Rig, load_rig, read_parameters, write_parameters
+from jaxtwin.rig._parameter_file import parameters_toml
 
 RIG = load_rig("paper-2024")
 

@@ -137,9 +137,9 @@ def test_told_are_those_whose_interval_leaves_zero_out(result: jt.Sensitivity):
         low, high = interval[2].T
         signs = np.where(low > 0, 1, np.where(high < 0, -1, 0))
         expected = {name: sign for name, sign in zip(NAMES, signs, strict=True) if sign}
-        assert result.told(ranks=ranks) == expected
+        assert result.significant(ranks=ranks) == expected
     # The heat of the drive, which the recording has less of than the twin.
-    assert result.told(ranks=True)["R_E"] == 1
+    assert result.significant(ranks=True)["R_E"] == 1
 
 
 def test_the_plot_has_a_column_for_each_parameter(result: jt.Sensitivity):

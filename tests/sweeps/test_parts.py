@@ -12,7 +12,8 @@ import pytest
 
 from jaxtwin import SimulationError, simulate_batch
 from jaxtwin.sensitivity_analysis import normal_draws
-from jaxtwin.sweeps import Advance, own_part, sweep
+from jaxtwin.sweeps import SweepProgress, sweep
+from jaxtwin.sweeps._parts import assigned_part
 
 ASKED: dict[str, Any] = {"draws": 40, "chunk_size": 8, "reductions": ["final", "deviation"]}
 
@@ -79,25 +80,25 @@ def test_two_processes_that_meet_by_jax_distributed_give_the_numbers_of_one(
 
 def test_an_initialised_jax_says_which_part_is_whose(monkeypatch):
     """A user's own script may have called `jax.distributed.initialize`."""
-    assert own_part() == (0, 1)
+    assert assigned_part() == (0, 1)
     monkeypatch.setattr("jax.distributed.is_initialized", lambda: True)
     monkeypatch.setattr("jax.process_index", lambda: 3)
     monkeypatch.setattr("jax.process_count", lambda: 4)
-    assert own_part() == (3, 4)
-    assert own_part((1, 2)) == (1, 2), "what is said comes first"
+    assert assigned_part() == (3, 4)
+    assert assigned_part((1, 2)) == (1, 2), "what is said comes first"
 
 
 @pytest.mark.parametrize("part", [(-1, 2), (2, 2), (0, 0)])
 def test_a_part_that_there_is_not_is_refused(part):
     with pytest.raises(SimulationError, match=f"process: found {part[0]} of {part[1]}"):
-        own_part(part)
+        assigned_part(part)
 
 
 def test_progress_counts_draws_from_where_it_goes_on(tmp_path, twin, experiment, engine):
     """Two simulations a draw here; rate and time left are known from the second report on."""
     both = [experiment, experiment]
     sweep(twin, both, tmp_path, draws=30, chunk_size=10, process=(0, 3))
-    seen: list[Advance] = []
+    seen: list[SweepProgress] = []
     sweep(twin, both, tmp_path, draws=30, chunk_size=10, on_progress=seen.append)
     assert [(advance.done, advance.total) for advance in seen] == [
         (15, 30), (20, 30), (25, 30), (30, 30)
@@ -105,4 +106,6 @@ def test_progress_counts_draws_from_where_it_goes_on(tmp_path, twin, experiment,
     assert seen[0].rate is None
     assert all(advance.rate and advance.left is not None for advance in seen[1:])
     assert seen[-1].left == 0
-    assert str(Advance(20, 100, 12.3, 6600.0)) == "20 of 100 draws, 12 draws/s, 1 h 50 min left"
+    assert (
+        str(SweepProgress(20, 100, 12.3, 6600.0)) == "20 of 100 draws, 12 draws/s, 1 h 50 min left"
+    )

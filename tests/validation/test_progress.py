@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Twin, leave_one_out, validate, validate_split
-from jaxtwin.commands._validate import _News
+from jaxtwin.commands._validate import _ValidationProgress
 from jaxtwin.matching import Iteration
 from jaxtwin.validation import Prediction
 
@@ -72,10 +72,10 @@ def test_the_command_says_how_many_are_predicted_and_how_far_the_match_is(
         def step(self, text: str) -> None:
             said.append(text)
 
-        def news(self, text: str) -> None:
+        def update(self, text: str) -> None:
             said.append(text)
 
-    news = _News(Listener(), 2)
+    news = _ValidationProgress(Listener(), 2)
     news(prediction)
     step = Iteration(
         number=3, start=0, cost=0.04, rmse=0.2, gradient=0.0, accepted=True, parameters={}

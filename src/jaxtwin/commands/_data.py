@@ -7,7 +7,7 @@ import typer
 
 from ._options import JsonOption
 from ._output import aligned, check_json, say, write_json
-from ._progress import show_progress
+from ._show_progress import show_progress
 
 
 def list_recordings(json: JsonOption = None) -> None:

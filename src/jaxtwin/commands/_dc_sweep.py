@@ -9,7 +9,7 @@ from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
 from ._options import JsonOption
 from ._output import aligned, check_json, say, write_json
-from ._progress import show_progress
+from ._show_progress import show_progress
 
 
 def dc_sweep(
@@ -72,7 +72,7 @@ def _table(name: str, module: Any, T_hot: float, numbers: list[dict[str, float]]
 def _save(module: Any, name: str, T_hot: float, folder: Path) -> None:
     import numpy as np
 
-    from ..io import save_dataset
+    from ..io._write import save_dataset
     from ..plots import plot_dc_sweep, to_png
 
     picture = to_png(plot_dc_sweep(module, T_hot=T_hot, title=name))

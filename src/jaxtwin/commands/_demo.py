@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ._progress import show_progress
+from ._show_progress import show_progress
 
 
 def demo(

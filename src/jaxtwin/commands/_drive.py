@@ -8,7 +8,7 @@ import typer
 
 from ._options import BaudOption, LinkOption, RigArgument
 from ._output import check_output, say
-from ._progress import show_progress
+from ._show_progress import show_progress
 from ._signals import stop_signals
 
 
@@ -51,7 +51,7 @@ def drive(
 
         def tell(time: float, pwm: tuple[int, ...]) -> None:
             parts = ", ".join(f"{100 * count / loaded.driver.counts:.0f} %" for count in pwm)
-            progress.news(f"{time:.0f} s, duty {parts}")
+            progress.update(f"{time:.0f} s, duty {parts}")
 
         run_plan(bench, loaded, plan, silence=silence, stop=stop, progress=tell)
     say("the cells are off")

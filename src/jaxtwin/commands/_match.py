@@ -14,7 +14,7 @@ from ._options import (
     SetOption,
 )
 from ._output import check_json, check_output, say, write_json
-from ._progress import show_progress
+from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def match(
 
         def tell(iteration: "Iteration") -> None:
             where = f"start {iteration.start + 1} of {starts}, " if starts > 1 else ""
-            progress.news(f"{where}{iteration}")
+            progress.update(f"{where}{iteration}")
 
         progress.step(f"matching {loaded.name} to {len(experiments)} recordings")
         fit = matching.match(

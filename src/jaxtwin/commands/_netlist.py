@@ -9,8 +9,8 @@ from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
 from ._options import JsonOption, ParametersOption, RigArgument, SetOption
 from ._output import check_json, check_output, say, write_json
-from ._progress import show_progress
 from ._rigs import network_line
+from ._show_progress import show_progress
 from ._sources import open_twin
 
 

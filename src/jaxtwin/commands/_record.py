@@ -9,7 +9,7 @@ import typer
 
 from ._options import BaudOption, JsonOption, LinkOption, RigArgument
 from ._output import check_json, check_output, say, write_json
-from ._progress import show_progress
+from ._show_progress import show_progress
 from ._signals import stop_signals
 
 
@@ -55,7 +55,7 @@ def record(
             if publisher is not None:
                 publisher.publish(records)
             states = " and ".join(bench.states.values())
-            progress.news(f"{recorder.written} records, link {states}")
+            progress.update(f"{recorder.written} records, link {states}")
     with Session(out) as session:
         content = report(session)
     say(_table(out, content), json)

@@ -14,7 +14,7 @@ from ._options import (
     SetOption,
 )
 from ._output import aligned, check_json, check_output, say, write_json
-from ._progress import show_progress
+from ._show_progress import show_progress
 from ._sources import open_recordings, open_twins
 
 if TYPE_CHECKING:
@@ -47,14 +47,14 @@ def sensitivity(
         twins = open_twins(loaded, set_name, parameters, experiments)
         done, total = 0, draws * len(experiments)
 
-        def tell(finished: int) -> None:
+        def report(finished: int) -> None:
             nonlocal done
             done += finished
-            progress.news(f"{done} of {total} simulations")
+            progress.update(f"{done} of {total} simulations")
 
         progress.step(f"{draws} draws on {len(experiments)} recordings")
         result = analysis(
-            twins, experiments, draws=draws, spread=spread, seed=seed, on_progress=tell
+            twins, experiments, draws=draws, spread=spread, seed=seed, on_progress=report
         )
         progress.step(f"writing {out}")
         result.save(out)

@@ -9,7 +9,7 @@ import typer
 
 from ._options import JsonOption, ParametersOption, RigArgument, SetOption
 from ._output import aligned, check_json, check_output, say, write_json
-from ._progress import show_progress
+from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
 if TYPE_CHECKING:

@@ -48,7 +48,7 @@ def open_fit(rig: "Rig", parameters: Path | None) -> "Fit | None":
     **Raises:** `ParameterError` for a file that cannot be read or a fit of another rig.
     """
     from .._errors import ParameterError
-    from ..rig import read_toml
+    from ..rig._bundled import read_toml
 
     if parameters is None:
         return None

@@ -7,7 +7,7 @@ import typer
 
 from ._options import JsonOption, ParametersOption, RigArgument, SeedOption, SetOption
 from ._output import check_json, say, write_json
-from ._progress import show_progress
+from ._show_progress import show_progress
 from ._sources import open_recordings, open_twins
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def sweep(
     set_name: SetOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Run millions of draws and keep what is wanted of each; killed and run again, it goes on."""
+    """Simulate millions of draws and keep reductions of them; run it again to resume."""
     if bool(recordings) == (duty is not None):
         raise typer.BadParameter("give either recordings or --duty")
     part = _part(process, coordinator, processes, process_id)
@@ -81,17 +81,18 @@ def sweep(
         progress.step("reading")
         from .. import sweep as run  # which takes a second
         from ..rig import load_rig
-        from ..sweeps import Advance, meet
+        from ..sweeps import SweepProgress
+        from ..sweeps._parts import init_distributed
 
         loaded = load_rig(rig)
         experiments = _experiments(loaded, recordings or [], duty, duration)
         twins = open_twins(loaded, set_name, parameters, experiments)
         if coordinator is not None:
-            progress.step(f"meeting at {coordinator}")
-            part = meet(coordinator, processes, process_id)
+            progress.step(f"connecting to {coordinator}")
+            part = init_distributed(coordinator, processes, process_id)
 
-        def tell(advance: Advance) -> None:
-            progress.news(str(advance))
+        def report(advance: SweepProgress) -> None:
+            progress.update(str(advance))
 
         progress.step(f"{draws} draws of {loaded.name} into {out}")
         result = run(
@@ -105,7 +106,7 @@ def sweep(
             precision=precision,
             chunk_size=chunk,
             process=part,
-            on_progress=tell,
+            on_progress=report,
         )
     say(_summary(result), json)
     write_json(json, result.to_dict())

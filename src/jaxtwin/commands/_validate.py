@@ -11,7 +11,7 @@ from .._progress import Progress
 from .._whole_file import write_whole_file
 from ._options import JsonOption, RecordingsArgument, RigArgument, SetOption
 from ._output import check_json, say, write_json
-from ._progress import show_progress
+from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def validate(
         fitted = open_fit(loaded, parameters) or open_twin(loaded, set_name, parameters)
 
         progress.step(f"validating {loaded.name} on {len(experiments)} recordings")
-        told = _News(progress, len(experiments))
+        told = _ValidationProgress(progress, len(experiments))
         result = _validate(fitted, experiments, split, leave_one_out, warm_up, told)
         if out is not None:
             progress.step(f"drawing into {out}")
@@ -88,7 +88,7 @@ def _validate(
     split: float | None,
     leave_one_out: bool,
     warm_up: float,
-    told: "_News",
+    told: "_ValidationProgress",
 ) -> "Validation":
     from .. import validation
 
@@ -104,13 +104,13 @@ def _validate(
     )
 
 
-class _News:
+class _ValidationProgress:
     """How far a validation is, in words."""
 
     def __init__(self, progress: Progress, recordings: int):
         self.progress, self.recordings = progress, recordings
         self.done = 0
-        self.progress.news(f"0 of {recordings} predicted")
+        self.progress.update(f"0 of {recordings} predicted")
 
     def __call__(self, newest: "Iteration | Prediction") -> None:
         """A recording more is predicted, or a match has made a step."""
@@ -119,7 +119,7 @@ class _News:
         matching = isinstance(newest, Iteration)
         self.done += not matching
         tail = f", matching: {newest}" if matching else ""
-        self.progress.news(f"{self.done} of {self.recordings} predicted{tail}")
+        self.progress.update(f"{self.done} of {self.recordings} predicted{tail}")
 
 
 def _draw(result: "Validation", folder: Path) -> None:

@@ -7,11 +7,9 @@ from ._locate import find_recordings
 from ._published import SINGLE_CELL, TWO_CELL, PublishedRecording
 from ._read import read_recording
 from ._session import DeviceClock, Series, Session
-from ._several import EXPERIMENT, as_experiments
-from ._write import save_dataset, write_recording
+from ._write import write_recording
 
 __all__ = [
-    "EXPERIMENT",
     "SINGLE_CELL",
     "TWO_CELL",
     "ClockMap",
@@ -20,10 +18,8 @@ __all__ = [
     "PublishedRecording",
     "Series",
     "Session",
-    "as_experiments",
     "fetch_recordings",
     "find_recordings",
     "read_recording",
-    "save_dataset",
     "write_recording",
 ]

@@ -68,6 +68,36 @@ def checked_duty(
     return _held(np.clip(values, -1, 1))
 
 
+def duty_from_counts(
+    pwm: Float[np.ndarray, "times cells"], counts: int, polarity: int
+) -> Float[np.ndarray, "times cells"]:
+    """Duty cycles, positive where the plate is heated.
+
+    **Arguments:**
+
+    - `pwm`: -counts to counts, `(times, cells)`.
+    - `counts`: counts of full duty.
+    - `polarity`: 1 where positive counts heat the plate, -1 where they cool it.
+
+    **Returns:**
+
+    Duty cycles `(times, cells)`, -1 to 1. What is not finite stays so.
+
+    **Raises:**
+
+    `RecordingError` that names the cell and the sample of a count out of range.
+    """
+    outside = np.argwhere(np.abs(pwm) > counts)
+    if outside.size:
+        k, cell = outside[0]
+        raise WrongSampleError(
+            f"PWM of cell {cell + 1} is {pwm[k, cell]:g} at sample {k} (counted from 0); "
+            f"allowed is {-counts} to {counts} counts",
+            int(k),
+        )
+    return polarity * pwm / counts
+
+
 def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:
     """Channel names, each once. A single string is one name."""
     if not isinstance(channels, Iterable):
@@ -170,7 +200,7 @@ def _without_none(objects: np.ndarray) -> np.ndarray:
     """
     pandas = sys.modules.get("pandas")
     missing = (None,) if pandas is None else (None, pandas.NA)
-    plain = [float("nan") if any(x is one for one in missing) else x for x in objects.flat]
+    plain = [float("nan") if any(x is marker for marker in missing) else x for x in objects.flat]
     if not all(isinstance(x, Real) and not isinstance(x, bool | np.bool_) for x in plain):
         return objects
     return np.array(plain, np.float64).reshape(objects.shape)

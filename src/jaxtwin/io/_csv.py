@@ -13,8 +13,7 @@ import re
 import numpy as np
 
 from .._errors import RecordingError
-from ._checks import ABSOLUTE_ZERO, WrongSampleError
-from ._counts import duty_from_counts
+from ._checks import ABSOLUTE_ZERO, WrongSampleError, duty_from_counts
 from ._delimited import TIME, Column, read_columns
 from ._experiment import Experiment
 

@@ -5,14 +5,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, of_kind
-from .._errors import RecordingError
+from .._errors import JaxtwinError, RecordingError
 from ._checks import (
     checked_ambient,
     checked_channels,
@@ -24,6 +24,9 @@ from ._schedule import schedule_samples
 
 if TYPE_CHECKING:
     import xarray
+
+EXPERIMENT = "an Experiment, as read_recording and Experiment.schedule make it"
+"""What error messages call an experiment."""
 
 GAP_FACTOR = 3.0
 """A step longer than this many median steps is a gap: samples were lost, not merely late."""
@@ -314,3 +317,20 @@ class Experiment:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def as_experiments(where: str, given: Any, error: type[JaxtwinError]) -> list[Experiment]:
+    """Makes a list of one experiment or of several.
+
+    **Arguments:**
+
+    - `where`: function and argument, for the message.
+    - `given`: one experiment or several. The list may be empty.
+
+    **Raises:** `error` where anything else is given.
+    """
+    several = isinstance(given, Iterable) and not isinstance(given, str | bytes)
+    return [
+        of_kind(where, item, Experiment, EXPERIMENT, error)
+        for item in (given if several else [given])
+    ]

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import RecordingError
-from ._counts import duty_from_counts
+from ._checks import duty_from_counts
 from ._experiment import Experiment
 from ._matlab5 import read_matrix
 

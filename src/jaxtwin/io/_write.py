@@ -8,10 +8,9 @@ from .._arguments import of_kind, path_of
 from .._errors import RecordingError
 from .._whole_file import check_ending, write_whole_file
 from ._csv import format_csv
-from ._experiment import Experiment
+from ._experiment import EXPERIMENT, Experiment
 from ._netcdf import format_netcdf
 from ._read import check_no_gap
-from ._several import EXPERIMENT
 
 if TYPE_CHECKING:
     import xarray

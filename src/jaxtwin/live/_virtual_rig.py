@@ -100,7 +100,7 @@ class VirtualRig:
             wire_name(rig.name),
             boot=f"{self._random.integers(16**8):08x}",
             cells=tuple(wire_name(cell) for cell in self._cells),
-            channels=() if camera else tuple(wire_name(one.name) for one in rig.channels),
+            channels=() if camera else tuple(wire_name(channel.name) for channel in rig.channels),
             camera=camera and (camera.width, camera.height),
             counts=rig.driver.counts,
             watchdog=float(watchdog),

@@ -14,7 +14,8 @@ from .._errors import MatchError, ParameterError
 from .._measures import mean_fit_percent
 from ..io import Experiment
 from ..physics import Twin
-from ..rig import Parameter, Rig, unknown, write_parameters
+from ..rig import Parameter, Rig, write_parameters
+from ..rig._problems import unknown
 from ..simulation import Run
 from ._estimate import MatchProblem, NoiseModel
 from ._noise import Noise

@@ -18,7 +18,9 @@ from jaxtyping import Float
 from .._errors import MatchError, ParameterError
 from ..io import Experiment
 from ..physics import Twin
-from ..rig import Parameter, Rig, load_rig, read_parameters, read_toml, refuse
+from ..rig import Parameter, Rig, load_rig, read_parameters
+from ..rig._bundled import read_toml
+from ..rig._problems import refuse
 from ..simulation import simulate
 from ._estimate import MatchProblem, NoiseModel, recording_weights, shapes_needed
 from ._fit import CameraError, Comparison, Fit, FittedParameters

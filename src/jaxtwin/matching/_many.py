@@ -7,7 +7,8 @@ import numpy as np
 
 from .._arguments import check_callable
 from .._errors import MatchError, ParameterError, SimulationError
-from ..io import Experiment, as_experiments
+from ..io import Experiment
+from ..io._experiment import as_experiments
 from ..physics import Twin
 from ._descend import DescentResult, Step
 from ._estimate import MatchProblem, NoiseModel, estimate

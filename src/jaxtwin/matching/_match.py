@@ -15,7 +15,8 @@ from jaxtyping import Float
 from .. import __version__
 from .._arguments import check_callable, finite_number, of_kind, whole_number
 from .._errors import MatchError
-from ..io import Experiment, as_experiments
+from ..io import Experiment
+from ..io._experiment import as_experiments
 from ..physics import Twin, check_twin
 from ..simulation import Run, checked_channels, simulate
 from ._confidence import confidence

@@ -2,7 +2,8 @@
 
 from .._arguments import of_kind
 from .._errors import RigError
-from ..rig import AMBIENT, Rig
+from ..rig import Rig
+from ..rig._plate import AMBIENT
 from ._netlist import Link, Loss, Netlist, Node, ThermoelectricElement
 from ._plate import circuit_links, element_capacitance, exposed_area, finite_volume_links
 

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..rig import FILM_REFERENCE
+from ..rig._plate import FILM_REFERENCE
 
 STEFAN_BOLTZMANN = 5.670374419e-8
 """W/(m^2 K^4), exact since 2019."""

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int
 
-from ..rig import AMBIENT, Value
+from ..rig import Value
+from ..rig._plate import AMBIENT
 from ._netlist import Link, Loss, Netlist
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, final
 
-from ..rig import AMBIENT, Rig, Value
+from ..rig import Rig, Value
+from ..rig._plate import AMBIENT
 
 NodeKind = Literal["plate", "cell", "sink"]
 

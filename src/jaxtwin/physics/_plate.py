@@ -1,6 +1,7 @@
 """The plate as a network: finite volumes from its geometry, or a circuit given link by link."""
 
-from ..rig import AMBIENT, Circuit, Plate, Value
+from ..rig import Circuit, Plate, Value
+from ..rig._plate import AMBIENT
 from ._netlist import Link
 
 

@@ -13,7 +13,8 @@ from jaxtyping import Float
 from .._errors import SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
-from ..rig import AMBIENT, FILM_REFERENCE, Rig, Value
+from ..rig import Rig, Value
+from ..rig._plate import AMBIENT, FILM_REFERENCE
 from ._loss import CALM, STEFAN_BOLTZMANN
 from ._netlist import Netlist, ThermoelectricElement
 from ._twin import Twin

@@ -13,7 +13,8 @@ from jaxtyping import Array, Float
 
 from .._arguments import mapping_of, of_kind
 from .._errors import JaxtwinError, ParameterError, SimulationError
-from ..rig import Rig, load_rig, read_parameters, unknown
+from ..rig import Rig, load_rig, read_parameters
+from ..rig._problems import unknown
 from ._netlist import Netlist
 from ._system import System
 from ._thermoelectric import ThermoelectricModule

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Int
 
 from .._errors import RigError
-from ..rig import AMBIENT, Rig, Value
+from ..rig import Rig, Value
+from ..rig._plate import AMBIENT
 from ._assembly import build_netlist
 from ._camera import channel_weights
 from ._expressions import Expressions

@@ -1,7 +1,5 @@
 """What a twin predicts and how sure it is."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from jaxtyping import Float
 from matplotlib import pyplot
@@ -11,17 +9,15 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from .._errors import SimulationError
+from ..simulation import Run
 from ._style import MUTED, SKY, VERMILION, styled
-
-if TYPE_CHECKING:
-    from ..simulation import Run
 
 PANELS = 5  # in a row
 
 
 @styled
 def plot_bands(
-    run: "Run",
+    run: Run,
     low: Float[np.ndarray, "times channels"],
     high: Float[np.ndarray, "times channels"],
     *,
@@ -57,10 +53,12 @@ def plot_bands(
         below, above = low[:, number], high[:, number]
         axes.fill_between(run.time, below, above, color=SKY, alpha=0.45, lw=0)
         if recorded is not None:
-            seen = recorded[:, number]
-            axes.plot(run.time, seen, color=MUTED, lw=1.0)
-            there = ~np.isnan(seen)
-            inside = np.count_nonzero((below <= seen) & (seen <= above)) / max(1, there.sum())
+            readings = recorded[:, number]
+            axes.plot(run.time, readings, color=MUTED, lw=1.0)
+            there = ~np.isnan(readings)
+            inside = np.count_nonzero((below <= readings) & (readings <= above)) / max(
+                1, there.sum()
+            )
             share = f"{100 * inside:.0f} % inside" if there.any() else "no sample"
             axes.set_title(share, loc="right", fontsize=9, fontweight="normal", color=MUTED)
         axes.plot(run.time, run.temperatures[:, number], color=VERMILION, lw=1.2)

@@ -1,22 +1,17 @@
 """What all channels share: the camera's sawtooth, and what is left without it."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ._masked import masked_key, of_sampled, shade_masked
-from ._missing import mean_there
+from ..matching import Fit
+from ._samples import masked_key, mean_there, of_sampled, shade_masked
 from ._style import INK, MUTED, ORANGE, VERMILION, styled
-
-if TYPE_CHECKING:
-    from ..matching import Fit
 
 
 @styled
-def plot_camera_error(fit: "Fit") -> Figure:
+def plot_camera_error(fit: Fit) -> Figure:
     """The mean residual of each recording's channels before and after the camera's error.
 
     Above, what the camera reads beyond the twin, and in colour the error that the match gives to
@@ -61,7 +56,7 @@ def plot_camera_error(fit: "Fit") -> Figure:
         handles=[
             Line2D([], [], color=MUTED, lw=1.2, label="mean of the channels"),
             Line2D([], [], color=VERMILION, lw=1.6, label="given to the camera"),
-            *([corrections] if any(one.events for one in fit.camera.values()) else []),
+            *([corrections] if any(camera.events for camera in fit.camera.values()) else []),
             Line2D([], [], color=INK, lw=1.2, label="left for the plate"),
             *masked_key(weights.values()),
         ],

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from itertools import zip_longest
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -13,19 +12,16 @@ from matplotlib.ticker import MaxNLocator
 
 from .._errors import SimulationError
 from .._measures import fit_text, mean_fit_percent
+from ..simulation import Run
 from ._labels import label_ends
-from ._masked import masked_key, of_sampled, shade_masked
-from ._missing import last_means, mean_there
+from ._samples import last_means, masked_key, mean_there, of_sampled, shade_masked
 from ._style import CYCLE, INK, MUTED, VERMILION, styled
-
-if TYPE_CHECKING:
-    from ..simulation import Run
 
 PANELS = 5  # in a row
 
 
 @styled
-def plot_comparison(runs: "Sequence[Run]") -> Figure:
+def plot_comparison(runs: Sequence[Run]) -> Figure:
     """Response against recording, a panel for each channel with its NRMSE fit.
 
     **Arguments:**
@@ -81,7 +77,7 @@ def plot_comparison(runs: "Sequence[Run]") -> Figure:
 
 @styled
 def plot_residuals(
-    runs: "Sequence[Run]", *, weights: Sequence[Float[np.ndarray, "_ _"]] = ()
+    runs: Sequence[Run], *, weights: Sequence[Float[np.ndarray, "_ _"]] = ()
 ) -> Figure:
     """Recorded less simulated temperature of every channel, and their mean.
 
@@ -120,7 +116,7 @@ def plot_residuals(
     figure.legend(
         handles=[
             Line2D([], [], color=INK, lw=2.0, label="mean of the channels"),
-            *masked_key(of_sampled(run, one) for run, one in zip(runs, weights, strict=False)),
+            *masked_key(of_sampled(*pair) for pair in zip(runs, weights, strict=False)),
         ],
         loc="outside lower right",
         ncols=2,
@@ -128,7 +124,7 @@ def plot_residuals(
     return figure
 
 
-def _recorded(run: "Run") -> Float[np.ndarray, "times channels"]:
+def _recorded(run: Run) -> Float[np.ndarray, "times channels"]:
     if run.experiment.temperatures is None:
         label = run.experiment.name or "the experiment"
         raise SimulationError(f"{label} holds no recorded temperatures to compare with")

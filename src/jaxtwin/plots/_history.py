@@ -1,7 +1,6 @@
 """How a match went, Fig. 14 of the paper."""
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import pyplot
@@ -10,16 +9,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from .._number_text import short_number
+from ..matching import Fit, FittedParameter
 from ._style import BLUE, CYCLE, INK, MUTED, VERMILION, styled, symbol
-
-if TYPE_CHECKING:
-    from ..matching import Fit, FittedParameter
 
 COLUMNS = 6  # panels of parameters in a row
 
 
 @styled
-def plot_history(fit: "Fit") -> Figure:
+def plot_history(fit: Fit) -> Figure:
     """RMSE and the free parameters over the iterations.
 
     Steps that were tried and taken back are open dots in the first panel. Dotted lines are bounds,
@@ -48,7 +45,7 @@ def plot_history(fit: "Fit") -> Figure:
     return figure
 
 
-def _draw_rmse(axes: Axes, fit: "Fit") -> None:
+def _draw_rmse(axes: Axes, fit: Fit) -> None:
     numbers = [iteration.number for iteration in fit.history]
     rmse = np.array([iteration.rmse for iteration in fit.history])
     accepted = np.array([iteration.accepted for iteration in fit.history])
@@ -71,7 +68,7 @@ def _draw_rmse(axes: Axes, fit: "Fit") -> None:
     )  # fmt: skip
 
 
-def _draw_parameter(axes: Axes, fit: "Fit", parameter: "FittedParameter") -> None:
+def _draw_parameter(axes: Axes, fit: Fit, parameter: FittedParameter) -> None:
     numbers = [iteration.number for iteration in fit.history]
     own = [key for key in fit.history[0].parameters if key.startswith(f"{parameter.name}[")]
     keys = own or [parameter.name]

@@ -25,7 +25,7 @@ def label_ends(
     low, high = axes.get_ylim()
     axes.set_ylim(low, high)
     heights = (np.array([value for value, _, _ in ends]) - low) / (high - low)
-    for (_, label, color), height in zip(ends, spread(heights, spacing), strict=True):
+    for (_, label, color), height in zip(ends, space_apart(heights, spacing), strict=True):
         axes.annotate(
             label,
             (1.0, height),
@@ -39,7 +39,7 @@ def label_ends(
         )
 
 
-def spread(positions: Float[np.ndarray, " n"], spacing: float) -> Float[np.ndarray, " n"]:
+def space_apart(positions: Float[np.ndarray, " n"], spacing: float) -> Float[np.ndarray, " n"]:
     """Positions at least `spacing` apart, in order, as near to the given ones as can be.
 
     Least squares under an order constraint: positions less their share of the spacing must not

@@ -15,7 +15,8 @@ from matplotlib.patches import Rectangle
 from .._errors import ParameterError
 from ..physics import Twin
 from ..physics._netlist import network_counts, network_text
-from ..rig import AMBIENT, Plate
+from ..rig import Plate
+from ..rig._plate import AMBIENT
 from ._netlist_cells import draw_cells, draw_contacts, outlined
 from ._netlist_layout import LEGEND, netlist_layout
 from ._style import BLUE, INK, MUTED, VERMILION, styled

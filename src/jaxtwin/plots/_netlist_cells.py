@@ -8,7 +8,7 @@ from matplotlib.patches import FancyBboxPatch
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from ..physics import ThermoelectricElement, Twin
-from ..rig import AMBIENT
+from ..rig._plate import AMBIENT
 from ._netlist_layout import BOX, BOX_HEIGHT, GAP, Layout
 from ._style import BLUE, INK, MUTED, VERMILION
 

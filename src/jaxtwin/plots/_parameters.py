@@ -1,26 +1,23 @@
 """The matched parameters beside where they started and what was published, Table 4 of the paper."""
 
 import math
-from typing import TYPE_CHECKING
 
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .._number_text import interval_text, short_number
+from ..matching import Fit, FittedParameter
 from ._style import BLUE, FAINT, INK, MUTED, VERMILION, styled, symbol
-
-if TYPE_CHECKING:
-    from ..matching import Fit, FittedParameter
 
 
 @styled
-def plot_parameters(fit: "Fit") -> Figure:
+def plot_parameters(fit: Fit) -> Figure:
     """The free parameters as a table, and where each lies between its bounds.
 
     A line through a matched value is its 95 % interval, as far as the bounds reach. The scale is
     logarithmic for parameters above 0. Where each recording has its own value, their mean is shown.
-    Behind each stand the remarks of the match.
+    The warnings of the match stand behind each value.
 
     **Arguments:**
 
@@ -48,8 +45,8 @@ def plot_parameters(fit: "Fit") -> Figure:
             scale.plot(at, place, "D", mfc="white", mec=BLUE, mew=1.4, ms=5.5, zorder=4)
         scale.plot(ends[1], place, "o", color=VERMILION, ms=7, zorder=5)
         color = VERMILION if parameter.at_bound else INK
-        remarks = ", ".join(parameter.warnings)
-        _write(scale, 1.04, place, remarks, ha="left", color=color, fontsize=8.5)
+        warnings = ", ".join(parameter.warnings)
+        _write(scale, 1.04, place, warnings, ha="left", color=color, fontsize=8.5)
     scale.set_ylim(len(free) - 0.4, -1.2)
     scale.set_xlim(-0.03, 1.42)
     for text, at, ha in (("lower bound", 0, "left"), ("upper bound", 1, "right")):
@@ -71,7 +68,7 @@ def plot_parameters(fit: "Fit") -> Figure:
     return figure
 
 
-def _write_table(axes: Axes, free: "list[FittedParameter]") -> None:
+def _write_table(axes: Axes, free: list[FittedParameter]) -> None:
     columns = {"initial": 0.27, "published": 0.43, "matched": 0.60, "95 % interval": 0.99}
     for heading, at in columns.items():
         axes.annotate(heading, (at, -0.8), ha="right", va="center", fontsize=9, color=MUTED)
@@ -95,7 +92,7 @@ def _write(axes: Axes, x: float, y: int, text: str, ha: str = "right", **look) -
     axes.text(x, y, text, ha=ha, va="center", **look)
 
 
-def _position(value: float, parameter: "FittedParameter") -> float:
+def _position(value: float, parameter: FittedParameter) -> float:
     """0 at the lower bound, 1 at the upper one; what lies outside is there too."""
     lower, upper = parameter.lower, parameter.upper
     if not (math.isfinite(lower) and math.isfinite(upper)):

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ..io import Experiment
 from ._labels import label_ends
-from ._missing import last_means
+from ._samples import last_means
 from ._style import CYCLE, INK, styled
 
 

@@ -1,7 +1,6 @@
 """Are the residuals noise? Over time, against themselves, against a normal distribution."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import pyplot
@@ -9,12 +8,10 @@ from matplotlib.figure import Figure
 
 from .._errors import SimulationError
 from .._residual_statistics import autocorrelation, ljung_box, normal_quantiles
+from ..simulation import Run
 from ._labels import label_ends
-from ._missing import last_means
+from ._samples import last_means
 from ._style import CYCLE, FAINT, INK, MUTED, styled
-
-if TYPE_CHECKING:
-    from ..simulation import Run
 
 LONGEST = 300
 """Lags of the autocorrelation that are shown, samples."""
@@ -24,7 +21,7 @@ LEAST = 10
 
 
 @styled
-def plot_residual_tests(runs: "Sequence[Run]") -> Figure:
+def plot_residual_tests(runs: Sequence[Run]) -> Figure:
     """Residuals of each recording over time, their autocorrelation, and their quantiles.
 
     Missing samples are gaps over time and left out of the tests.
@@ -66,7 +63,7 @@ def plot_residual_tests(runs: "Sequence[Run]") -> Figure:
     return figure
 
 
-def _draw(row: np.ndarray, run: "Run", channel: str, series: np.ndarray, color: str) -> None:
+def _draw(row: np.ndarray, run: Run, channel: str, series: np.ndarray, color: str) -> None:
     over_time, against_itself, against_normal = row
     over_time.plot(run.time, series, color=color, lw=0.9)
     sample = float(np.median(np.diff(run.time)))
@@ -75,14 +72,14 @@ def _draw(row: np.ndarray, run: "Run", channel: str, series: np.ndarray, color: 
         sample * np.arange(lags + 1), autocorrelation(series, lags), color=color, lw=1.2
     )
     there = series[~np.isnan(series)]
-    deviation = there.std() or 1.0
+    standard_deviation = there.std() or 1.0
     against_normal.plot(
-        normal_quantiles(len(there)), np.sort(there - there.mean()) / deviation, color=color,
-        lw=1.4, label=channel,
+        normal_quantiles(len(there)), np.sort(there - there.mean()) / standard_deviation,
+        color=color, lw=1.4, label=channel,
     )  # fmt: skip
 
 
-def _finish(row: np.ndarray, run: "Run", residuals: np.ndarray) -> None:
+def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     over_time, against_itself, against_normal = row
     over_time.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
     over_time.set(ylabel="recorded − twin, K", xlim=(run.time[0], run.time[-1]))

@@ -1,19 +1,15 @@
 """Which parameters matter, for all channels at a glance."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
+from ..sensitivity_analysis import Sensitivity
 from ._style import INK, MUTED, styled, symbol
-
-if TYPE_CHECKING:
-    from ..sensitivity_analysis import Sensitivity
 
 
 @styled
-def plot_sensitivity_matrix(sensitivity: "Sensitivity", *, ax: Axes | None = None) -> Axes:
+def plot_sensitivity_matrix(sensitivity: Sensitivity, *, ax: Axes | None = None) -> Axes:
     """Correlation of each parameter (columns) with each channel's cost (rows).
 
     Parameters are sorted by their mean absolute correlation. A number stands where the 95 %

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 INK = "#1f2933"  # text
-MUTED = "#66727f"  # what stands back: axes, remarks, what was recorded
+MUTED = "#66727f"  # what stands back: axes, notes, what was recorded
 FAINT = "#dfe4e8"  # grid lines, empty bars
 
 BLUE, VERMILION, GREEN = "#0072b2", "#d55e00", "#009e73"

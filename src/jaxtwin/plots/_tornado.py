@@ -1,20 +1,16 @@
 """Which parameters matter for one channel, Fig. 16 of the paper."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
+from ..sensitivity_analysis import Sensitivity
 from ._style import BLUE, INK, MUTED, VERMILION, styled, symbol
-
-if TYPE_CHECKING:
-    from ..sensitivity_analysis import Sensitivity
 
 
 @styled
 def plot_tornado(
-    sensitivity: "Sensitivity", channel: str = "mean", *, ax: Axes | None = None
+    sensitivity: Sensitivity, channel: str = "mean", *, ax: Axes | None = None
 ) -> Axes:
     """Correlation of each parameter with a channel's cost, the strongest on top.
 

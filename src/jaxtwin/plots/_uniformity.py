@@ -1,7 +1,6 @@
 """How even the plate is: recorded beside simulated, over time and over the plate."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import pyplot
@@ -14,18 +13,16 @@ from matplotlib.lines import Line2D
 from .._errors import SimulationError
 from ..physics import plate_map
 from ..rig import Channel, Rig
+from ..simulation import Run
 from ._plate_map import HEAT, draw_cells, frame, places, rectangle
 from ._style import FAINT, INK, MUTED, VERMILION, styled
-
-if TYPE_CHECKING:
-    from ..simulation import Run
 
 MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # of a panel, inches
 
 
 @styled
-def plot_uniformity(runs: "Sequence[Run]") -> Figure:
-    """Spread (highest less lowest) and standard deviation over the channels at each time.
+def plot_uniformity(runs: Sequence[Run]) -> Figure:
+    """Range (highest less lowest) and standard deviation over the channels at each time.
 
     A time at which a channel's sample is missing is a gap in what was recorded.
 
@@ -74,7 +71,7 @@ def plot_uniformity(runs: "Sequence[Run]") -> Figure:
 
 
 @styled
-def plot_plate_beside(rig: Rig, runs: "Sequence[Run]", times: Sequence[float]) -> Figure:
+def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> Figure:
     """The plate at several times: as the twin has it, as its camera reads it, as it was recorded.
 
     The last row is recorded less read, on a scale of its own about 0. Places whose sample is
@@ -115,34 +112,34 @@ def plot_plate_beside(rig: Rig, runs: "Sequence[Run]", times: Sequence[float]) -
     order = sorted(range(len(channels)), key=lambda n: -_area(channels[n], rig))
     for number, (panels, (label, values)) in enumerate(zip(grid, rows.items(), strict=True)):
         colors, rim, unit = (apart, MUTED, "K") if values is difference else (scale, FAINT, "°C")
-        for axes, time, one in zip(panels, times, values, strict=True):
+        for axes, time, shown in zip(panels, times, values, strict=True):
             frame(axes, rig.plate)
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_visible(False)
             axes.grid(visible=False)
             axes.set_title(f"{time:g} s" if number == 0 else "")
-            there = one[~np.isnan(one)]
+            there = shown[~np.isnan(shown)]
             text = f"{there.min():.1f} … {there.max():.1f} {unit}" if there.size else "no sample"
             axes.set_title(
                 text.replace("-", "−"), loc="right", fontsize=9, fontweight="normal", color=MUTED
             )
             if number == 0:
-                _draw_field(axes, rig, one, norm)
+                _draw_field(axes, rig, shown, norm)
                 draw_cells(axes, rig)
             else:
                 for column in order:
                     for place in places(channels[column], rig.plate):
-                        value = np.array([one[column]])
+                        value = np.array([shown[column]])
                         color = "none" if np.isnan(value) else colors.to_rgba(value)[0]
                         axes.add_patch(rectangle(place, fc=color, ec=rim, lw=0.8))
                 outline = (0.0, rig.plate.width, 0.0, rig.plate.height)
                 axes.add_patch(rectangle(outline, fc="none", ec=MUTED, lw=0.8))
         panels[0].set_ylabel(label, color=INK)
-    for one, panels, label, aspect in (
+    for colors, panels, label, aspect in (
         (scale, grid[:3], "temperature, °C", 28),
         (apart, grid[3:], "difference, K", 9),
     ):
-        bar = figure.colorbar(one, ax=panels, shrink=0.7, aspect=aspect, pad=0.02)
+        bar = figure.colorbar(colors, ax=panels, shrink=0.7, aspect=aspect, pad=0.02)
         bar.set_label(label)
         bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     return figure
@@ -156,7 +153,7 @@ def _range(values: np.ndarray, unit: str) -> str:
     return f"{seen.min():.1f} … {seen.max():.1f} {unit}".replace("-", "−")
 
 
-def _samples(run: "Run", times: Sequence[float]) -> list[int]:
+def _samples(run: Run, times: Sequence[float]) -> list[int]:
     """The samples nearest to given times."""
     for time in times:
         if not run.time[0] <= time <= run.time[-1]:
@@ -166,7 +163,7 @@ def _samples(run: "Run", times: Sequence[float]) -> list[int]:
     return [int(np.argmin(np.abs(run.time - time))) for time in times]
 
 
-def _at(run: "Run", times: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+def _at(run: Run, times: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """What the twin reads and what was recorded, each (times, channels), degC."""
     if run.experiment.temperatures is None:
         raise SimulationError("the experiment holds no recorded temperatures to compare with")

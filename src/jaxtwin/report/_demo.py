@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from .._progress import Progress, Silence
+from .._progress import NullProgress, Progress
 from ..matching import Fit
 from ..physics import Twin
 from ..rig import load_rig
@@ -58,7 +58,7 @@ def write_demo(
     """
     folder = Path(out)
     check_folder(folder)
-    progress = progress or Silence()
+    progress = progress or NullProgress()
     began = time.perf_counter()
     progress.step("reading rig and recordings")
     rig = load_rig(RIG)

@@ -301,6 +301,6 @@ def _start(run: Run) -> float:
 def _news(progress: Progress, starts: int = 1) -> Callable[[Iteration], None]:
     def tell(iteration: Iteration) -> None:
         where = f"start {iteration.start + 1} of {starts}, " if starts > 1 else ""
-        progress.news(f"{where}iteration {iteration.number}, RMSE {iteration.rmse:.3f} K")
+        progress.update(f"{where}iteration {iteration.number}, RMSE {iteration.rmse:.3f} K")
 
     return tell

@@ -68,7 +68,7 @@ def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitiv
 def told_text(few: Sensitivity, many: Sensitivity) -> str:
     """Which parameters' correlations with the mean cost can be told from chance, by name and sign,
     with few draws and with many, and where the two disagree."""
-    early, late = few.told(), many.told()
+    early, late = few.significant(), many.significant()
     changed = [name for name in early if name not in late or late[name] != early[name]]
     first = (
         "Parameters whose correlation with the mean of all channels can be told from chance, with "
@@ -81,13 +81,13 @@ def told_text(few: Sensitivity, many: Sensitivity) -> str:
     sentences.append(
         "Costs have heavy tails, on which Pearson's correlation rests. By Spearman's rank "
         f"correlation, for which every draw counts alike, of {_grouped(len(many.samples))} draws: "
-        f"{_named(many.told(ranks=True))}."
+        f"{_named(many.significant(ranks=True))}."
     )
     return " ".join(sentences)
 
 
-def _named(told: Mapping[str, int]) -> str:
-    words = [f"{name} ({'+' if sign > 0 else '−'})" for name, sign in told.items()]
+def _named(signs: Mapping[str, int]) -> str:
+    words = [f"{name} ({'+' if sign > 0 else '−'})" for name, sign in signs.items()]
     return ", ".join(words) or "none"
 
 
@@ -95,12 +95,12 @@ def _draw(fit: Fit, draws: int, progress: Progress) -> Sensitivity:
     progress.step(f"sensitivity, {_grouped(draws)} draws")
     done, total = 0, draws * len(fit.experiments)
 
-    def tell(finished: int) -> None:
+    def show(finished: int) -> None:
         nonlocal done
         done += finished
-        progress.news(f"{_grouped(done)} of {_grouped(total)} simulations")
+        progress.update(f"{_grouped(done)} of {_grouped(total)} simulations")
 
-    return sensitivity(fit, draws=draws, on_progress=tell)
+    return sensitivity(fit, draws=draws, on_progress=show)
 
 
 @styled

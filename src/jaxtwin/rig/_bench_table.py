@@ -5,7 +5,16 @@ from ._driver import Driver
 from ._fields import Fields
 from ._plate import AMBIENT, Plate
 from ._schema import CameraTable, ChannelTable, CommonErrorTable, DriverTable
-from ._units import COORDINATE, DURATION, FACTOR, NOISE, SERIES_RESISTANCE, SPREAD, VOLTAGE, Kind
+from ._units import (
+    COORDINATE,
+    DURATION,
+    FACTOR,
+    NOISE,
+    SERIES_RESISTANCE,
+    TEMPERATURE_DIFFERENCE,
+    VOLTAGE,
+    Kind,
+)
 
 _ROUNDING = 1e-9  # of the plate's size: sums of element sizes need not meet its edge exactly
 
@@ -71,10 +80,10 @@ def _common_error(table: CommonErrorTable, fields: Fields) -> CommonError:
         return fields.constant(f"camera.common_error.{name}", text, kind)
 
     return CommonError(
-        offset=constant("offset", table.offset, SPREAD),
-        drift=constant("drift", table.drift, SPREAD),
+        offset=constant("offset", table.offset, TEMPERATURE_DIFFERENCE),
+        drift=constant("drift", table.drift, TEMPERATURE_DIFFERENCE),
         drift_time=constant("drift_time", table.drift_time, DURATION),
-        jump=constant("jump", table.jump, SPREAD),
+        jump=constant("jump", table.jump, TEMPERATURE_DIFFERENCE),
         relaxation=tuple(constant("relaxation", text, DURATION) for text in table.relaxation),
         detect=table.events == "detect",
     )

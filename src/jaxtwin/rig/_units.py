@@ -59,7 +59,7 @@ POWER = Kind("a heat flow", "W", "33 W")
 TEMPERATURE = Kind("a temperature", "K", "15 degC", absolute=True)
 TEMPERATURE_DIFFERENCE = Kind("a temperature difference", "K", "75 K")
 TEMPERATURE_RATE = Kind("a rate of temperature", "K/s", "0.5 K/hour", least="any")
-SPREAD = Kind("a temperature difference", "K", "0.1 K")
+TEMPERATURE_DIFFERENCE = Kind("a temperature difference", "K", "0.1 K")
 NOISE = Kind("a temperature difference", "K", "0.1 K", least="zero")
 
 
@@ -131,11 +131,11 @@ def _unit(unit: str) -> tuple[float, float, Any]:
     registry = _registry()
     try:
         parsed = registry.parse_units(unit)
-        one = registry.Quantity(1.0, parsed).to_base_units()
+        unity = registry.Quantity(1.0, parsed).to_base_units()
         zero = registry.Quantity(0.0, parsed).to_base_units()
     except Exception:  # whatever pint's parser meets in a text from outside
         raise unknown from None
-    scale, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
+    scale, offset = float(unity.magnitude - zero.magnitude), float(zero.magnitude)
     if offset:
         if parsed != registry.Unit("degC"):
             raise ValueError(f"{unit!r} does not count from zero, only degC may")

@@ -29,5 +29,5 @@ def standardised(
 ) -> Float[np.ndarray, "draws columns"]:
     """Columns with mean 0 and standard deviation 1; 0 in those that are constant."""
     centred = np.where(np.ptp(values, axis=0) > 0, values - values.mean(axis=0), 0.0)
-    deviation = np.sqrt(np.mean(centred**2, axis=0))
-    return np.divide(centred, deviation, out=np.zeros_like(centred), where=deviation > 0)
+    scale = np.sqrt(np.mean(centred**2, axis=0))
+    return np.divide(centred, scale, out=np.zeros_like(centred), where=scale > 0)

@@ -11,7 +11,7 @@ from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
 from ..simulation import simulate_batch
-from ._drawn import distinct_names, drawn_values, own_draws, paired_twins
+from ._draws import central_values, distinct_names, paired_twins, rescaled_draws
 from ._indices import pearson, spearman
 from ._intervals import pearson_interval, spearman_interval
 from ._sampling import checked_seed, checked_spread, normal_draws
@@ -28,7 +28,7 @@ def sensitivity(
     parameters: Iterable[str] | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Sensitivity:
-    """Which parameters the cost depends on, by random draws around the matched values.
+    """Finds the parameters on which the cost depends, by random draws around the matched values.
 
     Every parameter is drawn from a normal distribution around its value, independently of the
     others and kept positive; for each draw the mean squared error of every channel against its
@@ -39,14 +39,14 @@ def sensitivity(
 
     **Arguments:**
 
-    - `twin`: a fit, each of whose recordings then has its own values (of another recording they
-      are taken from its first minute, see `Fit.twin_for`); or a twin for all
-      experiments, or one each.
-    - `experiments`: recordings; with a fit by default its own.
-    - `draws`: 50 in the paper.
-    - `spread`: standard deviation as a part of the value, 0.25 in the paper.
+    - `twin`: a fit, of which each recording uses its own values (those of a recording that was
+      not matched are estimated from its first minute, see `Fit.twin_for`); or one
+      twin for all experiments, or one for each.
+    - `experiments`: one or several, with recorded temperatures; None for those of the fit.
+    - `draws`: how many, at least 3; 50 in the paper.
+    - `spread`: standard deviation of the draws relative to the value, 0.25 in the paper.
     - `seed`: the same seed gives the same draws.
-    - `parameters`: names; by default those that the rig calls free and all recordings share.
+    - `parameters`: names of those to draw; None for the free ones that all recordings share.
     - `on_progress`: called with the number of newly finished simulations.
 
     **Returns:** a `Sensitivity`.
@@ -62,13 +62,18 @@ def sensitivity(
     spread = checked_spread("sensitivity: spread", spread)
     check_callable("sensitivity: on_progress", on_progress, SimulationError)
     first = twins[0]
-    values = drawn_values(first, parameters)
+    values = central_values(first, parameters)
     samples = normal_draws(values, spread, seed, draws)
     columns: list[tuple[str, np.ndarray]] = []
     failed = np.zeros(draws, dtype=bool)
-    for one, experiment in zip(twins, recordings, strict=True):
-        own = own_draws(one, values, samples)
-        result = simulate_batch(one, experiment, own, reductions=["cost"], on_progress=on_progress)
+    for twin_of_experiment, experiment in zip(twins, recordings, strict=True):
+        result = simulate_batch(
+            twin_of_experiment,
+            experiment,
+            rescaled_draws(twin_of_experiment, values, samples),
+            reductions=["cost"],
+            on_progress=on_progress,
+        )
         assert result.cost is not None
         failed |= result.failed
         columns += zip(result.channels, result.cost.T, strict=True)

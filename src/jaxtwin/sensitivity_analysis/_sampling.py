@@ -1,4 +1,4 @@
-"""Random draws of parameters, the same for a seed whatever part of them is asked for."""
+"""Random draws of parameters: a seed fixes the sequence, whichever part of it is made."""
 
 from collections.abc import Mapping
 
@@ -10,14 +10,14 @@ from .._arguments import finite_number, whole_number
 from .._errors import SimulationError
 
 BLOCK = 1024
-"""Draws made from one state of the generator; a part of a long sweep starts at its block."""
+"""Number of draws from one state of the generator; a part of a long sweep starts at a block."""
 
 FARTHEST = float(ndtri(1 - 2.0**-53))
 """The largest normal score that a uniform number of float64 gives, 8.2 standard deviations."""
 
 
 def limits(value: float, spread: float) -> tuple[float, float]:
-    """Between which `normal_draws` draws a parameter around a value: from 0 outwards."""
+    """The smallest and the largest number that `normal_draws` can draw around a value."""
     farthest = value * (1 + spread * FARTHEST)
     return min(0.0, farthest), max(0.0, farthest)
 
@@ -27,9 +27,9 @@ LARGEST_SEED = 2**128 - 1
 
 
 def checked_seed(where: str, seed: int) -> int:
-    """A seed that the generator takes.
+    """Checks a seed of the draws.
 
-    **Raises:** `SimulationError` where it does not.
+    **Raises:** `SimulationError` where it is no whole number from 0 to 2**128 - 1.
     """
     number = whole_number(where, seed, 0, SimulationError)
     if number > LARGEST_SEED:
@@ -38,7 +38,7 @@ def checked_seed(where: str, seed: int) -> int:
 
 
 def checked_spread(where: str, spread: float | int) -> float:
-    """A standard deviation as a part of the value.
+    """Checks a relative standard deviation of the draws.
 
     **Raises:** `SimulationError` where it is not between 0 and 1.
     """
@@ -51,17 +51,19 @@ def checked_spread(where: str, spread: float | int) -> float:
 def normal_draws(
     values: Mapping[str, float], spread: float, seed: int, stop: int, start: int = 0
 ) -> dict[str, Float[np.ndarray, " draws"]]:
-    """Independent normal draws around values, kept on the values' side of zero.
+    """Draws parameters independently from truncated normal distributions.
 
-    The normal distribution has its mean at the value and a standard deviation of `spread` times it,
-    and is cut off at zero: a resistance stays one.
+    The normal distribution has its mean at the value and a standard deviation of `spread` times the
+    value. It is cut off at zero, so that a resistance stays positive.
 
     **Arguments:**
 
     - `values`: name -> mean.
-    - `spread`: standard deviation as a part of the mean.
+    - `spread`: standard deviation relative to the mean.
     - `seed`: the same seed gives the same draws, whatever `start` and `stop`.
-    - `stop`, `start`: draws start ... stop - 1 of the endless sequence.
+    - `stop`, `start`: the draws number start to stop - 1 of the sequence are made.
+
+    **Returns:** name -> draws, in the order of `values`.
     """
     first = start // BLOCK
     blocks = range(first, -(-stop // BLOCK))
@@ -73,7 +75,7 @@ def normal_draws(
             for block in blocks
         ]
     )[start - first * BLOCK : stop - first * BLOCK]
-    # The part below zero, of the standard normal distribution.
+    # Probability below zero, which is cut off.
     below = ndtr(-1 / spread) if spread > 0 else 0.0
     scores = ndtri(below + uniform * (1 - below))
     return {

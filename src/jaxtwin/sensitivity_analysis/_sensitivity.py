@@ -1,4 +1,4 @@
-"""What a sensitivity analysis gives."""
+"""The result of a sensitivity analysis."""
 
 import os
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._display import html_table
+from .._display import html_table, picture
 from .._errors import ParameterError
 from ._sampling import limits
 
@@ -27,14 +27,16 @@ class Sensitivity:
 
     **Arguments:**
 
-    - `rig`: name. `names`, `values`: of the parameters that were drawn, and what around.
+    - `rig`: name of the rig.
+    - `names`, `values`: the parameters that were drawn, and the values around which.
     - `channels`: the recorded channels and "mean".
     - `correlation`: Pearson's, `(channels, parameters)`; `interval`: its 95 % confidence interval.
     - `rank_correlation`: Spearman's, of the ranks; `rank_interval`: its 95 % confidence interval.
     - `samples`: `(draws, parameters)`, in the parameters' units.
     - `cost`: mean squared error of each channel and their mean, `(draws, channels)`, K^2.
-    - `failed`: draws that gave no finite temperatures; they do not count.
-    - `spread`, `seed`: of the draws. `wall_time`: s, with compilation.
+    - `failed`: whether a draw gave no finite temperatures; it then counts in no correlation.
+    - `spread`, `seed`: relative standard deviation and seed of the draws.
+    - `wall_time`: s, including compilation.
     """
 
     rig: str
@@ -65,27 +67,23 @@ class Sensitivity:
 
         **Raises:** `ParameterError` where there is no such channel.
         """
-        from ..plots import plot_tornado
-
         self._row(channel)
-        return plot_tornado(self, channel, ax=ax)
+        return picture("plot_tornado", self, channel, ax=ax)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """The correlations of all channels and parameters as a matrix; a number stands where the
         95 % interval leaves 0 out."""
-        from ..plots import plot_sensitivity_matrix
+        return picture("plot_sensitivity_matrix", self, ax=ax)
 
-        return plot_sensitivity_matrix(self, ax=ax)
-
-    def told(self, channel: str = MEAN, *, ranks: bool = False) -> dict[str, Literal[1, -1]]:
-        """Parameters that can be told from chance: those whose 95 % interval leaves 0 out.
+    def significant(self, channel: str = MEAN, *, ranks: bool = False) -> dict[str, Literal[1, -1]]:
+        """The parameters with a significant correlation: their 95 % interval does not contain 0.
 
         **Arguments:**
 
         - `channel`: one of `channels`.
-        - `ranks`: whether of the rank correlation.
+        - `ranks`: whether to judge by the rank correlation.
 
-        **Returns:** name -> sign of the correlation.
+        **Returns:** parameter name -> sign of its correlation.
 
         **Raises:** `ParameterError` where there is no such channel.
         """
@@ -182,7 +180,7 @@ class Sensitivity:
 
         **Raises:** `RecordingError` for another ending, and where the file cannot be written.
         """
-        from ..io import save_dataset
+        from ..io._write import save_dataset
 
         save_dataset(self.to_xarray(), path)
 

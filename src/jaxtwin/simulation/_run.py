@@ -166,7 +166,8 @@ class Run:
 
         **Raises:** `RecordingError` for another ending, and where the file cannot be written.
         """
-        from ..io import save_dataset, write_recording
+        from ..io import write_recording
+        from ..io._write import save_dataset
 
         if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
             save_dataset(self.to_xarray(), path)

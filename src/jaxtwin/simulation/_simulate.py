@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 from .._arguments import finite_number, of_kind
 from .._errors import ParameterError, SimulationError
 from .._jax_settings import own_settings
-from ..io import EXPERIMENT, Experiment
+from ..io import Experiment
+from ..io._experiment import EXPERIMENT
 from ..physics import System, Twin, build_netlist, check_twin
 from ..rig import Rig, Value
 from ._ambient import ambient_of_samples, reference_temperature

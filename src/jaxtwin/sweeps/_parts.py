@@ -1,6 +1,6 @@
-"""Which part of a sweep a process does: chunks are dealt out by their number.
+"""Which chunks of a sweep a process computes: chunk k belongs to process k mod N.
 
-Workers need not know of each other: none waits for another, and one that dies takes none with it.
+The processes need not know of each other: none waits for another, and none fails with another.
 """
 
 from collections.abc import Sequence
@@ -9,15 +9,18 @@ from .._arguments import whole_number
 from .._errors import SimulationError
 
 
-def own_part(process: tuple[int, int] | None = None) -> tuple[int, int]:
-    """This process's number and how many there are.
+def assigned_part(process: tuple[int, int] | None = None) -> tuple[int, int]:
+    """The number of this process and the number of processes.
 
     **Arguments:**
 
-    - `process`: what the user says, or None: as `jax.distributed` says where it is initialised,
-      else 0 of 1.
+    - `process`: both numbers, or None to take them from `jax.distributed`. Where that is not
+      initialised, this process is number 0 of 1.
 
-    **Raises:** `SimulationError` where there is no such part.
+    **Returns:** (number, processes), where numbers count from 0.
+
+    **Raises:** `SimulationError` where `process` is no pair of whole numbers, or the number is not
+    below the number of processes.
     """
     if process is None:
         import jax
@@ -27,7 +30,7 @@ def own_part(process: tuple[int, int] | None = None) -> tuple[int, int]:
         return 0, 1
     if not isinstance(process, Sequence) or len(process) != 2:
         raise SimulationError(f"process: found {process!r}, allowed is (number, how many)")
-    number, count = (whole_number("process", one, None, SimulationError) for one in process)
+    number, count = (whole_number("process", part, None, SimulationError) for part in process)
     if not 0 <= number < count:
         raise SimulationError(
             f"process: found {number} of {count}, allowed are 0 to {max(count, 1) - 1} of "
@@ -36,26 +39,29 @@ def own_part(process: tuple[int, int] | None = None) -> tuple[int, int]:
     return number, count
 
 
-def meet(coordinator: str | None, processes: int | None, number: int | None) -> tuple[int, int]:
-    """Lets the processes of a cluster find each other through `jax.distributed`, and part again.
+def init_distributed(
+    coordinator: str | None, processes: int | None, number: int | None
+) -> tuple[int, int]:
+    """Initialises `jax.distributed`, asks it for this process's number, and shuts it down again.
 
-    A sweep needs to know no more than its part. The connection is closed at once, because JAX ends
-    every process of a cluster when one is lost.
+    A sweep needs no more than that number. The connection is closed at once, because JAX ends
+    every process of a cluster when one of them is lost.
 
     **Arguments:**
 
     - `coordinator`: `host:port` of process 0.
-    - `processes`, `number`: None where the cluster's own scheduler knows them.
+    - `processes`, `number`: the number of processes and the number of this one; None where the
+      cluster's scheduler knows them.
 
-    **Returns:** number of this process and how many there are.
+    **Returns:** (number, processes).
 
-    **Raises:** `SimulationError` where they do not meet.
+    **Raises:** `SimulationError` where the processes cannot connect to the coordinator.
     """
     import jax
-    from jax._src.distributed import global_state
+    from jax._src.distributed import global_state  # jax.process_index() would start the backends
 
     if processes is not None and number is not None:
-        own_part((number, processes))
+        assigned_part((number, processes))
     try:
         jax.distributed.initialize(coordinator, processes, number)
         part = global_state.process_id, global_state.num_processes

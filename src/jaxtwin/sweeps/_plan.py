@@ -1,4 +1,4 @@
-"""What a sweep consists of: which draws, in which chunks, and what is kept of them."""
+"""The plan of a sweep: its draws, its chunks, and the results that are kept."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -14,15 +14,13 @@ from .._errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
-from ..sensitivity_analysis import (
-    checked_seed,
-    checked_spread,
+from ..sensitivity_analysis._draws import (
+    central_values,
     distinct_names,
-    drawn_values,
-    normal_draws,
-    own_draws,
     paired_twins,
+    rescaled_draws,
 )
+from ..sensitivity_analysis._sampling import checked_seed, checked_spread, normal_draws
 from ..simulation import (
     REDUCTIONS,
     Precision,
@@ -51,12 +49,12 @@ ROLES = {
 @final
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A sweep, checked, before any work.
+    """What a sweep will do, checked before any work.
 
     **Arguments:**
 
     - `twins`, `experiments`: one twin for each experiment.
-    - `values`: name -> what that parameter is drawn around, in the rig's unit.
+    - `values`: name -> value around which the parameter is drawn, in the rig's unit.
     - `draws`, `spread`, `seed`: of `normal_draws`.
     - `reductions`, `precision`: of `simulate_batch`.
     - `chunk_size`: draws that are written at a time.
@@ -74,18 +72,18 @@ class Plan:
 
     @property
     def chunks(self) -> int:
-        """How many there are; the last may be shorter."""
+        """Number of chunks. The last may be shorter than the others."""
         return -(-self.draws // self.chunk_size)
 
     def span(self, chunk: int) -> tuple[int, int]:
-        """First draw of a chunk and the one behind its last."""
+        """The chunk's draws as (start, stop)."""
         return chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, self.draws)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Of all experiments in a row; those that share a name are numbered."""
+        """Channels of all experiments in a row; equal names are numbered."""
         names = map(checked_channels, self.twins, self.experiments)
-        return tuple(distinct_names(name for own in names for name in own))
+        return tuple(distinct_names(name for channels in names for name in channels))
 
     @property
     def recordings(self) -> tuple[str, ...]:
@@ -132,7 +130,7 @@ class Plan:
             result = simulate_batch(
                 twin,
                 experiment,
-                own_draws(twin, self.values, samples),
+                rescaled_draws(twin, self.values, samples),
                 reductions=self.reductions,
                 precision=self.precision,
                 on_progress=on_progress,
@@ -156,7 +154,7 @@ def plan_sweep(
     precision: Precision,
     chunk_size: int,
 ) -> Plan:
-    """Checks what was asked for.
+    """Checks the arguments of `sweep` and makes its plan.
 
     **Raises:** as `sweep`.
     """
@@ -164,13 +162,13 @@ def plan_sweep(
     for name, number in (("draws", draws), ("chunk_size", chunk_size)):
         whole_number(f"sweep: {name}", number, 1, SimulationError)
     if reductions is None:
-        recorded = all(one.temperatures is not None for one in recordings)
+        recorded = all(recording.temperatures is not None for recording in recordings)
         reductions = ("cost", "final") if recorded else ("final",)
     asked = checked_reductions(reductions, recordings)
     plan = Plan(
         twins=tuple(twins),
         experiments=tuple(recordings),
-        values=drawn_values(twins[0], parameters),
+        values=central_values(twins[0], parameters),
         draws=int(draws),
         spread=checked_spread("sweep: spread", spread),
         seed=checked_seed("sweep: seed", seed),

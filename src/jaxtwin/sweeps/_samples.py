@@ -1,4 +1,4 @@
-"""The draws of a sweep as an array that is made where it is looked at."""
+"""The parameters of a sweep's draws as a lazy array, made from the seed where it is read."""
 
 from typing import Any, final
 
@@ -11,7 +11,7 @@ from xarray.core.indexing import (
     explicit_indexing_adapter,
 )
 
-from ..sensitivity_analysis import normal_draws
+from ..sensitivity_analysis._sampling import normal_draws
 
 
 @final

@@ -1,4 +1,4 @@
-"""A sweep's folder: a Zarr store whose chunks are written whole, marked, and never lost.
+"""The folder of a sweep: a Zarr store in which a chunk that is marked as done is complete.
 
 A chunk of draws is one file in each array. Those are written first and forced to the disk; then a
 mark of one byte, the chunk's element of the array `done`, is moved to its place. Whatever stops the
@@ -167,7 +167,7 @@ def _difference(found: Any, asked: Any) -> tuple[str, str]:
     """Two values in short; of lists and tables, what differs first."""
     if isinstance(found, list) and isinstance(asked, list) and len(found) == len(asked):
         return _difference(
-            *next((one, other) for one, other in zip(found, asked, strict=True) if one != other)
+            *next((old, new) for old, new in zip(found, asked, strict=True) if old != new)
         )
     if isinstance(found, dict) and isinstance(asked, dict):
         name = next(name for name in (*asked, *found) if found.get(name) != asked.get(name))

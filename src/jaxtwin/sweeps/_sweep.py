@@ -1,4 +1,4 @@
-"""Sweeps too long for one sitting."""
+"""Sweeps of millions of draws, written to disk chunk by chunk and resumed after a stop."""
 
 import os
 import time
@@ -17,9 +17,9 @@ from ..matching import Fit
 from ..physics import Twin
 from ..simulation._batch import Precision
 from ._open import count_failed, open_sweep
-from ._parts import own_part
+from ._parts import assigned_part
 from ._plan import plan_sweep
-from ._progress import Advance, Meter
+from ._progress_meter import ProgressMeter, SweepProgress
 from ._store import Store
 
 if TYPE_CHECKING:
@@ -28,21 +28,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CHUNK = 65536
-"""Draws that are written at a time: what a kill costs at most, some seconds of a CPU."""
+"""Draws in a chunk. A kill costs at most one chunk, some seconds of a CPU."""
 
 
 @final
 @dataclass(frozen=True)
 class Sweep:
-    """Where a sweep stands.
+    """The state of a sweep.
 
     **Arguments:**
 
     - `folder`: of the results.
     - `rig`: name.
-    - `draws`: that were asked for; `done`: finished, by all processes and runs; `failed`: of those.
-    - `new`: draws that this run did, in `wall_time` seconds with compilation.
-    - `busy`: chunks of this process's part that another process was working on.
+    - `draws`: number of draws asked for.
+    - `done`: number of draws finished, by all processes and runs; `failed`: those that failed.
+    - `new`: number of draws finished by this run, in `wall_time` seconds including compilation.
+    - `busy`: number of this process's chunks that another process was working on.
     """
 
     folder: Path
@@ -60,7 +61,7 @@ class Sweep:
         return self.done == self.draws
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The results of the draws that are done, see `open_sweep`."""
+        """The results of the finished draws, as `open_sweep` reads them."""
         return open_sweep(self.folder)
 
     def to_dataframe(self) -> "pandas.DataFrame":
@@ -105,32 +106,33 @@ def sweep(
     precision: Precision = "float64",
     chunk_size: int = CHUNK,
     process: tuple[int, int] | None = None,
-    on_progress: Callable[[Advance], None] | None = None,
+    on_progress: Callable[[SweepProgress], None] | None = None,
 ) -> Sweep:
-    """Runs many draws of a twin's parameters and writes what is wanted of them, chunk by chunk.
+    """Simulates many random draws of a twin's parameters and writes reductions of them to a folder.
 
-    The same call goes on where an earlier one stopped, however it was stopped. Several processes
+    The same call resumes where an earlier one stopped, however it was stopped. Several processes
     or hosts that see the same folder share the work. Draws and results are the same for any
     number of stops and processes.
 
     **Arguments:**
 
-    - `twin`: what the parameters are spread around; one, one for each experiment, or a fit, with
-      the own values of each recording (of one that it has not seen they are taken from its first
-      minute, see `Fit.twin_for`).
-    - `experiments`: one or several, each run for every draw; None for those of a fit.
-    - `folder`: of the Zarr store. Missing or empty it is made; else it must hold this sweep.
+    - `twin`: the parameters are drawn around its values. One twin, one for each experiment, or a
+      fit, of which each recording uses its own values (those of a recording that was not matched
+      are estimated from its first minute, see `Fit.twin_for`).
+    - `experiments`: one or several, each simulated for every draw; None for those of the fit.
+    - `folder`: for the Zarr store. A missing or empty folder is filled; any other must hold this
+      sweep.
     - `draws`, `spread`, `seed`: as in `sensitivity`.
     - `parameters`: which to draw; by default the free ones that all recordings share.
     - `reductions`: what to keep, see `simulate_batch`; by default "final", and "cost" where every
       experiment has recorded temperatures.
     - `precision`: of the computation and of what is kept.
-    - `chunk_size`: draws that are written at a time.
-    - `process`: (number, how many) where several share the work, each the chunks of its number;
-      by default as `jax.distributed` says where it is initialised, else alone.
-    - `on_progress`: called with an `Advance` while it goes.
+    - `chunk_size`: draws that are computed and written at a time.
+    - `process`: (number, processes) where several processes share the work. By default these are
+      taken from `jax.distributed` where that is initialised.
+    - `on_progress`: called with a `SweepProgress` whenever simulations have finished.
 
-    **Returns:** a `Sweep`, when this process's part is done.
+    **Returns:** a `Sweep`, once this process's part is done.
 
     **Raises:** `ParameterError` for unknown names or a value of zero; `SimulationError` for numbers
     out of range, experiments that do not belong to the rig, a folder of another sweep or of
@@ -151,12 +153,12 @@ def sweep(
         precision=precision,
         chunk_size=chunk_size,
     )
-    number, processes = own_part(process)
+    number, processes = assigned_part(process)
     store = Store(place, plan)
     sizes = -np.subtract(*np.transpose([plan.span(chunk) for chunk in range(plan.chunks)]))
     own = np.arange(plan.chunks) % processes == number
     before = store.done()
-    meter = Meter(
+    meter = ProgressMeter(
         int(sizes[own & before].sum()), int(sizes[own].sum()), len(plan.experiments), on_progress
     )
     new = busy = 0

@@ -9,7 +9,8 @@ from jaxtyping import Bool
 
 from .._arguments import check_callable, finite_number, names_of
 from .._errors import MatchError
-from ..io import Experiment, as_experiments
+from ..io import Experiment
+from ..io._experiment import as_experiments
 from ..matching import (
     WARM_UP,
     Fit,

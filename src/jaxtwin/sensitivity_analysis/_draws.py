@@ -1,4 +1,4 @@
-"""What a study of random draws is made of: twins, experiments, and what is drawn around what."""
+"""The twins, experiments and central values of a study of random draws."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from .._arguments import names_of
 from .._errors import ParameterError, SimulationError
-from ..io import Experiment, as_experiments
+from ..io import Experiment
+from ..io._experiment import as_experiments
 from ..matching import Fit
 from ..physics import Twin, check_twin
 
@@ -17,14 +18,14 @@ def paired_twins(
     twin: Twin | Fit | Sequence[Twin],
     experiments: Experiment | Sequence[Experiment] | None,
 ) -> tuple[list[Twin], list[Experiment]]:
-    """One twin for each experiment.
+    """Pairs each experiment with its twin.
 
     **Arguments:**
 
-    - `study`: what asks, for its errors.
-    - `twin`: one for all experiments, one each, or a fit, which has one for each: see
+    - `study`: the name of the calling function, for error messages.
+    - `twin`: one twin for all experiments, one for each, or a fit, which has one for each: see
       `Fit.twin_for`.
-    - `experiments`: one or several; None for those of the fit.
+    - `experiments`: one or several; None for the experiments of the fit.
 
     **Raises:** `SimulationError` where their numbers differ, there are none, or the twins' rigs do;
     `MatchError` where a recording that the fit has not seen is too short to take its own values
@@ -39,31 +40,31 @@ def paired_twins(
         experiments = twin.experiments
     recordings = as_experiments(f"{study}: experiments", experiments, SimulationError)
     if isinstance(twin, Fit):
-        twins = [twin.twin_for(one) for one in recordings]
+        twins = [twin.twin_for(experiment) for experiment in recordings]
     elif isinstance(twin, Twin):
         twins = [twin] * len(recordings)
     else:
         if isinstance(twin, str) or not isinstance(twin, Iterable):
             check_twin(f"{study}: twin", twin, SimulationError)
         twins = list(twin)
-    for one in twins:
-        check_twin(f"{study}: twin", one, SimulationError)
+    for candidate in twins:
+        check_twin(f"{study}: twin", candidate, SimulationError)
     if not recordings or len(twins) != len(recordings):
         raise SimulationError(
             f"{study}: found {len(twins)} twins for {len(recordings)} experiments, allowed is one "
             "for all or one each"
         )
-    if any(one.rig != twins[0].rig for one in twins):
+    if any(twin.rig != twins[0].rig for twin in twins):
         raise SimulationError(f"{study}: found twins of several rigs, allowed is one rig")
     return twins, recordings
 
 
-def drawn_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, float]:
-    """Name -> what that parameter is drawn around, in the rig's unit.
+def central_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, float]:
+    """The values around which parameters are drawn: name -> value in the rig's unit.
 
     **Arguments:**
 
-    - `parameters`: names; None for those that the rig calls free and all recordings share.
+    - `parameters`: names; None for the free parameters that all recordings share.
 
     **Raises:** `ParameterError` for unknown names, none at all, or a value of 0.
     """
@@ -82,16 +83,19 @@ def drawn_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, floa
     for name, value in values.items():
         if value == 0:
             raise ParameterError(
-                f"{twin.rig.name}: parameter {name}: found 0, allowed is a value to spread around"
+                f"{twin.rig.name}: parameter {name}: found 0, allowed is any other value; "
+                "draws have a standard deviation relative to it"
             )
     return values
 
 
-def own_draws(
+def rescaled_draws(
     twin: Twin, values: Mapping[str, float], samples: Mapping[str, Float[np.ndarray, " draws"]]
 ) -> dict[str, Float[np.ndarray, " draws"]]:
-    """Draws around a twin's own values, as far away in proportion as `samples` are from `values`:
-    twins that differ get the same draws."""
+    """Moves draws from around `values` to around the values of a twin, at the same ratios.
+
+    Twins of several recordings thus get the same draws relative to their values.
+    """
     return {
         name: float(twin.parameters[name]) / values[name] * sample
         for name, sample in samples.items()
@@ -99,10 +103,10 @@ def own_draws(
 
 
 def distinct_names(names: Iterable[str]) -> list[str]:
-    """Where several share a name, the later ones carry a number."""
-    seen: dict[str, int] = {}
+    """The names, each made unique: a second `T` becomes `T (2)`."""
+    counts: dict[str, int] = {}
     labels = []
     for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        labels.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+        counts[name] = counts.get(name, 0) + 1
+        labels.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
     return labels

@@ -8,14 +8,15 @@ from typing import final
 
 @final
 @dataclass(frozen=True)
-class Advance:
-    """A look at a sweep under way.
+class SweepProgress:
+    """How far a sweep has come.
 
     **Arguments:**
 
     - `done`, `total`: draws of this process's part, those of earlier runs included.
-    - `rate`: draws per second, without the first, which waits for the compiler.
-    - `left`: s until the part is done; None as long as nobody can tell.
+    - `rate`: draws per second, without the first chunk, which waits for the compiler; None until
+      it is known.
+    - `left`: time until the part is done, s; None until it is known.
     """
 
     done: int
@@ -31,40 +32,44 @@ class Advance:
 
 
 @final
-class Meter:
-    """Turns finished simulations into `Advance`.
+class ProgressMeter:
+    """Counts finished simulations and reports them as `SweepProgress`.
 
     **Arguments:**
 
-    - `done`, `total`: draws.
-    - `simulations`: of each draw, one an experiment.
-    - `tell`: who wants to know.
+    - `done`, `total`: draws that were done before, and all draws.
+    - `simulations`: simulations in each draw, which is the number of experiments.
+    - `on_progress`: called with a `SweepProgress` after each call, or None.
     """
 
     def __init__(
-        self, done: int, total: int, simulations: int, tell: Callable[[Advance], None] | None
+        self,
+        done: int,
+        total: int,
+        simulations: int,
+        on_progress: Callable[[SweepProgress], None] | None,
     ):
-        self.begun, self.total, self.simulations = done, total, simulations
-        self.tell = tell
+        self.done_before, self.total, self.simulations = done, total, simulations
+        self.on_progress = on_progress
         self.finished = 0
         self.first: tuple[int, float] | None = None
 
     def __call__(self, simulations: int) -> None:
-        """Some simulations are done; called by one thread at a time."""
+        """Adds simulations that have finished. One thread calls this at a time."""
         self.finished += simulations
         now = time.perf_counter()
         if self.first is None:
             self.first = self.finished, now
-        if self.tell is None:
+        if self.on_progress is None:
             return
         before, since = self.first
         draws = self.finished // self.simulations
-        done = self.begun + draws
+        done = self.done_before + draws
         rate = left = None
         if self.finished > before and now > since:
             rate = (self.finished - before) / self.simulations / (now - since)
             left = (self.total - done) / rate
-        self.tell(Advance(done, self.total, rate, left))
+        self.on_progress(SweepProgress(done, self.total, rate, left))
 
 
 def _clock(seconds: float) -> str:

@@ -1,21 +1,18 @@
-"""Spans of a recording that count less in a match, for all pictures that show one."""
+"""Samples that are missing, and spans that count less in a match, for all pictures."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from ..simulation import Run
 from ._style import FAINT
-
-if TYPE_CHECKING:
-    from ..simulation import Run
 
 
 def of_sampled(
-    run: "Run", weights: Float[np.ndarray, "times channels"]
+    run: Run, weights: Float[np.ndarray, "times channels"]
 ) -> Float[np.ndarray, "times channels"]:
     """The weights of a run's samples, 1 where one is missing: that is a gap in the line."""
     return np.where(run.experiment.sampled, weights, 1.0)
@@ -46,3 +43,29 @@ def masked_key(weights: Iterable[Float[np.ndarray, "_ _"]]) -> list[Patch]:
     """What a legend says of the shading; nothing where there is none."""
     shaded = any(bool((weight < 1).any()) for weight in weights)
     return [Patch(color=FAINT, lw=0, label="counted less")] if shaded else []
+
+
+def mean_there(values: Float[np.ndarray, "rows columns"], axis: int) -> Float[np.ndarray, " kept"]:
+    """The mean along an axis; NaN where nothing is there.
+
+    **Arguments:**
+
+    - `values`: NaN where a sample is missing.
+    """
+    there = ~np.isnan(values)
+    counts = there.sum(axis=axis)
+    sums = np.sum(values, axis=axis, where=there)
+    return np.divide(sums, counts, out=np.full(counts.shape, np.nan), where=counts > 0)
+
+
+def last_means(
+    values: Float[np.ndarray, "times channels"], samples: int
+) -> Float[np.ndarray, " channels"]:
+    """The mean of the last samples of each channel that are there; NaN where it has none.
+
+    **Arguments:**
+
+    - `samples`: how many; at least one counts.
+    """
+    ends = [column[~np.isnan(column)][-max(1, samples) :] for column in values.T]
+    return np.array([end.mean() if end.size else np.nan for end in ends])

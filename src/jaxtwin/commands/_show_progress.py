@@ -46,7 +46,7 @@ class PlainProgress:
         self.timer.daemon = True
         self.timer.start()
 
-    def news(self, text: str) -> None:
+    def update(self, text: str) -> None:
         if time.monotonic() - self.told >= PAUSE:
             self._tell(f"  {text}")
 
@@ -78,7 +78,7 @@ class LiveProgress:
         self.status.update(self.text)
         self.status.start()
 
-    def news(self, text: str) -> None:
+    def update(self, text: str) -> None:
         from rich.markup import escape
 
         self.status.update(f"{self.text} [dim]{escape(text)}[/]")

@@ -1,0 +1,107 @@
+"""Imports between packages go one way, in the order that docs/architecture.md declares."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import jaxtwin
+
+SOURCE = Path(jaxtwin.__file__).parent
+PAGE = Path(__file__).parents[1] / "docs" / "architecture.md"
+
+FOUNDATION = "the private modules"
+"""The modules `_*.py` beside the packages, on which every package may stand."""
+
+TOP = "the entry points"
+"""`__init__`, `__main__` and `cli`, which import from any package and are imported by none."""
+
+CONVENIENCES = {("physics/_twin.py", "simulation")}
+"""`Twin.simulate` calls `simulate`, so that a person at a prompt need not import it."""
+
+
+class Import(NamedTuple):
+    """One import between two rooms, a room being a package, `FOUNDATION` or `TOP`."""
+
+    file: str
+    source: str
+    target: str
+
+
+def declared_order() -> list[str]:
+    """The packages from the lowest to the highest, as the page lists them."""
+    block = re.search(r"```layers\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert block is not None, "docs/architecture.md has no block ```layers"
+    return [line.split()[0].rstrip("/") for line in block[1].splitlines() if line.strip()]
+
+
+def room(parts: tuple[str, ...]) -> str:
+    """The room of a module, given by its path inside of jaxtwin."""
+    if not parts or parts[0] in ("__init__", "__main__", "cli"):
+        return TOP
+    return FOUNDATION if parts[0].startswith("_") else parts[0]
+
+
+def imports() -> Iterator[Import]:
+    """Every import between two rooms, also those inside of functions and under TYPE_CHECKING."""
+    for file in sorted([*SOURCE.rglob("*.py"), *SOURCE.rglob("*.pyi")]):
+        parts = file.relative_to(SOURCE).with_suffix("").parts
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            for target in targets(node, parts[:-1]):
+                if room(target) != room(parts):
+                    name = "/".join(file.relative_to(SOURCE).parts)
+                    yield Import(name, room(parts), room(target))
+
+
+def targets(node: ast.AST, package: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """The modules of jaxtwin that a statement imports, as paths inside of jaxtwin."""
+    if isinstance(node, ast.Import):
+        names = [alias.name.split(".") for alias in node.names]
+        return [tuple(name[1:]) for name in names if name[0] == "jaxtwin"]
+    if not isinstance(node, ast.ImportFrom):
+        return []
+    module = tuple(node.module.split(".")) if node.module else ()
+    if node.level:
+        base = package[: len(package) - node.level + 1]
+    elif module[:1] == ("jaxtwin",):
+        base, module = (), module[1:]
+    else:
+        return []
+    if base or module:
+        return [base + module]
+    # `from .. import sweep` takes a name from the face, `from .. import plots` a package.
+    rooms = {path.name for path in SOURCE.iterdir() if path.is_dir()}
+    names = [alias.name for alias in node.names if alias.name != "__version__"]
+    return [(name,) if name in rooms else () for name in names]
+
+
+def test_every_package_has_its_place_in_the_order():
+    packages = {path.parent.name for path in SOURCE.glob("*/__init__.py")}
+    assert packages <= set(declared_order())
+
+
+@pytest.mark.parametrize("package", declared_order())
+def test_a_package_imports_only_what_stands_before_it(package: str):
+    """Hence there is no circle between packages.
+
+    Commands and the report may take public functions from the face of jaxtwin, as a user does.
+    """
+    order = declared_order()
+    allowed = {FOUNDATION, *order[: order.index(package)]}
+    if package in ("report", "commands"):
+        allowed.add(TOP)
+    found = [entry for entry in imports() if entry.source == package]
+    wrong = [
+        entry
+        for entry in found
+        if entry.target not in allowed and (entry.file, entry.target) not in CONVENIENCES
+    ]
+    assert not wrong
+
+
+def test_the_private_modules_import_no_package():
+    assert not [found for found in imports() if found.source == FOUNDATION]
