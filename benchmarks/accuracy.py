@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 import jaxtwin as jt
-from jaxtwin.simulation import Schedule, solve_schedule, twin_schedule
+from jaxtwin.simulation import TimeGrid, solve_network, time_grid
 from jaxtwin.simulation._interpolation import sample_weights, step_polynomials
 
 from ._machine import machine
@@ -31,7 +31,7 @@ from ._task import drive_of_the_recordings
 
 RIGS = ("paper-2024", "dual-cell", "single-cell")
 PARTS = (1, 2, 4, 8, 16)
-"""Into how many each step of the default schedule is cut."""
+"""Into how many each step of the default grid is cut."""
 
 HELD = ("T_amb_drift",)
 """Not drawn: the reference's equations do not depend on time itself."""
@@ -90,7 +90,7 @@ def _drive(rig: str) -> jt.Experiment:
 def convergence(rig: str) -> list[tuple[int, float]]:
     """Pairs (steps, worst channel error in K at their ends) of the rig as it comes."""
     twin = jt.Twin(rig)
-    whole = twin_schedule(twin, _drive(rig))
+    whole = time_grid(twin, _drive(rig))
     lengths = np.asarray(whole.sizes)[whole.size]
     edges = np.concatenate([[0.0], np.cumsum(lengths)])
     duty = np.asarray(whole.duty)
@@ -103,7 +103,7 @@ def convergence(rig: str) -> list[tuple[int, float]]:
         spans = [np.repeat(span, parts) / parts for span in np.split(lengths, changes)]
         polynomials = step_polynomials(spans)
         at_end = np.minimum(np.arange(len(edges)), 1.0)
-        cut = Schedule(
+        cut = TimeGrid(
             times=edges,
             sizes=np.asarray(whole.sizes) / parts,
             size=np.repeat(whole.size, parts),
@@ -121,10 +121,10 @@ def convergence(rig: str) -> list[tuple[int, float]]:
 
 
 @jax.jit
-def _solve(twin: Any, schedule: Any) -> Any:
+def _solve(twin: Any, grid: Any) -> Any:
     system = twin.system(lumped=True)
     weights = system.wiring.channel_weights
-    rises = solve_schedule(system, schedule, system.initial_temperature, weights)
+    _, rises = solve_network(system, grid, system.initial_temperature, weights)
     return system.gain * rises + system.ambient_temperature - 273.15
 
 

@@ -22,9 +22,12 @@ from scipy.optimize import least_squares
 
 import jaxtwin as jt
 from jaxtwin.data import synthetic_recordings
-from jaxtwin.matching._estimate import initial_noise_model, make_objective
-from jaxtwin.matching._match import checked_recordings, make_match_problem
-from jaxtwin.matching._residuals import residual_jacobian, residuals
+from jaxtwin.matching import named_recordings
+from jaxtwin.matching._jacobian import residual_jacobian
+from jaxtwin.matching._noise_model import initial_noise_model
+from jaxtwin.matching._objective import make_objective
+from jaxtwin.matching._problem import make_match_problem
+from jaxtwin.matching._residuals import residuals
 from jaxtwin.matching._unknowns import choose_unknowns
 
 from ._measure import rounds, run_alone, warm_median
@@ -88,13 +91,12 @@ class Residuals:
         free: list[str],
         own: dict[str, tuple[float, float]],
     ):
-        names = checked_recordings(twin, experiments)
         unknowns = choose_unknowns(
             twin, len(experiments), free=[*free, *own], per_recording=own, bounds=own
         )
-        problem = make_match_problem(twin, experiments, names, unknowns, None, None, None)
-        self._problem = make_objective(problem, initial_noise_model(problem))
-        self.start, (self.lower, self.upper) = unknowns.start(), problem.bounds
+        problem = make_match_problem(twin, named_recordings(twin, experiments), unknowns)
+        self._objective = make_objective(problem, initial_noise_model(problem))
+        self.start, self.lower, self.upper = unknowns.start(), unknowns.lower(), unknowns.upper()
         self.samples = _samples(experiments)
         self.evaluations = self.jacobians = 0
         self(self.start)  # compiles
@@ -103,12 +105,12 @@ class Residuals:
     def __call__(self, vector: np.ndarray) -> np.ndarray:
         self.evaluations += 1
         with jax.enable_x64(True):
-            return np.asarray(_residuals(jnp.asarray(vector), self._problem))
+            return np.asarray(_residuals(jnp.asarray(vector), self._objective))
 
     def slope(self, vector: np.ndarray) -> np.ndarray:
         self.jacobians += 1
         with jax.enable_x64(True):
-            return np.asarray(_slope(jnp.asarray(vector), self._problem))
+            return np.asarray(_slope(jnp.asarray(vector), self._objective))
 
     def counted(self, solve: Callable[[], np.ndarray]) -> dict[str, Any]:
         """The counts of a solve and the RMSE that it reaches, K."""

@@ -25,9 +25,11 @@ from jax.flatten_util import ravel_pytree
 
 from jaxtwin import Experiment, Twin, match, read_recording
 from jaxtwin.matching import BoundedLevenbergMarquardt
-from jaxtwin.matching._descend import descend
-from jaxtwin.matching._estimate import MatchProblem, make_objective
-from jaxtwin.matching._residuals import Objective, residual_jacobian, residuals
+from jaxtwin.matching._descent import descend
+from jaxtwin.matching._jacobian import residual_jacobian
+from jaxtwin.matching._objective import Objective, make_objective
+from jaxtwin.matching._problem import MatchProblem
+from jaxtwin.matching._residuals import residuals
 
 RTOL = 1e-6
 LIMIT = 200
@@ -59,8 +61,9 @@ Result = tuple[np.ndarray, int | str, int | str]
 def ours(objective: Objective, problem: MatchProblem) -> Result:
     solver = BoundedLevenbergMarquardt(rtol=RTOL)
     start = problem.unknowns.start()
-    (end,) = descend([objective], solver, [start], LIMIT, problem.bounds, problem.scale)
-    return end.vector, int(end.state.residuals), int(end.state.jacobians)
+    (end,) = descend([objective], solver, [start], problem.unknowns.search_space(), LIMIT)
+    assert end.optimiser is not None
+    return end.vector, int(end.optimiser.num_residuals), int(end.optimiser.num_jacobians)
 
 
 def optimistix_own(objective: Objective, problem: MatchProblem) -> Result:
@@ -87,7 +90,7 @@ def _optimistix(start: Any, objective: Objective) -> optx.Solution:
 
 def scipy_trf(objective: Objective, problem: MatchProblem) -> Result:
     counted = Counted(objective)
-    lower, upper = problem.bounds
+    lower, upper = problem.unknowns.lower(), problem.unknowns.upper()
     end = scipy.optimize.least_squares(
         counted.fn,
         problem.unknowns.start(),
@@ -105,7 +108,7 @@ def lmfit_leastsq(objective: Objective, problem: MatchProblem) -> Result:
     counted = Counted(objective)
     names = [f"p{number}" for number in range(problem.unknowns.size)]
     parameters = lmfit.Parameters()
-    lower, upper = problem.bounds
+    lower, upper = problem.unknowns.lower(), problem.unknowns.upper()
     for name, value, low, high in zip(names, problem.unknowns.start(), lower, upper, strict=True):
         parameters.add(name, value=value, min=low, max=high)
 
@@ -145,7 +148,7 @@ def compare(rig: str, experiments: list[Experiment]) -> list[str]:
             vector, counted, jacobians = way(objective, fit.problem)
             used = time.process_time() - began
             cost = 0.5 * float(jnp.sum(_residuals(jnp.asarray(vector), objective) ** 2))
-            lower, upper = fit.problem.bounds
+            lower, upper = fit.problem.unknowns.lower(), fit.problem.unknowns.upper()
             outside = int(np.sum((vector < lower - 1e-9) | (vector > upper + 1e-9)))
             counts = f"{jacobians} | {counted}"
             rows.append(f"| {rig} | {name} | {cost:.5g} | {counts} | {used:.1f} | {outside} |")

@@ -440,8 +440,8 @@ def test_every_command_is_tested_for_help():
     assert names | {"data"} == {command[0] for command in COMMANDS if command}
 
 
-def test_the_command_line_keeps_compiled_programs_unless_told_not_to(tmp_path):
-    """README: the cache is the command line's own, and JAXTWIN_COMPILATION_CACHE rules it."""
+def test_compiled_programs_are_kept_unless_one_says_no(tmp_path):
+    """README: JAXTWIN_COMPILATION_CACHE rules it."""
     arguments = ["simulate", "paper-2024", "--duty", "0:0.5", "--duration", "10", "--out", "r.nc"]
     folder = tmp_path / "compiled"
     for setting, kept in (("off", False), (str(folder), True)):

@@ -5,7 +5,7 @@ import numpy as np
 
 import jaxtwin
 from jaxtwin.cli import run
-from jaxtwin.doctor import cache_state, examine
+from jaxtwin.doctor import examine
 
 
 def test_versions_are_those_of_the_libraries():
@@ -26,17 +26,9 @@ def test_recordings_are_named_or_it_says_where_they_were_looked_for(tmp_path, mo
     assert f"looked in: {tmp_path}" in examine()["recordings"]["two cells"]
 
 
-def test_the_cache_is_counted(tmp_path, monkeypatch):
-    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", str(tmp_path))
-    (tmp_path / "program").write_bytes(b"12345")
-    state = cache_state()
-    assert (state.folder, state.files, state.size) == (tmp_path, 1, 5)
-
-
 def test_the_cache_can_be_turned_off(monkeypatch):
     monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "off")
-    assert cache_state().folder is None
-    found = examine()["compilation cache of the command line"]
+    found = examine()["compiled programs"]
     assert found == {"state": "off by JAXTWIN_COMPILATION_CACHE"}
 
 

@@ -65,7 +65,7 @@ CALLS: dict[str, Callable[[Twin], np.ndarray | None]] = {
     "simulate": lambda twin: simulate(twin, DRIVE).temperatures,
     "simulate_batch": lambda twin: simulate_batch(twin, DRIVE, draws(twin)),
     "reductions": lambda twin: (
-        simulate_batch(twin, recording(twin), draws(twin), reductions=["cost", "spread"]).cost
+        simulate_batch(twin, recording(twin), draws(twin), reductions=["cost", "plate_range"]).cost
     ),
     "match": lambda twin: match(twin, recording(twin), free=["R_pc"]).vector,
     "sensitivity": lambda twin: sensitivity(twin, recording(twin), draws=4).cost,

@@ -1,7 +1,7 @@
 # The public names of jaxtwin, one line each. `__init__.py` reads this file at run time and imports
 # a name when it is first used; type checkers and editors read it as it stands.
 
-from ._errors import JaxtwinError as JaxtwinError  # what all the following are
+from ._errors import JaxtwinError as JaxtwinError  # the base class of all errors
 from ._errors import LinkError as LinkError
 from ._errors import MatchError as MatchError
 from ._errors import ParameterError as ParameterError
@@ -14,7 +14,7 @@ from .io import fetch_recordings as fetch_recordings  # the authors' recordings,
 from .io import find_recordings as find_recordings  # where they are on this machine
 from .io import read_recording as read_recording  # .mat, .csv or .nc -> Experiment
 from .io import write_recording as write_recording  # Experiment -> .csv or .nc
-from .matching import Fit as Fit  # what a match gives
+from .matching import Fit as Fit  # the result of a match
 from .matching import compare_fits as compare_fits  # how many standard errors they are apart
 from .matching import match as match  # parameters from recordings
 from .matching import match_many as match_many  # the same for many sets of recordings at once
@@ -27,18 +27,18 @@ from .physics import build_netlist as build_netlist  # Rig -> Netlist
 from .physics import frame_to_channels as frame_to_channels  # camera frame -> zone means
 from .physics import plate_map as plate_map  # element temperatures -> the plate as a picture
 from .rig import Rig as Rig  # a rig file, read and checked
-from .rig import bundled_rigs as bundled_rigs  # names of the rigs that come along
-from .rig import load_rig as load_rig  # a bundled rig, or one's own .toml
+from .rig import bundled_rigs as bundled_rigs  # names of the bundled rigs
+from .rig import load_rig as load_rig  # a bundled rig, or a .toml file of yours
 from .rig import read_parameters as read_parameters  # values that a fit saved
-from .sensitivity_analysis import Sensitivity as Sensitivity  # what a sensitivity analysis gives
+from .sensitivity_analysis import Sensitivity as Sensitivity  # the result of a sensitivity analysis
 from .sensitivity_analysis import sensitivity as sensitivity  # which parameters matter
-from .simulation import Run as Run  # what a simulation gives
+from .simulation import Run as Run  # the result of a simulation
 from .simulation import response as response  # the same as a pure JAX function
 from .simulation import simulate as simulate  # one run
 from .simulation import simulate_batch as simulate_batch  # many draws
-from .sweeps import Sweep as Sweep  # where a long sweep stands
+from .sweeps import Sweep as Sweep  # the state of a long sweep
 from .sweeps import open_sweep as open_sweep  # its results, as an xarray data set
-from .sweeps import sweep as sweep  # millions of draws into a folder, over many sittings
+from .sweeps import sweep as sweep  # millions of draws written to a folder
 from .validation import Validation as Validation  # predictions, and how good they are
 from .validation import leave_one_out as leave_one_out  # each recording from a match to the others
 from .validation import validate as validate  # recordings that the match has not seen

@@ -47,17 +47,6 @@ TWINS = "Twins"
 LIVE = "A live rig"
 MACHINE = "This machine"
 
-COMPILING = (
-    "demo",
-    "simulate",
-    "match",
-    "validate",
-    "sensitivity",
-    "sweep",
-    "virtual-rig",
-    "watch",
-)
-
 app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -201,10 +190,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (until the process ends)
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
     try:
-        if words[0] in COMPILING and not {"-h", "--help"} & set(words):
-            from .doctor import use_compilation_cache
-
-            use_compilation_cache()
         # Newer releases of typer return an exit code where older ones raise.
         with lasting_interrupt():
             if app(words, prog_name="jaxtwin", standalone_mode=False) == STOPPED:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, MatchError, ParameterError, Twin, match
-from jaxtwin.matching import checked_recordings
+from jaxtwin.matching import named_recordings
 
 FREE = ["C_load", "T_amb", "T_start"]
 TIME = np.arange(0, 60, 2.0)
@@ -24,7 +24,8 @@ WARMING = 18 + 0.2 * TIME
 
 @pytest.mark.parametrize("given", [("x", "x (2)", "x"), ("x", "x (3)", "x"), ("x", "x", "x (2)")])
 def test_no_two_recordings_share_a_name(given: tuple[str, ...]):
-    names = checked_recordings(Twin("single-cell"), [recording(name=name) for name in given])
+    runs = [recording(name=name) for name in given]
+    names = list(named_recordings(Twin("single-cell"), runs))
     assert len(set(names)) == 3
     assert names[0] == "x"
     assert all(name.startswith("x") for name in names)
@@ -32,8 +33,8 @@ def test_no_two_recordings_share_a_name(given: tuple[str, ...]):
 
 def test_a_name_that_is_there_once_stays():
     runs = [recording(name=name) for name in ("x", "x", "x (2)", "y")]
-    names = checked_recordings(Twin("single-cell"), runs)
-    assert names[2:] == ("x (2)", "y")
+    names = list(named_recordings(Twin("single-cell"), runs))
+    assert names[2:] == ["x (2)", "y"]
 
 
 def test_readings_that_never_change_without_a_drive_tell_nothing():

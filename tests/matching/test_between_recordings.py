@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtwin.matching._between_recordings import RecordingScore, spread_between_recordings
+from jaxtwin.matching._between_recordings import RecordingScore, estimate_heterogeneity
 
 PRIOR_SPREADS = np.array([0.5, 2.0, 1.0])
 SAMPLES = 200
@@ -41,7 +41,7 @@ def scores(tau: float, recordings: int, seed: int) -> tuple[list[RecordingScore]
 def test_the_spread_of_random_effects_is_found(tau: float):
     """The root mean square over forty data sets of eight recordings."""
     found = [
-        spread_between_recordings(*scores(tau, 8, seed), np.arange(3), PRIOR_SPREADS)
+        estimate_heterogeneity(*scores(tau, 8, seed), np.arange(3), PRIOR_SPREADS)
         for seed in range(40)
     ]
     assert np.sqrt(np.mean(np.square(found))) == pytest.approx(tau, rel=0.25)
@@ -49,17 +49,17 @@ def test_the_spread_of_random_effects_is_found(tau: float):
 
 def test_recordings_of_one_rig_differ_by_little():
     """Less than what their noise leaves open of a single one."""
-    found = spread_between_recordings(*scores(0.0, 8, 1), np.arange(3), PRIOR_SPREADS)
+    found = estimate_heterogeneity(*scores(0.0, 8, 1), np.arange(3), PRIOR_SPREADS)
     assert found < 0.05
 
 
 def test_one_recording_says_nothing_of_others():
     """What is left is the prior: a half-normal distribution with a scale of a quarter."""
-    found = spread_between_recordings(*scores(0.5, 1, 0), np.arange(3), PRIOR_SPREADS)
+    found = estimate_heterogeneity(*scores(0.5, 1, 0), np.arange(3), PRIOR_SPREADS)
     assert found == pytest.approx(0.25, rel=0.01)
 
 
 def test_parameters_without_a_prior_are_the_same_in_all_recordings():
     made, prior = scores(0.0, 4, 2)
-    found = spread_between_recordings(made, prior, np.arange(3), np.zeros(3))
+    found = estimate_heterogeneity(made, prior, np.arange(3), np.zeros(3))
     assert np.isfinite(found)

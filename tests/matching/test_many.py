@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Fit, MatchError, SimulationError, Twin, match_many, simulate
-from jaxtwin.matching import _descend, _match
+from jaxtwin.matching import _descent, _make_fit
 
 FREE = ["C_load", "T_amb", "T_start"]
 TRUTH = {"C_load": 24.0, "T_amb": 20.0, "T_start": 18.5}
@@ -94,7 +94,7 @@ def test_a_set_of_which_no_fit_can_be_made_loses_no_other(
             raise error
         return simulate(twin, experiment)
 
-    monkeypatch.setattr(_match, "simulate", give_up)
+    monkeypatch.setattr(_make_fit, "simulate", give_up)
     good, bad = matched(*benches[:2])
     assert bad is None
     assert value(good) == value(fits[0])
@@ -108,7 +108,7 @@ def test_the_rest_of_the_sets_compiles_nothing_new(
 ):
     """Three sets, two at a time: the third goes through the program of the first two."""
     assert len(fits) == 2
-    monkeypatch.setattr(_descend, "CHUNK", 2)
+    monkeypatch.setattr(_descent, "BATCH", 2)
     told: set[int] = set()
     with jax.log_compiles():
         caplog.clear()

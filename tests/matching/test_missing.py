@@ -12,8 +12,9 @@ from hypothesis.extra import numpy as npst
 from jaxtwin import Experiment, MatchError, Twin, match, simulate
 from jaxtwin.io import read_recording, write_recording
 from jaxtwin.matching import Fit, estimate_initial_conditions
-from jaxtwin.matching._estimate import estimate
-from jaxtwin.matching._match import default_solver, make_match_problem
+from jaxtwin.matching._match import default_solver
+from jaxtwin.matching._problem import make_match_problem
+from jaxtwin.matching._reweighted_least_squares import reweighted_least_squares
 from jaxtwin.matching._unknowns import choose_unknowns
 
 FREE = ["R_E", "R_pc", "T_amb"]
@@ -107,11 +108,11 @@ def test_what_stands_under_weight_0_changes_nothing(
     holes = np.random.default_rng(seed).random((51, 3)) < share
     recording = with_holes(whole, holes)
     unknowns = choose_unknowns(start, 1, free=FREE)
-    missing = make_match_problem(start, [recording], ("day",), unknowns, None, None, robust)
+    missing = make_match_problem(start, {"day": recording}, unknowns, robust=robust)
     filled = with_temperatures(whole, np.where(holes, garbage, np.asarray(whole.temperatures)))
     weighed = replace(missing, experiments=(filled,))
     results = [
-        estimate([problem], default_solver(problem), [unknowns.start()], 50)[0]
+        reweighted_least_squares([problem], default_solver(problem), [unknowns.start()], 50)[0]
         for problem in (missing, weighed)
     ]
     (one, known), (other, also_known) = results

@@ -22,13 +22,15 @@ from jaxtwin import (
     profile,
     simulate,
 )
-from jaxtwin.matching import FittedParameters, _estimate
-from jaxtwin.matching._estimate import initial_noise_model, make_objective
-from jaxtwin.matching._match import checked_recordings, make_match_problem
-from jaxtwin.matching._residuals import residual_jacobian, residuals
+from jaxtwin.matching import FittedParameters, _noise_model, named_recordings
+from jaxtwin.matching._fitted_parameters import near_bound, parameter_warnings
+from jaxtwin.matching._jacobian import residual_jacobian
+from jaxtwin.matching._noise_model import initial_noise_model
+from jaxtwin.matching._objective import make_objective
+from jaxtwin.matching._problem import make_match_problem
+from jaxtwin.matching._residuals import residuals
 from jaxtwin.matching._uncertainty import uncertainty
 from jaxtwin.matching._unknowns import choose_unknowns
-from jaxtwin.matching._warnings import near_bound, parameter_warnings
 
 # No recording here has the channel T26.
 FREE = ["h_A", "R_pc1_row2", "g_T26", "g_T11", "T_amb"]
@@ -97,13 +99,12 @@ def test_without_corrections_none_are_found_and_the_camera_takes_nothing(calm: F
 def test_the_jacobian_is_that_of_the_residuals(start: Twin):
     runs = [recording(4, True, "a"), recording(5, False, "b")]
     unknowns = choose_unknowns(start, 2, free=FREE)
-    names = checked_recordings(start, runs)
-    problem = make_match_problem(start, runs, names, unknowns, None, None, None)
+    problem = make_match_problem(start, named_recordings(start, runs), unknowns)
     objective = make_objective(problem, initial_noise_model(problem))
     with jax.enable_x64(True):
         vector = jnp.asarray(unknowns.start()) + 0.1
         flat = jax.jit(lambda v: ravel_pytree(residuals(v, objective)[0])[0])
-        ours = np.asarray(jax.jit(lambda v: residual_jacobian(v, objective))(vector))
+        ours = np.asarray(jax.jit(residual_jacobian)(vector, objective))
         for entry in range(vector.size):
             step = jnp.zeros_like(vector).at[entry].set(1e-4)
             slope = (flat(vector + step) - flat(vector - step)) / 2e-4
@@ -292,7 +293,7 @@ def test_recordings_may_have_very_unequal_numbers_of_corrections(
     def detect(time: np.ndarray, common: np.ndarray, counted: np.ndarray) -> tuple[float, ...]:
         return many if np.abs(np.diff(common)).max() > 0.5 else ()
 
-    monkeypatch.setattr(_estimate, "detect_events", detect)
+    monkeypatch.setattr(_noise_model, "detect_events", detect)
     fits = match_many(start, [runs[:2], runs[2:]], free=FREE, max_iterations=3)
     found = [camera.events for fit in fits if fit for camera in fit.camera.values()]
     assert found == [many, (), (), ()]

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Rig, Twin, simulate
-from jaxtwin.physics import to_spice
 from jaxtwin.physics._loss import NonlinearLoss
 from jaxtwin.rig._build import build_rig
+from jaxtwin.spice import to_spice
 
 DRIVE = Experiment.schedule("0:0.5/0.7,60:0.8", duration=120, step=2.0, cells=2)
 

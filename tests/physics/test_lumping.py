@@ -89,5 +89,5 @@ def without_link(rig: Rig, ends: tuple[str, str]) -> Rig:
 def test_values_that_no_network_has_are_told(name):
     """`physical` is what a sweep marks a draw by: a resistance or capacitance below 0."""
     with jax.enable_x64(True):
-        assert bool(assembled(Twin("paper-2024")).physical)
-        assert not bool(assembled(Twin("paper-2024", {name: -1.0})).physical)
+        assert bool(assembled(Twin("paper-2024")).is_valid)
+        assert not bool(assembled(Twin("paper-2024", {name: -1.0})).is_valid)

@@ -103,11 +103,11 @@ def test_uniformity_is_drawn_recorded_and_simulated():
     axes = plots.plot_uniformity(runs).axes
     for column, run in enumerate(runs):
         recorded, twin = axes[column].lines
-        np.testing.assert_array_equal(heights(recorded), run.recorded_uniformity.spread)
-        np.testing.assert_array_equal(heights(twin), run.uniformity.spread)
+        np.testing.assert_array_equal(heights(recorded), run.recorded_uniformity.range)
+        np.testing.assert_array_equal(heights(twin), run.uniformity.range)
         recorded, twin = axes[len(runs) + column].lines
-        np.testing.assert_array_equal(heights(recorded), run.recorded_uniformity.deviation)
-        np.testing.assert_array_equal(heights(twin), run.uniformity.deviation)
+        np.testing.assert_array_equal(heights(recorded), run.recorded_uniformity.std)
+        np.testing.assert_array_equal(heights(twin), run.uniformity.std)
 
 
 def test_no_panel_of_uniformity_is_cut_off():

@@ -156,7 +156,7 @@ def test_the_report_holds_pictures_numbers_fits_and_says_what_it_was_done_on(tmp
     assert numbers["network"]["plate_resistances"] == 83
     assert numbers["real_recordings"] is False
     even = fit().runs["synthetic-A"].recorded_uniformity
-    assert numbers["uniformity"]["synthetic-A"]["recorded_mean_spread_K"] == even.mean_spread
+    assert numbers["uniformity"]["synthetic-A"]["recorded_mean_range_K"] == even.mean_range
 
     saved = tomllib.loads((folder / "fit-ambient-per-recording.toml").read_text())
     assert set(saved["recordings"]) == {"synthetic-A", "synthetic-B"}

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, JaxtwinError, Twin, load_rig, simulate_batch
-from jaxtwin.simulation import build_schedule
+from jaxtwin.simulation import build_time_grid
 from jaxtwin.simulation._compressed import compress
 
 TIME = np.arange(201.0)
 DUTY = np.where(TIME < 100, 0.5, 0.78)[:, None] * np.ones(2)
 DRAWS = {"R_E": np.array([1.7, 1.9, 2.4, 2.0, 1.8]), "R_ph": np.array([6.9e-5, 0.1, 0.6, 1.0, 0.3])}
-ALL = ("cost", "final", "minimum", "maximum", "spread", "deviation")
+ALL = ("cost", "final", "minimum", "maximum", "plate_range", "plate_std")
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +65,8 @@ def test_reductions_are_those_of_the_whole_trajectories(twin, experiment, runs, 
     np.testing.assert_allclose(given(reduced.minimum), whole.min(axis=1), atol=1e-9)
     np.testing.assert_allclose(given(reduced.maximum), whole.max(axis=1), atol=1e-9)
     plates = np.stack([run.states[-1, : len(twin.wiring.rig_elements)] for run in runs])
-    np.testing.assert_allclose(given(reduced.spread), np.ptp(plates, axis=1), atol=1e-9)
-    np.testing.assert_allclose(given(reduced.deviation), plates.std(axis=1), atol=1e-9)
+    np.testing.assert_allclose(given(reduced.plate_range), np.ptp(plates, axis=1), atol=1e-9)
+    np.testing.assert_allclose(given(reduced.plate_std), plates.std(axis=1), atol=1e-9)
     assert not reduced.failed.any()
 
 
@@ -143,7 +143,7 @@ def test_several_values_of_a_parameter_that_is_not_drawn_are_refused(twin):
 def test_draws_with_stiff_cells_go_to_a_stiff_solver(twin, experiment, runs, monkeypatch):
     """With the limit at nothing every draw is one: `simulate` and `simulate_batch` then give what
     Kvaerno5 gives, to the error of both."""
-    monkeypatch.setattr("jaxtwin.simulation._solve.STIFF", -1.0)
+    monkeypatch.setattr("jaxtwin.simulation._refinement.STABILITY_LIMIT", -1.0)
     two = {name: values[1:3] for name, values in DRAWS.items()}
     whole = simulate_batch(twin, experiment, two, chunk_size=2)
     final = simulate_batch(twin, experiment, two, reductions=["final", "cost"], chunk_size=2)
@@ -159,12 +159,12 @@ def test_draws_with_stiff_cells_go_to_a_stiff_solver(twin, experiment, runs, mon
 def test_a_compressed_recording_has_fewer_rows_and_the_same_norm():
     """Of any temperatures that the steps can make, here a straight line."""
     long = Experiment(np.arange(1001.0), np.full((1001, 2), 0.5))
-    schedule = build_schedule(long)
+    grid = build_time_grid(long)
     recorded = np.random.default_rng(1).normal(40, 5, (1001, 3))
-    compressed = compress(schedule, recorded)
+    compressed = compress(grid, recorded)
     assert len(compressed.target) < 500
-    weights, rows = np.asarray(schedule.weights), np.asarray(compressed.schedule.weights)
-    edges = np.concatenate([[0], np.cumsum(schedule.sizes[schedule.size])])
+    weights, rows = np.asarray(grid.weights), np.asarray(compressed.grid.weights)
+    edges = np.concatenate([[0], np.cumsum(grid.sizes[grid.size])])
 
     def line(step_of, w):
         slope = np.full_like(edges, 0.02)
@@ -174,9 +174,9 @@ def test_a_compressed_recording_has_fewer_rows_and_the_same_norm():
         ]
         return np.sum(w * np.stack(data, axis=1), axis=1)
 
-    full = line(np.asarray(schedule.step_of), weights)
+    full = line(np.asarray(grid.step_of), weights)
     np.testing.assert_allclose(full, 0.02 * long.time, atol=1e-9)
-    combined = line(np.asarray(compressed.schedule.step_of), rows)
+    combined = line(np.asarray(compressed.grid.step_of), rows)
     offset = 15.0
     expected = np.mean((full[:, None] + offset - recorded) ** 2, axis=0)
     errors = combined[:, None] + offset * compressed.ones[:, None] - compressed.target

@@ -12,11 +12,11 @@ import pytest
 
 import jaxtwin as jt
 from jaxtwin.simulation import (
-    Schedule,
-    build_schedule,
-    padded_schedule,
-    solve_schedule,
-    twin_schedule,
+    TimeGrid,
+    build_time_grid,
+    padded_time_grid,
+    solve_network,
+    time_grid,
 )
 from jaxtwin.simulation._padding import padded_count
 
@@ -87,17 +87,17 @@ def test_steps_of_no_length_change_nothing(rig, ambient, float64):
     air = None if ambient is None else 15 + np.sin(time / 9).round(1)
     duty = np.where(time < 23, 0.5, 0.8)[:, None] * np.ones(2)
     experiment = jt.Experiment(time, duty, ambient=air)
-    exact, filled = twin_schedule(twin, experiment), padded_schedule(twin, experiment)
+    exact, filled = time_grid(twin, experiment), padded_time_grid(twin, experiment)
     assert len(exact.size) < len(filled.size)
     assert len(exact.times) < len(filled.times)
     name = "t_delay" if "t_delay" in twin.parameters else "R_ph"
 
     @jax.jit
-    def both(value: jax.Array, schedule: Schedule) -> tuple[jax.Array, jax.Array]:
+    def both(value: jax.Array, grid: TimeGrid) -> tuple[jax.Array, jax.Array]:
         def solve(value: jax.Array) -> jax.Array:
             system = twin.with_parameters({name: value}).system(lumped=True)
             readout = system.wiring.channel_weights
-            return solve_schedule(system, schedule, system.initial_temperature, readout)
+            return solve_network(system, grid, system.initial_temperature, readout)[1]
 
         return jax.jvp(solve, (value,), (jax.numpy.ones(()),))
 
@@ -110,7 +110,7 @@ def test_steps_of_no_length_change_nothing(rig, ambient, float64):
 
 def test_reverse_derivatives_of_filled_schedules_are_finite(twin, float64):
     experiment = session(20, 1)
-    assert len(build_schedule(experiment).size) % 8
+    assert len(build_time_grid(experiment).size) % 8
 
     def last(resistance: jax.Array) -> jax.Array:
         return jt.response(twin.with_parameters({"R_pc": resistance}), experiment)[-1, 0]
@@ -124,7 +124,7 @@ def test_sessions_that_hold_their_drive_or_do_not_are_alike(twin):
     changing = np.random.default_rng(0).uniform(-1, 1, 600)
     held = np.append(changing[:595], np.full(5, 0.3))
     one, other = (
-        padded_schedule(twin, jt.Experiment(np.arange(600.0), duty)) for duty in (changing, held)
+        padded_time_grid(twin, jt.Experiment(np.arange(600.0), duty)) for duty in (changing, held)
     )
     assert len(set(one.sizes)) == 2
     assert len(set(other.sizes)) > 8
@@ -143,7 +143,7 @@ def test_another_session_is_simulated_without_a_compilation(twin, compilations):
 
 def test_so_are_draws(twin, compilations):
     draws = {"R_pc": np.array([0.1, 0.2, 0.3])}
-    wanted = ("cost", "final", "minimum", "maximum", "spread")
+    wanted = ("cost", "final", "minimum", "maximum", "plate_range")
     one, other = (recorded(twin, session(*what)) for what in ((118, 1), (114, 4)))
     jt.simulate_batch(twin, one, draws)
     jt.simulate_batch(twin, one, draws, reductions=wanted)

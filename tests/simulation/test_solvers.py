@@ -7,11 +7,11 @@ import pytest
 from scipy.interpolate import interp1d
 
 from jaxtwin import Experiment, SimulationError, Twin, simulate_batch
-from jaxtwin.simulation import NetworkExponential, Schedule, build_schedule, solve_schedule
+from jaxtwin.simulation import NetworkExponential, TimeGrid, build_time_grid, solve_network
 from jaxtwin.simulation._interpolation import step_polynomials
-from jaxtwin.simulation._schedule import twin_schedule
+from jaxtwin.simulation._refinement import ERROR_TOLERANCE
 from jaxtwin.simulation._simulate import _run_exponential
-from jaxtwin.simulation._solve import DOUBTFUL
+from jaxtwin.simulation._time_grid import time_grid
 
 # One minute with both cells apart, reversed after a third.
 TIME = np.arange(61.0)
@@ -35,7 +35,7 @@ def test_default_solver_is_of_fourth_order(values, circuits, twins, float64):
     errors = []
     for steps in (16, 32, 64):
         first_and_last = np.array([0, steps - 1], dtype=np.int32)
-        schedule = Schedule(
+        grid = TimeGrid(
             times=time,
             sizes=np.array([16.0 / steps]),
             size=np.zeros(steps, dtype=np.int32),
@@ -47,7 +47,7 @@ def test_default_solver_is_of_fourth_order(values, circuits, twins, float64):
             ambient_at=None,
         )
         system = twin.system()
-        deviation = solve_schedule(system, schedule, system.initial_temperature, np.eye(28))
+        _, deviation = solve_network(system, grid, system.initial_temperature, np.eye(28))
         errors.append(np.abs(np.asarray(deviation)[-1] + 15.0 - exact).max())
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     np.testing.assert_allclose(orders, 4.0, atol=0.25)
@@ -92,9 +92,9 @@ def test_solver_without_an_error_estimate_takes_the_default_solver_s_steps(circu
     """Explicit Euler, step by step by hand; a change of input at the last sample is not felt."""
     duty = np.vstack([STEPS.duty[:-1], [[0.0, 0.0]]])
     experiment = Experiment(TIME, duty)
-    schedule, circuit = build_schedule(experiment), circuits["initial"]
+    grid, circuit = build_time_grid(experiment), circuits["initial"]
     times, states = [0.0], [circuit.start()]
-    for size, held in zip(schedule.sizes[schedule.size], schedule.duty, strict=True):
+    for size, held in zip(grid.sizes[grid.size], grid.duty, strict=True):
         times.append(times[-1] + size)
         states.append(states[-1] + size * circuit.rate(states[-1], held, 288.15))
     by_hand = interp1d(times, np.array(states) - 273.15, axis=0)(np.minimum(TIME, times[-1]))
@@ -152,7 +152,7 @@ def test_default_solver_compiles_once_for_all_parameter_values(twins, caplog):
         assert compiled(caplog)
 
 
-def test_a_solution_in_doubt_is_solved_again_with_shorter_steps(float64):
+def test_a_solution_with_a_large_error_estimate_is_solved_again_with_shorter_steps(float64):
     """Cells of low resistance behind poor contacts: on the longest steps the channels are more than
     1e-3 K from what very short ones give, `simulate` and `simulate_batch` are not."""
     values = {"R_E": 0.1, "R_ph": 1.3, "R_pc": 0.1, "R_Tfx2": 1.9, "C_esp": 110.0}
@@ -160,11 +160,11 @@ def test_a_solution_in_doubt_is_solved_again_with_shorter_steps(float64):
     drive = Experiment(np.arange(201.0), np.full((201, 2), 0.6))
 
     def on_steps_halved(times: int) -> tuple[np.ndarray, float]:
-        _, readings, _, doubt = _run_exponential(twin, twin_schedule(twin, drive, times), None)
-        return np.asarray(readings) - 273.15, float(doubt)
+        _, readings, _, error_estimate = _run_exponential(twin, time_grid(twin, drive, times), None)
+        return np.asarray(readings) - 273.15, float(error_estimate)
 
-    (longest, doubt), (fine, _) = on_steps_halved(0), on_steps_halved(6)
-    assert doubt > DOUBTFUL
+    (longest, error_estimate), (fine, _) = on_steps_halved(0), on_steps_halved(6)
+    assert error_estimate > ERROR_TOLERANCE
     assert np.abs(longest - fine).max() > 1e-3
     np.testing.assert_allclose(twin.simulate(drive).temperatures, fine, atol=1e-3)
     draws = {"R_E": np.array([2.0, 0.1, 1.8])}

@@ -21,47 +21,47 @@ def run(recorded: bool = True) -> Run:
     return Run(experiment, ("T1", "T2"), seen, nodes, states, "rig")
 
 
-def test_spread_and_deviation_over_the_channels():
+def test_range_and_standard_deviation_over_the_channels():
     even = run().uniformity
-    np.testing.assert_array_equal(even.spread, [0.0, 4.0, 6.0])
-    np.testing.assert_array_equal(even.deviation, [0.0, 2.0, 3.0])
-    assert (even.mean_spread, even.largest_spread) == (pytest.approx(10 / 3), 6.0)
-    assert even.mean_deviation == pytest.approx(5 / 3)
+    np.testing.assert_array_equal(even.range, [0.0, 4.0, 6.0])
+    np.testing.assert_array_equal(even.std, [0.0, 2.0, 3.0])
+    assert (even.mean_range, even.largest_range) == (pytest.approx(10 / 3), 6.0)
+    assert even.mean_std == pytest.approx(5 / 3)
 
 
 def test_a_time_with_a_missing_sample_has_no_uniformity_and_counts_nothing():
     """Two places of three are another quantity."""
     seen = np.array([[20.0, 20.0, 20.0], [24.0, np.nan, 20.0], [21.0, 27.0, 24.0]])
     even = uniformity(np.arange(3.0), seen, ("a", "b", "c"))
-    np.testing.assert_array_equal(even.spread, [0.0, np.nan, 6.0])
-    assert (even.mean_spread, even.largest_spread) == (3.0, 6.0)
+    np.testing.assert_array_equal(even.range, [0.0, np.nan, 6.0])
+    assert (even.mean_range, even.largest_range) == (3.0, 6.0)
     none = uniformity(np.arange(3.0), np.full((3, 2), np.nan), ("a", "b"))
-    assert np.isnan([none.mean_spread, none.mean_deviation, none.largest_spread]).all()
+    assert np.isnan([none.mean_range, none.mean_std, none.largest_range]).all()
 
 
 def test_recorded_stands_beside_simulated():
-    np.testing.assert_array_equal(run().recorded_uniformity.spread, [1.0, 5.0, 5.0])
+    np.testing.assert_array_equal(run().recorded_uniformity.range, [1.0, 5.0, 5.0])
     labelled = run().to_xarray()
-    np.testing.assert_array_equal(labelled["spread"], [0.0, 4.0, 6.0])
-    np.testing.assert_array_equal(labelled["recorded_spread"], [1.0, 5.0, 5.0])
-    assert labelled["deviation"].attrs["units"] == "K"
+    np.testing.assert_array_equal(labelled["channel_range"], [0.0, 4.0, 6.0])
+    np.testing.assert_array_equal(labelled["recorded_range"], [1.0, 5.0, 5.0])
+    assert labelled["channel_std"].attrs["units"] == "K"
 
 
 def test_the_plate_is_its_elements_without_cells_and_sinks():
     even = run().plate_uniformity
     assert even.places == ("V11", "V12", "V13")
-    np.testing.assert_array_equal(even.spread, [6.0] * 3)
+    np.testing.assert_array_equal(even.range, [6.0] * 3)
 
 
 def test_without_a_recording_there_is_nothing_beside():
     with pytest.raises(SimulationError, match="no recorded temperatures"):
         run(recorded=False).recorded_uniformity  # noqa: B018
-    assert "recorded_spread" not in run(recorded=False).to_xarray()
+    assert "recorded_range" not in run(recorded=False).to_xarray()
 
 
 def test_a_common_change_of_all_places_does_not_count():
     temperatures = np.random.default_rng(0).standard_normal((5, 4))
     one = uniformity(np.arange(5.0), temperatures, ("a", "b", "c", "d"))
     other = uniformity(np.arange(5.0), temperatures + np.arange(5.0)[:, None], one.places)
-    np.testing.assert_allclose(other.spread, one.spread)
-    np.testing.assert_allclose(other.deviation, one.deviation)
+    np.testing.assert_allclose(other.range, one.range)
+    np.testing.assert_allclose(other.std, one.std)

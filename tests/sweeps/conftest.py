@@ -44,7 +44,7 @@ class FakeEngine:
             channels=channels,
             failed=R_E > 2.8,
             final=R_E[:, None] * np.arange(1, len(channels) + 1),
-            spread=np.sqrt(R_E),
+            plate_range=np.sqrt(R_E),
         )
 
 

@@ -19,7 +19,7 @@ def _own_folder(tmp_path, monkeypatch):
 def test_a_sweep_goes_on_and_says_so(engine, capsys):
     """Half of it by one part, the rest by the same command without parts."""
     command = ["sweep", "paper-2024", *DRIVE, "--draws", "20", "--chunk", "5", "--out", "out"]
-    command += ["--reductions", "final,spread", "--seed", "7", "--set", "startup"]
+    command += ["--reductions", "final,plate_range", "--seed", "7", "--set", "startup"]
     assert run([*command, "--process", "1/2"]) == 0
     assert "10 of 20 draws are done" in capsys.readouterr().out
     assert run([*command, "--json", "-"]) == 0

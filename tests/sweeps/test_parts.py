@@ -15,7 +15,7 @@ from jaxtwin.sensitivity_analysis import normal_draws
 from jaxtwin.sweeps import SweepProgress, sweep
 from jaxtwin.sweeps._parts import assigned_part
 
-ASKED: dict[str, Any] = {"draws": 40, "chunk_size": 8, "reductions": ["final", "deviation"]}
+ASKED: dict[str, Any] = {"draws": 40, "chunk_size": 8, "reductions": ["final", "plate_std"]}
 
 
 def test_parts_are_disjoint_and_make_the_whole(stored, tmp_path, twin, experiment, engine):
@@ -35,11 +35,11 @@ def test_a_sweep_holds_what_a_batch_of_the_same_draws_gives(tmp_path, twin, expe
     result = sweep(twin, experiment, tmp_path, **ASKED, parameters=["R_E", "R_pc"])
     table = result.to_xarray()
     draws = normal_draws({"R_E": 1.9674922600619191, "R_pc": 0.09}, 0.25, 0, 40)
-    batch = simulate_batch(twin, experiment, draws, reductions=["final", "deviation"])
+    batch = simulate_batch(twin, experiment, draws, reductions=["final", "plate_std"])
     assert batch.final is not None
-    assert batch.deviation is not None
+    assert batch.plate_std is not None
     np.testing.assert_allclose(table.final, batch.final, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(table.deviation[:, 0], batch.deviation, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(table.plate_std[:, 0], batch.plate_std, rtol=0, atol=1e-9)
 
 
 def test_twins_with_values_of_their_own_get_the_same_relative_draws(

@@ -17,7 +17,7 @@ from jaxtwin import Experiment, SimulationError, Twin, load_rig
 from jaxtwin.sweeps import _plan, _store, sweep
 from jaxtwin.sweeps._store import read_identity
 
-REDUCTIONS = ("final", "spread")
+REDUCTIONS = ("final", "plate_range")
 ASKED: dict[str, Any] = {"draws": 20, "chunk_size": 8, "reductions": REDUCTIONS}
 
 
@@ -33,11 +33,11 @@ def test_each_chunk_is_one_file_an_array_and_a_mark_of_one_byte(
     files = stored(tmp_path)
     for chunk in range(3):
         assert files[f"done/{chunk}"] == b"\x01"
-        assert {f"failed/{chunk}", f"final/{chunk}.0", f"spread/{chunk}.0"} <= set(files)
+        assert {f"failed/{chunk}", f"final/{chunk}.0", f"plate_range/{chunk}.0"} <= set(files)
     group = zarr.open_group(tmp_path, mode="r")
     drawn = np.concatenate(engine.given)
     assert np.array_equal(np.asarray(group["final"])[:, 0], drawn)
-    assert np.array_equal(np.asarray(group["spread"])[:, 0], np.sqrt(drawn))
+    assert np.array_equal(np.asarray(group["plate_range"])[:, 0], np.sqrt(drawn))
     assert np.array_equal(np.asarray(group["failed"]), drawn > 2.8)
 
 

@@ -46,7 +46,7 @@ def netlist(
             progress.step(f"drawing into {out}")
             write_whole_file(out, to_png(plot_netlist(twin)), JaxtwinError)
         if spice is not None:
-            from ..physics import to_spice
+            from ..spice import to_spice
 
             progress.step(f"writing {spice}")
             step = Experiment.schedule("0:0.5,500:0.78", duration=1000.0, cells=len(loaded.cells))

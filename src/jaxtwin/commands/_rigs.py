@@ -5,7 +5,7 @@ from ._output import STDOUT, aligned, check_json, say, write_json
 
 
 def rigs(json: JsonOption = None) -> None:
-    """List the rigs that come along."""
+    """List the bundled rigs."""
     from ..rig import bundled_rigs, load_rig
 
     check_json(json)

@@ -5,8 +5,8 @@ import platform
 import sys
 from importlib import metadata
 
+from .._compilation import LARGEST_CACHE, cache_state
 from .._errors import RecordingError
-from ._compilation_cache import cache_state
 
 LIBRARIES = (
     "jax",
@@ -28,8 +28,8 @@ TRAPS = {
     "0.10.2). Use one device, or set PJRT_NPROC=4.",
     "derivatives of eigenvectors": "that of jnp.linalg.eigh is NaN where eigenvalues repeat, which "
     "they do on symmetric plates. It concerns code of your own around a network's matrix.",
-    "host callbacks": "programs that hold one (diffrax with throw=True or SaveAt(ts=...)) are not "
-    "kept in the compilation cache. The default solver has none.",
+    "host callbacks": "programs that hold one (diffrax with throw=True or SaveAt(ts=...)) are "
+    "compiled anew in every process. The default solver has none.",
     "float32": "adaptive diffrax solvers at tight tolerances can end in inf without an error.",
 }
 
@@ -43,7 +43,7 @@ def examine() -> dict[str, dict[str, str]]:
         "versions": _versions(),
         "machine": _machine(),
         "jax": _jax(),
-        "compilation cache of the command line": _cache(),
+        "compiled programs": _cache(),
         "recordings": _recordings(),
         "known traps": TRAPS,
     }
@@ -95,7 +95,8 @@ def _cache() -> dict[str, str]:
     return {
         "state": f"on ({state.reason})",
         "folder": str(state.folder),
-        "holds": f"{state.files} files, {state.size / 2**20:.1f} MiB; it may be deleted",
+        "holds": f"{state.files} programs, {state.size / 2**20:.1f} of at most "
+        f"{LARGEST_CACHE / 2**20:.0f} MiB; it may be deleted",
     }
 
 

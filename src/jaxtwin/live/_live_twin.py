@@ -3,12 +3,12 @@
 from collections import deque
 from typing import final
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .._compilation import persistent_jit
 from ..physics import System, Twin
 from ..simulation._exponential import (
     Inputs,
@@ -152,12 +152,12 @@ class LiveTwin:
         self._channel_offset = self._reference - ZERO_CELSIUS + (1 - self._gain) * self._ambient
 
 
-@eqx.filter_jit
+@persistent_jit
 def _assembled(twin: Twin) -> System:
     return twin.system()
 
 
-@eqx.filter_jit
+@persistent_jit
 def _solved(system: System, reference: jax.Array) -> tuple[StepFactors, ModalField]:
     at_rest = jnp.zeros(len(system.wiring.cold))
     modes = network_modes(system, at_rest, reference)

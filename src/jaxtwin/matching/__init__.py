@@ -1,4 +1,9 @@
-"""Behavioural matching: parameters from recordings, step 4 of the paper."""
+"""Behavioural matching: parameters from recordings, step 4 of the paper.
+
+The way from a recording to a fit: `_problem` checks it, `_noise_model` says how its samples count,
+`_objective` stacks it, `_residuals` and `_jacobian` solve the twin and subtract, `_descent`
+minimises, `_reweighted_least_squares` repeats, `_make_fit` puts the `Fit` together.
+"""
 
 from ._band import Band, prediction_band
 from ._difference import FitDifference, ParameterDifference, compare_fits
@@ -12,10 +17,11 @@ from ._fit import (
     Optimum,
 )
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
-from ._levenberg_marquardt import BoundedLevenbergMarquardt, LMState
+from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._many import match_many
-from ._match import checked_recordings, match
+from ._match import match
 from ._noise import Noise, estimate_noise
+from ._problem import named_recordings
 from ._profile import Profile, profile
 
 __all__ = [
@@ -30,17 +36,16 @@ __all__ = [
     "FittedParameters",
     "InitialConditions",
     "Iteration",
-    "LMState",
     "Noise",
     "Optimum",
     "ParameterDifference",
     "Profile",
-    "checked_recordings",
     "compare_fits",
     "estimate_initial_conditions",
     "estimate_noise",
     "match",
     "match_many",
+    "named_recordings",
     "prediction_band",
     "profile",
 ]

@@ -20,7 +20,7 @@ $\theta$ (debiased Whittle likelihood: Sykulski, Olhede, Guillaumin, Lilly and E
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -60,6 +60,11 @@ class Series:
     channels: float
     independent: float
 
+    def dependent_part(self) -> "Series":
+        """The same series with derivatives in those unknowns alone on which it depends."""
+        depends = self.slopes.any(axis=(0, 1))
+        return replace(self, slopes=self.slopes[..., depends], entries=self.entries[depends])
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -77,7 +82,7 @@ class Mixture:
 
 
 def fit_noise(
-    series: Sequence[Series],
+    all_series: Sequence[Series],
     inverse: Float[np.ndarray, "unknowns unknowns"],
     known: Float[np.ndarray, "unknowns unknowns"],
 ) -> tuple[tuple[Mixture, ...], Float[np.ndarray, "unknowns unknowns"]]:
@@ -85,46 +90,47 @@ def fit_noise(
 
     **Arguments:**
 
-    - `series`: the residuals, at least one.
+    - `all_series`: the residuals, at least one.
     - `inverse`: $A^{-1}$.
     - `known`: $P$, one over the variances of what is known beforehand.
     """
-    kinds = 1 + max(one.kind for one in series)
-    rho = _fading(max(len(one.residuals) for one in series))
+    kinds = 1 + max(series.kind for series in all_series)
+    rho = _fading(max(len(series.residuals) for series in all_series))
     # One part of the noise of one kind each: J^T Gamma J for a variance of 1, and the periodogram
     # that is expected of all residuals.
     meats = np.zeros((kinds, len(rho), *known.shape))
-    own = [np.zeros((len(rho), len(_bands(one)))) for one in series]
-    for one, expected in zip(series, own, strict=True):
-        _add_own(one, rho, inverse, meats[one.kind], expected)
+    own = [np.zeros((len(rho), len(_bands(series)))) for series in all_series]
+    for series, expected in zip(all_series, own, strict=True):
+        _add_own(series, rho, inverse, meats[series.kind], expected)
     flat = meats.reshape(kinds * len(rho), *known.shape)  # no unknowns where all are at bounds
     passed = np.concatenate([flat, known[None]])
     passed = inverse @ passed @ inverse
     expected, seen, counts = [], [], []
-    for one, direct in zip(series, own, strict=True):
-        table = _through_unknowns(one, passed)
-        table[one.kind * len(rho) : (one.kind + 1) * len(rho)] += direct
+    for series, direct in zip(all_series, own, strict=True):
+        table = _through_unknowns(series, passed)
+        table[series.kind * len(rho) : (series.kind + 1) * len(rho)] += direct
         expected.append(table)
-        seen.append(_in_bands(_power(one.residuals), one))
-        counts.append(one.independent * np.diff(np.append(_bands(one), _count(one))))
+        seen.append(_in_bands(_power(series.residuals), series))
+        counts.append(series.independent * np.diff(np.append(_bands(series), _count(series))))
     theta = _variances(
         np.concatenate(expected, axis=1),
         np.concatenate(seen),
         np.concatenate(counts),
     )
     meat = np.tensordot(theta, flat, 1)
-    return tuple(Mixture(one, rho) for one in theta.reshape(kinds, -1)), meat
+    return tuple(Mixture(variances, rho) for variances in theta.reshape(kinds, -1)), meat
 
 
-def noise_in_unknowns(one: Series, noise: Mixture) -> Float[np.ndarray, "entries entries"]:
+def noise_in_unknowns(series: Series, noise: Mixture) -> Float[np.ndarray, "entries entries"]:
     r"""$J^T \Gamma J$ of one series, in the unknowns on which it depends."""
-    total = np.zeros((len(one.entries), len(one.entries)))
+    total = np.zeros((len(series.entries), len(series.entries)))
     for variance, rho in zip(noise.variances, noise.rho, strict=True):
         if variance > 0:
             answer = (
-                apply_autocorrelation(rho, one.roots[..., None] * one.slopes) * one.roots[..., None]
+                apply_autocorrelation(rho, series.roots[..., None] * series.slopes)
+                * series.roots[..., None]
             )
-            total += variance * np.tensordot(one.slopes, answer, ([0, 1], [0, 1]))
+            total += variance * np.tensordot(series.slopes, answer, ([0, 1], [0, 1]))
     return total
 
 
@@ -145,7 +151,7 @@ def _fading(times: int) -> Float[np.ndarray, " parts"]:
 
 
 def _add_own(
-    one: Series,
+    series: Series,
     rho: Float[np.ndarray, " parts"],
     inverse: Float[np.ndarray, "unknowns unknowns"],
     meats: Float[np.ndarray, "parts unknowns unknowns"],
@@ -153,31 +159,32 @@ def _add_own(
 ) -> None:
     """Adds one series' $J^T \\Gamma J$, and to its expected periodogram what its own noise does
     there: once directly and twice crossed with what the unknowns take away."""
-    at = np.ix_(one.entries, one.entries)
-    moved = np.fft.rfft(one.slopes, axis=0) @ inverse[at]
-    times = len(one.roots)
-    overlap = np.fft.irfft(np.abs(np.fft.rfft(one.roots, 2 * times, axis=0)) ** 2, axis=0)
-    overlap = overlap[:times].sum(axis=1) * one.independent / one.channels
+    at = np.ix_(series.entries, series.entries)
+    moved = np.fft.rfft(series.slopes, axis=0) @ inverse[at]
+    times = len(series.roots)
+    overlap = np.fft.irfft(np.abs(np.fft.rfft(series.roots, 2 * times, axis=0)) ** 2, axis=0)
+    overlap = overlap[:times].sum(axis=1) * series.independent / series.channels
     for number, part in enumerate(rho):
         answer = (
-            apply_autocorrelation(part, one.roots[..., None] * one.slopes) * one.roots[..., None]
+            apply_autocorrelation(part, series.roots[..., None] * series.slopes)
+            * series.roots[..., None]
         )
-        meats[number][at] += np.tensordot(one.slopes, answer, ([0, 1], [0, 1]))
+        meats[number][at] += np.tensordot(series.slopes, answer, ([0, 1], [0, 1]))
         lags = overlap * part ** np.arange(times)
         # Folded: lag k and lag k - times meet at the frequencies of the recording.
         power = 2 * np.fft.rfft(lags).real - lags[0]
         crossed = np.sum(moved * np.fft.rfft(answer, axis=0).conj(), axis=(1, 2)).real
-        expected[number] = _in_bands(power - 2 * crossed, one)
+        expected[number] = _in_bands(power - 2 * crossed, series)
 
 
 def _through_unknowns(
-    one: Series, covariances: Float[np.ndarray, "parts unknowns unknowns"]
+    series: Series, covariances: Float[np.ndarray, "parts unknowns unknowns"]
 ) -> Float[np.ndarray, "parts bands"]:
     """The periodogram that a series gets from unknowns that are off."""
-    spectra = np.fft.rfft(one.slopes, axis=0)
-    split = np.split(spectra, _bands(one)[1:])
+    spectra = np.fft.rfft(series.slopes, axis=0)
+    split = np.split(spectra, _bands(series)[1:])
     products = np.stack([np.tensordot(s.conj(), s, ([0, 1], [0, 1])).real for s in split])
-    some = covariances[:, one.entries[:, None], one.entries[None, :]]
+    some = covariances[:, series.entries[:, None], series.entries[None, :]]
     return np.tensordot(some, products, ([1, 2], [1, 2]))
 
 
@@ -208,17 +215,17 @@ def _power(residuals: Float[np.ndarray, "times channels"]) -> Float[np.ndarray, 
     return np.sum(np.abs(np.fft.rfft(residuals, axis=0)) ** 2, axis=1)
 
 
-def _count(one: Series) -> int:
-    return len(one.residuals) // 2 + 1
+def _count(series: Series) -> int:
+    return len(series.residuals) // 2 + 1
 
 
-def _bands(one: Series) -> Int[np.ndarray, " bands"]:
+def _bands(series: Series) -> Int[np.ndarray, " bands"]:
     """First frequency of each band: single ones where they are low, wider ones above."""
-    growing = np.floor(1.12 ** np.arange(np.log(_count(one)) / np.log(1.12)))
+    growing = np.floor(1.12 ** np.arange(np.log(_count(series)) / np.log(1.12)))
     return np.unique(np.append(0, growing - 1)).astype(int)
 
 
 def _in_bands(
-    values: Float[np.ndarray, " frequencies"], one: Series
+    values: Float[np.ndarray, " frequencies"], series: Series
 ) -> Float[np.ndarray, " bands"]:
-    return np.add.reduceat(values, _bands(one))
+    return np.add.reduceat(values, _bands(series))

@@ -47,39 +47,43 @@ class RecordingScore(NamedTuple):
     noise: Float[np.ndarray, "unknowns unknowns"]
 
 
-def spread_between_recordings(
+def estimate_heterogeneity(
     scores: Sequence[RecordingScore],
     prior: Float[np.ndarray, "unknowns unknowns"],
     shared: Int[np.ndarray, " shared"],
-    spreads: Float[np.ndarray, " shared"],
+    prior_deviations: Float[np.ndarray, " shared"],
 ) -> float:
-    r"""$\tau$: how much shared parameters differ between recordings, as a part of their priors'
-    standard deviations.
+    r"""$\tau$, the heterogeneity of a random-effects model: by how much shared parameters differ
+    between recordings, as a part of their priors' standard deviations.
 
     **Arguments:**
 
     - `scores`: of each recording.
     - `prior`: normal matrix of what is known beforehand.
     - `shared`: which unknowns are shared by all recordings; the others are eliminated.
-    - `spreads`: standard deviations of their priors, 0 for those without one, which are taken to be
-      the same in all recordings.
+    - `prior_deviations`: standard deviations of their priors, 0 for those without one, which are
+      taken to be the same in all recordings.
     """
-    reduced = [_without_nuisance(one, prior, shared, spreads) for one in scores]
+    reduced = [
+        _without_nuisance(of_recording, prior, shared, prior_deviations) for of_recording in scores
+    ]
     count, size = len(reduced), len(shared)
-    inverse = np.linalg.pinv(sum(one.information for one in reduced), hermitian=True)
-    stacked = np.concatenate([one.information for one in reduced])
+    inverse = np.linalg.pinv(
+        sum(of_recording.information for of_recording in reduced), hermitian=True
+    )
+    stacked = np.concatenate([of_recording.information for of_recording in reduced])
     mixing = np.eye(count * size) - np.tile(stacked @ inverse, (1, count))
     by_noise, by_differences = (
         mixing @ _block_diagonal(blocks) @ mixing.T
         for blocks in (
-            [one.noise for one in reduced],
-            [one.information @ one.information for one in reduced],
+            [of_recording.noise for of_recording in reduced],
+            [of_recording.information @ of_recording.information for of_recording in reduced],
         )
     )
-    score = mixing @ np.concatenate([one.score for one in reduced])
+    score = mixing @ np.concatenate([of_recording.score for of_recording in reduced])
     variances, directions = np.linalg.eigh(by_noise)
     # Of one recording nothing is left but rounding.
-    kept = variances > NEGLIGIBLE * max(np.trace(one.noise) for one in reduced)
+    kept = variances > NEGLIGIBLE * max(np.trace(of_recording.noise) for of_recording in reduced)
     whitened = directions[:, kept] / np.sqrt(variances[kept])
     gains, turned = np.linalg.eigh(whitened.T @ by_differences @ whitened)
     squares = (turned.T @ (whitened.T @ score)) ** 2
@@ -91,28 +95,28 @@ def spread_between_recordings(
 
 
 def _without_nuisance(
-    one: RecordingScore,
+    of_recording: RecordingScore,
     prior: Float[np.ndarray, "unknowns unknowns"],
     shared: Int[np.ndarray, " shared"],
-    spreads: Float[np.ndarray, " shared"],
+    prior_deviations: Float[np.ndarray, " shared"],
 ) -> RecordingScore:
-    """The efficient score for the shared parameters, measured in their priors' deviations.
+    """The efficient score for the shared parameters, measured in their priors' standard deviations.
 
     The priors of what is eliminated are noise of its score.
     """
-    others = np.setdiff1d(np.arange(len(one.score)), shared)
-    normal = one.information + prior
+    others = np.setdiff1d(np.arange(len(of_recording.score)), shared)
+    normal = of_recording.information + prior
     across = normal[np.ix_(shared, others)]
     eliminate = across @ np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
-    lift = np.zeros((len(shared), len(one.score)))
-    lift[np.arange(len(shared)), shared] = spreads
-    lift[:, others] = -spreads[:, None] * eliminate
+    lift = np.zeros((len(shared), len(of_recording.score)))
+    lift[np.arange(len(shared)), shared] = prior_deviations
+    lift[:, others] = -prior_deviations[:, None] * eliminate
     of_others = np.zeros_like(prior)
     of_others[np.ix_(others, others)] = prior[np.ix_(others, others)]
     return RecordingScore(
-        lift @ one.score,
-        lift @ (one.information + of_others) @ lift.T,
-        lift @ (one.noise + of_others) @ lift.T,
+        lift @ of_recording.score,
+        lift @ (of_recording.information + of_others) @ lift.T,
+        lift @ (of_recording.noise + of_others) @ lift.T,
     )
 
 

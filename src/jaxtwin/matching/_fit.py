@@ -17,8 +17,9 @@ from ..physics import Twin
 from ..rig import Parameter, Rig, write_parameters
 from ..rig._problems import unknown
 from ..simulation import Run
-from ._estimate import MatchProblem, NoiseModel
 from ._noise import Noise
+from ._noise_model import NoiseModel
+from ._problem import MatchProblem
 from ._summary import Style, summary_table
 from ._uncertainty import Uncertainty
 
@@ -340,7 +341,7 @@ class Fit:
             "rmse_K": self.rmse,
             "status": self.status,
             "converged": self.converged,
-            "iterations": len(self.history) - 1,
+            "iterations": self.history[-1].number,
             "wall_time_s": self.wall_time,
             "parameters": rows,
             "recordings": {name: dict(values) for name, values in self.recording_values.items()},

@@ -4,7 +4,8 @@ A fit says what the rig is like. It cannot say how a new recording begins: the t
 room, of the plate and of the sinks, and the delay of the drive. These few values are matched to the
 first part of the recording with everything else held, and no later sample is looked at.
 
-Room, plate and sinks are different states, each with its own prior: see `_start_priors`.
+Room, plate and sinks are different states, each with its own prior: see
+`_initial_condition_priors`.
 
 A minute tells little of a room while the drive is on: a model that is right to a few per cent of
 what the drive does cannot tell a tenth of a kelvin. Samples therefore count less the farther they
@@ -22,19 +23,20 @@ from jaxtyping import Float
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
-from ._descend import DescentResult, descend
-from ._estimate import (
-    MatchProblem,
-    initial_noise_model,
-    make_objective,
-    solved_temperatures,
-    update_noise_model,
-)
+from ._descent import descend
+from ._descent_result import DescentResult
 from ._fit import Fit
+from ._initial_condition_priors import (
+    names_in,
+    prior_of_differences,
+    room_parameters,
+    with_prior,
+)
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
-from ._match import checked_recordings
 from ._noise import Noise
-from ._start_priors import names_in, room_parameters, ties, with_prior
+from ._noise_model import initial_noise_model, update_noise_model
+from ._objective import make_objective
+from ._problem import MatchProblem, named_recordings
 from ._unknowns import Unknowns, choose_unknowns
 
 WARM_UP = 60.0
@@ -99,7 +101,7 @@ def estimate_initial_conditions(
     twin, names = _twin_and_names(twin, own)
     if not names:
         return InitialConditions(twin, {}, np.zeros((0, 0)), ())
-    (label,) = checked_recordings(twin, [experiment])
+    (label,) = named_recordings(twin, [experiment])
     early = experiment.time < experiment.time[0] + warm_up
     count = int(np.count_nonzero(experiment.sampled[early].any(axis=1)))
     if count < max(2, len(names)):
@@ -158,6 +160,7 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
     problem = MatchProblem(
         twin=twin,
         experiments=(part,),
+        names=(part.name,),
         unknowns=unknowns,
         sample_weights=(_weights(part, sensor.effective),),
         events=None if error is not None and error.detect else ((),),
@@ -166,25 +169,24 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
     )
     noise_model = replace(initial_noise_model(problem), channel=sensor, common_mode=sensor)
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
-    room, results = None, []
+    room: float | None = None
+    results: list[DescentResult] = []
     for _ in range(REWEIGHTINGS):
-        objective = make_objective(problem, noise_model, ties=ties(twin.rig, unknowns, room, first))
+        prior = prior_of_differences(twin.rig, unknowns, room, first)
         results = descend(
-            [objective],
+            [make_objective(problem, noise_model, linear_prior=prior)],
             solver,
-            [one.vector for one in results] or [unknowns.start()],
+            results or [unknowns.start()],
+            unknowns.search_space(),
             ITERATIONS,
-            problem.bounds,
-            problem.scale,
-            results or None,
         )
         (result,) = results
         if not np.isfinite(result.cost):
             break
         # A correction of the camera in this minute must not be taken for a plate that cools. Only
         # their times are learned: a minute is too short to learn the noise from.
-        events = update_noise_model(problem, noise_model, result).events
-        (simulated,) = solved_temperatures(result)
+        events = update_noise_model(problem, noise_model, result.recording_errors()).events
+        (simulated,) = result.temperatures()
         weights = _weights(part, sensor.effective, simulated)
         noise_model = replace(noise_model, events=events, channel_weights=(weights,))
         (values,) = unknowns.recording_values(result.vector)
@@ -224,20 +226,21 @@ def _warnings(
     covariance: Float[np.ndarray, "values values"],
     warm_up: float,
 ) -> tuple[str, ...]:
-    spreads = np.sqrt(np.diag(covariance))
+    errors = np.sqrt(np.diag(covariance))
     objective = result.objective
-    known = np.diag(np.square(objective.precision)) + objective.ties.rows.T @ objective.ties.rows
-    before = np.sqrt(np.diag(np.linalg.pinv(np.asarray(known), hermitian=True)))
+    differences = np.asarray(objective.linear_prior.matrix)
+    prior = np.diag(np.square(objective.prior_weights)) + differences.T @ differences
+    before = np.sqrt(np.diag(np.linalg.pinv(prior, hermitian=True)))
     warnings = []
     (values,) = unknowns.recording_values(result.vector)
-    for row, spread, expected in zip(unknowns.per_recording, spreads, before, strict=True):
+    for row, error, expected in zip(unknowns.per_recording, errors, before, strict=True):
         value = float(values[row.name])
-        if row.prior_spread is not None and spread > UNSEEN * expected:
+        if row.prior_spread is not None and error > UNSEEN * expected:
             warnings.append(
-                f"{row.name}: the first {warm_up:g} s hardly show it, {value:.4g} +- {spread:.2g} "
+                f"{row.name}: the first {warm_up:g} s hardly show it, {value:.4g} +- {error:.2g} "
                 "is mostly what was expected beforehand"
             )
-    correlation = covariance / np.outer(spreads, spreads)
+    correlation = covariance / np.outer(errors, errors)
     names = [row.name for row in unknowns.per_recording]
     for a, b in zip(*np.nonzero(np.triu(np.abs(correlation) > 0.95, 1)), strict=True):
         warnings.append(

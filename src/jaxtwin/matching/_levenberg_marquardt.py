@@ -1,15 +1,16 @@
 r"""Levenberg-Marquardt in a box, as an optimistix least-squares solver.
 
-What optimistix's own solver lacks for matching a twin: bounds, damping that does not depend on the
-units of the parameters, a stop on the gradient, and a Jacobian only where a step was accepted.
+It has what the Levenberg-Marquardt of optimistix lacks for matching a twin: bounds, damping that
+does not depend on the units of the unknowns, a stop on the gradient, and a Jacobian that is
+computed only where a step was accepted.
 
-Each step solves, over the parameters that are not held at a bound,
+Each step solves, over the unknowns that are not held at a bound,
 
 $$\min_\delta \lVert J \delta + r \rVert^2 + \lambda \lVert D \delta \rVert^2$$
 
 with $D$ the largest column norms of $J$ seen so far (Moré 1978) or as given, projects
 $y + \delta$ onto the box, and accepts it where the cost falls.
-A parameter is held where it is at a bound and the gradient pushes it out of the box.
+An unknown is held where it is at a bound and the gradient pushes it out of the box.
 $\lambda$ follows the gain ratio (Nielsen 1999).
 The Jacobian enters through the triangle of its QR factorisation, so that steps do not suffer from
 the square of its condition number.
@@ -25,7 +26,11 @@ import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
-Bounds = tuple[Float[Array, " parameters"], Float[Array, " parameters"]]
+from ._search_space import SearchSpace
+
+Vector = Float[Array, " unknowns"]
+Options = dict[str, Any]
+"""Of a solve by `optimistix.least_squares`."""
 
 RUNNING, GRADIENT, REDUCTION, STEP, STALLED = range(5)
 STATUS = {
@@ -39,42 +44,73 @@ STATUS = {
 
 
 @final
-class LMState(eqx.Module):
-    """State of `BoundedLevenbergMarquardt`.
+class Factors(eqx.Module):
+    """The QR factorisation of a Jacobian, as far as a step needs it.
 
-    - `triangle`, `projected`: R and $Q^T r$ of the Jacobian's QR factorisation.
-    - `cost`: half the sum of squared residuals.
-    - `scale`: D. `damping`: $\\lambda$. `growth`: its factor at the next rejection.
-    - `gradient`: the largest cosine between the residual and a column of the Jacobian that is not
-      held.
-    - `accepted`: whether the last step was. `status`: why to stop, see `STATUS`.
-    - `residuals`, `jacobians`: how many were computed.
+    - `triangle`: R. `projected`: $Q^T r$ of the residuals.
     """
 
-    triangle: Float[Array, "parameters parameters"]
-    projected: Float[Array, " parameters"]
-    cost: Scalar
-    scale: Float[Array, " parameters"]
-    damping: Scalar
-    growth: Scalar
-    gradient: Scalar
-    first: Bool[Array, ""]
-    accepted: Bool[Array, ""]
-    status: Int[Array, ""]
-    residuals: Int[Array, ""]
-    jacobians: Int[Array, ""]
-    aux: Any
+    triangle: Float[Array, "unknowns unknowns"]
+    projected: Float[Array, " unknowns"]
+
+    @property
+    def gradient(self) -> Vector:
+        """$J^T r$, the gradient of half the sum of squares."""
+        return self.triangle.T @ self.projected
 
 
 @final
-class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, LMState]):
+class Trial(eqx.Module):
+    """A vector that was tried, or those of several descents with a leading axis.
+
+    - `vector`: the unknowns. `cost`: half the sum of squared residuals there.
+    - `aux`: what the residuals came with.
+    - `factors`: of the Jacobian there; not looked at where the trial is not accepted.
+    """
+
+    vector: Float[Array, "*descents unknowns"]
+    cost: Float[Array, "*descents"]
+    aux: PyTree[Array]
+    factors: Factors
+
+
+@final
+class LMState(eqx.Module):
+    """The state of `BoundedLevenbergMarquardt`.
+
+    - `factors`: of the Jacobian at the last accepted vector. `cost`: half the sum of squared
+      residuals there. `aux`: what these came with.
+    - `scale`: D. `damping`: $\\lambda$. `growth`: its factor at the next rejection.
+    - `gradient`: the largest cosine between the residuals and a column of the Jacobian that is not
+      held.
+    - `is_first`: whether nothing was computed yet. `accepted`: whether the last step was.
+    - `status`: why to stop, see `STATUS`.
+    - `num_residuals`, `num_jacobians`: how many were computed.
+    """
+
+    factors: Factors
+    cost: Scalar
+    scale: Float[Array, " unknowns"]
+    damping: Scalar
+    growth: Scalar
+    gradient: Scalar
+    is_first: Bool[Array, ""]
+    accepted: Bool[Array, ""]
+    status: Int[Array, ""]
+    num_residuals: Int[Array, ""]
+    num_jacobians: Int[Array, ""]
+    aux: PyTree[Array]
+
+
+@final
+class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, PyTree, LMState]):
     """Levenberg-Marquardt with bounds, for `optimistix.least_squares`.
 
     Bounds are options of the solve: `options={"lower": ..., "upper": ...}`, each shaped like the
-    parameters; a start outside is moved onto the box.
-    Derivatives are taken in forward mode, which suits many residuals of few parameters, unless the
-    option `"jacobian"` gives a function of parameters and arguments that returns the matrix.
-    The option `"scale"` gives $D$, shaped like the parameters: one over how far each is expected to
+    unknowns; a start outside is moved onto the box.
+    Derivatives are taken in forward mode, which suits many residuals of few unknowns, unless the
+    option `"jacobian"` gives a function of unknowns and arguments that returns the matrix.
+    The option `"scale"` gives $D$, shaped like the unknowns: one over how far each is expected to
     move, where that is known. Directions that the residuals hardly tell are then not damped more
     than others.
 
@@ -82,7 +118,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
 
     - `rtol`: stop when an accepted step lowers the cost by less than this part of it and promised
       no more.
-    - `atol`: stop when a step moves every parameter by less than this part of the length of all of
+    - `atol`: stop when a step moves every unknown by less than this part of the length of all of
       them, each measured by its column of the Jacobian.
     - `gtol`: stop when the residual is this nearly orthogonal to every column that is not held.
     - `damping`: $\\lambda$ at the start.
@@ -96,145 +132,120 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
 
     def init(
         self,
-        fn: Callable[[Any, Any], tuple[Any, Any]],
-        y: Any,
-        args: Any,
-        options: dict[str, Any],
-        f_struct: Any,
-        aux_struct: Any,
+        fn: Callable[[PyTree, PyTree], tuple[PyTree, PyTree]],
+        y: PyTree,
+        args: PyTree,
+        options: Options,
+        f_struct: PyTree,
+        aux_struct: PyTree,
         tags: frozenset[object],
     ) -> LMState:
         """A state with nothing computed yet: the first step evaluates the start."""
         del fn, args, f_struct, tags
-        flat, _ = ravel_pytree(y)
-        scale = _scale(options)
-        n, dtype = flat.size, flat.dtype
-        return LMState(
-            triangle=jnp.zeros((n, n), dtype),
-            projected=jnp.zeros(n, dtype),
-            cost=jnp.array(jnp.inf, dtype),
-            scale=jnp.zeros(n, dtype) if scale is None else scale,
-            damping=jnp.array(self.damping, dtype),
-            growth=jnp.array(2.0, dtype),
-            gradient=jnp.array(jnp.inf, dtype),
-            first=jnp.array(True),
-            accepted=jnp.array(False),
-            status=jnp.array(RUNNING),
-            residuals=jnp.array(0),
-            jacobians=jnp.array(0),
-            aux=jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), aux_struct),
-        )
+        vector, _ = ravel_pytree(y)
+        return self.first_state(vector, _search_space(options, vector), aux_struct)
 
     def step(
         self,
-        fn: Callable[[Any, Any], tuple[Any, Any]],
-        y: Any,
-        args: Any,
-        options: dict[str, Any],
+        fn: Callable[[PyTree, PyTree], tuple[PyTree, PyTree]],
+        y: PyTree,
+        args: PyTree,
+        options: Options,
         state: LMState,
         tags: frozenset[object],
-    ) -> tuple[Any, LMState, Any]:
+    ) -> tuple[PyTree, LMState, PyTree]:
         """Tries one step; computes the Jacobian where it is taken."""
         del tags
-        flat, unravel = ravel_pytree(y)
-        bounds = _bounds(options, flat)
+        vector, unravel = ravel_pytree(y)
+        space = _search_space(options, vector)
 
-        def residuals(flat: Array) -> tuple[Array, Any]:
-            out, aux = fn(unravel(flat), args)
+        def residuals(vector: Vector) -> tuple[Float[Array, " residuals"], PyTree]:
+            out, aux = fn(unravel(vector), args)
             return ravel_pytree(out)[0], aux
 
-        trial = self.propose(flat, bounds, state)
-        residual, aux = residuals(trial)
-        cost = 0.5 * jnp.sum(residual**2)
-
-        def factorised() -> tuple[Array, Array]:
+        def factorised() -> Factors:
             if "jacobian" in options:
-                jacobian = options["jacobian"](unravel(trial), args)
+                jacobian = options["jacobian"](unravel(proposed), args)
             else:
-                jacobian = jax.jacfwd(lambda flat: residuals(flat)[0])(trial)
-            return factors(jacobian, residual)
+                jacobian = jax.jacfwd(lambda vector: residuals(vector)[0])(proposed)
+            return factorise(jacobian, residual)
 
-        parts = jax.lax.cond(
-            self.accepts(flat, trial, cost, state),
-            factorised,
-            lambda: (state.triangle, state.projected),
-        )
-        new_flat, new_state = self.judge(
-            flat, trial, cost, aux, parts, bounds, state, _scale(options)
-        )
-        return unravel(new_flat), new_state, new_state.aux
+        proposed = self.propose(vector, space, state)
+        residual, aux = residuals(proposed)
+        cost = 0.5 * jnp.sum(residual**2)
+        accepted = self.accepts(vector, proposed, cost, state)
+        factors = jax.lax.cond(accepted, factorised, lambda: state.factors)
+        trial = Trial(proposed, cost, aux, factors)
+        new_vector, new_state = self.update(vector, trial, space, state)
+        return unravel(new_vector), new_state, new_state.aux
 
-    def propose(
-        self, flat: Float[Array, " parameters"], bounds: Bounds, state: LMState
-    ) -> Float[Array, " parameters"]:
-        """Where to try next: `step` in parts, for those who compute the residuals elsewhere.
+    def first_state(self, vector: Vector, space: SearchSpace, aux_struct: PyTree) -> LMState:
+        """The state before anything was computed.
 
         **Arguments:**
 
-        - `flat`: the parameters as a vector.
-        - `bounds`: lower and upper.
-        - `state`: as it was there.
+        - `vector`: the start. `space`: its bounds and scale.
+        - `aux_struct`: shapes and types of what the residuals come with.
         """
-        lower, upper = bounds
-        gradient = state.triangle.T @ state.projected
-        held = ((flat <= lower) & (gradient > 0)) | ((flat >= upper) & (gradient < 0))
+        n, dtype = vector.size, vector.dtype
+        return LMState(
+            factors=Factors(jnp.zeros((n, n), dtype), jnp.zeros(n, dtype)),
+            cost=jnp.array(jnp.inf, dtype),
+            scale=jnp.zeros(n, dtype) if space.scale is None else jnp.asarray(space.scale, dtype),
+            damping=jnp.array(self.damping, dtype),
+            growth=jnp.array(2.0, dtype),
+            gradient=jnp.array(jnp.inf, dtype),
+            is_first=jnp.array(True),
+            accepted=jnp.array(False),
+            status=jnp.array(RUNNING),
+            num_residuals=jnp.array(0),
+            num_jacobians=jnp.array(0),
+            aux=jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), aux_struct),
+        )
+
+    def propose(self, vector: Vector, space: SearchSpace, state: LMState) -> Vector:
+        """The vector to try next.
+
+        `propose`, `accepts` and `update` are `step` in parts, for those who compute the residuals
+        of several descents at once.
+        """
+        held = _held(vector, space, state.factors)
         move = _damped_step(state, held)
-        return jnp.clip(flat + jnp.where(state.first, 0.0, move), lower, upper)
+        return space.clip(vector + jnp.where(state.is_first, 0.0, move))
 
     def accepts(
-        self,
-        flat: Float[Array, " parameters"],
-        trial: Float[Array, " parameters"],
-        cost: Scalar,
-        state: LMState,
+        self, vector: Vector, proposed: Vector, cost: Scalar, state: LMState
     ) -> Bool[Array, ""]:
         """Whether a trial is taken, given half its sum of squared residuals."""
-        predicted, _, ratio = _gain(flat, trial, cost, state)
-        return state.first | (jnp.isfinite(cost) & (predicted > 0) & (ratio > 1e-4))
+        predicted, _, ratio = _gain(vector, proposed, cost, state)
+        return state.is_first | (jnp.isfinite(cost) & (predicted > 0) & (ratio > 1e-4))
 
-    def judge(
-        self,
-        flat: Float[Array, " parameters"],
-        trial: Float[Array, " parameters"],
-        cost: Scalar,
-        aux: Any,
-        parts: tuple[Float[Array, "parameters parameters"], Float[Array, " parameters"]],
-        bounds: Bounds,
-        state: LMState,
-        scale: Float[Array, " parameters"] | None = None,
-    ) -> tuple[Float[Array, " parameters"], LMState]:
-        """The parameters and the state after a trial.
+    def update(
+        self, vector: Vector, trial: Trial, space: SearchSpace, state: LMState
+    ) -> tuple[Vector, LMState]:
+        """The vector and the state after a trial."""
+        predicted, actual, ratio = _gain(vector, trial.vector, trial.cost, state)
+        accepted = self.accepts(vector, trial.vector, trial.cost, state)
 
-        **Arguments:**
+        def taken(new: Array, old: Array) -> Array:
+            return jnp.where(accepted, new, old)
 
-        - `flat`, `trial`, `cost`, `bounds`, `state`: as above.
-        - `aux`: what the residuals came with.
-        - `parts`: `factors` of the Jacobian at the trial; not looked at where it is not accepted.
-        - `scale`: D, None for the largest column norms so far.
-        """
-        lower, upper = bounds
-        predicted, actual, ratio = _gain(flat, trial, cost, state)
-        accepted = self.accepts(flat, trial, cost, state)
-        move = trial - flat
-        triangle = jnp.where(accepted, parts[0], state.triangle)
-        projected = jnp.where(accepted, parts[1], state.projected)
-        lengths = jnp.linalg.norm(triangle, axis=0)
-        new_cost = jnp.where(accepted, cost, state.cost)
-        new_flat = jnp.where(accepted, trial, flat)
-        gradient = triangle.T @ projected
-        held = ((new_flat <= lower) & (gradient > 0)) | ((new_flat >= upper) & (gradient < 0))
-        cosine = jnp.abs(gradient) / (
-            jnp.maximum(lengths, _tiny(flat)) * jnp.maximum(jnp.sqrt(2 * new_cost), _tiny(flat))
+        new_vector, new_cost = taken(trial.vector, vector), taken(trial.cost, state.cost)
+        factors = jax.tree.map(taken, trial.factors, state.factors)
+        lengths = jnp.linalg.norm(factors.triangle, axis=0)
+        held = _held(new_vector, space, factors)
+        cosine = jnp.abs(factors.gradient) / (
+            jnp.maximum(lengths, _tiny(vector)) * jnp.maximum(jnp.sqrt(2 * new_cost), _tiny(vector))
         )
         steepest = jnp.max(jnp.where(held, 0.0, cosine), initial=0.0)
 
         # Nielsen: less damping the better the linear model was, else ever more.
         eased = state.damping * jnp.maximum(1 / 3, 1 - (2 * ratio - 1) ** 3)
-        damping = jnp.where(accepted, eased, state.damping * state.growth)
-        damping = jnp.where(state.first, state.damping, jnp.clip(damping, 1e-12, 1e12))
+        damping = taken(eased, state.damping * state.growth)
+        damping = jnp.where(state.is_first, state.damping, jnp.clip(damping, 1e-12, 1e12))
         still = jnp.all(
-            state.scale * jnp.abs(move)
-            <= self.atol * (self.atol + jnp.linalg.norm(state.scale * flat))
+            state.scale * jnp.abs(trial.vector - vector)
+            <= self.atol * (self.atol + jnp.linalg.norm(state.scale * vector))
         )
         little = (
             accepted & (actual <= self.rtol * state.cost) & (predicted <= self.rtol * state.cost)
@@ -242,42 +253,41 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
         status = jnp.select(
             [
                 accepted & ((steepest <= self.gtol) | (new_cost == 0)),
-                little & ~state.first,
-                accepted & still & ~state.first,
+                little & ~state.is_first,
+                accepted & still & ~state.is_first,
                 ~accepted & (still | (state.damping >= 1e12)),
             ],
             [GRADIENT, REDUCTION, STEP, STALLED],
             RUNNING,
         )
         new_state = LMState(
-            triangle=triangle,
-            projected=projected,
+            factors=factors,
             cost=new_cost,
-            scale=jnp.maximum(state.scale, lengths) if scale is None else scale,
+            scale=jnp.maximum(state.scale, lengths) if space.scale is None else state.scale,
             damping=damping,
-            growth=jnp.where(accepted, 2.0, 2 * state.growth).astype(flat.dtype),
+            growth=taken(jnp.full_like(state.growth, 2.0), 2 * state.growth),
             gradient=steepest,
-            first=jnp.array(False),
+            is_first=jnp.array(False),
             accepted=accepted,
             status=status,
-            residuals=state.residuals + 1,
-            jacobians=state.jacobians + accepted,
-            aux=jax.tree.map(lambda new, old: jnp.where(accepted, new, old), aux, state.aux),
+            num_residuals=state.num_residuals + 1,
+            num_jacobians=state.num_jacobians + accepted,
+            aux=jax.tree.map(taken, trial.aux, state.aux),
         )
-        return new_flat, new_state
+        return new_vector, new_state
 
     def terminate(
         self,
-        fn: Callable[[Any, Any], tuple[Any, Any]],
-        y: Any,
-        args: Any,
-        options: dict[str, Any],
+        fn: Callable[[PyTree, PyTree], tuple[PyTree, PyTree]],
+        y: PyTree,
+        args: PyTree,
+        options: Options,
         state: LMState,
         tags: frozenset[object],
     ) -> tuple[Bool[Array, ""], optx.RESULTS]:
         """Stops on any status; a start with residuals that are not finite is an error."""
         del fn, y, args, options, tags
-        broken = ~state.first & ~jnp.isfinite(state.cost)
+        broken = ~state.is_first & ~jnp.isfinite(state.cost)
         result = optx.RESULTS.where(
             broken, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful
         )
@@ -285,33 +295,41 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Any, L
 
     def postprocess(
         self,
-        fn: Callable[[Any, Any], tuple[Any, Any]],
-        y: Any,
-        aux: Any,
-        args: Any,
-        options: dict[str, Any],
+        fn: Callable[[PyTree, PyTree], tuple[PyTree, PyTree]],
+        y: PyTree,
+        aux: PyTree,
+        args: PyTree,
+        options: Options,
         state: LMState,
         tags: frozenset[object],
         result: optx.RESULTS,
-    ) -> tuple[Any, Any, dict[str, Any]]:
+    ) -> tuple[PyTree, PyTree, dict[str, Array]]:
         """Hands over the status and the counts."""
         del fn, args, options, tags, result
-        counts = {"num_residuals": state.residuals, "num_jacobians": state.jacobians}
+        counts = {"num_residuals": state.num_residuals, "num_jacobians": state.num_jacobians}
         return y, aux, {"status": state.status, "cost": state.cost, **counts}
 
 
-def factors(
-    jacobian: Float[Array, "residuals parameters"], residual: Float[Array, " residuals"]
-) -> tuple[Float[Array, "parameters parameters"], Float[Array, " parameters"]]:
-    """R and $Q^T r$ of the Jacobian's QR factorisation."""
-    triangle = _triangle_of(jnp.concatenate([jacobian.T, residual[None, :]]))
-    return triangle[:-1, :-1], triangle[:-1, -1]
+def factorise(
+    jacobian: Float[Array, "residuals unknowns"], residuals: Float[Array, " residuals"]
+) -> Factors:
+    """The QR factorisation of a Jacobian, and the residuals in it."""
+    triangle = _triangle_of(jnp.concatenate([jacobian.T, residuals[None, :]]))
+    return Factors(triangle[:-1, :-1], triangle[:-1, -1])
 
 
-def _gain(flat: Array, trial: Array, cost: Scalar, state: LMState) -> tuple[Array, Array, Array]:
+def _held(vector: Vector, space: SearchSpace, factors: Factors) -> Bool[Array, " unknowns"]:
+    """Which unknowns are at a bound with a gradient that pushes them out."""
+    below = (vector <= space.lower) & (factors.gradient > 0)
+    return below | ((vector >= space.upper) & (factors.gradient < 0))
+
+
+def _gain(
+    vector: Vector, proposed: Vector, cost: Scalar, state: LMState
+) -> tuple[Scalar, Scalar, Scalar]:
     """By how much a step should lower the cost, by how much it does, and their ratio."""
-    linear = state.triangle @ (trial - flat)
-    predicted = -(jnp.sum(linear * state.projected) + 0.5 * jnp.sum(linear**2))
+    linear = state.factors.triangle @ (proposed - vector)
+    predicted = -(jnp.sum(linear * state.factors.projected) + 0.5 * jnp.sum(linear**2))
     actual = state.cost - cost
     return predicted, actual, actual / jnp.where(predicted > 0, predicted, jnp.inf)
 
@@ -324,9 +342,9 @@ def _triangle_of(columns: Float[Array, "columns rows"]) -> Float[Array, "columns
     thousand rows), and at home on an accelerator.
     """
     n = columns.shape[0]
-    one = jnp.eye(n, dtype=columns.dtype)
-    shift = 100 * n * jnp.finfo(columns.dtype).eps * one
-    lower, q = one, columns
+    identity = jnp.eye(n, dtype=columns.dtype)
+    shift = 100 * n * jnp.finfo(columns.dtype).eps * identity
+    lower, q = identity, columns
     for _ in range(3):
         products = q @ q.T
         lengths = jnp.sqrt(jnp.diag(products))
@@ -334,32 +352,32 @@ def _triangle_of(columns: Float[Array, "columns rows"]) -> Float[Array, "columns
         # Columns that depend on others leave nothing behind: the shift keeps the factor defined.
         factor = jnp.linalg.cholesky(products / jnp.outer(divisors, divisors) + shift)
         lower = lower @ (lengths[:, None] * factor)
-        q = (jax.scipy.linalg.solve_triangular(factor, one, lower=True) / divisors) @ q
+        q = (jax.scipy.linalg.solve_triangular(factor, identity, lower=True) / divisors) @ q
     return lower.T
 
 
-def _damped_step(state: LMState, held: Bool[Array, " parameters"]) -> Float[Array, " parameters"]:
-    n = state.projected.size
+def _damped_step(state: LMState, held: Bool[Array, " unknowns"]) -> Vector:
+    n = state.factors.projected.size
     # A column of zeros has no scale of its own; any will do, as nothing moves along it.
     scale = jnp.where(state.scale > 0, state.scale, 1.0)
-    triangle = jnp.where(held[None, :], 0.0, state.triangle)
+    triangle = jnp.where(held[None, :], 0.0, state.factors.triangle)
     damped = jnp.concatenate([triangle, jnp.diag(jnp.sqrt(state.damping) * scale)])
     q, r = jnp.linalg.qr(damped)
-    move = jax.scipy.linalg.solve_triangular(r, -q[:n].T @ state.projected)
+    move = jax.scipy.linalg.solve_triangular(r, -q[:n].T @ state.factors.projected)
     return jnp.where(held, 0.0, move)
 
 
-def _bounds(options: dict[str, Any], flat: Array) -> tuple[Array, Array]:
-    def bound(name: str, default: float) -> Array:
+def _search_space(options: Options, vector: Vector) -> SearchSpace:
+    def option(name: str, default: float) -> Vector:
         value = options.get(name)
-        return jnp.full_like(flat, default) if value is None else ravel_pytree(value)[0]
+        return jnp.full_like(vector, default) if value is None else ravel_pytree(value)[0]
 
-    return bound("lower", -jnp.inf), bound("upper", jnp.inf)
-
-
-def _scale(options: dict[str, Any]) -> Float[Array, " parameters"] | None:
-    given = options.get("scale")
-    return None if given is None else ravel_pytree(given)[0]
+    scale = options.get("scale")
+    return SearchSpace(
+        lower=option("lower", -jnp.inf),
+        upper=option("upper", jnp.inf),
+        scale=None if scale is None else ravel_pytree(scale)[0],
+    )
 
 
 def _tiny(like: Array) -> float:

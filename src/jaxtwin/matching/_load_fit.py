@@ -18,15 +18,17 @@ from jaxtyping import Float
 from .._errors import MatchError, ParameterError
 from ..io import Experiment
 from ..physics import Twin
-from ..rig import Parameter, Rig, load_rig, read_parameters
+from ..rig import Rig, load_rig, read_parameters
 from ..rig._bundled import read_toml
 from ..rig._problems import refuse
 from ..simulation import simulate
-from ._estimate import MatchProblem, NoiseModel, recording_weights, shapes_needed
 from ._fit import CameraError, Comparison, Fit, FittedParameters
 from ._fit_file import FORMAT, StoredFit, StoredRecording, rig_to_load, unrolled
+from ._noise_model import NoiseModel
+from ._objective import recording_weights, shapes_needed
+from ._problem import MatchProblem
 from ._uncertainty import Uncertainty, close_pairs, insensitive_labels, physical_covariance
-from ._unknowns import Unknowns
+from ._unknowns import Unknowns, to_entry
 
 STORED = pydantic.TypeAdapter(StoredFit)
 
@@ -58,8 +60,8 @@ def load_fit(
                 field = f"recordings.{name}.{row.name}"
                 _refuse(source, field, "missing, allowed is the value of each recording")
     vector = np.array(
-        [_inward(row, values[0][row.name]) for row in unknowns.shared]
-        + [_inward(row, one[row.name]) for one in values for row in unknowns.per_recording]
+        [to_entry(row, values[0][row.name]) for row in unknowns.shared]
+        + [to_entry(row, one[row.name]) for one in values for row in unknowns.per_recording]
     )
     known = _uncertainty(source, stored, unknowns, vector)
     several = list(stored.recordings.values())
@@ -79,6 +81,7 @@ def load_fit(
     problem = MatchProblem(
         twin=start,
         experiments=matched or (),
+        names=names,
         unknowns=unknowns,
         sample_weights=sample_weights,
         events=noise_model.events,
@@ -325,13 +328,9 @@ def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Co
     with jax.enable_x64(True):
         # A sample that is missing has no weight.
         difference = np.nan_to_num(run.temperatures - np.asarray(experiment.temperatures))
-        _, _, sizes = weights.split(jnp.asarray(difference))
+        sizes = weights.split(jnp.asarray(difference)).sizes
         error = np.asarray(weights.shapes) @ np.asarray(sizes)
     return Comparison(run, CameraError(fit.noise_model.events[number], error))
-
-
-def _inward(row: Parameter, value: float) -> float:
-    return math.log(value) if row.is_logarithmic else value
 
 
 def _refuse(source: str, field: str, message: str) -> NoReturn:

@@ -4,25 +4,19 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
+import optimistix as optx
 
-from .._arguments import check_callable
+from .._arguments import check_callable, whole_number
 from .._errors import MatchError, ParameterError, SimulationError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
-from ._descend import DescentResult, Step
-from ._estimate import MatchProblem, NoiseModel, estimate
+from ._descent_result import DescentStep
 from ._fit import Fit, Iteration
-from ._levenberg_marquardt import BoundedLevenbergMarquardt
-from ._match import (
-    Events,
-    check_counts,
-    checked_recordings,
-    checked_solver,
-    make_fit,
-    make_iteration,
-    make_match_problem,
-)
+from ._make_fit import make_fit, make_iteration
+from ._match import checked_solver
+from ._problem import Events, MatchProblem, make_match_problem, named_recordings
+from ._reweighted_least_squares import Estimate, reweighted_least_squares
 from ._unknowns import choose_unknowns
 
 
@@ -38,7 +32,7 @@ def match_many(
     events: Events | None = None,
     robust: float | None = None,
     max_iterations: int = 200,
-    solver: BoundedLevenbergMarquardt | None = None,
+    solver: optx.AbstractLeastSquaresSolver | None = None,
     on_progress: Callable[[Iteration], None] | None = None,
 ) -> tuple[Fit | None, ...]:
     """Matches the same twin to many sets of recordings, each on its own, in batches.
@@ -65,14 +59,14 @@ def match_many(
     """
     began = time.perf_counter()
     twin = twin.mean_twin if isinstance(twin, Fit) else twin
-    check_counts(max_iterations=max_iterations)
+    whole_number("max_iterations", max_iterations, 1, MatchError)
     check_callable("on_progress", on_progress, MatchError)
     if isinstance(sets, str | bytes | Experiment) or not isinstance(sets, Iterable):
         raise MatchError(f"sets: found {sets!r}, allowed is one or several sets of recordings")
-    recordings = [as_experiments("match_many: sets", one, MatchError) for one in sets]
-    if not recordings:
+    listed = [as_experiments("match_many: sets", members, MatchError) for members in sets]
+    if not listed:
         raise MatchError("sets: found none, allowed is one or several sets of recordings")
-    names = [checked_recordings(twin, one) for one in recordings]
+    recordings = [named_recordings(twin, members) for members in listed]
     unknowns = choose_unknowns(
         twin,
         len(recordings[0]),
@@ -83,38 +77,28 @@ def match_many(
         bounds=bounds,
     )
     problems = [
-        make_match_problem(twin, one, name, unknowns, events, None, robust)
-        for one, name in zip(recordings, names, strict=True)
+        make_match_problem(twin, members, unknowns, events, None, robust) for members in recordings
     ]
 
-    def report_step(number: int, step: Step) -> None:
+    def report_step(number: int, step: DescentStep) -> None:
         if on_progress is not None:
-            on_progress(make_iteration(step, number, unknowns, names[number]))
+            on_progress(make_iteration(problems[number], step, number))
 
-    results = estimate(
+    estimates = reweighted_least_squares(
         problems,
         checked_solver(solver, problems[0]),
         [unknowns.start()] * len(problems),
         max_iterations,
         report_step,
     )
-    return tuple(
-        _fit(problem, noise_model, result, name, began)
-        for problem, (result, noise_model), name in zip(problems, results, names, strict=True)
-    )
+    return tuple(_fit(*pair, began) for pair in zip(problems, estimates, strict=True))
 
 
-def _fit(
-    problem: MatchProblem,
-    noise_model: NoiseModel,
-    result: DescentResult,
-    names: tuple[str, ...],
-    began: float,
-) -> Fit | None:
-    if not np.isfinite(result.cost):
+def _fit(problem: MatchProblem, estimate: Estimate, began: float) -> Fit | None:
+    if not np.isfinite(estimate.result.cost):
         return None
     try:
-        return make_fit(problem, noise_model, result, 0, names, (), began)
+        return make_fit(problem, estimate, 0, (), began)
     except (ParameterError, SimulationError, np.linalg.LinAlgError):
         # Values without a meaning, temperatures or derivatives that are not finite: descents do not
         # look at all of that.

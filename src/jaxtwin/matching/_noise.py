@@ -40,12 +40,12 @@ def estimate_noise(
     - `series`: of one recording each, times the roots of the samples' weights.
     - `samples`: the sum of these weights; by default all are 1.
     """
-    longest = max(len(one) for one in series)
+    longest = max(len(residuals) for residuals in series)
     covariances = np.zeros(longest)
-    counted = sum(one.size for one in series) if samples is None else samples
-    for one in series:
-        times = len(one)
-        padded = np.fft.rfft(one, 2 * times, axis=0)
+    counted = sum(residuals.size for residuals in series) if samples is None else samples
+    for residuals in series:
+        times = len(residuals)
+        padded = np.fft.rfft(residuals, 2 * times, axis=0)
         covariances[:times] += np.fft.irfft(np.abs(padded) ** 2, axis=0)[:times].sum(axis=1)
     if covariances[0] <= 0:
         return Noise(0.0, 1.0)

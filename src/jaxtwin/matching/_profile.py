@@ -30,10 +30,12 @@ from .._arguments import check_callable, of_kind, whole_number
 from .._display import html_table, picture
 from .._errors import MatchError, ParameterError
 from .._number_text import short_number
-from ._descend import Step, descend
-from ._estimate import make_objective
+from ._descent import descend
+from ._descent_result import DescentStep
 from ._fit import Fit, Iteration
-from ._match import default_solver, make_iteration
+from ._make_fit import make_iteration
+from ._match import default_solver
+from ._objective import make_objective
 
 if TYPE_CHECKING:
     import pandas
@@ -160,29 +162,28 @@ def profile(
     objective = make_objective(problem, fit.noise_model)
     objectives, starts = [], []
     for value in at:
-        centre, precision = objective.centre.copy(), objective.precision.copy()
-        centre[entry], precision[entry] = value, PIN
+        means, weights = np.array(objective.prior_means), np.array(objective.prior_weights)
+        means[entry], weights[entry] = value, PIN
         objectives.append(
-            eqx.tree_at(lambda p: (p.centre, p.precision), objective, (centre, precision))
+            eqx.tree_at(lambda o: (o.prior_means, o.prior_weights), objective, (means, weights))
         )
         start = fit.vector.copy()
         start[entry] = value
         starts.append(start)
 
-    def report_step(number: int, step: Step) -> None:
+    def report_step(number: int, step: DescentStep) -> None:
         if on_progress is not None:
-            on_progress(make_iteration(step, number, unknowns, fit.recordings))
+            on_progress(make_iteration(problem, step, number))
 
     results = descend(
         objectives,
         default_solver(problem),
         starts,
+        unknowns.search_space(),
         50,
-        problem.bounds,
-        problem.scale,
-        on_step=report_step,
+        report_step,
     )
-    prior = 0.5 * ((at - objective.centre[entry]) * objective.precision[entry]) ** 2
+    prior = 0.5 * ((at - objective.prior_means[entry]) * objective.prior_weights[entry]) ** 2
     rise = np.array([one.cost for one in results]) + prior - fit.cost
     excess = 2 * _adjustment(fit, entry) * rise
     shown = np.exp(at) if row.is_logarithmic else at

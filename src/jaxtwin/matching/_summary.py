@@ -50,7 +50,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         f"{fit.twin.rig.name} matched to {', '.join(fit.recordings)}",
         (
             f"mean fit {fit.mean_fit_percent:.2f} %   RMSE {fit.rmse:.4f} K   "
-            f"{len(fit.history) - 1} iterations in {fit.wall_time:.1f} s"
+            f"{fit.history[-1].number} iterations in {fit.wall_time:.1f} s"
         ),
         f"status: {fit.status}",
         "",

@@ -189,7 +189,7 @@ def insensitive_labels(
 ) -> tuple[str, ...]:
     """Labels that no sample depends on."""
     return tuple(
-        label for label, one in zip(labels, prior_to_data_ratio, strict=True) if one < 1e-9
+        label for label, ratio in zip(labels, prior_to_data_ratio, strict=True) if ratio < 1e-9
     )
 
 

@@ -13,6 +13,7 @@ from .._arguments import mapping_of, names_of
 from .._errors import MatchError, ParameterError
 from ..physics import Twin
 from ..rig import Parameter
+from ._search_space import SearchSpace
 
 NARROWEST = 1e-100
 """Spread of a prior, and one over the widest: their squares have to be numbers."""
@@ -49,23 +50,23 @@ class Unknowns:
 
     def start(self) -> Float[np.ndarray, " unknowns"]:
         """The parameters' values as a vector."""
-        return np.array([_inward(row, row.value) for row in self.entry_parameters])
+        return np.array([to_entry(row, row.value) for row in self.entry_parameters])
 
     def lower(self) -> Float[np.ndarray, " unknowns"]:
         """Lower bounds of the vector."""
-        return np.array([_inward(row, row.lower) for row in self.entry_parameters])
+        return np.array([to_entry(row, row.lower) for row in self.entry_parameters])
 
     def upper(self) -> Float[np.ndarray, " unknowns"]:
         """Upper bounds of the vector."""
-        return np.array([_inward(row, row.upper) for row in self.entry_parameters])
+        return np.array([to_entry(row, row.upper) for row in self.entry_parameters])
 
     def prior_means(self) -> Float[np.ndarray, " unknowns"]:
-        """What each entry is expected to be beforehand; 0 where nothing is known."""
+        """The mean of each entry's prior; 0 where it has none."""
         expected = [(row, row.prior_value) for row in self.entry_parameters]
-        return np.array([0.0 if value is None else _inward(row, value) for row, value in expected])
+        return np.array([0.0 if value is None else to_entry(row, value) for row, value in expected])
 
     def prior_weights(self) -> Float[np.ndarray, " unknowns"]:
-        """One over the standard deviation of that; 0 where nothing is known."""
+        """One over the standard deviation of each entry's prior; 0 where it has none."""
         return np.array(
             [
                 0.0 if row.prior_spread is None else 1 / row.prior_spread
@@ -74,12 +75,24 @@ class Unknowns:
         )
 
     def default_scales(self) -> Float[np.ndarray, " unknowns"]:
-        """What stands for the width of an entry of which nothing is known: a factor of e, a tenth
-        of its range, or one more than its size."""
+        """What stands for a prior's standard deviation where an entry has none: a factor of e, a
+        tenth of its range, or one more than its size."""
         with np.errstate(invalid="ignore"):
             ranges = self.upper() - self.lower()
         plain = 0.1 * np.where(np.isfinite(ranges), ranges, np.abs(self.start()) + 1)
         return np.where([row.is_logarithmic for row in self.entry_parameters], 1.0, plain)
+
+    def scales(self) -> Float[np.ndarray, " unknowns"]:
+        """By how much each entry is expected to move: the standard deviation of its prior, or its
+        default scale."""
+        weights = self.prior_weights()
+        return np.where(weights > 0, 1 / np.where(weights > 0, weights, 1), self.default_scales())
+
+    def search_space(self) -> SearchSpace:
+        """Bounds of the vector, and one over its scales where priors say some."""
+        weights = self.prior_weights()
+        scale = np.where(weights > 0, weights, 1 / self.default_scales())
+        return SearchSpace(self.lower(), self.upper(), scale if weights.any() else None)
 
     def value_derivatives(
         self, vector: Float[np.ndarray, " unknowns"]
@@ -294,5 +307,6 @@ def _pair(name: str, bounds: object) -> tuple[float, float]:
     return float(pair[0]), float(pair[1])
 
 
-def _inward(row: Parameter, value: float) -> float:
-    return math.log(value) if row.is_logarithmic else value
+def to_entry(parameter: Parameter, value: float) -> float:
+    """The entry of the optimiser's vector for a value in the parameter's unit."""
+    return math.log(value) if parameter.is_logarithmic else value

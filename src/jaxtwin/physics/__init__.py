@@ -4,14 +4,16 @@ from ._assembly import build_netlist
 from ._camera import channel_weights, frame_to_channels, pixel_weights
 from ._dc_sweep import DCSweep
 from ._driver import Bridge, CellHeat
+from ._loss import CALM, STEFAN_BOLTZMANN
 from ._netlist import Link, Loss, Netlist, Node, ThermoelectricElement
 from ._plate_map import PlateMap, plate_map
-from ._spice import to_spice
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
 from ._twin import Twin, check_twin
 
 __all__ = [
+    "CALM",
+    "STEFAN_BOLTZMANN",
     "Bridge",
     "CellHeat",
     "DCSweep",
@@ -30,5 +32,4 @@ __all__ = [
     "frame_to_channels",
     "pixel_weights",
     "plate_map",
-    "to_spice",
 ]

@@ -84,15 +84,3 @@ class Bridge(eqx.Module):
             square = share * on**2 + (1 - share) * off**2
         cold, hot = module.mean_heat_flows(current, square, cold_temperature, hot_temperature)
         return CellHeat(cold, hot, current, hot - cold)
-
-    def back_emf_conductance(
-        self, module: ThermoelectricModule, temperature: float
-    ) -> Float[Array, " cells"]:
-        r"""The thermal conductance that the Seebeck voltage adds to a shorted module, W/K.
-
-        A difference drives the current $\alpha \Delta T / R$, which carries the Peltier heat
-        $\alpha T$ times itself: $\alpha^2 T / R$ at the absolute `temperature` $T$.
-        """
-        loop = module.electrical_resistance + self.on_resistance
-        conductance = jnp.asarray(module.seebeck_coefficient) ** 2 * temperature / loop
-        return conductance if self.off_phase == "brake" else conductance / 2

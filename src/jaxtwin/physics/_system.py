@@ -42,7 +42,7 @@ class System(eqx.Module):
     - `gain`: of the channels.
     - `loss`: what the plate loses beyond the network's links, None for nothing.
     - `lag`, `delay`: of the duty cycle that reaches the cells behind the command, s, or None.
-    - `physical`: whether all resistances and capacitances are above 0.
+    - `is_valid`: whether all resistances and capacitances are above 0.
     """
 
     capacitance: Float[Array, " nodes"]
@@ -57,7 +57,7 @@ class System(eqx.Module):
     loss: NonlinearLoss | None
     lag: Float[Array, ""] | None
     delay: Float[Array, ""] | None
-    physical: Bool[Array, ""]
+    is_valid: Bool[Array, ""]
     wiring: Wiring = eqx.field(static=True)
 
     @classmethod
@@ -91,7 +91,7 @@ class System(eqx.Module):
             loss=_loss(wiring, parameters_si, conductances),
             lag=lag,
             delay=delay,
-            physical=jnp.stack([jnp.all(values > 0) for values in positive]).all(),
+            is_valid=jnp.stack([jnp.all(values > 0) for values in positive]).all(),
             wiring=wiring,
         )
 

@@ -39,12 +39,12 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
     for column, run in zip(grid.T, runs, strict=True):
         recorded, twin = run.recorded_uniformity, run.uniformity
         for axes, was, says, means in (
-            (column[0], recorded.spread, twin.spread, (recorded.mean_spread, twin.mean_spread)),
+            (column[0], recorded.range, twin.range, (recorded.mean_range, twin.mean_range)),
             (
                 column[1],
-                recorded.deviation,
-                twin.deviation,
-                (recorded.mean_deviation, twin.mean_deviation),
+                recorded.std,
+                twin.std,
+                (recorded.mean_std, twin.mean_std),
             ),
         ):
             axes.plot(run.time, was, color=MUTED, lw=2.4, alpha=0.55)

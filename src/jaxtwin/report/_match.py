@@ -174,7 +174,7 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
                     (f"{inside} of {len(rows)}", "within two standard errors of the truth"),
                     (f"{100 * worst:.1f} %", "largest error of a parameter"),
                     (f"{fit.rmse:.3f} K", "RMSE (noise put in: 0.1 K)"),
-                    (f"{fit.wall_time:.1f} s", f"for {len(fit.history) - 1} iterations"),
+                    (f"{fit.wall_time:.1f} s", f"for {fit.history[-1].number} iterations"),
                 )
             ),
             Table(

@@ -26,13 +26,20 @@ def uniformity(fit: Fit) -> tuple[Section, dict[str, dict[str, float]]]:
         (
             Text(
                 "The rig was built to make a plate evenly warm. How far it is from that is the "
-                "spread over the channels of a recording, highest less lowest, and their standard "
+                "range over the channels of a recording, highest less lowest, and their standard "
                 f"deviation; {channels}."
             ),
             Table(
-                "Over time, K. The plate's own spread is that of all its elements, of which the "
+                "Over time, K. The plate's own range is that of all its elements, of which the "
                 "channels of one recording see a third.",
-                ("recording", "mean spread", "twin", "mean deviation", "twin", "plate, mean"),
+                (
+                    "recording",
+                    "mean range",
+                    "twin",
+                    "mean standard deviation",
+                    "twin",
+                    "plate, mean",
+                ),
                 [
                     (name, *(f"{value:.2f}" for value in row.values()))
                     for name, row in numbers.items()
@@ -41,7 +48,7 @@ def uniformity(fit: Fit) -> tuple[Section, dict[str, dict[str, float]]]:
             Picture(
                 "uniformity",
                 to_png(plot_uniformity(runs)),
-                "Spread and standard deviation over the channels, recorded and by the twin "
+                "Range and standard deviation over the channels, recorded and by the twin "
                 "matched with one ambient per recording.",
             ),
             Picture(
@@ -60,9 +67,9 @@ def uniformity(fit: Fit) -> tuple[Section, dict[str, dict[str, float]]]:
 def _numbers(run: Run) -> dict[str, float]:
     recorded, twin = run.recorded_uniformity, run.uniformity
     return {
-        "recorded_mean_spread_K": recorded.mean_spread,
-        "twin_mean_spread_K": twin.mean_spread,
-        "recorded_mean_deviation_K": recorded.mean_deviation,
-        "twin_mean_deviation_K": twin.mean_deviation,
-        "plate_mean_spread_K": run.plate_uniformity.mean_spread,
+        "recorded_mean_range_K": recorded.mean_range,
+        "twin_mean_range_K": twin.mean_range,
+        "recorded_mean_std_K": recorded.mean_std,
+        "twin_mean_std_K": twin.mean_std,
+        "plate_mean_range_K": run.plate_uniformity.mean_range,
     }

@@ -5,50 +5,43 @@ grid that is fine after each input change; any diffrax solver can take its place
 """
 
 from .._measures import fit_percent, rmse
-from ._ambient import ambient_of_samples, reference_temperature
-from ._batch import (
-    REDUCTIONS,
-    Reductions,
-    checked_precision,
-    checked_reductions,
-    simulate_batch,
-)
-from ._chunk import Reduction
-from ._chunk_runner import Precision
-from ._padding import padded, padded_schedule
+from ._draws import Precision
+from ._drive import Drive
+from ._integrate import solve_network
+from ._network_exponential import HeldInputs, NetworkExponential, NetworkProblem, network_field
+from ._padding import padded, padded_time_grid
+from ._reductions import REDUCTIONS, ReductionName, Reductions, checked_reductions
 from ._run import Run
-from ._schedule import Schedule, build_schedule, twin_schedule
 from ._simulate import checked_channels, response, simulate
-from ._solve import solve_schedule
-from ._solver import HeldInputs, NetworkExponential, NetworkProblem, network_field
+from ._simulate_batch import checked_precision, simulate_batch
+from ._time_grid import TimeGrid, build_time_grid, time_grid
 from ._uniformity import Uniformity, uniformity
 
 __all__ = [
     "REDUCTIONS",
+    "Drive",
     "HeldInputs",
     "NetworkExponential",
     "NetworkProblem",
     "Precision",
-    "Reduction",
+    "ReductionName",
     "Reductions",
     "Run",
-    "Schedule",
+    "TimeGrid",
     "Uniformity",
-    "ambient_of_samples",
-    "build_schedule",
+    "build_time_grid",
     "checked_channels",
     "checked_precision",
     "checked_reductions",
     "fit_percent",
     "network_field",
     "padded",
-    "padded_schedule",
-    "reference_temperature",
+    "padded_time_grid",
     "response",
     "rmse",
     "simulate",
     "simulate_batch",
-    "solve_schedule",
-    "twin_schedule",
+    "solve_network",
+    "time_grid",
     "uniformity",
 ]

@@ -17,14 +17,14 @@ from jaxtyping import Array, Float
 
 from ._interpolation import POWERS
 from ._padding import padded
-from ._schedule import Schedule
+from ._time_grid import TimeGrid
 
 
 @final
 class CompressedRecording(eqx.Module):
     """What is left of a recording for the sake of its mean squared error.
 
-    - `schedule`: with combinations of samples for samples.
+    - `grid`: with combinations of samples for samples.
     - `target`: the recorded temperatures combined alike, degC; `ones`: a constant 1 combined alike.
       Rows that fill up their number are zeros, as are their weights.
     - `counted`: whether a combination counts in a channel: 0 where it is a missing sample, else 1.
@@ -32,7 +32,7 @@ class CompressedRecording(eqx.Module):
     - `samples`: how many each channel has.
     """
 
-    schedule: Schedule
+    grid: TimeGrid
     target: Float[Array | np.ndarray, "rows channels"]
     ones: Float[Array | np.ndarray, " rows"]
     counted: Float[Array | np.ndarray, "rows channels"]
@@ -40,16 +40,14 @@ class CompressedRecording(eqx.Module):
     samples: Float[Array | np.ndarray, " channels"]
 
 
-def compress(
-    schedule: Schedule, recorded: Float[np.ndarray, "times channels"]
-) -> CompressedRecording:
-    """The recording of an experiment on its schedule, filled up or not, degC; NaN where a sample is
+def compress(grid: TimeGrid, recorded: Float[np.ndarray, "times channels"]) -> CompressedRecording:
+    """The recording of an experiment on its grid, filled up or not, degC; NaN where a sample is
     missing."""
     count = len(recorded)
     there = ~np.isnan(recorded)
     used = there.any(axis=1)
-    step_of, whole = np.asarray(schedule.step_of)[:count][used], there[used].all(axis=1)
-    weights = np.asarray(schedule.weights)[:count][used]
+    step_of, whole = np.asarray(grid.step_of)[:count][used], there[used].all(axis=1)
+    weights = np.asarray(grid.weights)[:count][used]
     samples = np.column_stack([weights, np.nan_to_num(recorded[used]), np.ones(len(step_of))])
     # Samples follow each other in time, and so do those of a step.
     steps, first, counts = np.unique(step_of, return_index=True, return_counts=True)
@@ -70,9 +68,7 @@ def compress(
     every = np.ones((len(combined), there.shape[1]))
     counted = padded(np.concatenate([there[used][short], every]), 0.0)
     return CompressedRecording(
-        schedule=eqx.tree_at(
-            lambda s: (s.step_of, s.weights), schedule, (rows_of, rows[:, :POWERS])
-        ),
+        grid=eqx.tree_at(lambda s: (s.step_of, s.weights), grid, (rows_of, rows[:, :POWERS])),
         target=rows[:, POWERS:-1],
         ones=rows[:, -1],
         counted=counted,

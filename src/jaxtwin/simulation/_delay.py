@@ -1,24 +1,28 @@
-"""A schedule whose duty cycles reach the cells some time after their command.
+r"""Duty cycles that reach the cells behind their command: late, with a lag, or both.
 
-Nothing but the inputs depends on time itself, so the whole grid of steps moves with the inputs:
-steps stay fine behind every change, and temperatures are smooth in the delay.
+Nothing but the inputs depends on time itself, so for a delay the whole grid of steps moves with
+the inputs: steps stay fine behind every change, and temperatures are smooth in the delay.
+
+A lag needs no integration. Between two changes of the command $c$, the solution of
+$\tau \dot u = c(t - d) - u$ is $u(t) = c + (u_0 - c) e^{-(t - d - t_0) / \tau}$, at any time.
 """
 
 from collections.abc import Iterable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..physics import Twin
 from ._interpolation import sample_weights, step_polynomials
-from ._schedule import Schedule
+from ._time_grid import TimeGrid
 
 FINEST, FIRST, GROWN = 2.0**-9, 2.0**-5, 16
 BEFORE = np.diff([0.0, *np.geomspace(FINEST, FIRST, 5), *np.geomspace(FIRST, 1.0, GROWN + 1)[1:]])
 """Steps before the first command arrives, as parts of the delay: fine at first, when a plate that
-did not start at rest changes fastest, then a quarter longer each, or samples between their ends
-would be missed by a tenth of a kelvin where the delay is a minute."""
+does not start in a steady state changes fastest, then a quarter longer each, or samples between
+their ends would be missed by a tenth of a kelvin where the delay is a minute."""
 
 
 def has_own_delays(twin: Twin, drawn: Iterable[str]) -> bool:
@@ -27,32 +31,30 @@ def has_own_delays(twin: Twin, drawn: Iterable[str]) -> bool:
     return delay is not None and not delay.parameters.isdisjoint(drawn)
 
 
-def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool) -> Schedule:
+def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
     """The same samples of the same experiment with duty cycles that arrive late.
 
     A recorded ambient, which is not late, is averaged over each step.
 
     **Arguments:**
 
+    - `grid`: with the duty cycles as commanded.
     - `delay`: s, above 0.
-    - `at_rest`: whether the first duty cycle has been held for ever, instead of none.
     """
     dtype = delay.dtype
     before = len(BEFORE)
-    sizes = jnp.concatenate(
-        [delay * jnp.asarray(BEFORE, dtype), jnp.asarray(schedule.sizes, dtype)]
-    )
-    size = jnp.concatenate([jnp.arange(before), before + jnp.asarray(schedule.size)])
-    duty = jnp.asarray(schedule.duty, dtype)
-    first = duty[:1] if at_rest else jnp.zeros_like(duty[:1])
+    sizes = jnp.concatenate([delay * jnp.asarray(BEFORE, dtype), jnp.asarray(grid.sizes, dtype)])
+    size = jnp.concatenate([jnp.arange(before), before + jnp.asarray(grid.size)])
+    duty = jnp.asarray(grid.duty, dtype)
+    first = duty[:1] if grid.steady_start else jnp.zeros_like(duty[:1])
     wait = jnp.asarray(step_polynomials([BEFORE, np.ones(1)])[:before], dtype)
-    polynomials = jnp.asarray(schedule.polynomials, dtype)
+    polynomials = jnp.asarray(grid.polynomials, dtype)
     # Slopes, the odd ones, are per second.
     scale = jnp.stack([jnp.ones_like(delay), delay] * 3)
     steps = sizes[size]
     ends = jnp.cumsum(steps)
     starts = ends - steps
-    times = jnp.asarray(schedule.times, dtype)
+    times = jnp.asarray(grid.times, dtype)
     step_of = jnp.clip(jnp.searchsorted(ends, times), 0, size.size - 1)
     # Some steps have no length (`_padding`): what is divided by it must not be 0 / 0.
     lengths = jnp.where(steps > 0, steps, 1.0)
@@ -60,15 +62,15 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
     # One table for all draws, whatever their delay.
     weights = sample_weights(jnp.concatenate([wait, polynomials]), step_of, part)
     waiting = (step_of < before)[:, None]
-    ambient = schedule.ambient
-    if schedule.ambient_at is not None:
-        held = jnp.asarray(schedule.ambient_at, dtype)
+    ambient = grid.ambient
+    if grid.ambient_at is not None:
+        held = jnp.asarray(grid.ambient_at, dtype)
         summed = jnp.append(0.0, jnp.cumsum(held[:-1] * jnp.diff(times)))
         ambient = (jnp.interp(ends, times, summed) - jnp.interp(starts, times, summed)) / lengths
         # Steps that end behind the last sample.
         ambient = jnp.where(ends > times[-1], held[-1], ambient)
-    return Schedule(
-        times=schedule.times,
+    return TimeGrid(
+        times=grid.times,
         sizes=sizes,
         size=size.astype(np.int32),
         duty=jnp.concatenate([jnp.repeat(first, before, axis=0), duty]),
@@ -76,5 +78,39 @@ def delayed_schedule(schedule: Schedule, delay: Float[Array, ""], at_rest: bool)
         polynomials=jnp.concatenate([wait * scale[:, None], polynomials]),
         step_of=step_of.astype(np.int32),
         weights=weights * jnp.where(waiting, scale, 1.0),
-        ambient_at=schedule.ambient_at,
+        ambient_at=grid.ambient_at,
+        steady_start=grid.steady_start,
+        is_delayed=True,
     )
+
+
+def lagged_duty(
+    lag: Float[Array, ""],
+    delay: Float[Array, ""] | None,
+    starts: Float[Array, " steps"],
+    commands: Float[Array, "steps cells"],
+    times: Float[Array, "*times"],
+    steady_start: bool = False,
+) -> Float[Array, "*times cells"]:
+    """What the cells get at given times, -1 to 1.
+
+    **Arguments:**
+
+    - `lag`, `delay`: s.
+    - `starts`: from when on each command is held, increasing, s.
+    - `commands`: -1 to 1.
+    - `times`: s.
+    - `steady_start`: whether the first command was held for ever before, instead of none.
+    """
+    initial = commands[0] if steady_start else jnp.zeros_like(commands[0])
+
+    def follow(duty: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
+        command, duration = step
+        return command + (duty - command) * jnp.exp(-duration / lag), duty
+
+    durations = jnp.append(jnp.diff(starts), 0.0)
+    _, at_start = jax.lax.scan(follow, initial, (commands, durations))
+    late = times if delay is None else times - delay
+    now = jnp.clip(jnp.searchsorted(starts, late, side="right") - 1, 0)
+    elapsed = jnp.maximum(late - starts[now], 0.0)[..., None]
+    return commands[now] + (at_start[now] - commands[now]) * jnp.exp(-elapsed / lag)

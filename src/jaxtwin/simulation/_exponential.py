@@ -82,12 +82,13 @@ class ModalField(eqx.Module):
         system, modes = self.system, self.modes
         deviation = modes.sides @ amplitudes
         heat = system.cell_heat(deviation + self.reference, inputs.duty)
-        flow = jnp.concatenate([-heat.cold, heat.hot]) + modes.relief @ deviation
+        flow = jnp.concatenate([-heat.cold, heat.hot]) + modes.linearised_conductance @ deviation
         force = modes.sides.T @ flow + self.surroundings * inputs.ambient
-        if system.loss is not None and modes.plate is not None and modes.film is not None:
+        linearised = modes.linearised_loss
+        if system.loss is not None and modes.plate is not None and linearised is not None:
             plate = modes.plate @ amplitudes
             lost = system.loss.heat(plate - inputs.ambient, self.reference + inputs.ambient)
-            force = force + modes.plate.T @ (modes.film * plate - lost)
+            force = force + modes.plate.T @ (linearised * plate - lost)
         # Twice, since the change of C acts on a slope that has the changes in it: exact up to
         # second derivatives.
         bent = _vanishing(self.stiffness, amplitudes)
@@ -162,8 +163,9 @@ def exponential_step(
 
     - `amplitudes`, `force_0`: at the start of the step, the force under its `inputs`.
 
-    **Returns:** the amplitudes at its end, and its doubt: by how much they would differ had the
-    step stopped at the first of its two forces in the middle, which is of third order in its size.
+    **Returns:** the amplitudes at its end, and its error estimate: by how much they would differ
+    with the first of the two forces in the middle of the step in place of both, which is of third
+    order in its size.
     """
     halfway, decayed = factors.half_decay * amplitudes, factors.decay * amplitudes
     force_a = field.force(halfway + factors.half * force_0, inputs.at(1))

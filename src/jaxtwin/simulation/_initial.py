@@ -1,6 +1,6 @@
 """Node temperatures at the start of a run."""
 
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,13 +11,17 @@ from .._errors import SimulationError
 from ..physics import System, Twin
 
 Initial = Literal["steady"] | float | ArrayLike | None
-"""None: as the rig says. "steady": at rest under the first input. A number: uniform, degC.
+"""None: as the rig says. "steady": the steady state under the first input. A number: uniform, degC.
 An array (nodes,): each node, in the order of `twin.netlist.nodes`, degC."""
+
+
+CheckedInitial: TypeAlias = Literal["steady"] | Float[Array | np.ndarray, " starts"] | None
+"""The same, checked: absolute temperatures, K, one a node or a single one for all."""
 
 
 def initial_temperatures(
     system: System,
-    initial: str | Float[Array | np.ndarray, " starts"] | None,
+    initial: CheckedInitial,
     duty: Float[Array | np.ndarray, " cells"],
     reference: Float[Array, ""],
 ) -> Float[Array, " nodes"]:
@@ -29,14 +33,16 @@ def initial_temperatures(
     return jnp.broadcast_to(jnp.asarray(initial, reference.dtype), system.capacitance.shape)
 
 
-def checked_initial(twin: Twin, initial: Initial) -> str | Float[np.ndarray, " starts"] | None:
-    """None, "steady", or absolute temperatures, K: one a node, or a single one for all.
+def checked_initial(twin: Twin, initial: Initial) -> CheckedInitial:
+    """The start of a run, checked.
 
     **Raises:** `SimulationError` for another word, a wrong shape, or numbers that are not finite or
     below absolute zero.
     """
-    if initial is None or (isinstance(initial, str) and initial == "steady"):
-        return initial
+    if initial is None:
+        return None
+    if isinstance(initial, str) and initial == "steady":
+        return "steady"
     nodes = len(twin.netlist.nodes)
     allowed = f'None, "steady", a number or an array of {nodes} node temperatures in degC'
     if isinstance(initial, str):
@@ -59,6 +65,6 @@ def checked_initial(twin: Twin, initial: Initial) -> str | Float[np.ndarray, " s
     return kelvin
 
 
-def keeps_symmetry(initial: str | Float[Array | np.ndarray, " starts"] | None) -> bool:
+def keeps_symmetry(initial: CheckedInitial) -> bool:
     """Whether nodes that are alike start alike, so that a lumped system will do."""
     return initial is None or isinstance(initial, str) or initial.size == 1

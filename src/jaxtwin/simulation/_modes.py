@@ -21,6 +21,8 @@ from jaxtyping import Array, Float, Int
 
 from .._lapack import eigh, solve
 from ..physics import System
+from ._resolution import LARGEST_SPAN, network_span
+from ._time_grid import TimeGrid, reference_temperature
 
 TYPICAL_TEMPERATURE = 330.0
 """Of a cell's sides, K: where the search for the operating point starts."""
@@ -28,7 +30,7 @@ TYPICAL_TEMPERATURE = 330.0
 NEWTON_STEPS = 4
 
 BELIEVABLE = (200.0, 600.0)
-"""Temperatures of an operating point, K: a draw may describe a rig that runs away."""
+"""Bounds of an operating point, K: the parameters of a draw may describe a rig that runs away."""
 
 
 @final
@@ -37,10 +39,10 @@ class Modes(eqx.Module):
 
     `sides` are the rows of the shapes at the cells' sides (all cold, then all hot), `plate` those
     of the plate where its losses are not linear, else None.
-    `capacitance` is what the shapes are normalised with, `relief` the heat flow out of the cells'
-    sides per kelvin that has joined the network, W/K, `film` the same for what the plate loses
-    beyond its linear film, None for nothing, and `operating_point` where that was taken: the
-    sides' deviations, K.
+    `capacitance` is what the shapes are normalised with. `linearised_conductance` is the heat flow
+    out of the cells' sides per kelvin that has joined the network, W/K, and `linearised_loss` the
+    same for what the plate loses beyond its linear film, None for nothing. Both were taken at the
+    `operating_point`: the sides' deviations, K.
     """
 
     rates: Float[Array, " modes"]
@@ -48,8 +50,8 @@ class Modes(eqx.Module):
     sides: Float[Array, "sides modes"]
     plate: Float[Array, "elements modes"] | None
     capacitance: Float[Array, " nodes"]
-    relief: Float[Array, "sides sides"]
-    film: Float[Array, " elements"] | None
+    linearised_conductance: Float[Array, "sides sides"]
+    linearised_loss: Float[Array, " elements"] | None
     operating_point: Float[Array, " sides"]
 
     def amplitudes(self, deviation: Float[Array, " nodes"]) -> Float[Array, " modes"]:
@@ -69,15 +71,15 @@ def network_modes(
     """
     system, duty, reference = jax.lax.stop_gradient((system, duty, reference))
     sides = np.concatenate([system.wiring.cold, system.wiring.hot])
-    rest = _at_rest(system, duty, reference, sides)
-    slope = _slope(system, rest[sides], duty, reference)
-    relief = -(slope + slope.T) / 2
-    conductance = system.conductance.at[np.ix_(sides, sides)].add(relief)
-    film, plate = None, None
+    operating_point = _operating_point(system, duty, reference, sides)
+    slope = heat_slope(system, operating_point[sides], duty, reference)
+    linearised_conductance = -(slope + slope.T) / 2
+    conductance = system.conductance.at[np.ix_(sides, sides)].add(linearised_conductance)
+    linearised_loss, plate = None, None
     if system.loss is not None:
         plate = np.arange(system.wiring.elements)
-        film = system.loss.slope(rest[plate], reference)
-        conductance = conductance.at[plate, plate].add(film)
+        linearised_loss = system.loss.slope(operating_point[plate], reference)
+        conductance = conductance.at[plate, plate].add(linearised_loss)
     scale = 1 / jnp.sqrt(system.capacitance)
     rates, vectors = eigh(conductance * scale[:, None] * scale[None, :])
     shapes = scale[:, None] * vectors
@@ -87,37 +89,33 @@ def network_modes(
         sides=shapes[sides],
         plate=None if plate is None else shapes[plate],
         capacitance=system.capacitance,
-        relief=relief,
-        film=film,
-        operating_point=rest[sides],
+        linearised_conductance=linearised_conductance,
+        linearised_loss=linearised_loss,
+        operating_point=operating_point[sides],
     )
 
 
-def left_coupling(
-    system: System,
-    modes: Modes,
-    duty: Float[Array, "levels cells"],
-    reference: Float[Array, ""],
-    step: Float[Array, ""],
-) -> Float[Array, ""]:
-    """How strongly the cells act on themselves beyond the modes, within one step.
+def run_modes(system: System, grid: TimeGrid) -> Modes:
+    """The modes with the cells at their operating point under the run's mean duty cycle.
 
-    The largest row sum of |what a heat flow at the sides does to their temperatures in a step| x
-    |what is left of -dq/dx| over some duty cycles: an explicit treatment of the rest is safe well
-    below 1.
+    Their rates, and with them all that is solved, are NaN where float64 cannot tell the slow ones
+    beside the fast ones of the network: see `_resolution`.
+
+    **Arguments:**
+
+    - `system`: the equations.
+    - `grid`: steps and the duty cycles as commanded.
     """
-    x = modes.rates * step
-    answer = jnp.where(jnp.abs(x) < 1e-6, 1.0, -jnp.expm1(-x) / jnp.where(x == 0, 1.0, x)) * step
-    warms = jnp.abs(modes.sides * answer @ modes.sides.T)
-
-    def rest(duty: Array) -> Array:
-        slope = _slope(system, modes.operating_point, duty, reference)
-        return (warms @ jnp.abs(modes.relief + slope)).sum(axis=1).max()
-
-    return jax.vmap(rest)(duty).max()
+    dtype = system.capacitance.dtype
+    lengths = jnp.asarray(grid.sizes, dtype)[grid.size]
+    duration = lengths.sum()
+    duty = lengths @ jnp.asarray(grid.duty, dtype) / duration
+    modes = network_modes(system, duty, reference_temperature(system, grid))
+    is_resolved = network_span(system, modes.rates[0], duration) <= LARGEST_SPAN
+    return eqx.tree_at(lambda m: m.rates, modes, jnp.where(is_resolved, modes.rates, jnp.nan))
 
 
-def _at_rest(
+def _operating_point(
     system: System, duty: Float[Array, " cells"], reference: Float[Array, ""], sides: np.ndarray
 ) -> Float[Array, " nodes"]:
     """About where the rig comes to rest under a duty cycle: deviations.
@@ -125,26 +123,37 @@ def _at_rest(
     Newton's method on the cells' sides alone: x = Z q(x) with Z the network's thermal resistances
     seen from them. A few kelvin are near enough; losses are taken as linear.
     """
-    warmed = solve(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
-    seen = warmed[sides]
-    unit = jnp.eye(sides.size, dtype=seen.dtype)
+    resistance = solve(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
+    side_resistance = resistance[sides]
+    unit = jnp.eye(sides.size, dtype=side_resistance.dtype)
     lowest, highest = (bound - reference for bound in BELIEVABLE)
 
     def newton(_: Int[Array, ""], at: Float[Array, " sides"]) -> Float[Array, " sides"]:
-        slope = _slope(system, at, duty, reference)
-        change = at - seen @ _flow(system, at, duty, reference)
-        return jnp.clip(at - solve(unit - seen @ slope, change), lowest, highest)
+        slope = heat_slope(system, at, duty, reference)
+        change = at - side_resistance @ side_heat(system, at, duty, reference)
+        return jnp.clip(at - solve(unit - side_resistance @ slope, change), lowest, highest)
 
-    start = jnp.full(sides.size, TYPICAL_TEMPERATURE, seen.dtype) - reference
+    start = jnp.full(sides.size, TYPICAL_TEMPERATURE, side_resistance.dtype) - reference
     at = jax.lax.fori_loop(0, NEWTON_STEPS, newton, start)
-    return jnp.clip(warmed @ _flow(system, at, duty, reference), lowest, highest)
+    return jnp.clip(resistance @ side_heat(system, at, duty, reference), lowest, highest)
 
 
-def _flow(system: System, at: Array, duty: Array, reference: Array) -> Float[Array, " sides"]:
-    """q, the cells' heat into their sides, W."""
+def side_heat(
+    system: System,
+    at: Float[Array, " sides"],
+    duty: Float[Array, " cells"],
+    reference: Float[Array, ""],
+) -> Float[Array, " sides"]:
+    """The cells' heat flow into their sides, which are `at` these deviations, W."""
     flows = system.cell_heat(at + reference, duty)
     return jnp.concatenate([-flows.cold, flows.hot])
 
 
-def _slope(system: System, at: Array, duty: Array, reference: Array) -> Float[Array, "sides sides"]:
-    return jax.jacfwd(lambda at: _flow(system, at, duty, reference))(at)
+def heat_slope(
+    system: System,
+    at: Float[Array, " sides"],
+    duty: Float[Array, " cells"],
+    reference: Float[Array, ""],
+) -> Float[Array, "sides sides"]:
+    """The derivative of `side_heat` with respect to the deviations, W/K."""
+    return jax.jacfwd(lambda at: side_heat(system, at, duty, reference))(at)

@@ -6,6 +6,7 @@ length and leave temperatures as they are; samples that are added repeat the las
 missing where samples are summed.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -15,7 +16,7 @@ from jaxtyping import Shaped
 from ..io import Experiment
 from ..physics import System, Twin
 from ._interpolation import POWERS
-from ._schedule import Schedule, build_schedule, twin_steps
+from ._time_grid import TimeGrid, build_time_grid, twin_steps
 
 PARTS = 8
 """Sizes an octave, and the smallest one."""
@@ -43,31 +44,41 @@ def padded(
     return np.concatenate([rows, np.repeat(last, missing, axis=0)])
 
 
-def padded_schedule(twin: Twin | System, experiment: Experiment, refinement: int = 0) -> Schedule:
-    """The default solver's schedule for a twin, filled up.
+def padded_time_grid(
+    twin: Twin | System,
+    experiment: Experiment,
+    refinement: int = 0,
+    *,
+    steady_start: bool = False,
+) -> TimeGrid:
+    """The default solver's grid for a twin, filled up.
 
-    **Arguments:** as those of `twin_schedule`.
+    **Arguments:**
+
+    - `twin`, `experiment`, `refinement`: those of `time_grid`.
+    - `steady_start`: whether the first duty cycle has been held for ever.
     """
-    return _padded_schedule(experiment, twin_steps(twin, refinement))
+    grid = _padded_time_grid(experiment, twin_steps(twin, refinement))
+    return replace(grid, steady_start=True) if steady_start else grid
 
 
 @lru_cache(maxsize=64)
-def _padded_schedule(
+def _padded_time_grid(
     experiment: Experiment, steps: tuple[float, float, float, float, int]
-) -> Schedule:
-    schedule = build_schedule(experiment, *steps)
+) -> TimeGrid:
+    grid = build_time_grid(experiment, *steps)
     # A temperature within a step of no length is the one at its start.
     standing = np.zeros((POWERS, POWERS))
     standing[0, 0] = 1.0
-    ambient, ambient_at = schedule.ambient, schedule.ambient_at
-    return Schedule(
-        times=padded(np.asarray(schedule.times)),
-        sizes=np.append(schedule.sizes, np.zeros(SIZES - len(schedule.sizes) % SIZES)),
-        size=padded(np.asarray(schedule.size), len(schedule.sizes), STEPS),
-        duty=padded(np.asarray(schedule.duty), least=STEPS),
+    ambient, ambient_at = grid.ambient, grid.ambient_at
+    return TimeGrid(
+        times=padded(np.asarray(grid.times)),
+        sizes=np.append(grid.sizes, np.zeros(SIZES - len(grid.sizes) % SIZES)),
+        size=padded(np.asarray(grid.size), len(grid.sizes), STEPS),
+        duty=padded(np.asarray(grid.duty), least=STEPS),
         ambient=None if ambient is None else padded(np.asarray(ambient), least=STEPS),
-        polynomials=padded(np.asarray(schedule.polynomials), standing, STEPS),
-        step_of=padded(np.asarray(schedule.step_of)),
-        weights=padded(np.asarray(schedule.weights)),
+        polynomials=padded(np.asarray(grid.polynomials), standing, STEPS),
+        step_of=padded(np.asarray(grid.step_of)),
+        weights=padded(np.asarray(grid.weights)),
         ambient_at=None if ambient_at is None else padded(np.asarray(ambient_at)),
     )

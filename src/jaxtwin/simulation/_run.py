@@ -106,8 +106,8 @@ class Run:
 
     def to_xarray(self) -> "xarray.Dataset":
         """The run with labels: temperature (time, channel), state (time, node), duty (time, cell),
-        spread and deviation (time) over the channels and, where they are known, recorded (time,
-        channel), recorded_spread, recorded_deviation and ambient (time)."""
+        channel_range and channel_std (time) over the channels and, where they are known, recorded
+        (time, channel), recorded_range, recorded_std and ambient (time)."""
         import xarray
 
         duty = self.experiment.duty
@@ -117,13 +117,13 @@ class Run:
             "state": (("time", "node"), self.states, celsius),
             "duty": (("time", "cell"), duty, {"units": "1"}),
         }
-        evenness = {"": self.uniformity}
+        uniformities = {"channel": self.uniformity}
         if self.experiment.temperatures is not None:
             variables["recorded"] = (("time", "channel"), self._recorded, celsius)
-            evenness["recorded_"] = self.recorded_uniformity
-        for prefix, one in evenness.items():
-            variables[f"{prefix}spread"] = ("time", one.spread, {"units": "K"})
-            variables[f"{prefix}deviation"] = ("time", one.deviation, {"units": "K"})
+            uniformities["recorded"] = self.recorded_uniformity
+        for prefix, over_channels in uniformities.items():
+            variables[f"{prefix}_range"] = ("time", over_channels.range, {"units": "K"})
+            variables[f"{prefix}_std"] = ("time", over_channels.std, {"units": "K"})
         if self.experiment.ambient is not None:
             ambient = np.broadcast_to(self.experiment.ambient, self.time.shape)
             variables["ambient"] = ("time", ambient, celsius)

@@ -1,41 +1,38 @@
 """One run of a twin."""
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
+import diffrax
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from .._arguments import finite_number, of_kind
+from .._arguments import of_kind
+from .._compilation import persistent_jit
 from .._errors import ParameterError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..io._experiment import EXPERIMENT
-from ..physics import System, Twin, build_netlist, check_twin
+from ..physics import Twin, build_netlist, check_twin
 from ..rig import Rig, Value
-from ._ambient import ambient_of_samples, reference_temperature
-from ._initial import Initial, checked_initial, initial_temperatures, keeps_symmetry
+from ._diffeqsolve import DiffraxMethod, checked_method, solve_with_diffrax, stiff_method
+from ._drive import Drive
+from ._initial import (
+    CheckedInitial,
+    Initial,
+    checked_initial,
+    initial_temperatures,
+    keeps_symmetry,
+)
+from ._integrate import integrate
+from ._modes import run_modes
 from ._own_twin import FittedTwins, own_twin
-from ._padding import padded_schedule
+from ._padding import padded_time_grid
+from ._refinement import Results, solve_refined, stability_number
 from ._resolution import unresolved_network
 from ._run import Run
-from ._schedule import REFINEMENTS, Schedule, twin_schedule
-from ._solve import (
-    arriving,
-    coupling_left,
-    schedule_modes,
-    solve_steps,
-    too_coarse,
-)
-
-if TYPE_CHECKING:
-    import diffrax
-
-
-RESCUE_STEPS = 5000
-"""Of the stiff solver that takes over, between two changes of the input on average, at most; it
-needs some hundreds."""
+from ._time_grid import TimeGrid
 
 
 def simulate(
@@ -43,25 +40,25 @@ def simulate(
     experiment: Experiment,
     *,
     initial: Initial = None,
-    solver: "diffrax.AbstractSolver | None" = None,
-    stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
+    solver: diffrax.AbstractSolver | None = None,
+    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
     dt0: float | None = None,
 ) -> Run:
     """Runs a twin through an experiment, in float64.
 
     The default solver integrates the linear network exactly and steps over the cells' heat flows
     (see `jaxtwin.simulation`); it is the fastest that was measured at errors below 1e-3 K in the
-    channels. It looks at its own error: where that is in doubt, or the cells' heat flows are stiff
-    in themselves (`coupling_left`), its steps are halved, and where three halvings do not help
-    `diffrax.Kvaerno5` takes its place.
+    channels. It estimates its own error: where that is too large, or the cells' heat flows are
+    stiff in themselves (`stability_number`), its steps are halved, and where three halvings do not
+    help `diffrax.Kvaerno5` takes its place.
 
     **Arguments:**
 
     - `twin`: the twin; or a fit, which is run with the experiment's own values, see `Fit.twin_for`.
     - `experiment`: its duty cycles drive the twin, held from sample to sample. A recorded ambient
       takes the place of the rig's. Where it names channels, these are returned.
-    - `initial`: temperatures at the start. None: as the rig says. `"steady"`: at rest under the
-      first input. A number: uniform, degC. An array `(nodes,)`: each node, degC.
+    - `initial`: temperatures at the start. None: as the rig says. `"steady"`: the steady state
+      under the first input. A number: uniform, degC. An array `(nodes,)`: each node, degC.
     - `solver`: any diffrax solver, or None for the default.
     - `stepsize_controller`, `dt0`: an adaptive controller for that solver and its first step, s.
       By default a `PIDController` at 1e-7 where the solver estimates its error, else the steps that
@@ -76,39 +73,43 @@ def simulate(
     where a resistance, a heat capacity, or a driver's lag or delay is not above 0, or a parameter
     holds more than one value.
     """
-    if solver is not None:
-        _check_solver(solver, stepsize_controller, dt0)
-    if solver is None and not (stepsize_controller is None and dt0 is None):
-        raise SimulationError(
-            "stepsize_controller, dt0: found without a solver, allowed is beside one; the default "
-            "solver chooses its steps itself"
-        )
+    method = chosen_method(solver, stepsize_controller, dt0)
     twin = own_twin(twin, experiment)
     channels = checked_channels(twin, experiment)
     _check_values(twin)
     start = checked_initial(twin, initial)
+
+    def solve(_: Int[np.ndarray, " draws"], refinement: int) -> Results:
+        grid = padded_time_grid(twin, experiment, refinement, steady_start=isinstance(start, str))
+        states, readings, number, error = _run_exponential(twin, grid, start)
+        samples = slice(len(experiment.time))
+        return {
+            "states": np.array(states)[None, samples],
+            "readings": np.array(readings)[None, samples],
+            "stability_number": np.asarray(number)[None],
+            "error_estimate": np.asarray(error)[None],
+        }
+
+    def solve_by(method: DiffraxMethod) -> Results:
+        states, readings, result = _run_diffrax(twin, start, experiment, method)
+        if result != diffrax.RESULTS.successful:
+            name = type(method.solver).__name__
+            raise SimulationError(f"{twin.rig.name}: {name}: {result}")
+        return {"states": np.asarray(states)[None], "readings": np.asarray(readings)[None]}
+
     with own_settings():
-        if solver is not None:
-            _check_resolved(twin, padded_schedule(twin, experiment))
-        for refinement in range(REFINEMENTS + 1 if solver is None else 0):
-            schedule = padded_schedule(twin, experiment, refinement)
-            states, readings, coupling, doubt = _run_exponential(twin, schedule, start)
-            if not too_coarse(coupling, doubt, refinement):
-                break
+        if method is None:
+            results = solve_refined(1, solve, lambda _: solve_by(stiff_method(experiment)))
         else:
-            schedule = twin_schedule(twin, experiment)
-            states, readings = _run_checked(
-                twin, schedule, start, experiment, solver, stepsize_controller, dt0
+            _check_resolved(twin, experiment)
+            results = solve_by(method)
+        states, readings = results["states"][0], results["readings"][0]
+        if not np.isfinite(states).all():
+            _check_resolved(twin, experiment)
+            raise SimulationError(
+                f"{twin.rig.name}: the temperatures do not stay finite; look for parameters far "
+                "outside their bounds"
             )
-        times = len(experiment.time)
-        states, readings = np.asarray(states)[:times], np.asarray(readings)[:times]
-    if not np.isfinite(states).all():
-        with own_settings():
-            _check_resolved(twin, padded_schedule(twin, experiment))
-        raise SimulationError(
-            f"{twin.rig.name}: the temperatures do not stay finite; look for parameters far "
-            "outside their bounds"
-        )
     return Run(
         experiment=experiment,
         channels=channels,
@@ -120,29 +121,46 @@ def simulate(
 
 
 def response(
-    twin: Twin | FittedTwins, experiment: Experiment, *, initial: Initial = None
+    twin: Twin | FittedTwins,
+    experiment: Experiment,
+    *,
+    initial: Initial = None,
+    solver: diffrax.AbstractSolver | None = None,
+    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
+    dt0: float | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
 ) -> Float[Array, "times channels"]:
     """The channels' temperatures as a pure JAX function of the twin's parameters, degC.
 
     For one's own `jax.jit`, `jax.vmap`, `jax.jacfwd` or `jax.grad`; compiled by itself where it is
     called outside of `jax.jit`. `simulate` is this with checks and labels.
     Its precision is that of the caller: wrap it in `jax.enable_x64(True)` for float64.
-    Always the default solver on its longest steps: only `simulate` looks whether shorter ones, or
-    a stiff solver, are needed. NaN where the network's rates are further apart than float64 can
-    tell, which `simulate` refuses.
+    The default solver always takes its longest steps: only `simulate` looks whether shorter ones,
+    or a stiff solver, are needed. NaN where the network's rates are further apart than float64 can
+    tell, which `simulate` refuses, and where a diffrax solver does not reach the end.
 
-    **Arguments:** as those of `simulate`.
+    **Arguments:** as those of `simulate`, and
+
+    - `adjoint`: how derivatives pass through a diffrax solver: `diffrax.ForwardMode()` by default,
+      for `jax.jacfwd`; `diffrax.RecursiveCheckpointAdjoint()`, for `jax.grad`, say.
 
     **Returns:** `(times, channels)`, degC, for the channels that the experiment names, else all.
 
-    **Raises:** `SimulationError` where experiment and rig do not belong together.
+    **Raises:** `SimulationError` where experiment and rig do not belong together, or diffrax cannot
+    take an option.
     """
+    method = chosen_method(solver, stepsize_controller, dt0, adjoint)
     twin = own_twin(twin, experiment)
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)
     with own_settings(float64=None):
-        _, readings, _, _ = _run_exponential(twin, padded_schedule(twin, experiment), start)
+        if method is None:
+            grid = padded_time_grid(twin, experiment, steady_start=isinstance(start, str))
+            _, readings, _, _ = _run_exponential(twin, grid, start)
+        else:
+            _, readings, result = _run_diffrax(twin, start, experiment, method)
+            readings = jnp.where(result == diffrax.RESULTS.successful, readings, jnp.nan)
         return readings[: len(experiment.time), columns] - 273.15
 
 
@@ -170,19 +188,27 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
     return experiment.channels or twin.channels
 
 
-def _check_solver(
-    solver: "diffrax.AbstractSolver",
-    controller: "diffrax.AbstractStepSizeController | None",
+def chosen_method(
+    solver: diffrax.AbstractSolver | None,
+    stepsize_controller: diffrax.AbstractStepSizeController | None,
     dt0: float | None,
-) -> None:
-    import diffrax
+    adjoint: diffrax.AbstractAdjoint | None = None,
+) -> DiffraxMethod | None:
+    """How diffrax is to solve; None for the default solver.
 
-    of_kind("solver", solver, diffrax.AbstractSolver, "a diffrax solver or None", SimulationError)
-    if controller is not None:
-        kind, allowed = diffrax.AbstractStepSizeController, "a diffrax controller or None"
-        of_kind("stepsize_controller", controller, kind, allowed, SimulationError)
-    if dt0 is not None and finite_number("dt0", dt0, SimulationError) <= 0:
-        raise SimulationError(f"dt0: found {dt0!r} s, allowed is above 0 or None")
+    **Raises:** `SimulationError` for what diffrax cannot take, or options of a diffrax solver
+    without one.
+    """
+    if solver is not None:
+        return checked_method(solver, stepsize_controller, dt0, adjoint)
+    options = {"stepsize_controller": stepsize_controller, "dt0": dt0, "adjoint": adjoint}
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        raise SimulationError(
+            f"{', '.join(given)}: found without a solver, allowed is beside one; the default "
+            "solver chooses its steps itself"
+        )
+    return None
 
 
 def _check_values(twin: Twin) -> None:
@@ -220,90 +246,43 @@ def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
     return tuple((what, value) for value, what in first.items())
 
 
-def _check_resolved(twin: Twin, schedule: Schedule) -> None:
-    if np.isnan(_coupling(twin, schedule)):
+def _check_resolved(twin: Twin, experiment: Experiment) -> None:
+    if np.isnan(_stability_number(twin, padded_time_grid(twin, experiment))):
         raise unresolved_network(twin)
 
 
-@eqx.filter_jit
-def _coupling(twin: Twin, schedule: Schedule) -> Float[Array, ""]:
+@persistent_jit
+def _stability_number(twin: Twin, grid: TimeGrid) -> Float[Array, ""]:
     system = twin.system(lumped=True)
-    return coupling_left(system, schedule_modes(system, schedule), schedule)
+    return stability_number(system, run_modes(system, grid), grid)
 
 
-@eqx.filter_jit
+@persistent_jit
 def _run_exponential(
-    twin: Twin, schedule: Schedule, initial: str | Float[Array | np.ndarray, " starts"] | None
-) -> tuple[Array, Array, Float[Array, ""], Float[Array, ""]]:
-    """Absolute temperatures of the rig's nodes `(times, nodes)` and of its channels
-    `(times, channels)`, K, `coupling_left`, and the solution's doubt."""
+    twin: Twin, grid: TimeGrid, initial: CheckedInitial
+) -> tuple[
+    Float[Array, "times rig_nodes"],
+    Float[Array, "times channels"],
+    Float[Array, ""],
+    Float[Array, ""],
+]:
+    """Absolute temperatures of the rig's nodes and of its channels, K, the `stability_number`, and
+    the solution's error estimate, K."""
     system = twin.system(lumped=keeps_symmetry(initial))
-    reference = reference_temperature(system, schedule)
-    start = initial_temperatures(system, initial, schedule.duty[0], reference)
-    at_rest = isinstance(initial, str)
-    modes, seen = schedule_modes(system, schedule), arriving(schedule, system, at_rest)
-    read = solve_steps(system, seen, modes, start, np.eye(start.size), at_rest)
-    states, readings = _absolute(system, schedule, read.at_samples(seen), reference)
-    return states, readings, coupling_left(system, modes, schedule), read.doubt
-
-
-def _absolute(
-    system: System,
-    schedule: Schedule,
-    deviation: Float[Array, "times nodes"],
-    reference: Float[Array, ""],
-) -> tuple[Float[Array, "times rig_nodes"], Float[Array, "times channels"]]:
-    readings = system.channel_temperatures(deviation, ambient_of_samples(system, schedule))
-    return deviation[:, system.wiring.position] + reference, readings + reference
-
-
-def _run_checked(
-    twin: Twin,
-    schedule: Schedule,
-    initial: str | Float[np.ndarray, " starts"] | None,
-    experiment: Experiment,
-    solver: "diffrax.AbstractSolver | None",
-    controller: "diffrax.AbstractStepSizeController | None",
-    dt0: float | None,
-) -> tuple[Array, Array]:
-    """By a diffrax solver; the stiff one of our choice where none is given."""
-    most = None
-    if solver is None:
-        import diffrax
-
-        from ._diffrax import input_changes
-
-        # Temperatures without a bound would keep it at ever shorter steps.
-        solver, most = diffrax.Kvaerno5(), RESCUE_STEPS * (1 + len(input_changes(experiment)))
-    states, readings, ok, message = _run_diffrax(
-        twin, schedule, initial, experiment, solver, controller, dt0, most
-    )
-    if not ok:
-        raise SimulationError(f"{twin.rig.name}: {type(solver).__name__}: {message}")
-    return states, readings
+    drive, modes = Drive.of(system, grid), run_modes(system, grid)
+    start = initial_temperatures(system, initial, grid.duty[0], drive.reference)
+    read = integrate(system, drive, modes, start, np.eye(start.size))
+    deviation = read.at_samples(drive.grid)
+    readings = system.channel_temperatures(deviation, drive.ambient_at_samples())
+    states = deviation[:, system.wiring.position] + drive.reference
+    number = stability_number(system, modes, grid)
+    return states, readings + drive.reference, number, read.error_estimate
 
 
 @eqx.filter_jit
 def _run_diffrax(
-    twin: Twin,
-    schedule: Schedule,
-    initial: str | Float[Array | np.ndarray, " starts"] | None,
-    experiment: Experiment,
-    solver: "diffrax.AbstractSolver",
-    controller: "diffrax.AbstractStepSizeController | None",
-    dt0: float | None,
-    most: int | None,
-) -> tuple[Float[Array, "times nodes"], Float[Array, "times channels"], Array, object]:
-    import diffrax
-
-    from ._diffrax import solve_with_diffrax
-
+    twin: Twin, initial: CheckedInitial, experiment: Experiment, method: DiffraxMethod
+) -> tuple[Float[Array, "times rig_nodes"], Float[Array, "times channels"], diffrax.RESULTS]:
+    """Absolute temperatures of the rig's nodes and of its channels, K, and diffrax's result."""
     system = twin.system(lumped=keeps_symmetry(initial))
-    reference = reference_temperature(system, schedule)
-    start = initial_temperatures(system, initial, schedule.duty[0], reference)
-    at_rest = isinstance(initial, str)
-    deviation, result = solve_with_diffrax(
-        system, schedule, start, reference, experiment, solver, controller, dt0, at_rest, most
-    )
-    states, readings = _absolute(system, schedule, deviation, reference)
-    return states, readings, result == diffrax.RESULTS.successful, result
+    return solve_with_diffrax(system, experiment, initial, method)

@@ -12,41 +12,41 @@ from jaxtyping import Float
 class Uniformity:
     """How even temperatures are over several places, at each time.
 
-    At a time at which one of the temperatures is missing both measures are NaN: the spread over
+    At a time at which one of the temperatures is missing both measures are NaN: the range over
     other places is another quantity. Such times do not count in the means and the largest.
 
     **Arguments:**
 
     - `time`: s.
-    - `spread`: the highest less the lowest, K.
-    - `deviation`: their standard deviation, K.
+    - `range`: the highest less the lowest, K.
+    - `std`: their standard deviation, K.
     - `places`: names.
     """
 
     time: Float[np.ndarray, " times"]
-    spread: Float[np.ndarray, " times"]
-    deviation: Float[np.ndarray, " times"]
+    range: Float[np.ndarray, " times"]
+    std: Float[np.ndarray, " times"]
     places: tuple[str, ...]
 
     @property
-    def mean_spread(self) -> float:
+    def mean_range(self) -> float:
         """Over time, K."""
-        return _mean(self.spread)
+        return _mean(self.range)
 
     @property
-    def mean_deviation(self) -> float:
+    def mean_std(self) -> float:
         """Over time, K."""
-        return _mean(self.deviation)
+        return _mean(self.std)
 
     @property
-    def largest_spread(self) -> float:
+    def largest_range(self) -> float:
         """Over time, K."""
-        return float(np.fmax.reduce(self.spread))
+        return float(np.fmax.reduce(self.range))
 
     def __repr__(self) -> str:
         return (
-            f"<Uniformity of {len(self.places)} places: spread {self.mean_spread:.2f} K on "
-            f"average, {self.largest_spread:.2f} K at most>"
+            f"<Uniformity of {len(self.places)} places: range {self.mean_range:.2f} K on "
+            f"average, {self.largest_range:.2f} K at most>"
         )
 
 
@@ -65,8 +65,8 @@ def uniformity(
     """
     return Uniformity(
         time=time,
-        spread=np.ptp(temperatures, axis=1),
-        deviation=temperatures.std(axis=1),
+        range=np.ptp(temperatures, axis=1),
+        std=temperatures.std(axis=1),
         places=places,
     )
 

@@ -24,7 +24,7 @@ from ..sensitivity_analysis._sampling import checked_seed, checked_spread, norma
 from ..simulation import (
     REDUCTIONS,
     Precision,
-    Reduction,
+    ReductionName,
     checked_channels,
     checked_precision,
     checked_reductions,
@@ -40,8 +40,8 @@ ROLES = {
     "final": ("channel", "degC"),
     "minimum": ("channel", "degC"),
     "maximum": ("channel", "degC"),
-    "spread": ("recording", "K"),
-    "deviation": ("recording", "K"),
+    "plate_range": ("recording", "K"),
+    "plate_std": ("recording", "K"),
 }
 """Second dimension of each array of draws, and its unit."""
 
@@ -66,7 +66,7 @@ class Plan:
     draws: int
     spread: float
     seed: int
-    reductions: tuple[Reduction, ...]
+    reductions: tuple[ReductionName, ...]
     precision: Precision
     chunk_size: int
 

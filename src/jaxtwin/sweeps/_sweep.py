@@ -15,7 +15,7 @@ from .._errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
-from ..simulation._batch import Precision
+from ..simulation import Precision
 from ._open import count_failed, open_sweep
 from ._parts import assigned_part
 from ._plan import plan_sweep

@@ -15,9 +15,9 @@ from ..matching import (
     WARM_UP,
     Fit,
     Iteration,
-    checked_recordings,
     estimate_initial_conditions,
     match,
+    named_recordings,
 )
 from ..physics import Twin
 from ..simulation import Run, simulate
@@ -60,7 +60,7 @@ def validate(
     own = None if own is None else names_of("validate: own", own, MatchError)
     warm_up = finite_number("validate: warm_up", warm_up, MatchError)
     several = as_experiments("validate: experiments", experiments, MatchError)
-    names = checked_recordings(twin, several)
+    names = named_recordings(twin, several)
     check_callable("validate: on_progress", on_progress, MatchError)
     made = []
     for name, one in zip(names, several, strict=True):
@@ -94,7 +94,7 @@ def validate_split(
     twin = twin.mean_twin if isinstance(twin, Fit) else twin
     at = finite_number("validate_split: at", at, MatchError)
     several = as_experiments("validate_split: experiments", experiments, MatchError)
-    names = checked_recordings(twin, several)
+    names = named_recordings(twin, several)
     check_callable("validate_split: on_progress", on_progress, MatchError)
     for name, one in zip(names, several, strict=True):
         before, after = (_samples(one, part) for part in (one.time < at, one.time >= at))
@@ -142,7 +142,7 @@ def leave_one_out(
     several = as_experiments("leave_one_out: experiments", experiments, MatchError)
     warm_up = finite_number("leave_one_out: warm_up", warm_up, MatchError)
     check_callable("leave_one_out: on_progress", on_progress, MatchError)
-    names = checked_recordings(twin, several)
+    names = named_recordings(twin, several)
     if len(several) < 2:
         raise MatchError(f"leave one out: found {len(several)} recordings, allowed are two or more")
     made = []

@@ -13,11 +13,10 @@ from jaxtyping import Float
 from .._errors import SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
+from ..physics import Netlist, ThermoelectricElement, Twin
+from ..physics._loss import CALM, STEFAN_BOLTZMANN
 from ..rig import Rig, Value
 from ..rig._plate import AMBIENT, FILM_REFERENCE
-from ._loss import CALM, STEFAN_BOLTZMANN
-from ._netlist import Netlist, ThermoelectricElement
-from ._twin import Twin
 
 _RAMP = 1e-6
 """How long a step of the drive takes, s: sources of SPICE are made of straight lines."""
@@ -117,10 +116,10 @@ def _network(
         lines.append(f"C_{name} {name} 0 {capacitance} ; {node.kind}: {node.capacitance}")
         lines.append(f".ic v({name})={start!r}")
     lines += ["*", "* Links"]
-    taken: set[str] = set()
+    used: set[str] = set()
     for link in netlist.links:
         a, b = names[link.a], names[link.b]
-        resistor = _unique(f"R{link.role}_{a}_{b}", taken)
+        resistor = _unique(f"R{link.role}_{a}_{b}", used)
         resistance = float(link.resistance(values))
         formula = " + ".join(str(value) for value in link.resistances)
         lines.append(f"{resistor} {a} {b} {resistance!r} ; {formula}")
@@ -266,19 +265,19 @@ def _held(time: Float[np.ndarray, " times"], values: Float[np.ndarray, " times"]
 
 
 def _node_names(netlist: Netlist) -> dict[str, str]:
-    taken = {"ambient"}
-    names = {node.name: _unique(f"{node.name}", taken) for node in netlist.nodes}
+    used = {"ambient"}
+    names = {node.name: _unique(node.name, used) for node in netlist.nodes}
     return names | {AMBIENT: "ambient"}
 
 
-def _unique(text: str, taken: set[str]) -> str:
-    """A name that SPICE understands, which knows no case, unlike those in `taken`."""
+def _unique(text: str, used: set[str]) -> str:
+    """A name that SPICE understands, which knows no case, unlike those `used` already."""
     name = plain = re.sub(r"\W", "_", text, flags=re.ASCII)
     number = 1
-    while name.lower() in taken:
+    while name.lower() in used:
         number += 1
         name = f"{plain}_{number}"
-    taken.add(name.lower())
+    used.add(name.lower())
     return name
 
 

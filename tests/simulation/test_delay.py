@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin.simulation._actuator import lagged_duty
+from jaxtwin.simulation._delay import lagged_duty
 
 STARTS = np.array([0.0, 10.0, 30.0])
 COMMANDS = np.array([[0.5, 0.2], [0.8, -0.4], [0.0, 1.0]])
@@ -43,7 +43,7 @@ def test_a_delay_shifts_all_of_it_and_begins_at_nothing():
 
 
 @pytest.mark.usefixtures("float64")
-def test_at_rest_the_first_command_has_been_held_for_ever():
+def test_from_a_steady_start_the_first_command_has_been_held_for_ever():
     found = lagged_duty(
         jnp.array(3.0), None, jnp.array(STARTS), jnp.array(COMMANDS), jnp.array([0.0, 9.0]), True
     )

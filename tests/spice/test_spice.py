@@ -10,8 +10,9 @@ import pytest
 
 from jaxtwin import ParameterError, SimulationError, load_rig
 from jaxtwin.io import Experiment
-from jaxtwin.physics import Twin, to_spice
+from jaxtwin.physics import Twin
 from jaxtwin.simulation import simulate
+from jaxtwin.spice import to_spice
 
 STEPS = Experiment.schedule("0:0.502,500:0.784", duration=1000.0, cells=2)
 

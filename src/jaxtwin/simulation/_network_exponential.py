@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics import System
-from ._actuator import lagged_duty
+from ._delay import lagged_duty
 from ._exponential import Inputs, ModalField, StepFactors, exponential_step, step_factors
 from ._modes import Modes, network_modes
 
@@ -25,7 +25,7 @@ class HeldInputs(eqx.Module):
 
     - `starts`: `(spans,)`, s. `duty`: `(spans, cells)`. `ambient`: deviation, `(spans,)`, K.
     - `drift`: of the ambient beside that, K/s, or None.
-    - `lag`, `delay`, `at_rest`: of what reaches the cells behind the duty, see `lagged_duty`.
+    - `lag`, `delay`, `steady_start`: of what reaches the cells behind the duty, see `lagged_duty`.
     """
 
     starts: Float[Array, " spans"]
@@ -33,7 +33,7 @@ class HeldInputs(eqx.Module):
     ambient: Float[Array, " spans"]
     lag: Float[Array, ""] | None = None
     delay: Float[Array, ""] | None = None
-    at_rest: bool = eqx.field(static=True, default=False)
+    steady_start: bool = eqx.field(static=True, default=False)
     drift: Float[Array, ""] | None = None
 
     def __call__(self, t: RealScalarLike) -> Inputs:
@@ -57,7 +57,7 @@ class HeldInputs(eqx.Module):
     def _duty(self, t: Float[Array, "*times"], now: Int[Array, ""]) -> Float[Array, "*times cells"]:
         if self.lag is None:
             return self.duty[now]
-        return lagged_duty(self.lag, self.delay, self.starts, self.duty, t, self.at_rest)
+        return lagged_duty(self.lag, self.delay, self.starts, self.duty, t, self.steady_start)
 
 
 @final
@@ -95,11 +95,11 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
     `ODETerm(network_field)` and a `NetworkProblem` as `args`.
 
     **Not for** cells that act on themselves strongly beyond their linear part at rest under the
-    mean duty cycle, that is where `left_coupling` passes about 1 (cells of very low resistance far
-    from that point, steps of many seconds): the step is explicit in that part. An adaptive
-    controller shortens the steps then; a stiff solver such as `diffrax.Kvaerno5` takes longer
-    ones. `simulate` and `simulate_batch` look at it, halve their steps, and change
-    over where that does not help.
+    mean duty cycle, that is where the `stability_number` passes about 1 (cells of very low
+    resistance far from that point, steps of many seconds): the step is explicit in that part. An
+    adaptive controller shortens the steps then; a stiff solver such as `diffrax.Kvaerno5` takes
+    longer ones. `simulate` and `simulate_batch` look at it, halve their steps, and change over
+    where that does not help.
     """
 
     term_structure: ClassVar = diffrax.ODETerm

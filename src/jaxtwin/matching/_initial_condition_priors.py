@@ -2,7 +2,7 @@ r"""What is known of the states that a recording begins with, before it is looke
 
 They are different states, and each has its own prior:
 
-- the *room* is expected where the fit's recordings had it, give or take the spread between them;
+- the *room* is expected where the fit's recordings had it, give or take their differences;
   without a fit, where the twin has it, with the spread of the rig file's prior;
 - the *plate* begins where its channels read first;
 - the *sinks* begin near the room, the less so the farther the plate is from it;
@@ -19,13 +19,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..rig import Parameter, Rig, Value
-from ._residuals import Ties
+from ._objective import LinearPrior
 from ._unknowns import Unknowns
 
-REST_SPREAD = 1.0
+REST_SCALE = 1.0
 """Scale of the Cauchy prior of the difference between plate and room, K."""
 
-ROOM_SPREAD = 2.0
+ROOM_DEVIATION = 2.0
 """Standard deviation of the room between recordings before any has been seen, K. It counts as much
 as so many recordings as `ROOM_WEIGHT` says."""
 
@@ -40,13 +40,13 @@ def with_prior(
 ) -> Parameter:
     """A value of a recording with its prior."""
     if row.name in _plate(rig) | _sinks(rig):
-        # The first readings and the ties to the room say the rest.
+        # The first readings and the differences from the room say the rest.
         spread = 10.0 + 0.5 * abs(first - row.value)
         return _around(replace(row, value=first), first, spread)
     seen = np.array([values[row.name] for values in earlier.values() if row.name in values])
     if row.is_logarithmic:
         seen = np.log(seen)
-    usual = ROOM_SPREAD if row.name in room_parameters(rig) else row.prior_spread
+    usual = ROOM_DEVIATION if row.name in room_parameters(rig) else row.prior_spread
     if not len(seen) or usual is None:
         return row if row.prior_value is None else replace(row, prior_value=row.value)
     squares = ROOM_WEIGHT * usual**2 + float(np.sum((seen - seen.mean()) ** 2))
@@ -63,8 +63,10 @@ def _around(row: Parameter, centre: float, spread: float) -> Parameter:
     return replace(row, prior_value=centre, prior_spread=spread, lower=lower, upper=upper)
 
 
-def ties(rig: Rig, unknowns: Unknowns, room: float | None, first: float) -> Ties:
-    """Plate and sinks to the room: rows of differences, one over their standard deviations.
+def prior_of_differences(
+    rig: Rig, unknowns: Unknowns, room: float | None, first: float
+) -> LinearPrior:
+    """The prior of how far plate and sinks are from the room.
 
     **Arguments:**
 
@@ -74,17 +76,17 @@ def ties(rig: Rig, unknowns: Unknowns, room: float | None, first: float) -> Ties
     names = [row.name for row in unknowns.per_recording]
     rooms = [names.index(name) for name in room_parameters(rig) if name in names]
     if not rooms:
-        return Ties.none(len(names))
+        return LinearPrior.none(len(names))
     away = 0.0 if room is None else first - room
-    spreads = dict.fromkeys(_plate(rig), math.hypot(REST_SPREAD, away))
-    spreads |= dict.fromkeys(_sinks(rig), math.hypot(REST_SPREAD, SINK_SHARE * away))
+    deviations = dict.fromkeys(_plate(rig), math.hypot(REST_SCALE, away))
+    deviations |= dict.fromkeys(_sinks(rig), math.hypot(REST_SCALE, SINK_SHARE * away))
     rows = []
-    for name, spread in spreads.items():
+    for name, deviation in deviations.items():
         if name in names:
             row = np.zeros(len(names))
-            row[names.index(name)], row[rooms[0]] = 1 / spread, -1 / spread
+            row[names.index(name)], row[rooms[0]] = 1 / deviation, -1 / deviation
             rows.append(row)
-    return Ties(np.array(rows).reshape(-1, len(names)), np.zeros(len(rows)))
+    return LinearPrior(np.array(rows).reshape(-1, len(names)), np.zeros(len(rows)))
 
 
 def names_in(*values: Value | None) -> frozenset[str]:

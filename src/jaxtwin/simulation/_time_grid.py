@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import final
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -23,9 +24,6 @@ from ._interpolation import sample_weights, step_polynomials
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 32.0
 """Of steps without refinement: s, part of the time since the last change of an input, s."""
 
-REFINEMENTS = 3
-"""How often steps are halved for a draw whose error is in doubt."""
-
 MOST_STEPS = 1_000_000
 """Of a run without refinement: a year. Tables of more would fill the memory."""
 
@@ -36,7 +34,7 @@ on/off drive has a corner that a longer step would cut."""
 
 
 @final
-class Schedule(eqx.Module):
+class TimeGrid(eqx.Module):
     """The time grid of one experiment; every array a constant of the run.
 
     **Arguments:**
@@ -51,6 +49,10 @@ class Schedule(eqx.Module):
     - `weights`: of the values and slopes around that step in the sample's temperature: the
       polynomials where the sample lies.
     - `ambient_at`: recorded ambient temperature at each sample, K, or None.
+    - `steady_start`: whether the first duty cycle has been held for ever, instead of none, which a
+      driver that lags behind its command, or delays it, remembers.
+    - `is_delayed`: whether the duty cycles are those that reach the cells behind the driver's
+      delay, not those commanded.
     """
 
     times: Float[Array | np.ndarray, " times"]
@@ -62,39 +64,48 @@ class Schedule(eqx.Module):
     step_of: Int[Array | np.ndarray, " times"]
     weights: Float[Array | np.ndarray, "times data"]
     ambient_at: Float[Array | np.ndarray, " times"] | None
+    steady_start: bool = eqx.field(static=True, default=False)
+    is_delayed: bool = eqx.field(static=True, default=False)
 
 
-def twin_schedule(twin: Twin | System, experiment: Experiment, refinement: int = 0) -> Schedule:
-    """The default solver's schedule for a twin.
+def time_grid(twin: Twin | System, experiment: Experiment, refinement: int = 0) -> TimeGrid:
+    """The default solver's grid for a twin.
 
     **Arguments:**
 
-    - `twin`: it, or its equations: whether its driver lags.
+    - `twin`: the twin, or its equations, which say whether its driver lags.
     - `experiment`: its times, inputs and ambient.
-    - `refinement`: how often steps are halved, 0 to `REFINEMENTS`.
+    - `refinement`: how often steps are halved.
 
-    **Returns:** the schedule, as commanded: see `arriving` for a driver's delay.
+    **Returns:** the grid, with the duty cycles as commanded.
     """
-    return build_schedule(experiment, *twin_steps(twin, refinement))
+    return build_time_grid(experiment, *twin_steps(twin, refinement))
+
+
+def reference_temperature(system: System, grid: TimeGrid) -> Float[Array, ""]:
+    """What deviations are counted from: the ambient at the start, recorded or the rig's, K."""
+    if grid.ambient_at is None:
+        return system.ambient_temperature
+    return jnp.asarray(grid.ambient_at[0], system.capacitance.dtype)
 
 
 def twin_steps(twin: Twin | System, refinement: int) -> tuple[float, float, float, float, int]:
-    """What `build_schedule` takes beside the experiment."""
+    """What `build_time_grid` takes beside the experiment."""
     part = 0.5**refinement
     settling = 0.0 if twin.wiring.lag is None else SETTLING
     return part * FIRST_STEP, part * GROWTH, part * LARGEST_STEP, settling, 2**refinement
 
 
 @lru_cache(maxsize=64)
-def build_schedule(
+def build_time_grid(
     experiment: Experiment,
     first_step: float = FIRST_STEP,
     growth: float = GROWTH,
     largest_step: float = LARGEST_STEP,
     settling: float = 0.0,
     parts: int = 1,
-) -> Schedule:
-    """The schedule of an experiment.
+) -> TimeGrid:
+    """The grid of an experiment.
 
     **Arguments:**
 
@@ -134,7 +145,7 @@ def build_schedule(
     part = np.clip((time - edges[step_of]) / lengths[step_of], 0.0, 1.0)
     polynomials = step_polynomials([np.asarray(span) for span in spans])
     celsius = None if ambient is None else np.broadcast_to(ambient, time.shape) + 273.15
-    return Schedule(
+    return TimeGrid(
         times=time - time[0],
         sizes=sizes,
         size=size.astype(np.int32),

@@ -14,8 +14,7 @@ Span = tuple[float, float] | tuple[float, float, float]
 
 
 def span_weights(
-    names: Sequence[str],
-    experiments: Sequence[Experiment],
+    recordings: Mapping[str, Experiment],
     spans: Mapping[str, Sequence[Span]] | None,
 ) -> list[Float[np.ndarray, "_times _channels"]]:
     """Weights of all samples, 0 to 1; those that are missing weigh nothing.
@@ -23,9 +22,9 @@ def span_weights(
     **Raises:** `MatchError` for unknown recordings, spans outside of one, and weights that are not
     0 to 1.
     """
-    _check_names("masks", names, spans or {})
+    _check_names("masks", recordings, spans or {})
     weights = []
-    for name, experiment in zip(names, experiments, strict=True):
+    for name, experiment in recordings.items():
         weight = experiment.sampled.astype(float)
         for span in (spans or {}).get(name, ()):
             if len(span) not in (2, 3):
@@ -47,15 +46,15 @@ def span_weights(
 
 
 def given_events(
-    names: Sequence[str], experiments: Sequence[Experiment], events: Mapping[str, Sequence[float]]
+    recordings: Mapping[str, Experiment], events: Mapping[str, Sequence[float]]
 ) -> list[tuple[float, ...]]:
     """Times of the camera's corrections in each recording, s.
 
     **Raises:** `MatchError` for unknown recordings and times outside of one.
     """
-    _check_names("events", names, events)
+    _check_names("events", recordings, events)
     times = []
-    for name, experiment in zip(names, experiments, strict=True):
+    for name, experiment in recordings.items():
         first, last = experiment.time[0], experiment.time[-1]
         for event in events.get(name, ()):
             if not first < event <= last:
@@ -67,9 +66,11 @@ def given_events(
     return times
 
 
-def _check_names(what: str, names: Sequence[str], given: Mapping[str, object]) -> None:
-    unknown = [name for name in given if name not in names]
+def _check_names(
+    what: str, recordings: Mapping[str, Experiment], given: Mapping[str, object]
+) -> None:
+    unknown = [name for name in given if name not in recordings]
     if unknown:
         raise MatchError(
-            f"{what}: found the recording {unknown[0]!r}, allowed are {', '.join(names)}"
+            f"{what}: found the recording {unknown[0]!r}, allowed are {', '.join(recordings)}"
         )

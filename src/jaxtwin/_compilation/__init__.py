@@ -1,0 +1,7 @@
+"""Programs that are traced and compiled once per machine, not once per process."""
+
+from ._persistent_jit import compiling_seconds as compiling_seconds
+from ._persistent_jit import persistent_jit as persistent_jit
+from ._store import LARGEST_CACHE as LARGEST_CACHE
+from ._store import CacheState as CacheState
+from ._store import cache_state as cache_state

@@ -1,0 +1,107 @@
+"""Digests of values that mean the same in every process."""
+
+import enum
+import functools
+import hashlib
+import os
+import platform
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from importlib import metadata
+from pathlib import Path
+from types import BuiltinFunctionType, FunctionType
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+PLAIN = (type(None), bool, int, float, complex, str, bytes, enum.Enum, np.dtype)
+"""Types whose `repr` says everything."""
+
+LIBRARIES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy")
+"""What has a say in the compiled code, beside this package."""
+
+KNOWN_CODE = ("builtins", "collections", "functools", "jaxtwin", *LIBRARIES)
+"""Packages whose functions and classes are known by their names: `surroundings` holds their
+versions. A user's own code may be another one tomorrow under the same name."""
+
+
+class NoFingerprintError(Exception):
+    """A value holds something that has no meaning outside of this process, such as a closure."""
+
+
+def fingerprint(value: object) -> str:
+    """A digest of a value, the same in every process that has an equal one.
+
+    Dataclasses (and so `equinox.Module`s) count by their fields, functions by their names, arrays
+    by shape, type and contents, containers by what is in them.
+
+    **Raises:** `NoFingerprintError` for closures, lambdas, functions and classes of other packages
+    than `KNOWN_CODE`, and objects of any other type.
+    """
+    digest = hashlib.sha256()
+    _add(value, digest.update)
+    return digest.hexdigest()
+
+
+@functools.cache
+def surroundings(client: Any) -> str:
+    """A digest of what compiled code depends on beside its arguments: this package's code, the
+    libraries, the interpreter, the processor or accelerator, and XLA's flags."""
+    root = Path(__file__).parent.parent
+    code = [(str(file.relative_to(root)), file.read_bytes()) for file in sorted(root.rglob("*.py"))]
+    versions = [metadata.version(library) for library in LIBRARIES]
+    kinds = [device.device_kind for device in client.devices()]
+    machine = (platform.machine(), _processor(), client.platform_version, kinds)
+    return fingerprint(
+        (code, versions, tuple(sys.version_info), machine, os.environ.get("XLA_FLAGS"))
+    )
+
+
+def _processor() -> str:
+    """The processor's instruction sets: XLA compiles for the ones that it finds."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), "")
+
+
+def _add(value: object, update: Callable[[bytes], None]) -> None:
+    update(f"({_name(type(value))}:".encode())
+    if isinstance(value, PLAIN):
+        update(repr(value).encode())
+    elif isinstance(value, type | FunctionType | BuiltinFunctionType):
+        update(_name(value).encode())
+    elif eqx.is_array(value):
+        array = np.asarray(value)
+        update(f"{array.shape} {array.dtype}".encode())
+        update(array.tobytes())
+    else:
+        for part in _parts(value):
+            _add(part, update)
+    update(b")")
+
+
+def _name(code: type | FunctionType | BuiltinFunctionType) -> str:
+    within_function = "<" in code.__qualname__  # a lambda is, too
+    if within_function or code.__module__.partition(".")[0] not in KNOWN_CODE:
+        raise NoFingerprintError(repr(code))
+    return f"{code.__module__}.{code.__qualname__}"
+
+
+def _parts(value: Any) -> list[object]:
+    match value:
+        case tuple() | list():
+            return list(value)
+        case Mapping():
+            return [part for item in value.items() for part in item]
+        case set() | frozenset():
+            return sorted(value, key=repr)
+        case functools.partial():
+            return [value.func, value.args, value.keywords]
+        case _ if is_dataclass(value):
+            return [part for f in fields(value) for part in (f.name, getattr(value, f.name))]
+        case _:
+            raise NoFingerprintError(repr(value))

@@ -1,0 +1,249 @@
+"""A `jit` whose compiled programs outlive the process.
+
+JAX's own persistent compilation cache keeps what XLA made but traces and lowers every function anew
+in every process, which is a good part of a first call. Here a program is found by a key that needs
+no tracing: the function, the code of this package and its libraries, the static arguments, and the
+arrays' shapes and types.
+"""
+
+import contextlib
+import functools
+import pickle
+import threading
+import time
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, ParamSpec, TypeVar, final
+
+import equinox as eqx
+import jax
+from jax.core import Tracer
+from jax.experimental import serialize_executable
+from jaxtyping import Array, PyTree
+
+from ._fingerprint import NoFingerprintError, fingerprint, surroundings
+from ._store import load, save
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+MOST_PROGRAMS = 32
+"""That one function holds in memory; the oldest goes first. Each maps memory some twenty times, and
+Linux ends a process with 65 530 such maps."""
+
+
+def compiling_seconds() -> float:
+    """For how long anything was being traced or compiled in this process so far."""
+    return _clock.seconds()
+
+
+def persistent_jit(function: Callable[P, T]) -> Callable[P, T]:
+    """Compiles a function as `equinox.filter_jit` does, and keeps the programs on disk.
+
+    All arrays among the arguments are traced, everything else is static. Where the function is
+    itself traced (under `jax.vmap`, `jax.jit`, `jax.jvp`) it becomes part of that trace, as with
+    any `jit`. A program with static arguments that mean nothing in another process, such as a
+    closure, lives as long as its process.
+    """
+    return functools.wraps(function)(_PersistentJit(function))
+
+
+@final
+@dataclass(frozen=True)
+class _ArrayAt:
+    """Stands in a PyTree for the array with this number."""
+
+    number: int
+
+
+@final
+@dataclass(frozen=True)
+class _Program:
+    """Compiled code from arrays to arrays, and the PyTree that it fills."""
+
+    compiled: jax.stages.Compiled
+    output: PyTree
+
+    def __call__(self, arrays: Sequence[Any]) -> Any:
+        results = self.compiled(*arrays)
+        return jax.tree.map(
+            lambda leaf: results[leaf.number] if isinstance(leaf, _ArrayAt) else leaf, self.output
+        )
+
+
+@final
+class _Clock:
+    """Runs while at least one thread is inside of it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._inside = 0
+        self._began = 0.0
+        self._total = 0.0
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._inside:
+                self._began = time.perf_counter()
+            self._inside += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                self._total += time.perf_counter() - self._began
+
+    def seconds(self) -> float:
+        with self._lock:
+            return self._total + (time.perf_counter() - self._began if self._inside else 0.0)
+
+
+_clock = _Clock()
+
+
+@final
+class _Traced:
+    """Stands among the static arguments where an array was."""
+
+
+@final
+class _PersistentJit(Generic[P, T]):
+    def __init__(self, function: Callable[P, T]) -> None:
+        self._function = function
+        self._inlined = eqx.filter_jit(function)
+        self._programs: dict[Hashable, _Program] = {}
+        self._locks: dict[Hashable, threading.Lock] = {}
+        self._adding = threading.Lock()
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
+        leaves, structure = jax.tree.flatten((args, kwargs))
+        if any(isinstance(leaf, Tracer) for leaf in leaves):
+            return self._inlined(*args, **kwargs)
+        static = tuple(_Traced if eqx.is_array(leaf) else leaf for leaf in leaves)
+        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+        # 1, 1.0 and True are equal, and compile to different programs.
+        kinds = tuple(map(type, static))
+        key = (structure, static, kinds, tuple(map(_signature, arrays)), _settings())
+        program = self._programs.get(key)
+        if program is None:
+            # The same program is made once, different ones at the same time.
+            with self._locks.setdefault(key, threading.Lock()):
+                program = self._programs.get(key)
+                if program is None:
+                    program = self._load_or_compile(structure, static, arrays)
+                    self._remember(key, program)
+        return program(arrays)
+
+    def _remember(self, key: Hashable, program: _Program) -> None:
+        with self._adding:
+            self._programs[key] = program
+            self._locks.pop(key, None)
+            if len(self._programs) > MOST_PROGRAMS:
+                self._programs.pop(next(iter(self._programs)))
+
+    def _load_or_compile(
+        self, structure: Any, static: tuple[Any, ...], arrays: list[Any]
+    ) -> _Program:
+        name, device = None, _only_device(arrays)
+        if device is not None:
+            skeleton = jax.tree.unflatten(structure, static)
+            signatures = [str(_signature(array)) for array in arrays]
+            meaning = (self._function, skeleton, signatures, str(_settings()), str(device))
+            with contextlib.suppress(NoFingerprintError):
+                name = fingerprint((surroundings(device.client), meaning))
+        if name is None or device is None:
+            return self._compile(structure, static, arrays)
+        if (kept := load(name)) is not None:
+            with contextlib.suppress(Exception):  # whatever is wrong with it, it is made anew
+                return _restored(kept, len(arrays), device)
+        program = self._compile(structure, static, arrays)
+        with contextlib.suppress(Exception):  # callbacks, for one, cannot be kept
+            save(name, _stored(program))
+        return program
+
+    def _compile(self, structure: Any, static: tuple[Any, ...], arrays: list[Any]) -> _Program:
+        output: PyTree = None
+
+        def on_arrays(*arrays: Array) -> list[Array]:
+            nonlocal output
+            given = iter(arrays)
+            leaves = [next(given) if leaf is _Traced else leaf for leaf in static]
+            args, kwargs = jax.tree.unflatten(structure, leaves)
+            dynamic, rest = eqx.partition(self._function(*args, **kwargs), eqx.is_array)  # pyright: ignore[reportCallIssue]
+            results, places = jax.tree.flatten(dynamic)
+            numbered = jax.tree.unflatten(places, map(_ArrayAt, range(len(results))))
+            output = eqx.combine(numbered, rest)
+            return results
+
+        on_arrays.__name__ = self._function.__name__
+        with _clock:
+            compiled = jax.jit(on_arrays).lower(*arrays).compile()
+        return _Program(compiled, output)
+
+
+def _signature(array: Any) -> Hashable:
+    """What a program depends on of an array."""
+    committed = isinstance(array, jax.Array) and array.committed
+    return (
+        array.shape,
+        array.dtype,
+        getattr(array, "weak_type", False),
+        array.sharding if committed else None,
+    )
+
+
+def _settings() -> Hashable:
+    """Of JAX's settings, those that a caller of this package decides; see `own_settings`."""
+    return (jax.dtypes.canonicalize_dtype("float64").name, _default_device())
+
+
+def _default_device() -> Any:
+    """What `jax.default_device` says: a device, a platform's name, or None."""
+    return jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _only_device(arrays: list[Any]) -> Any:
+    """Where a program runs, None if it is spread over several devices."""
+    committed = {
+        device
+        for array in arrays
+        if isinstance(array, jax.Array) and array.committed
+        for device in array.devices()
+    }
+    match list(committed):
+        case []:
+            chosen = _default_device()
+            is_platform = chosen is None or isinstance(chosen, str)
+            return jax.local_devices(backend=chosen)[0] if is_platform else chosen
+        case [device]:
+            return device
+        case _:
+            return None
+
+
+def _stored(program: _Program) -> bytes:
+    code, _, results = serialize_executable.serialize(program.compiled)
+    return pickle.dumps((code, results.num_leaves, program.output))
+
+
+def _restored(kept: bytes, arguments: int, device: Any) -> _Program:
+    _find_lapack()
+    code, results, output = pickle.loads(kept)
+    compiled = serialize_executable.deserialize_and_load(
+        code,
+        jax.tree.structure(((0,) * arguments, {})),
+        jax.tree.structure([0] * results),
+        backend=device.client,
+        execution_devices=[device],
+    )
+    return _Program(compiled, output)
+
+
+@functools.cache
+def _find_lapack() -> None:
+    """Has JAX look up LAPACK's functions, which it does where it lowers a call of one of them.
+
+    A program that was lowered in another process would call a null pointer.
+    """
+    matrix = jax.ShapeDtypeStruct((1, 1), "float32")
+    jax.jit(jax.numpy.linalg.eigh).lower(matrix)

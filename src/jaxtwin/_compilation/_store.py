@@ -1,0 +1,111 @@
+"""The folder in which compiled programs are kept."""
+
+import contextlib
+import hashlib
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+VARIABLE = "JAXTWIN_COMPILATION_CACHE"
+OFF = ("off", "0", "no", "false")
+
+LARGEST_CACHE = 1 << 30
+"""Bytes that the folder may hold; the program that was not used for longest goes first."""
+
+DIGEST = hashlib.sha256().digest_size
+
+
+@final
+@dataclass(frozen=True)
+class CacheState:
+    """Where compiled programs are kept.
+
+    **Arguments:**
+
+    - `folder`: None where none are kept.
+    - `reason`: who decided.
+    - `files`, `size`: what lies there, bytes.
+    """
+
+    folder: Path | None
+    reason: str
+    files: int
+    size: int
+
+
+def cache_state() -> CacheState:
+    """Where compiled programs are kept in this process, and what is there."""
+    folder, reason = _chosen()
+    if folder is not None and not os.access(_existing(folder), os.W_OK):
+        return CacheState(None, f"off, {folder} cannot be written to", 0, 0)
+    sizes = [size for _, _, size in _programs(folder)] if folder is not None else []
+    return CacheState(folder, reason, len(sizes), sum(sizes))
+
+
+def load(name: str) -> bytes | None:
+    """A kept program, or None where there is none, or none that is whole."""
+    folder, _ = _chosen()
+    if folder is None:
+        return None
+    file = folder / name
+    try:
+        content = file.read_bytes()
+        os.utime(file)  # the last use, which decides what goes when the folder is full
+    except OSError:
+        return None
+    digest, program = content[:DIGEST], content[DIGEST:]
+    return program if hashlib.sha256(program).digest() == digest else None
+
+
+def save(name: str, program: bytes) -> None:
+    """Keeps a program where that is possible; other processes see it whole or not at all."""
+    folder, _ = _chosen()
+    if folder is None:
+        return
+    # A cache is a convenience: a full disk or a folder of somebody else's stops nobody.
+    with contextlib.suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _make_room(folder, len(program))
+        with tempfile.NamedTemporaryFile(dir=folder, suffix=".part", delete=False) as file:
+            file.write(hashlib.sha256(program).digest() + program)
+        Path(file.name).replace(folder / name)
+
+
+def _make_room(folder: Path, size: int) -> None:
+    programs = sorted(_programs(folder))
+    total = size + sum(size for _, _, size in programs)
+    for _, file, size in programs:
+        if total <= LARGEST_CACHE:
+            return
+        file.unlink(missing_ok=True)
+        total -= size
+
+
+def _programs(folder: Path) -> list[tuple[float, Path, int]]:
+    """When each program was used last, its file, and its size in bytes."""
+    found = []
+    with contextlib.suppress(FileNotFoundError):
+        for entry in os.scandir(folder):
+            with contextlib.suppress(FileNotFoundError):  # another process made room
+                about = entry.stat()
+                found.append((about.st_mtime, Path(entry.path), about.st_size))
+    return found
+
+
+def _chosen() -> tuple[Path | None, str]:
+    own = os.environ.get(VARIABLE, "")
+    if own.lower() in OFF:
+        return None, f"off by {VARIABLE}"
+    if own:
+        return Path(own), f"folder from {VARIABLE}"
+    import pooch
+
+    folder = Path(pooch.os_cache("jaxtwin")) / "compiled"
+    return folder, f"default; {VARIABLE}=off turns it off"
+
+
+def _existing(folder: Path) -> Path:
+    """The folder, or the nearest one above it that exists."""
+    return next(place for place in (folder, *folder.absolute().parents) if place.exists())

@@ -1,0 +1,68 @@
+"""A word on the screen about work that takes long, for the person who waits for it."""
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from ._compilation import compiling_seconds
+
+PATIENCE = 2.0
+"""Seconds after which somebody wonders."""
+
+_silent: ContextVar[bool] = ContextVar("_silent", default=False)
+
+
+@contextmanager
+def announced(work: str) -> Iterator[None]:
+    """Says on standard error what is being done once it has taken two seconds, and at the end how
+    long it took and how much of that was compilation.
+
+    Only where somebody reads along: on a terminal or in a notebook. Work within other work says
+    nothing of itself.
+
+    **Arguments:**
+
+    - `work`: what is being done, such as "match of dual-cell to 3 recordings".
+    """
+    if _silent.get() or not _somebody_reads():
+        yield
+        return
+    start, compiled = time.perf_counter(), compiling_seconds()
+    timer = threading.Timer(PATIENCE, _say, [f"{work} ..."])
+    timer.daemon = True
+    timer.start()
+    try:
+        with silent():
+            yield
+    finally:
+        timer.cancel()
+        seconds = time.perf_counter() - start
+        if seconds > PATIENCE:
+            _say(f"{work}: {seconds:.1f} s{_share(compiling_seconds() - compiled)}")
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Nothing is announced inside: whoever calls says more than this would."""
+    token = _silent.set(True)
+    try:
+        yield
+    finally:
+        _silent.reset(token)
+
+
+def _somebody_reads() -> bool:
+    return "ipykernel" in sys.modules or (sys.stderr is not None and sys.stderr.isatty())
+
+
+def _share(compiling: float) -> str:
+    if compiling < PATIENCE / 2:
+        return ""
+    return f", {compiling:.1f} s of it compilation, which is kept for the next time"
+
+
+def _say(text: str) -> None:
+    print(f"jaxtwin: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,323 @@
+"""Descents of our own optimiser, several side by side, step by step so that each can be shown.
+
+The simulation's part of a step is compiled apart from the weights', and its derivatives are kept
+with the result: what follows a descent (other weights, uncertainty) computes nothing again.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, TypeVar, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float
+
+from .._compilation import persistent_jit
+from .._jax_settings import own_settings
+from ._descent_result import DescentResult, DescentStep, Evaluation, OnStep, Start
+from ._jacobian import output_error_jacobians, weighted_jacobian
+from ._levenberg_marquardt import (
+    RUNNING,
+    STATUS,
+    BoundedLevenbergMarquardt,
+    Factors,
+    LMState,
+    Trial,
+    factorise,
+)
+from ._objective import Objective
+from ._optimistix import descend_with
+from ._residuals import output_errors, weighted_residuals
+from ._search_space import SearchSpace
+
+Tree = TypeVar("Tree")
+
+BATCH = 16
+"""Descents at a time: what their derivatives take stays below a hundred megabytes."""
+
+
+@final
+class DescentState(eqx.Module):
+    """Descents side by side: every array has a leading descents axis.
+
+    - `vectors`: the unknowns. `evaluation`: at these vectors, None before the first one.
+    - `optimiser`: the state of `BoundedLevenbergMarquardt`.
+    """
+
+    vectors: Float[Array, "descents unknowns"]
+    optimiser: LMState
+    evaluation: Evaluation | None
+
+
+def descend(
+    objectives: Sequence[Objective],
+    solver: optx.AbstractLeastSquaresSolver,
+    starts: Sequence[Start],
+    space: SearchSpace,
+    max_iterations: int,
+    on_step: OnStep | None = None,
+) -> list[DescentResult]:
+    """Minimises every objective from its start.
+
+    **Arguments:**
+
+    - `objectives`: of equal shapes.
+    - `solver`: `BoundedLevenbergMarquardt` descends in all of them side by side; any other solves
+      one after the other through `optimistix.least_squares`.
+    - `starts`: all vectors, or all results of earlier descents under other weights.
+    - `space`: bounds and scale of all.
+    - `max_iterations`: of each, those of the earlier descent among them.
+    - `on_step`: called with the number of the objective and each step.
+    """
+    if not isinstance(solver, BoundedLevenbergMarquardt):
+        return descend_with(solver, objectives, starts, space, max_iterations, on_step)
+    # The last batch is filled up, so that the others' compiled steps are its own.
+    size = min(len(objectives), BATCH)
+    results: list[DescentResult] = []
+    for first in range(0, len(objectives), BATCH):
+        part = slice(first, first + BATCH)
+        batch = _Batch(
+            objectives=_filled(objectives[part], size),
+            starts=_filled(starts[part], size),
+            active=np.arange(size) < len(objectives) - first,
+        )
+
+        def report(number: int, step: DescentStep, first: int = first) -> None:
+            if on_step is not None:
+                on_step(first + number, step)
+
+        results += _descend_batch(batch, solver, space, max_iterations, report)
+    return results
+
+
+class _Batch(NamedTuple):
+    """Objectives and their starts side by side; those that only fill it up are not active."""
+
+    objectives: list[Objective]
+    starts: list[Start]
+    active: Bool[np.ndarray, " descents"]
+
+
+class _Proposal(NamedTuple):
+    """The next vector of each descent, solved; without Jacobians where they are not known yet."""
+
+    vectors: Float[Array, "descents unknowns"]
+    output_errors: list[Array]
+    jacobians: list[Array] | None
+
+
+def _descend_batch(
+    batch: _Batch,
+    solver: BoundedLevenbergMarquardt,
+    space: SearchSpace,
+    max_iterations: int,
+    on_step: OnStep,
+) -> list[DescentResult]:
+    earlier = [start for start in batch.starts if isinstance(start, DescentResult)]
+    steps = [list(start.steps) for start in earlier] or [[] for _ in batch.objectives]
+    left = np.array([max_iterations - max(0, len(taken) - 1) for taken in steps])
+    active = batch.active.copy()
+    with own_settings():
+        # Plain floats would be constants of the compiled step: another tolerance, another program.
+        solver = eqx.tree_at(
+            lambda s: [s.rtol, s.atol, s.gtol, s.damping], solver, replace_fn=jnp.asarray
+        )
+        space = jax.tree.map(jnp.asarray, space)
+        objective = _stacked(batch.objectives)
+        state = _first_state(solver, batch.starts, space)
+        for iteration in range(int(left.max(initial=0)) + 1):
+            if iteration == 0 and earlier:
+                evaluation = jax.tree.map(
+                    jnp.asarray, _stacked([start.evaluation for start in earlier])
+                )
+                errors, jacobians = evaluation.output_errors, evaluation.jacobians
+                proposal = _Proposal(state.vectors, errors, jacobians)
+            else:
+                vectors = _propose(solver, state.vectors, state.optimiser, space)
+                proposal = _Proposal(vectors, _solve(vectors, objective), None)
+            state = _step(solver, state, proposal, space, objective, active)
+            optimiser = state.optimiser
+            for number in np.flatnonzero(active):
+                if iteration > 0 or not steps[number]:
+                    step = DescentStep(
+                        number=len(steps[number]),
+                        mean_square=float(optimiser.aux[number]),
+                        gradient=float(optimiser.gradient[number]),
+                        accepted=bool(optimiser.accepted[number]),
+                        vector=np.asarray(state.vectors[number]),
+                    )
+                    steps[number].append(step)
+                    on_step(int(number), step)
+            running = np.asarray(optimiser.status) == RUNNING
+            active &= running & np.isfinite(np.asarray(optimiser.cost)) & (iteration < left)
+            if not active.any():
+                break
+        ended = jax.tree.map(np.asarray, state)
+    return [
+        _result(jax.tree.map(lambda leaf: leaf[n], ended), batch.objectives[n], steps[n])  # noqa: B023
+        for n in np.flatnonzero(batch.active)
+    ]
+
+
+def _first_state(
+    solver: BoundedLevenbergMarquardt, starts: Sequence[Start], space: SearchSpace
+) -> DescentState:
+    vectors = jnp.asarray(
+        np.stack([s.vector if isinstance(s, DescentResult) else s for s in starts])
+    )
+    optimiser = _first_optimiser(solver, vectors, space)
+    earlier = [s.optimiser for s in starts if isinstance(s, DescentResult) and s.optimiser]
+    if earlier:
+        # The new weights change little: go on as carefully or boldly as before.
+        damping = jnp.asarray(np.array([float(optimiser.damping) for optimiser in earlier]))
+        optimiser = eqx.tree_at(lambda s: s.damping, optimiser, damping)
+    return DescentState(vectors, optimiser, None)
+
+
+def _step(
+    solver: BoundedLevenbergMarquardt,
+    state: DescentState,
+    proposal: _Proposal,
+    space: SearchSpace,
+    objective: Objective,
+    active: Bool[np.ndarray, " descents"],
+) -> DescentState:
+    """The state after a proposal; Jacobians are computed only where one of the trials is taken."""
+    vectors, errors, jacobians = proposal
+    residuals, costs, mean_squares = _weigh(errors, vectors, objective)
+    accepted = np.asarray(_accepts(solver, state.vectors, vectors, costs, state.optimiser)) & active
+    factors = state.optimiser.factors
+    if accepted.any():
+        jacobians = _differentiate(vectors, objective) if jacobians is None else jacobians
+        factors = _factorise(jacobians, residuals, objective)
+    evaluation = state.evaluation
+    if jacobians is not None:
+        new = Evaluation(errors, jacobians)
+        if evaluation is None:
+            evaluation = new
+        elif accepted.any():
+            evaluation = _select(jnp.asarray(accepted), new, evaluation)
+    trials = Trial(vectors, costs, mean_squares, factors)
+    taken, optimiser = _update(solver, state.vectors, trials, space, state.optimiser, active)
+    return DescentState(taken, optimiser, evaluation)
+
+
+def _result(state: DescentState, objective: Objective, steps: list[DescentStep]) -> DescentResult:
+    optimiser = state.optimiser
+    assert state.evaluation is not None
+    return DescentResult(
+        vector=np.asarray(state.vectors),
+        cost=float(optimiser.cost),
+        mean_square=float(optimiser.aux),
+        status=STATUS[int(optimiser.status)],
+        converged=int(optimiser.status) != RUNNING,
+        steps=tuple(steps),
+        iterations=len(steps) - 1,
+        objective=objective,
+        evaluation=state.evaluation,
+        optimiser=optimiser,
+    )
+
+
+def _filled(members: Sequence[Tree], size: int) -> list[Tree]:
+    """Repeats the last one."""
+    return [*members, *[members[-1]] * (size - len(members))]
+
+
+def _stacked(trees: Sequence[Tree]) -> Tree:
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *trees)
+
+
+Vectors = Float[Array, "descents unknowns"]
+Costs = Float[Array, " descents"]
+Groups = list[Float[Array, "..."]]
+"""One array a group of recordings, with a leading descents axis."""
+
+
+@persistent_jit
+def _first_optimiser(
+    solver: BoundedLevenbergMarquardt, vectors: Vectors, space: SearchSpace
+) -> LMState:
+    aux = jax.ShapeDtypeStruct((), vectors.dtype)
+    return jax.vmap(lambda vector: solver.first_state(vector, space, aux))(vectors)
+
+
+@persistent_jit
+def _propose(
+    solver: BoundedLevenbergMarquardt, vectors: Vectors, optimisers: LMState, space: SearchSpace
+) -> Vectors:
+    return jax.vmap(lambda v, s: solver.propose(v, space, s))(vectors, optimisers)
+
+
+@persistent_jit
+def _solve(vectors: Vectors, objectives: Objective) -> Groups:
+    return jax.vmap(output_errors)(vectors, objectives)
+
+
+@persistent_jit
+def _differentiate(vectors: Vectors, objectives: Objective) -> Groups:
+    return jax.vmap(output_error_jacobians)(vectors, objectives)
+
+
+@persistent_jit
+def _weigh(
+    errors: Groups, vectors: Vectors, objectives: Objective
+) -> tuple[Float[Array, "descents residuals"], Costs, Costs]:
+    """Weighted residuals, half the sum of their squares, and the mean squared error, K^2."""
+
+    def of_descent(
+        errors: list[Array], vector: Array, objective: Objective
+    ) -> tuple[Array, Array, Array]:
+        parts, mean_square = weighted_residuals(errors, vector, objective)
+        residual = ravel_pytree(parts)[0]
+        return residual, 0.5 * jnp.sum(residual**2), mean_square
+
+    return jax.vmap(of_descent)(errors, vectors, objectives)
+
+
+@persistent_jit
+def _factorise(
+    jacobians: Groups, residuals: Float[Array, "descents residuals"], objectives: Objective
+) -> Factors:
+    return jax.vmap(lambda j, r, o: factorise(weighted_jacobian(j, o), r))(
+        jacobians, residuals, objectives
+    )
+
+
+@persistent_jit
+def _accepts(
+    solver: BoundedLevenbergMarquardt,
+    vectors: Vectors,
+    proposed: Vectors,
+    costs: Costs,
+    optimisers: LMState,
+) -> Bool[Array, " descents"]:
+    return jax.vmap(solver.accepts)(vectors, proposed, costs, optimisers)
+
+
+@persistent_jit
+def _update(
+    solver: BoundedLevenbergMarquardt,
+    vectors: Vectors,
+    trials: Trial,
+    space: SearchSpace,
+    optimisers: LMState,
+    active: Bool[np.ndarray | Array, " descents"],
+) -> tuple[Vectors, LMState]:
+    new = jax.vmap(lambda v, t, s: solver.update(v, t, space, s))(vectors, trials, optimisers)
+    return _choose(active, new, (vectors, optimisers))
+
+
+@persistent_jit
+def _select(which: Bool[Array, " descents"], new: Evaluation, old: Evaluation) -> Evaluation:
+    return _choose(which, new, old)
+
+
+def _choose(which: Bool[np.ndarray | Array, " descents"], new: Tree, old: Tree) -> Tree:
+    def leaf(new: Array, old: Array) -> Array:
+        return jnp.where(jnp.reshape(which, (-1,) + (1,) * (jnp.ndim(new) - 1)), new, old)
+
+    return jax.tree.map(leaf, new, old)

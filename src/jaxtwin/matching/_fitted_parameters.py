@@ -1,0 +1,113 @@
+"""The table of fitted parameters, and what a reader should know before believing one of them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ._fit import FittedParameter, FittedParameters
+from ._interval import interval_95
+from ._problem import MatchProblem
+from ._uncertainty import Uncertainty
+
+NEAR = 0.01
+"""Of the range between the bounds (of their logarithms): this near to one counts as at it."""
+
+FAR = 2.0
+"""Standard deviations from the prior that are worth a word."""
+
+
+def fitted_parameters(
+    problem: MatchProblem, vector: Float[np.ndarray, " unknowns"], uncertainty: Uncertainty
+) -> FittedParameters:
+    """A row for every parameter of the rig, in the order of its table.
+
+    **Arguments:**
+
+    - `vector`: the optimiser's, at the end of the match.
+    """
+    twin, unknowns = problem.twin, problem.unknowns
+    errors = np.sqrt(np.diag(uncertainty.covariance))
+    # What nothing tells has a finite share in the vector's covariance.
+    finite_errors = np.sqrt(np.diag(uncertainty.vector_covariance))
+    vector_errors = np.where(np.isinf(errors), np.inf, finite_errors)
+    lower, upper = unknowns.lower(), unknowns.upper()
+    with np.errstate(invalid="ignore"):
+        touching = (vector <= lower + 1e-9) | (vector >= upper - 1e-9)
+    prior_distances = (vector - unknowns.prior_means()) * unknowns.prior_weights()
+    published = twin.rig.parameter_sets.get("published", {})
+    entries_of: dict[str, list[int]] = {}
+    for number, row in enumerate(unknowns.entry_parameters):
+        entries_of.setdefault(row.name, []).append(number)
+    values = unknowns.to_values(vector)
+    table = FittedParameters()
+    for name, row in twin.rig.parameters.items():
+        entries = entries_of.get(name, [])
+        matched = unknowns.entry_parameters[entries[0]] if entries else row
+        initial = float(twin.parameters[name])
+        value = float(np.mean(values[entries])) if entries else initial
+        error = float(np.max(vector_errors[entries])) if entries else math.nan
+        ratios = uncertainty.prior_to_data_ratio[entries]
+        logarithmic = matched.is_logarithmic
+        has_prior = bool(entries) and matched.prior_spread is not None
+        fitted = FittedParameter(
+            name=name,
+            unit=row.unit,
+            description=row.description,
+            free=bool(entries),
+            scope=matched.scope,
+            initial=initial,
+            value=value,
+            published=published.get(name),
+            lower=matched.lower,
+            upper=matched.upper,
+            is_logarithmic=logarithmic,
+            at_bound=bool(np.any(touching[entries])),
+            standard_error=float(np.max(errors[entries])) if entries else math.nan,
+            prior_value=matched.prior_value if has_prior else None,
+            prior_spread=matched.prior_spread if has_prior else None,
+            prior_distance=max(prior_distances[entries].tolist(), key=abs) if has_prior else None,
+            prior_to_data_ratio=float(np.min(ratios)) if entries else math.nan,
+            relative_standard_error=error if logarithmic else math.nan,
+            interval=interval_95(value, error, is_logarithmic=logarithmic),
+        )
+        table[name] = replace(fitted, warnings=parameter_warnings(fitted, uncertainty))
+    return table
+
+
+def parameter_warnings(row: FittedParameter, uncertainty: Uncertainty) -> tuple[str, ...]:
+    """Short warnings on one parameter; none where all is well."""
+    if not row.free:
+        return ()
+    labels = [
+        label
+        for label in uncertainty.labels
+        if label == row.name or label.startswith(f"{row.name}[")
+    ]
+    warnings = []
+    if row.at_bound:
+        warnings.append("at bound")
+    elif near_bound(row):
+        warnings.append("near bound")
+    if row.prior_distance is not None and abs(row.prior_distance) > FAR:
+        warnings.append(f"{row.prior_distance:+.1f} sd from prior")
+    if any(label in uncertainty.insensitive for label in labels):
+        warnings.append("no effect")
+    elif row.prior_to_data_ratio < 1:
+        warnings.append("not determined" if row.prior_spread is None else "prior only")
+    elif math.isinf(row.standard_error):
+        warnings.append("not determined")
+    if any(label in pair[:2] for pair in uncertainty.collinear for label in labels):
+        warnings.append("correlated")
+    return tuple(warnings)
+
+
+def near_bound(row: FittedParameter) -> bool:
+    """Whether a value lies within 1 % of the range from a bound, as the match measures it."""
+    lower, value, upper = row.lower, row.value, row.upper
+    if row.is_logarithmic:
+        lower, value, upper = math.log(lower), math.log(value), math.log(upper)
+    if not (math.isfinite(lower) and math.isfinite(upper)):
+        return False
+    return min(value - lower, upper - value) < NEAR * (upper - lower)

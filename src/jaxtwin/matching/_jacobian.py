@@ -1,0 +1,105 @@
+"""Derivatives of the residuals: of the solves, and of the weighted residuals that follow.
+
+They are the same as `jax.jacfwd` of `residuals`, for less: a recording does not depend on the
+values that belong to another one, and a channel's gain does not act on the plate.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..physics import Twin
+from ..simulation import TimeGrid
+from ._objective import Objective
+from ._residual_weights import ResidualWeights, SplitErrors
+from ._residuals import channel_rises, local_vectors
+
+Tree = TypeVar("Tree")
+
+
+def residual_jacobian(
+    vector: Float[Array, " unknowns"], objective: Objective
+) -> Float[Array, "residuals unknowns"]:
+    """Derivatives of the `residuals`, in the order in which `ravel_pytree` lays these out."""
+    return weighted_jacobian(output_error_jacobians(vector, objective), objective)
+
+
+def output_error_jacobians(
+    vector: Float[Array, " unknowns"], objective: Objective
+) -> list[Float[Array, "_recordings _entries _times _channels"]]:
+    """Derivatives of the `output_errors` in the entries that concern each recording."""
+    return [
+        jax.vmap(lambda part, g: _reading_jacobian(part, objective, g.grid, g.columns))(
+            local, group
+        )
+        for group, local in zip(objective.groups, local_vectors(vector, objective), strict=True)
+    ]
+
+
+def weighted_jacobian(
+    jacobians: Sequence[Float[Array, "_recordings _entries _times _channels"]],
+    objective: Objective,
+) -> Float[Array, "residuals unknowns"]:
+    """The same as `residual_jacobian`, from the derivatives of the output errors."""
+    size, columns = np.shape(objective.prior_means)[0], []
+    for group, jacobian in zip(objective.groups, jacobians, strict=True):
+
+        def of_recording(jacobian: Array, weights: ResidualWeights) -> SplitErrors:
+            return jax.vmap(lambda slope: weights.weigh(weights.split(slope)))(jacobian)
+
+        entries = objective.layout.entry_indices()[list(group.positions)]
+        recording = np.arange(len(entries))[:, None]
+        for part in jax.vmap(of_recording)(jacobian, group.weights):
+            flat = part.reshape(*part.shape[:2], -1)
+            whole = jnp.zeros((size, len(entries), flat.shape[-1]), flat.dtype)
+            columns.append(whole.at[entries, recording].set(flat).reshape(size, -1))
+    columns.append(jnp.diag(jnp.asarray(objective.prior_weights)))
+    columns.append(jnp.asarray(objective.linear_prior.matrix).T)
+    # Turned last, where it costs nothing: products of the columns do not care how they lie.
+    return jnp.concatenate(columns, axis=1).T
+
+
+def _reading_jacobian(
+    local: Float[Array, " entries"],
+    objective: Objective,
+    grid: TimeGrid,
+    columns: Int[Array | np.ndarray, " columns"],
+) -> Float[Array, "entries times channels"]:
+    """Derivatives of `camera_readings`: those of the network by pushing forward its entries alone,
+    those of gains by a product."""
+    layout = objective.layout
+    inner = np.array(layout.network_entries(objective.twin), dtype=int)
+    outer = np.setdiff1d(np.arange(local.size), inner)
+
+    def twin(part: Array, entries: np.ndarray) -> Twin:
+        values = layout.local_values(local.at[entries].set(part))
+        return objective.twin.with_parameters(values)
+
+    def rises(part: Array) -> tuple[Array, Array]:
+        system = twin(part, inner).system(lumped=True)
+        return channel_rises(system, grid, columns)
+
+    def gains(part: Array, entries: np.ndarray) -> Array:
+        changed = twin(part, entries)
+        return changed.wiring.gains(changed.parameters_si)[columns]
+
+    (_, rise), (d_surroundings, d_rise) = _push_forward(rises, local[inner])
+    d_gain = _push_forward(lambda part: gains(part, inner), local[inner])[1]
+    d_reading = d_surroundings + gains(local[inner], inner) * d_rise
+    d_reading = d_reading + rise * d_gain[:, None, :]
+    whole = jnp.zeros((local.size, *rise.shape), rise.dtype).at[inner].set(d_reading)
+    if outer.size:
+        d_gain = _push_forward(lambda part: gains(part, outer), local[outer])[1]
+        whole = whole.at[outer].set(rise * d_gain[:, None, :])
+    return whole
+
+
+def _push_forward(function: Callable[[Array], Tree], part: Array) -> tuple[Tree, Tree]:
+    """A function's value, and its derivatives in each entry with a leading axis."""
+    basis = jnp.eye(part.size, dtype=part.dtype)
+    push = jax.vmap(lambda d: jax.jvp(function, (part,), (d,)), out_axes=(None, 0))
+    return push(basis)

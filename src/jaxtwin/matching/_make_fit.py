@@ -1,0 +1,127 @@
+"""A `Fit` from a match's problem, where its best descent ended, and the noise model."""
+
+import time
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from .. import __version__
+from ..simulation import Run, simulate
+from ._descent_result import DescentResult, DescentStep
+from ._estimate_uncertainty import estimate_uncertainty
+from ._fit import CameraError, Comparison, Fit, Iteration, Optimum
+from ._fitted_parameters import fitted_parameters
+from ._problem import MatchProblem
+from ._reweighted_least_squares import Estimate
+
+
+def make_fit(
+    problem: MatchProblem,
+    estimate: Estimate,
+    start: int,
+    optima: tuple[Optimum, ...],
+    began: float,
+) -> Fit:
+    """The fit of the best descent.
+
+    **Arguments:**
+
+    - `start`: the number of its start.
+    - `optima`: where the descents of all starts ended, best first.
+    - `began`: when the match began, by `time.perf_counter`.
+    """
+    twin, unknowns, names = problem.twin, problem.unknowns, problem.names
+    result, noise_model = estimate
+    values = [
+        {name: float(value) for name, value in of_recording.items()}
+        for of_recording in unknowns.recording_values(result.vector)
+    ]
+    runs = [
+        simulate(twin.with_parameters(of_recording), experiment)
+        for of_recording, experiment in zip(values, problem.experiments, strict=True)
+    ]
+    errors = result.recording_errors()
+    cameras = [
+        CameraError(events, of_recording.camera)
+        for events, of_recording in zip(noise_model.events, errors, strict=True)
+    ]
+    gaps = [
+        run.temperatures - solved for run, solved in zip(runs, result.temperatures(), strict=True)
+    ]
+    uncertainty, noise = estimate_uncertainty(problem, estimate)
+    return Fit(
+        twin=twin.with_parameters(values[0]),
+        recordings=names,
+        fingerprints=tuple(experiment.fingerprint for experiment in problem.experiments),
+        channels=tuple(experiment.channels for experiment in problem.experiments),
+        parameters=fitted_parameters(problem, result.vector, uncertainty),
+        recording_values={
+            name: {row.name: of_recording[row.name] for row in unknowns.per_recording}
+            for name, of_recording in zip(names, values, strict=True)
+        },
+        fit_percent={
+            (name, channel): percent
+            for name, run, camera in zip(names, runs, cameras, strict=True)
+            for channel, percent in _camera_reading(run, camera.offset).fit_percent.items()
+        },
+        rmse=float(np.sqrt(result.mean_square)),
+        status=result.status,
+        converged=result.converged,
+        history=tuple(make_iteration(problem, step, start) for step in result.steps),
+        optima=optima,
+        wall_time=time.perf_counter() - began,
+        solver_gap=max(float(np.abs(gap).max()) for gap in gaps),
+        camera_error=float(
+            np.sqrt(np.mean(np.concatenate([camera.error for camera in cameras]) ** 2))
+        ),
+        noise=noise,
+        uncertainty=uncertainty,
+        cost=result.cost,
+        problem=problem,
+        noise_model=noise_model,
+        vector=result.vector,
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        versions={"jaxtwin": __version__, "jax": jax.__version__},
+        comparisons=tuple(map(Comparison, runs, cameras)),
+    )
+
+
+def make_iteration(problem: MatchProblem, step: DescentStep, start: int) -> Iteration:
+    """A step of the descent from one of the starts, in the parameters' units."""
+    return Iteration(
+        number=step.number,
+        start=start,
+        cost=step.mean_square,
+        rmse=float(np.sqrt(step.mean_square)),
+        gradient=step.gradient,
+        accepted=step.accepted,
+        parameters=problem.labelled(step.vector),
+    )
+
+
+def make_optimum(
+    problem: MatchProblem, result: DescentResult, start: int, best: DescentResult
+) -> Optimum:
+    """Where the descent from one of the starts ended, compared with the best."""
+    # Samples that fill up recordings differ by nothing.
+    pairs = zip(result.evaluation.output_errors, best.evaluation.output_errors, strict=True)
+    squares = sum(float(np.sum((errors - of_best) ** 2)) for errors, of_best in pairs)
+    samples = sum(int(g.lengths.sum()) * g.temperatures.shape[-1] for g in best.objective.groups)
+    return Optimum(
+        start=start,
+        cost=result.cost,
+        apart=float(np.sqrt(squares / samples)),
+        rmse=float(np.sqrt(result.mean_square)),
+        iterations=result.iterations,
+        status=result.status,
+        converged=result.converged,
+        parameters=problem.labelled(result.vector),
+    )
+
+
+def _camera_reading(run: Run, offset: Float[np.ndarray, " times"]) -> Run:
+    """A run with the camera's common error in its readings."""
+    return replace(run, temperatures=run.temperatures + offset[:, None])

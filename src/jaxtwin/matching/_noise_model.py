@@ -1,0 +1,130 @@
+"""What a match assumes of its residuals' noise, and how that is learned from its residuals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ._camera_error import detect_events
+from ._noise import Noise, estimate_noise, huber_weights
+from ._problem import MatchProblem
+from ._recording_errors import RecordingErrors
+
+INITIAL_NOISE = Noise(0.25, 64.0)
+"""Before anything is known of the residuals: a quarter kelvin, a minute long."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """What a match assumes of its residuals' noise, and the weights that follow.
+
+    - `channel`: the noise of each channel without the common mode.
+    - `common_mode`: the noise of the common mode times the root of the number of channels.
+    - `events`: times of the camera's corrections in each recording, s.
+    - `channel_weights`, `common_mode_weights`: weights of the samples of each recording, 0 to 1,
+      from masks and from Huber's loss.
+    """
+
+    channel: Noise
+    common_mode: Noise
+    events: tuple[tuple[float, ...], ...]
+    channel_weights: tuple[Float[np.ndarray, "_times _channels"], ...]
+    common_mode_weights: tuple[Float[np.ndarray, " _times"], ...]
+
+
+def initial_noise_model(problem: MatchProblem) -> NoiseModel:
+    """The noise model of the first round."""
+    noise = INITIAL_NOISE if problem.is_weighted else Noise(1.0, 1.0)
+    return NoiseModel(
+        channel=noise,
+        common_mode=noise,
+        events=problem.events or tuple(() for _ in problem.experiments),
+        channel_weights=problem.sample_weights,
+        common_mode_weights=tuple(np.ones(len(weights)) for weights in problem.sample_weights),
+    )
+
+
+def update_noise_model(
+    problem: MatchProblem, noise_model: NoiseModel, errors: Sequence[RecordingErrors]
+) -> NoiseModel:
+    """The noise model that the errors of a round show: the camera's corrections, noise, outliers.
+
+    **Arguments:**
+
+    - `noise_model`: of that round; kept where the errors are nothing and tell no noise.
+    - `errors`: of each recording.
+    """
+    events = noise_model.events
+    if problem.common_error is not None and problem.events is None:
+        events = tuple(
+            detect_events(
+                experiment.time,
+                -of_recording.mean_over_channels(weights),  # recorded less simulated
+                np.count_nonzero(weights, axis=1) > 0,
+            )
+            for experiment, of_recording, weights in zip(
+                problem.experiments, errors, problem.sample_weights, strict=True
+            )
+        )
+    channel_weights = problem.sample_weights
+    common_mode_weights = tuple(np.ones(len(of_recording.common_mode)) for of_recording in errors)
+    if problem.robust is not None:
+        pairs = list(zip(problem.sample_weights, errors, strict=True))
+        channel_weights = tuple(
+            weights * huber_weights(of_recording.channel, problem.robust, beside_others(weights))
+            if weights.shape[1] > 1  # a single channel is its own common mode
+            else weights
+            for weights, of_recording in pairs
+        )
+        common_mode_weights = tuple(
+            huber_weights(of_recording.common_mode, problem.robust, weights.sum(axis=1) > 0)
+            for weights, of_recording in pairs
+        )
+    channel, common_mode = _residual_noise(errors, channel_weights, common_mode_weights)
+    return NoiseModel(
+        channel=channel if channel.standard_deviation > 0 else noise_model.channel,
+        common_mode=common_mode if common_mode.standard_deviation > 0 else noise_model.common_mode,
+        events=events,
+        channel_weights=channel_weights,
+        common_mode_weights=common_mode_weights,
+    )
+
+
+def beside_others(
+    weights: Float[np.ndarray, "times channels"],
+) -> Bool[np.ndarray, "times channels"]:
+    """Which samples count beside others at the same time: a single one equals its common mode."""
+    counted = weights > 0
+    return counted & (counted.sum(axis=1, keepdims=True) > 1)
+
+
+def _residual_noise(
+    errors: Sequence[RecordingErrors],
+    channel_weights: Sequence[Float[np.ndarray, "_times _channels"]],
+    common_mode_weights: Sequence[Float[np.ndarray, " _times"]],
+) -> tuple[Noise, Noise]:
+    """The noise of channels and of the common mode; where no two channels count at the same time,
+    that of the common mode for both."""
+    several, counted = [], 0.0
+    for of_recording, weights in zip(errors, channel_weights, strict=True):
+        beside = beside_others(weights)
+        if beside.any():
+            # Deviations from a mean of n channels vary less than the channels do, by (n - 1) / n.
+            n = np.maximum(beside.sum(axis=1, keepdims=True), 2)
+            several.append(of_recording.channel * np.sqrt(weights * beside * n / (n - 1)))
+            counted += float(np.sum(weights * beside))
+    common_modes = [
+        (of_recording.common_mode * np.sqrt(moments * weights.sum(axis=1)))[:, None]
+        for of_recording, moments, weights in zip(
+            errors, common_mode_weights, channel_weights, strict=True
+        )
+    ]
+    # Samples that do not count are no samples.
+    times = [weights.sum(axis=1) > 0 for weights in channel_weights]
+    of_common_mode = estimate_noise(common_modes, float(sum(part.sum() for part in times)))
+    if not several:
+        return of_common_mode, of_common_mode
+    return estimate_noise(several, counted), of_common_mode

@@ -1,0 +1,187 @@
+"""The objective of a match: its recordings and weights as arrays, ready to be solved at once."""
+
+from collections.abc import Sequence
+from typing import TypeVar, final
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..io import Experiment
+from ..physics import Twin
+from ..simulation import TimeGrid, padded, padded_time_grid
+from ._camera_error import camera_shapes, count_shapes
+from ._noise_model import NoiseModel
+from ._problem import MatchProblem
+from ._residual_weights import ResidualWeights, residual_weights
+from ._unknowns import Layout
+
+Tree = TypeVar("Tree")
+
+
+@final
+class RecordingGroup(eqx.Module):
+    """Recordings of equal shapes, stacked so that they are solved at once.
+
+    Their samples are filled up to a few sizes, as their grids are, with some that count for
+    nothing, so that recordings of another length run through the same programs.
+
+    - `grid`: every array with a leading recordings axis.
+    - `columns`: which of the rig's channels each recording holds.
+    - `temperatures`: recorded, `(recordings, times, channels)`, degC; any finite number where a
+      sample is missing or fills up their number, which weighs nothing.
+    - `sampled`: where there is a sample.
+    - `lengths`: how many times each recording has, without those that fill up.
+    - `weights`: of the samples, and the camera's shapes; 0 for those that fill up.
+    - `positions`: the number of each recording among all.
+    """
+
+    grid: TimeGrid
+    columns: Int[np.ndarray | Array, "recordings channels"]
+    temperatures: Float[np.ndarray | Array, "recordings times channels"]
+    sampled: Bool[np.ndarray | Array, "recordings times channels"]
+    lengths: Int[np.ndarray | Array, " recordings"]
+    weights: ResidualWeights
+    positions: tuple[int, ...] = eqx.field(static=True)
+
+
+@final
+class LinearPrior(eqx.Module):
+    """A prior of combinations of unknowns, such as the difference of two of them.
+
+    - `matrix`, `values`: `matrix @ vector - values` is expected to be 0 with a variance of 1.
+    """
+
+    matrix: Float[np.ndarray | Array, "combinations unknowns"]
+    values: Float[np.ndarray | Array, " combinations"]
+
+    @classmethod
+    def none(cls, unknowns: int) -> "LinearPrior":
+        """No combination has a prior."""
+        return cls(np.zeros((0, unknowns)), np.zeros(0))
+
+
+@final
+class Objective(eqx.Module):
+    """Everything that the residuals depend on beside the unknowns.
+
+    - `twin`: values of the parameters that are held.
+    - `groups`: the recordings.
+    - `prior_means`: of the vector's entries. `prior_weights`: one over their standard deviations, 0
+      where an entry has no prior.
+    - `linear_prior`: of combinations of entries.
+    - `layout`: of the vector of unknowns.
+    """
+
+    twin: Twin
+    groups: tuple[RecordingGroup, ...]
+    prior_means: Float[np.ndarray | Array, " unknowns"]
+    prior_weights: Float[np.ndarray | Array, " unknowns"]
+    linear_prior: LinearPrior
+    layout: Layout = eqx.field(static=True)
+
+
+def make_objective(
+    problem: MatchProblem,
+    noise_model: NoiseModel,
+    shapes: int | None = None,
+    linear_prior: LinearPrior | None = None,
+) -> Objective:
+    """What the optimiser minimises, with the weights that follow from the noise model.
+
+    **Arguments:**
+
+    - `shapes`: how many shapes the camera's common error has in each recording; by default as many
+      as are needed.
+    - `linear_prior`: of combinations of unknowns.
+    """
+    count = shapes_needed(problem, noise_model) if shapes is None else shapes
+    experiments = problem.experiments
+    grids = [padded_time_grid(problem.twin, experiment) for experiment in experiments]
+    weights = [
+        recording_weights(problem, noise_model, number, count).padded()
+        for number in range(len(experiments))
+    ]
+    # Recordings whose grids have equal shapes share compiled code.
+    groups: dict[tuple, list[int]] = {}
+    for position, (grid, experiment) in enumerate(zip(grids, experiments, strict=True)):
+        leaves = jax.tree.leaves((grid, weights[position]))
+        shapes_of_leaves = tuple(np.shape(leaf) for leaf in leaves)
+        key = (shapes_of_leaves, grid.ambient is None, len(experiment.channels))
+        groups.setdefault(key, []).append(position)
+    unknowns = problem.unknowns
+    return Objective(
+        twin=problem.twin,
+        groups=tuple(
+            _group(
+                problem.twin,
+                [experiments[position] for position in positions],
+                _stacked([grids[position] for position in positions]),
+                _stacked([weights[position] for position in positions]),
+                positions,
+            )
+            for positions in groups.values()
+        ),
+        prior_means=unknowns.prior_means(),
+        prior_weights=unknowns.prior_weights(),
+        linear_prior=LinearPrior.none(unknowns.size) if linear_prior is None else linear_prior,
+        layout=unknowns.layout,
+    )
+
+
+def shapes_needed(problem: MatchProblem, noise_model: NoiseModel) -> int:
+    """How many shapes the camera's common error has in the recording where it has the most.
+
+    All have as many, so that their grids alone say which recordings are solved at once.
+    """
+    error = problem.common_error
+    if error is None:
+        return 0
+    return max(
+        count_shapes(error, experiment.time, events)
+        for experiment, events in zip(problem.experiments, noise_model.events, strict=True)
+    )
+
+
+def recording_weights(
+    problem: MatchProblem, noise_model: NoiseModel, number: int, count: int
+) -> ResidualWeights:
+    """Weights of one recording, with that many shapes of the camera's common error."""
+    time = problem.experiments[number].time
+    shapes, deviations = np.zeros((len(time), 0)), np.zeros(0)
+    if problem.common_error is not None:
+        events = noise_model.events[number]
+        shapes, deviations = camera_shapes(problem.common_error, time, events, count)
+    return residual_weights(
+        noise_model.channel_weights[number],
+        noise_model.common_mode_weights[number],
+        noise_model.channel.effective,
+        noise_model.common_mode.effective,
+        shapes,
+        deviations,
+    )
+
+
+def _group(
+    twin: Twin,
+    members: Sequence[Experiment],
+    grid: TimeGrid,
+    weights: ResidualWeights,
+    positions: Sequence[int],
+) -> RecordingGroup:
+    columns = [[twin.channels.index(name) for name in e.channels] for e in members]
+    return RecordingGroup(
+        grid=grid,
+        columns=np.array(columns, dtype=np.int32),
+        # Nothing times NaN would be NaN.
+        temperatures=np.stack([padded(np.nan_to_num(np.asarray(e.temperatures))) for e in members]),
+        sampled=np.stack([padded(e.sampled, False) for e in members]),
+        lengths=np.array([len(e.time) for e in members]),
+        weights=weights,
+        positions=tuple(positions),
+    )
+
+
+def _stacked(trees: Sequence[Tree]) -> Tree:
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *trees)

@@ -1,0 +1,141 @@
+"""Descents of any optimistix least-squares solver, which knows neither bounds nor rounds."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float
+
+from .._compilation import persistent_jit
+from .._jax_settings import own_settings
+from ._descent_result import DescentResult, DescentStep, Evaluation, OnStep, Start
+from ._jacobian import output_error_jacobians, residual_jacobian, weighted_jacobian
+from ._objective import Objective
+from ._residuals import output_errors, residuals, weighted_residuals
+from ._search_space import SearchSpace
+
+FORWARD = {"jac": "fwd"}
+"""Many residuals of few unknowns: the option of optimistix's Gauss-Newton family."""
+
+
+def descend_with(
+    solver: optx.AbstractLeastSquaresSolver,
+    objectives: Sequence[Objective],
+    starts: Sequence[Start],
+    space: SearchSpace,
+    max_iterations: int,
+    on_step: OnStep | None,
+) -> list[DescentResult]:
+    """Minimises every objective by `optimistix.least_squares`, one after the other.
+
+    Bounds are kept by a transform of the unknowns, see `SearchSpace.to_unbounded`. optimistix does
+    not show its steps, so that a result has two of them, its start and its end.
+
+    **Arguments:** as of `descend`.
+    """
+    results = []
+    for number, (objective, start) in enumerate(zip(objectives, starts, strict=True)):
+        result = _descend_once(solver, objective, start, space, max_iterations)
+        results.append(result)
+        if on_step is not None:
+            for step in result.steps:
+                on_step(number, step)
+    return results
+
+
+def _descend_once(
+    solver: optx.AbstractLeastSquaresSolver,
+    objective: Objective,
+    start: Start,
+    space: SearchSpace,
+    max_iterations: int,
+) -> DescentResult:
+    earlier = start if isinstance(start, DescentResult) else None
+    vector = earlier.vector if earlier is not None else np.asarray(start)
+    done = earlier.iterations if earlier is not None else 0
+    with own_settings():
+        # Plain arrays would be constants of the compiled solve.
+        arrays = jax.tree.map(jnp.asarray, (objective, space))
+        first = earlier.steps[0] if earlier else _step(0, _evaluate(vector, arrays[0]), vector)
+        solution = optx.least_squares(
+            _unbounded_residuals,
+            solver,
+            jnp.asarray(space.to_unbounded(vector)),
+            args=arrays,
+            options=FORWARD,
+            max_steps=max(1, max_iterations - done),
+            throw=False,
+        )
+        end = np.asarray(arrays[1].from_unbounded(solution.value))
+        found = jax.tree.map(np.asarray, _evaluate(end, arrays[0]))
+        iterations = done + int(solution.stats["num_steps"])
+        converged = bool(solution.result == optx.RESULTS.successful)
+        words = "converged" if converged else optx.RESULTS[solution.result]
+    return DescentResult(
+        vector=end,
+        cost=float(found.cost),
+        mean_square=float(found.mean_square),
+        status=f"{type(solver).__name__}: {words}",
+        converged=converged,
+        steps=(first, _step(iterations, found, end)),
+        iterations=iterations,
+        objective=objective,
+        evaluation=found.evaluation,
+        optimiser=None,
+    )
+
+
+def _unbounded_residuals(
+    variables: Float[Array, " unknowns"], args: tuple[Objective, SearchSpace]
+) -> Float[Array, " residuals"]:
+    objective, space = args
+    return _residual_vector(space.from_unbounded(variables), objective)
+
+
+@eqx.filter_custom_jvp
+def _residual_vector(
+    vector: Float[Array, " unknowns"], objective: Objective
+) -> Float[Array, " residuals"]:
+    return ravel_pytree(residuals(vector, objective)[0])[0]
+
+
+@_residual_vector.def_jvp
+def _(
+    primals: tuple[Array, Objective], tangents: tuple[Array, object]
+) -> tuple[Float[Array, " residuals"], Float[Array, " residuals"]]:
+    """By our own Jacobian, which knows which unknowns concern which recording."""
+    vector, objective = primals
+    value = ravel_pytree(residuals(vector, objective)[0])[0]
+    return value, residual_jacobian(vector, objective) @ tangents[0]
+
+
+class _Evaluated(NamedTuple):
+    """Everything that a result holds of a vector."""
+
+    evaluation: Evaluation
+    cost: Float[np.ndarray | Array, ""]
+    mean_square: Float[np.ndarray | Array, ""]
+    gradient: Float[np.ndarray | Array, ""]
+
+
+@persistent_jit
+def _evaluate(vector: Float[np.ndarray | Array, " unknowns"], objective: Objective) -> _Evaluated:
+    vector = jnp.asarray(vector)
+    evaluation = Evaluation(
+        output_errors(vector, objective), output_error_jacobians(vector, objective)
+    )
+    parts, mean_square = weighted_residuals(evaluation.output_errors, vector, objective)
+    residual = ravel_pytree(parts)[0]
+    jacobian = weighted_jacobian(evaluation.jacobians, objective)
+    lengths = jnp.linalg.norm(jacobian, axis=0) * jnp.linalg.norm(residual)
+    cosines = jnp.abs(jacobian.T @ residual) / jnp.where(lengths > 0, lengths, 1.0)
+    return _Evaluated(evaluation, 0.5 * jnp.sum(residual**2), mean_square, cosines.max())
+
+
+def _step(number: int, found: _Evaluated, vector: Float[np.ndarray, " unknowns"]) -> DescentStep:
+    return DescentStep(number, float(found.mean_square), float(found.gradient), True, vector)

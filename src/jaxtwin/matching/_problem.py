@@ -1,0 +1,168 @@
+"""The problem of a match: recordings, unknowns and what the user says of them, all checked."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import count as count_from
+from typing import Literal, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arguments import finite_number
+from .._errors import MatchError
+from ..io import Experiment
+from ..physics import Twin, check_twin
+from ..rig import CommonError
+from ..simulation import checked_channels
+from ._masks_and_events import Span, given_events, span_weights
+from ._unknowns import Unknowns
+
+Events = Mapping[str, Sequence[float]] | Literal["detect", "none"]
+"""Recording -> times of the camera's corrections (s), or whether to look for them."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MatchProblem:
+    """What a match works on.
+
+    - `twin`: where it starts, and the values of the parameters that are held.
+    - `experiments`: the recordings. `names`: under which their results are kept.
+    - `unknowns`: the parameters to match.
+    - `sample_weights`: weight of each sample of each recording, 0 to 1, from masks and gaps.
+    - `events`: times of the camera's corrections in each recording, s; None to look for them.
+    - `common_error`: of the camera, None for none.
+    - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
+    """
+
+    twin: Twin
+    experiments: tuple[Experiment, ...]
+    names: tuple[str, ...]
+    unknowns: Unknowns
+    sample_weights: tuple[Float[np.ndarray, "_times _channels"], ...]
+    events: tuple[tuple[float, ...], ...] | None
+    common_error: CommonError | None
+    robust: float | None
+
+    @property
+    def is_weighted(self) -> bool:
+        """Whether it matters how large the residuals are: beside priors it does."""
+        priors = self.unknowns.prior_weights().any()
+        return bool(priors) or self.common_error is not None or self.robust is not None
+
+    def labelled(self, vector: Float[np.ndarray, " unknowns"]) -> dict[str, float]:
+        """Label -> value in the parameter's unit."""
+        values = self.unknowns.to_values(vector).tolist()
+        return dict(zip(self.unknowns.labels(self.names), values, strict=True))
+
+
+def make_match_problem(
+    twin: Twin,
+    recordings: Mapping[str, Experiment],
+    unknowns: Unknowns,
+    events: Events | None = None,
+    masks: Mapping[str, Sequence[Span]] | None = None,
+    robust: float | None = None,
+) -> MatchProblem:
+    """Checks what is said of single recordings and puts the problem together.
+
+    **Arguments:**
+
+    - `recordings`: as `named_recordings` gives them.
+    - the others: as in `match`.
+
+    **Raises:** `MatchError` where fewer samples count than there are unknowns, nothing moves in any
+    recording, or events, masks or the loss are not allowed.
+    """
+    weights = tuple(span_weights(recordings, masks))
+    samples = sum(int(np.count_nonzero(weight)) for weight in weights)
+    if samples <= unknowns.size:
+        masked = ", the others are masked" if masks else ""
+        raise MatchError(
+            f"found {samples} samples for {unknowns.size} unknowns{masked}, allowed is at least "
+            "one more than unknowns, because the rest of the residuals tells the noise"
+        )
+    experiments = tuple(recordings.values())
+    if not any(map(_is_excited, experiments, weights)):
+        raise MatchError(
+            f"{', '.join(recordings)}: found no excitation, every duty cycle is 0 and no reading "
+            "ever changes; allowed is at least one recording in which something happens"
+        )
+    error = twin.rig.common_error
+    if events is not None and error is None:
+        raise MatchError(
+            f"{twin.rig.name}: events: found {events!r}, allowed only where the rig file has a "
+            "table [camera.common_error]"
+        )
+    if not (events is None or isinstance(events, Mapping) or events in ("detect", "none")):
+        raise MatchError(
+            f'events: found {events!r}, allowed is "detect", "none" or recording -> times'
+        )
+    if robust is not None and not finite_number("robust", robust, MatchError) > 0:
+        raise MatchError(f"robust: found {robust!r}, allowed is a number above 0 or None")
+    none = tuple(() for _ in recordings)
+    if isinstance(events, Mapping):
+        times = tuple(given_events(recordings, events))
+    else:
+        detect = error is not None and (error.detect if events is None else events == "detect")
+        times = None if detect else none
+    return MatchProblem(
+        twin=twin,
+        experiments=experiments,
+        names=tuple(recordings),
+        unknowns=unknowns,
+        sample_weights=weights,
+        events=times,
+        common_error=error,
+        robust=robust,
+    )
+
+
+def _is_excited(recording: Experiment, weight: Float[np.ndarray, "times channels"]) -> bool:
+    """Whether a recording is driven, or any of its channels changes where it counts."""
+    assert recording.temperatures is not None
+    counted = np.where(weight > 0, recording.temperatures, np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of channels that are masked throughout
+        ranges = np.nanmax(counted, axis=0) - np.nanmin(counted, axis=0)
+    return bool(np.any(recording.duty) or np.any(ranges > 0))
+
+
+def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str, Experiment]:
+    """Recordings that can be matched, by the names under which their results are kept.
+
+    **Arguments:**
+
+    - `twin`: of the rig that they must belong to.
+    - `experiments`: one or several.
+
+    **Returns:** name -> recording, in order. The name is the recording's own, or its number where
+    it has none; one that occurs again is followed by its number, or by the next that no other has.
+
+    **Raises:** `MatchError` where there is none, one has no temperatures, or none in one of its
+    channels; `SimulationError` for one of another rig.
+    """
+    check_twin("twin", twin, MatchError)
+    if not experiments:
+        raise MatchError("experiments: found none, allowed is one or several recordings")
+    names: list[str] = []
+    for number, experiment in enumerate(experiments, start=1):
+        name = experiment.name or f"recording {number}"
+        if experiment.temperatures is None or not experiment.channels:
+            raise MatchError(f"{name}: found no recorded temperatures, allowed is a recording")
+        checked_channels(twin, experiment)
+        if experiment.unsampled:
+            raise MatchError(
+                f"{name}: channel {experiment.unsampled[0]}: found no sample that is not missing, "
+                "allowed is at least one; leave the channel out by select()"
+            )
+        names.append(name)
+    # Two recordings of one name must not share a row of a table.
+    found: list[str] = []
+    for number, name in enumerate(names, start=1):
+        free = (f"{name} ({other})" for other in count_from(number))
+        found.append(
+            name if name not in found else next(other for other in free if other not in names)
+        )
+    return dict(zip(found, experiments, strict=True))

@@ -1,0 +1,39 @@
+"""The output errors of one recording in their parts: channels, common mode, camera."""
+
+from typing import NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+
+
+@final
+class RecordingErrors(NamedTuple):
+    """Simulated less recorded temperatures of one recording in three parts, K.
+
+    - `channel`: of each channel, without the common mode.
+    - `common_mode`: the mean over the channels, less the camera's error.
+    - `camera`: the camera's common error.
+    """
+
+    channel: Float[np.ndarray, "times channels"]
+    common_mode: Float[np.ndarray, " times"]
+    camera: Float[np.ndarray, " times"]
+
+    def mean_over_channels(
+        self, weights: Float[np.ndarray, "times channels"]
+    ) -> Float[np.ndarray, " times"]:
+        """The mean error of all channels with the camera's error in it, K.
+
+        What does not count lies between its neighbours: where a channel begins or ends to count, a
+        mean of the others would jump.
+        """
+        mean = self.common_mode + self.camera
+        if (weights > 0).all():
+            return mean
+        whole, times = self.channel + mean[:, None], np.arange(len(mean))
+        columns = [
+            np.interp(times, times[weight > 0], column[weight > 0])
+            for column, weight in zip(whole.T, weights.T, strict=True)
+            if weight.any()
+        ]
+        return np.mean(columns, axis=0)

@@ -1,0 +1,99 @@
+"""The weights of a recording's residuals, and their split into channels and common mode."""
+
+from typing import NamedTuple, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..simulation import padded
+
+AnyArray = np.ndarray | Array
+
+
+@final
+class SplitErrors(NamedTuple):
+    """The output errors of a recording in their parts, K, or these as residuals.
+
+    - `channel`: of each channel, without the common mode.
+    - `common_mode`: the weighted mean over the channels, less the camera's common error.
+    - `sizes`: of the shapes of which the camera's error is the sum.
+    """
+
+    channel: Float[AnyArray, "times channels"]
+    common_mode: Float[AnyArray, " times"]
+    sizes: Float[AnyArray, " shapes"]
+
+
+@final
+class ResidualWeights(eqx.Module):
+    r"""Weights of one recording, or of several with a leading axis.
+
+    - `channel`: $\sqrt{w_{tc}} / \sigma_i$. `share`: $w_{tc} / \sum_c w_{tc}$.
+    - `common_mode`: $\sqrt{w_t} / \sigma_m$.
+    - `shapes`: $\Phi$ of the camera's common error. `solve`: the matrix that gives their sizes $b$
+      for a common mode. `sizes`: $1 / s_j$.
+    """
+
+    channel: Float[AnyArray, "*recordings times channels"]
+    share: Float[AnyArray, "*recordings times channels"]
+    common_mode: Float[AnyArray, "*recordings times"]
+    shapes: Float[AnyArray, "*recordings times shapes"]
+    solve: Float[AnyArray, "*recordings shapes times"]
+    sizes: Float[AnyArray, "*recordings shapes"]
+
+    def padded(self) -> "ResidualWeights":
+        """Those of one recording, and zeros for samples that fill up their number."""
+        channel, share, common_mode, shapes = (
+            padded(np.asarray(part), 0.0)
+            for part in (self.channel, self.share, self.common_mode, self.shapes)
+        )
+        solve = padded(np.asarray(self.solve).T, 0.0).T
+        return ResidualWeights(channel, share, common_mode, shapes, solve, self.sizes)
+
+    def split(self, errors: Float[Array, "times channels"]) -> SplitErrors:
+        """The output errors of one recording in their parts."""
+        mean = jnp.sum(self.share * errors, axis=1)
+        sizes = jnp.asarray(self.solve) @ mean
+        return SplitErrors(errors - mean[:, None], mean - jnp.asarray(self.shapes) @ sizes, sizes)
+
+    def weigh(self, parts: SplitErrors) -> SplitErrors:
+        """The parts as residuals, counted in their standard deviations."""
+        return SplitErrors(
+            jnp.asarray(self.channel) * parts.channel,
+            jnp.asarray(self.common_mode) * parts.common_mode,
+            jnp.asarray(self.sizes) * parts.sizes,
+        )
+
+
+def residual_weights(
+    samples: Float[np.ndarray, "times channels"],
+    moments: Float[np.ndarray, " times"],
+    channel: float,
+    common_mode: float,
+    shapes: Float[np.ndarray, "times shapes"],
+    size_deviations: Float[np.ndarray, " shapes"],
+) -> ResidualWeights:
+    """The weights of one recording.
+
+    **Arguments:**
+
+    - `samples`: $w_{tc}$, 0 to 1. `moments`: factor on the common mode at each time, 0 to 1.
+    - `channel`, `common_mode`: standard deviations of a channel without the common mode, and of the
+      common mode times the root of the number of channels, K. Equal ones weigh all samples alike.
+    - `shapes`: of the camera's common error. `size_deviations`: standard deviations of their sizes.
+    """
+    total = samples.sum(axis=1, keepdims=True)
+    share = np.divide(samples, total, out=np.zeros_like(samples), where=total > 0)
+    weight = moments * total[:, 0] / common_mode**2
+    weighted = shapes.T * weight
+    normal = weighted @ shapes + np.diag(1 / size_deviations**2)
+    return ResidualWeights(
+        channel=np.sqrt(samples) / channel,
+        share=share,
+        common_mode=np.sqrt(weight),
+        shapes=shapes,
+        solve=np.linalg.solve(normal, weighted),
+        sizes=1 / size_deviations,
+    )

@@ -1,0 +1,101 @@
+"""Iteratively reweighted least squares: descend, learn the noise from the residuals, weigh anew."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple, final
+
+import jax
+import numpy as np
+import optimistix as optx
+
+from .._errors import MatchError
+from ._descent import descend
+from ._descent_result import DescentResult, OnStep, Start
+from ._levenberg_marquardt import BoundedLevenbergMarquardt
+from ._noise_model import NoiseModel, initial_noise_model, update_noise_model
+from ._objective import Objective, make_objective, shapes_needed
+from ._problem import MatchProblem
+
+ROUNDS = 3
+LOOSE = (3e-2, 1e-2)
+"""Relative fall of the cost at which rounds end that are not the last."""
+
+
+@final
+class Estimate(NamedTuple):
+    """Where the last round ended, and the noise model of its weights."""
+
+    result: DescentResult
+    noise_model: NoiseModel
+
+
+def reweighted_least_squares(
+    problems: Sequence[MatchProblem],
+    solver: optx.AbstractLeastSquaresSolver,
+    starts: Sequence[Start],
+    max_iterations: int,
+    on_step: OnStep | None = None,
+) -> list[Estimate]:
+    """Matches in rounds until the weights fit the residuals; in one where weights do not matter.
+
+    **Arguments:**
+
+    - `problems`: one or several, alike but for their recordings' temperatures, samples and events.
+    - `solver`: with the tolerances of the last round.
+    - `starts`: of each. `max_iterations`: of each, over all rounds.
+    - `on_step`: called with the number of the problem and each step.
+
+    **Raises:** `MatchError` where the recordings of two problems differ in shape.
+    """
+    noise_models = [initial_noise_model(problem) for problem in problems]
+    space = problems[0].unknowns.search_space()
+    rounds = ROUNDS if problems[0].is_weighted else 1
+    results: list[DescentResult] = []
+    for number in range(rounds):
+        pairs = list(zip(problems, noise_models, strict=True))
+        # Compiled steps do not follow what is found in one of the problems.
+        shapes = max(shapes_needed(*pair) for pair in pairs)
+        objectives = [make_objective(*pair, shapes) for pair in pairs]
+        if number == 0:
+            _check_alike(objectives)
+        is_last = number == rounds - 1
+        results = descend(
+            objectives,
+            solver if is_last else _loosened(solver, number),
+            results or starts,
+            space,
+            max_iterations,
+            on_step,
+        )
+        if not is_last:
+            noise_models = [
+                update_noise_model(problem, noise_model, result.recording_errors())
+                if np.isfinite(result.cost)
+                else noise_model
+                for (problem, noise_model), result in zip(pairs, results, strict=True)
+            ]
+    return [Estimate(*pair) for pair in zip(results, noise_models, strict=True)]
+
+
+def _loosened(
+    solver: optx.AbstractLeastSquaresSolver, number: int
+) -> optx.AbstractLeastSquaresSolver:
+    """Our own solver with the tolerance of an early round; any other as it is."""
+    if isinstance(solver, BoundedLevenbergMarquardt):
+        return replace(solver, rtol=LOOSE[number])
+    return solver
+
+
+def _check_alike(objectives: Sequence[Objective]) -> None:
+    first, *others = [
+        (jax.tree.structure(objective), [np.shape(leaf) for leaf in jax.tree.leaves(objective)])
+        for objective in objectives
+    ]
+    for number, other in enumerate(others, start=1):
+        if other != first:
+            raise MatchError(
+                f"sets: found set {number} with recordings of other shapes than set 0, allowed are "
+                "equally many recordings, alike in how many channels they have and in whether the "
+                "ambient temperature is recorded, and nearly alike in how many samples they have "
+                "and how often their inputs change"
+            )

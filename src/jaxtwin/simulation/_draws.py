@@ -1,0 +1,203 @@
+"""Many draws of a twin, all the way from their parameters to what is kept of them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .._compilation import persistent_jit
+from .._jax_settings import own_settings
+from ..io import Experiment
+from ..physics import Twin
+from ._compressed import CompressedRecording, compress
+from ._delay import delayed_time_grid, has_own_delays
+from ._diffeqsolve import DiffraxMethod
+from ._initial import CheckedInitial
+from ._kernels import (
+    Prepared,
+    Stepped,
+    compressed_cost,
+    compressed_errors,
+    diffrax_chunk,
+    prepare_chunk,
+    sample_chunk,
+    sample_plate_end,
+    step_chunk,
+)
+from ._padding import padded, padded_time_grid
+from ._reductions import Readings, Reduction, reduce_readings
+from ._refinement import Results
+from ._time_grid import TimeGrid
+from ._workers import is_accelerated, usual_chunk_size, work_in_chunks
+
+Precision: TypeAlias = Literal["float64", "float32"]
+
+Draws: TypeAlias = Mapping[str, Float[np.ndarray, " draws"]]
+"""Name -> values in the unit of the rig's table."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class DrawSolver:
+    """What all draws of a batch share.
+
+    **Arguments:**
+
+    - `twin`: what is not drawn keeps its values.
+    - `experiment`: what drives them.
+    - `initial`: temperatures at the start, checked.
+    - `columns`: the rig's channels that are asked for.
+    - `reductions`: by the name of their result; None for whole trajectories.
+    - `precision`: of the steps. Eigenvalues that span nine decades are always found in float64.
+    - `chunk_size`: draws at a time, None for that of the device.
+    - `workers`: threads, None for one a core, or one an accelerator.
+    """
+
+    twin: Twin
+    experiment: Experiment
+    initial: CheckedInitial
+    columns: Int[np.ndarray, " channels"]
+    reductions: Mapping[str, Reduction] | None
+    precision: Precision
+    chunk_size: int | None
+    workers: int | None
+
+    def solve(
+        self, draws: Draws, refinement: int, on_progress: Callable[[int], None] | None
+    ) -> Results:
+        """By the default solver on steps that are halved so often; see `solve_refined`."""
+        own_delays = has_own_delays(self.twin, draws)
+        commanded = self._grid(refinement)
+        # Draws that share the driver's delay share how samples are read.
+        grid = commanded if own_delays else _delayed_as(self.twin, commanded)
+        compressed = None if own_delays else self._compressed(grid)
+
+        def work(chunk: Draws) -> dict[str, Array | np.ndarray]:
+            with own_settings():
+                prepared = prepare_chunk(self.twin, chunk, commanded, self.initial, own_delays)
+                if self.precision == "float32":
+                    prepared = _as_float32(prepared)
+            with own_settings(float64=self.precision == "float64"):
+                stepped = step_chunk(prepared, grid, self.columns, self._reads_plate())
+                # Neither shorter steps nor another solver help an invalid draw.
+                is_valid = prepared.system.is_valid
+                return {
+                    "stability_number": jnp.where(is_valid, prepared.stability_number, 0.0),
+                    "error_estimate": jnp.where(is_valid, stepped.channels.error_estimate, 0.0),
+                    "failed": stepped.failed,
+                    **self._reduced(prepared, stepped, grid, compressed),
+                }
+
+        return work_in_chunks(
+            draws,
+            work,
+            chunk_size=self.chunk_size or usual_chunk_size(own_delays),
+            workers=self.workers,
+            on_progress=on_progress,
+        )
+
+    def solve_with_diffrax(
+        self,
+        draws: Draws,
+        method: DiffraxMethod,
+        on_progress: Callable[[int], None] | None = None,
+    ) -> Results:
+        """By a diffrax solver, always in float64."""
+        grid = self._grid(0)
+        recorded = self.experiment.temperatures
+
+        def work(chunk: Draws) -> dict[str, Array | np.ndarray]:
+            with own_settings():
+                temperatures, plate, failed = diffrax_chunk(
+                    self.twin, chunk, grid, self.initial, self.experiment, method
+                )
+                temperatures = np.asarray(temperatures)[:, :, self.columns]
+                if self.reductions is None:
+                    return {"failed": failed, "temperatures": temperatures}
+                readings = Readings(temperatures, temperatures, temperatures[:, -1], plate)
+                return {"failed": failed, **reduce_readings(self.reductions, readings, recorded)}
+
+        # On a CPU, the linear systems of two chunks at once would wait for each other (`_lapack`).
+        is_alone = method.is_implicit and not is_accelerated()
+        return work_in_chunks(
+            draws,
+            work,
+            chunk_size=self.chunk_size or usual_chunk_size(own_delays=True),
+            workers=1 if is_alone else self.workers,
+            on_progress=on_progress,
+        )
+
+    def _grid(self, refinement: int) -> TimeGrid:
+        steady_start = isinstance(self.initial, str)
+        return padded_time_grid(self.twin, self.experiment, refinement, steady_start=steady_start)
+
+    def _compressed(self, grid: TimeGrid) -> CompressedRecording | None:
+        """The recording for the cost, where nothing but the steps moves the readings."""
+        if self.reductions is None or "cost" not in self.reductions:
+            return None
+        drifts = grid.ambient_at is not None or self.twin.wiring.ambient_drift is not None
+        recorded = self.experiment.temperatures
+        return None if drifts or recorded is None else compress(grid, recorded)
+
+    def _reads_plate(self) -> bool:
+        reductions = {} if self.reductions is None else self.reductions
+        return any(reduction.reads == "plate_end" for reduction in reductions.values())
+
+    def _reduced(
+        self,
+        prepared: Prepared,
+        stepped: Stepped,
+        grid: TimeGrid,
+        compressed: CompressedRecording | None,
+    ) -> dict[str, Array | np.ndarray]:
+        """What is kept of a chunk; only what it needs is computed."""
+        count = len(self.experiment.time)
+        if self.reductions is None:
+            temperatures = sample_chunk(prepared, stepped, grid, self.columns)
+            # By NumPy, which compiles nothing for another number of samples.
+            return {"temperatures": np.asarray(temperatures)[:, :count]}
+        reductions, results = dict(self.reductions), {}
+        if compressed is not None:
+            del reductions["cost"]
+            errors = compressed_errors(prepared, stepped, compressed, self.columns)
+            results["cost"] = compressed_cost(errors, compressed)
+        reads = {reduction.reads for reduction in reductions.values()}
+        readings: dict[str, Array | np.ndarray] = {}
+        if reads & {"trajectory", "padded_trajectory"}:
+            temperatures = sample_chunk(prepared, stepped, grid, self.columns)
+            readings["padded_trajectory"] = temperatures
+            if "trajectory" in reads:
+                readings["trajectory"] = temperatures[:, :count]
+            if "end" in reads:
+                readings["end"] = temperatures[:, -1]
+        elif "end" in reads:
+            end = sample_chunk(prepared, stepped, grid, self.columns, last=True)
+            readings["end"] = end[:, 0]
+        if "plate_end" in reads:
+            readings["plate_end"] = sample_plate_end(prepared, stepped, grid)
+        recorded = self.experiment.temperatures
+        recorded = None if recorded is None else padded(recorded, np.nan)
+        return {**results, **reduce_readings(reductions, Readings(**readings), recorded)}
+
+
+def _delayed_as(twin: Twin, commanded: TimeGrid) -> TimeGrid:
+    """The grid behind the twin's own delay, if it has one."""
+    delay = twin.wiring.delay
+    if delay is None:
+        return commanded
+    with own_settings():
+        delayed = _delayed(commanded, delay(twin.parameters_si)[0])
+    return jax.tree.map(np.asarray, delayed)
+
+
+_delayed = persistent_jit(delayed_time_grid)
+
+
+def _as_float32(prepared: Prepared) -> Prepared:
+    numbers, rest = eqx.partition(prepared, eqx.is_inexact_array)
+    return eqx.combine(jax.tree.map(lambda leaf: leaf.astype("float32"), numbers), rest)

@@ -1,0 +1,70 @@
+"""What acts on a network during a run: duty cycles as they reach the cells, and the ambient."""
+
+from typing import final
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..physics import System
+from ._delay import delayed_time_grid, lagged_duty
+from ._exponential import Inputs
+from ._time_grid import TimeGrid, reference_temperature
+
+
+@final
+class Drive(eqx.Module):
+    """What acts on the network of one draw during a run.
+
+    - `grid`: steps and samples, and the inputs held during each step, which arrive later than they
+      were commanded where the driver has a delay.
+    - `reference`: what deviations are counted from, K.
+    - `lag`: with which the duty cycles follow, s, or None.
+    - `ambient_drift`: of an ambient that is not recorded, K/s, or None.
+    """
+
+    grid: TimeGrid
+    reference: Float[Array, ""]
+    lag: Float[Array, ""] | None
+    ambient_drift: Float[Array, ""] | None
+
+    @classmethod
+    def of(cls, system: System, grid: TimeGrid) -> "Drive":
+        """The drive of a system on a time grid, delayed already or not."""
+        reference = reference_temperature(system, grid)
+        if system.delay is not None and not grid.is_delayed:
+            grid = delayed_time_grid(grid, system.delay)
+        drift = system.ambient_drift if grid.ambient_at is None else None
+        return cls(grid, reference, system.lag, drift)
+
+    def inputs(self) -> Inputs:
+        """The inputs of all steps; where the driver lags, or the ambient drifts, at the start, in
+        the middle and at the end of each."""
+        dtype = self.reference.dtype
+        steps = jnp.asarray(self.grid.sizes, dtype)[self.grid.size]
+        return Inputs(self._duty(steps), self._ambient(steps))
+
+    def ambient_at_samples(self, which: slice = slice(None)) -> Float[Array, "times 1"] | float:
+        """The ambient's deviation from the reference at the samples, or at some of them, K."""
+        dtype = self.reference.dtype
+        if self.grid.ambient_at is not None:
+            return (jnp.asarray(self.grid.ambient_at, dtype)[which] - self.reference)[:, None]
+        if self.ambient_drift is None:
+            return 0.0
+        return (self.ambient_drift * jnp.asarray(self.grid.times, dtype)[which])[:, None]
+
+    def _duty(self, steps: Float[Array, " steps"]) -> Float[Array, "steps *stages cells"]:
+        duty = jnp.asarray(self.grid.duty, steps.dtype)
+        if self.lag is None:
+            return duty
+        starts = jnp.cumsum(steps) - steps
+        stages = starts[:, None] + steps[:, None] * jnp.array([0.0, 0.5, 1.0], steps.dtype)
+        return lagged_duty(self.lag, None, starts, duty, stages, self.grid.steady_start)
+
+    def _ambient(self, steps: Float[Array, " steps"]) -> Float[Array, "steps *stages"]:
+        if self.grid.ambient is not None:
+            return jnp.asarray(self.grid.ambient, steps.dtype) - self.reference
+        if self.ambient_drift is None:
+            return jnp.zeros_like(steps)
+        remaining = steps[:, None] * jnp.array([1.0, 0.5, 0.0], steps.dtype)
+        return self.ambient_drift * (jnp.cumsum(steps)[:, None] - remaining)

@@ -1,0 +1,119 @@
+"""A network through a whole run: the loop over exponential steps and what is read from it."""
+
+from typing import Any, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..physics import System
+from ._drive import Drive
+from ._exponential import ModalField, exponential_step, step_factors
+from ._modes import Modes, run_modes
+from ._time_grid import TimeGrid
+
+SLOPE_WEIGHT = 0.15
+"""Largest weight of a slope between the ends of a step, in lengths of the step."""
+
+
+@final
+class StepReadings(eqx.Module):
+    """What is read at the ends of steps: weighted sums of node temperatures and their slopes.
+
+    Deviations from the reference, K, and K/s. Row k belongs to the start of step k.
+    `error_estimate` is the largest that the errors of all steps so far add up to in any channel,
+    at the end of a step or within, K.
+    """
+
+    values: Float[Array, "*chunk ends outputs"]
+    slopes: Float[Array, "*chunk ends outputs"]
+    error_estimate: Float[Array, "*chunk"]
+
+    def at_samples(
+        self, grid: TimeGrid, which: slice = slice(None)
+    ) -> Float[Array, "times outputs"]:
+        """Interpolated at the samples, or at some of them, of the grid that was solved."""
+        values, slopes = self.values, self.slopes
+        w = jnp.asarray(grid.weights, values.dtype)[which, :, None]
+        at = jnp.asarray(grid.step_of)[which]
+        before = jnp.maximum(at - 1, 0)
+        return (
+            w[:, 0] * values[at]
+            + w[:, 1] * slopes[at]
+            + w[:, 2] * values[at + 1]
+            + w[:, 3] * slopes[at + 1]
+            + w[:, 4] * values[before]
+            + w[:, 5] * slopes[before]
+        )
+
+
+def solve_network(
+    system: System,
+    grid: TimeGrid,
+    initial: Float[Array, " nodes"],
+    readout: Float[Array | np.ndarray, "outputs nodes"],
+) -> tuple[Drive, Float[Array, "times outputs"]]:
+    """Runs a network through an experiment.
+
+    **Arguments:**
+
+    - `system`: the equations.
+    - `grid`: steps, inputs as commanded, and samples.
+    - `initial`: absolute node temperatures at the start, K.
+    - `readout`: which weighted sums of node temperatures to return.
+
+    **Returns:** what drove the network, and the sums of the nodes' deviations from its reference
+    at each sample, K.
+    """
+    drive = Drive.of(system, grid)
+    readings = integrate(system, drive, run_modes(system, grid), initial, readout)
+    return drive, readings.at_samples(drive.grid)
+
+
+def integrate(
+    system: System,
+    drive: Drive,
+    modes: Modes,
+    initial: Float[Array, " nodes"],
+    readout: Float[Array | np.ndarray, "outputs nodes"],
+) -> StepReadings:
+    """The loop over the steps of a drive's grid.
+
+    **Arguments:** as those of `solve_network`, and the `modes` of the system (`run_modes`).
+    """
+    dtype, grid = modes.rates.dtype, drive.grid
+    field = ModalField.of(system, modes, drive.reference)
+    factors = step_factors(modes.rates, jnp.asarray(grid.sizes, dtype))
+    inputs = drive.inputs()
+
+    def advance(state: tuple[Array, Array, Array], step: Any) -> tuple[Any, Any]:
+        amplitudes, force, error = state
+        size, inputs, next_inputs = step
+        of_size = jax.tree.map(lambda table: table[size], factors)
+        amplitudes, step_error = exponential_step(amplitudes, force, of_size, field, inputs)
+        # The force that starts the next step, under its inputs. Errors decay as amplitudes do.
+        force = field.force(amplitudes, next_inputs)
+        after = amplitudes, force, of_size.decay * error + step_error
+        return after, after
+
+    at_starts, at_ends = (jax.vmap(lambda row, s=s: row.at(s))(inputs) for s in (0, 2))
+    next_inputs = jax.tree.map(lambda a, b: jnp.append(a[1:], b[-1:], axis=0), at_starts, at_ends)
+    start = modes.amplitudes(initial - drive.reference)
+    first_force = field.force(start, jax.tree.map(lambda rows: rows[0], at_starts))
+    state = start, first_force, jnp.zeros_like(start)
+    _, after = jax.lax.scan(advance, state, (jnp.asarray(grid.size), inputs, next_inputs))
+    amplitudes, forces, errors = jax.tree.map(
+        lambda a, b: jnp.append(a[None], b, axis=0), state, after
+    )
+    # An error in a mode is one in its slope, times its rate: samples between the ends have both.
+    lengths = jnp.asarray(grid.sizes, dtype)[grid.size]
+    errors = errors[1:] * (1 + SLOPE_WEIGHT * modes.rates * lengths[:, None])
+    output_shapes = (jnp.asarray(readout, dtype) @ modes.shapes).T
+    channel_shapes = (jnp.asarray(system.wiring.channel_weights, dtype) @ modes.shapes).T
+    return StepReadings(
+        values=amplitudes @ output_shapes,
+        slopes=(forces - modes.rates * amplitudes) @ output_shapes,
+        error_estimate=jnp.abs(errors @ channel_shapes).max(),
+    )

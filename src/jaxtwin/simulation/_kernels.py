@@ -1,0 +1,218 @@
+"""What is compiled for a chunk of draws side by side: linear algebra, steps, readings; or all of it
+by a diffrax solver.
+
+Each part of the default solver is a compiled function of its own. XLA would compute what one part
+makes once for every use in the next, and copy the modes into another order at every step.
+"""
+
+from collections.abc import Mapping
+from typing import final
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from .._compilation import persistent_jit
+from ..io import Experiment
+from ..physics import System, Twin
+from ._compressed import CompressedRecording
+from ._delay import delayed_time_grid
+from ._diffeqsolve import DiffraxMethod, solve_with_diffrax
+from ._drive import Drive
+from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
+from ._integrate import StepReadings, integrate
+from ._modes import Modes, run_modes
+from ._refinement import stability_number
+from ._time_grid import TimeGrid, reference_temperature
+
+
+@final
+class Prepared(eqx.Module):
+    """Draws ready to be stepped, or one of them.
+
+    - `system`, `modes`: equations.
+    - `start`: initial temperatures, K.
+    - `stability_number`: see there.
+    - `grid`: with the draw's own delay; None where all draws share one.
+    """
+
+    system: System
+    modes: Modes
+    start: Float[Array, "*chunk nodes"]
+    stability_number: Float[Array, "*chunk"]
+    grid: TimeGrid | None
+
+    def drive(self, shared: TimeGrid) -> Drive:
+        """What acts on the draw, on its own grid or the one that draws share."""
+        return Drive.of(self.system, shared if self.grid is None else self.grid)
+
+
+@final
+class Stepped(eqx.Module):
+    """What was read from the channels' places and from the plate's elements at all steps."""
+
+    channels: StepReadings
+    elements: StepReadings | None
+    failed: Bool[Array, "*chunk"]
+
+
+@persistent_jit
+def prepare_chunk(
+    twin: Twin,
+    draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
+    grid: TimeGrid,
+    initial: CheckedInitial,
+    own_delays: bool,
+) -> Prepared:
+    """All linear algebra of a chunk.
+
+    **Arguments:**
+
+    - `draws`: name -> values in the unit of the rig's table.
+    - `grid`: with the duty cycles as commanded.
+    - `own_delays`: whether the draws differ in the driver's delay.
+    """
+
+    def prepare_draw(values: Mapping[str, Float[Array | np.ndarray, ""]]) -> Prepared:
+        system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
+        modes = run_modes(system, grid)
+        number = stability_number(system, modes, grid)
+        reference = reference_temperature(system, grid)
+        start = initial_temperatures(system, initial, grid.duty[0], reference)
+        own_grid = None
+        if own_delays and system.delay is not None:
+            own_grid = delayed_time_grid(grid, system.delay)
+        return Prepared(system, modes, start, number, own_grid)
+
+    return jax.vmap(prepare_draw)(draws)
+
+
+@persistent_jit
+def step_chunk(
+    prepared: Prepared,
+    grid: TimeGrid,
+    columns: Int[Array | np.ndarray, " channels"],
+    with_plate: bool,
+) -> Stepped:
+    """Solves all steps."""
+    wiring = prepared.system.wiring
+    readout = jnp.asarray(wiring.channel_weights)[columns]
+    if with_plate:
+        # Every element of the rig's plate counts, also where one node stands for two.
+        plate = np.eye(len(wiring.netlist.nodes))[wiring.rig_elements]
+        readout = jnp.concatenate([readout, plate])
+
+    def step_draw(draw: Prepared) -> Stepped:
+        read = integrate(draw.system, draw.drive(grid), draw.modes, draw.start, readout)
+        channels, elements = (
+            StepReadings(read.values[:, part], read.slopes[:, part], read.error_estimate)
+            for part in (slice(len(columns)), slice(len(columns), None))
+        )
+        failed = ~(draw.system.is_valid & jnp.all(jnp.isfinite(read.values)))
+        return Stepped(channels, elements if with_plate else None, failed)
+
+    return jax.vmap(step_draw)(prepared)
+
+
+@persistent_jit
+def sample_chunk(
+    prepared: Prepared,
+    stepped: Stepped,
+    grid: TimeGrid,
+    columns: Int[Array | np.ndarray, " channels"],
+    last: bool = False,
+) -> Float[Array, "chunk times channels"]:
+    """Temperatures of the channels at the samples, or at the last alone, degC; NaN where failed."""
+    which = slice(-1, None) if last else slice(None)
+
+    def sample_draw(draw: Prepared, stepped: Stepped) -> Array:
+        drive = draw.drive(grid)
+        deviation = stepped.channels.at_samples(drive.grid, which)
+        ambient = drive.ambient_at_samples(which)
+        gain = draw.system.gain[columns]
+        reading = ambient + gain * (deviation - ambient) + (drive.reference - 273.15)
+        return jnp.where(stepped.failed, jnp.nan, reading)
+
+    return jax.vmap(sample_draw)(prepared, stepped)
+
+
+@persistent_jit
+def sample_plate_end(
+    prepared: Prepared, stepped: Stepped, grid: TimeGrid
+) -> Float[Array, "chunk elements"]:
+    """Deviations of the plate's elements at the last sample, K; NaN where the draw failed."""
+
+    def sample_draw(draw: Prepared, stepped: Stepped) -> Array:
+        assert stepped.elements is not None
+        elements = stepped.elements.at_samples(draw.drive(grid).grid, slice(-1, None))[0]
+        return jnp.where(stepped.failed, jnp.nan, elements)
+
+    return jax.vmap(sample_draw)(prepared, stepped)
+
+
+@persistent_jit
+def compressed_errors(
+    prepared: Prepared,
+    stepped: Stepped,
+    recorded: CompressedRecording,
+    columns: Int[Array | np.ndarray, " channels"],
+) -> Float[Array, "chunk rows channels"]:
+    """Simulated less recorded in the recording's combinations, K; NaN where the draw failed."""
+
+    def draw_errors(system: System, stepped: Stepped) -> Array:
+        rise = system.gain[columns] * stepped.channels.at_samples(recorded.grid)
+        offset = system.ambient_temperature - 273.15
+        target = jnp.asarray(recorded.target, rise.dtype)
+        error = rise + offset * jnp.asarray(recorded.ones, rise.dtype)[:, None] - target
+        return jnp.where(stepped.failed, jnp.nan, error)
+
+    return jax.vmap(draw_errors)(prepared.system, stepped)
+
+
+@persistent_jit
+def compressed_cost(
+    errors: Float[Array, "chunk rows channels"], recorded: CompressedRecording
+) -> Float[Array, "chunk channels"]:
+    """Mean squared error of each channel, K^2."""
+    counted, samples, beyond = (
+        jnp.asarray(leaf, errors.dtype)
+        for leaf in (recorded.counted, recorded.samples, recorded.beyond)
+    )
+    return jnp.sum(counted * errors**2, axis=1) / samples + beyond
+
+
+@persistent_jit
+def diffrax_chunk(
+    twin: Twin,
+    draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
+    grid: TimeGrid,
+    initial: CheckedInitial,
+    experiment: Experiment,
+    method: DiffraxMethod,
+) -> tuple[
+    Float[Array, "chunk times channels"], Float[Array, "chunk elements"], Bool[Array, " chunk"]
+]:
+    """Runs draws by a diffrax solver.
+
+    **Returns:** temperatures of all channels at the samples and of the plate's elements at the
+    last one, degC, NaN where the draw failed, and whether it did.
+    """
+
+    def solve_draw(
+        values: Mapping[str, Float[Array | np.ndarray, ""]],
+    ) -> tuple[Array, Array, Array]:
+        system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
+        is_resolved = ~jnp.isnan(stability_number(system, run_modes(system, grid), grid))
+        states, readings, result = solve_with_diffrax(system, experiment, initial, method)
+        is_solved = (result == diffrax.RESULTS.successful) & jnp.all(jnp.isfinite(states))
+        failed = ~(system.is_valid & is_resolved & is_solved)
+        plate = states[-1, : len(system.wiring.rig_elements)]
+        temperatures, plate = (
+            jnp.where(failed, jnp.nan, kelvin - 273.15) for kelvin in (readings, plate)
+        )
+        return temperatures, plate, failed
+
+    return jax.vmap(solve_draw)(draws)

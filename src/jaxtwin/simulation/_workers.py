@@ -1,0 +1,109 @@
+"""Draws in chunks, over all cores or accelerators."""
+
+import os
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Shaped
+
+CHUNK_CPU = 128
+"""Draws that one core works on at a time: enough that calls cost nothing beside the work, few
+enough for its cache."""
+
+CHUNK_CPU_OWN_DELAYS = 64
+"""The same where each draw has a delay, and so a table of its own for reading the samples."""
+
+CHUNK_ACCELERATOR = 65536
+"""Draws that an accelerator works on at a time: enough to fill it."""
+
+
+def work_in_chunks(
+    draws: Mapping[str, Float[np.ndarray, " draws"]],
+    work: Callable[[Mapping[str, Float[np.ndarray, " chunk"]]], Mapping[str, Array | np.ndarray]],
+    *,
+    chunk_size: int,
+    workers: int | None = None,
+    on_progress: Callable[[int], None] | None = None,
+) -> dict[str, Shaped[np.ndarray, "draws ..."]]:
+    """Works on all draws, chunk by chunk.
+
+    **Arguments:**
+
+    - `draws`: name -> `(draws,)`.
+    - `work`: from the draws of a chunk, always equally many, to its results by name, each with a
+      leading axis for the draws. Called from several threads.
+    - `chunk_size`: draws at a time.
+    - `workers`: threads, None for one a core, or one an accelerator.
+    - `on_progress`: called with the number of draws of each finished chunk.
+
+    **Returns:** the results of all draws, in their order.
+    """
+    _keep_freed_memory()
+    devices = jax.local_devices()
+    count = len(next(iter(draws.values())))
+    # Draws that are solved again come in any number: few sizes, few compilations.
+    size = min(chunk_size, 1 << (count - 1).bit_length())
+    result: dict[str, np.ndarray] = {}
+    one_at_a_time = threading.Lock()
+
+    def work_on(number: int) -> None:
+        first = number * size
+        chunk = {n: _padded(values[first : first + size], size) for n, values in draws.items()}
+        with jax.default_device(devices[number % len(devices)]):
+            found = jax.tree.map(np.asarray, dict(work(chunk)))
+        with one_at_a_time:
+            for name in found.keys() - result.keys():
+                result[name] = np.empty((count, *found[name].shape[1:]), found[name].dtype)
+        for name, values in found.items():
+            result[name][first : first + size] = values[: count - first]
+        if on_progress is not None:
+            with one_at_a_time:
+                on_progress(min(size, count - first))
+
+    threads = workers or (len(devices) if is_accelerated() else _cores())
+    pool = ThreadPoolExecutor(max_workers=threads)
+    try:
+        # Exceptions come out where the results are asked for.
+        for _ in pool.map(work_on, range(-(-count // size))):
+            pass
+    finally:
+        # Interrupted while chunks are still handed out, nobody wants the rest.
+        pool.shutdown(cancel_futures=True)
+    return result
+
+
+def usual_chunk_size(own_delays: bool) -> int:
+    """Draws at a time by the kind of device, and whether draws differ in the driver's delay."""
+    if is_accelerated():
+        return CHUNK_ACCELERATOR
+    return CHUNK_CPU_OWN_DELAYS if own_delays else CHUNK_CPU
+
+
+def is_accelerated() -> bool:
+    """Whether JAX computes on something else than a CPU."""
+    return jax.default_backend() != "cpu"
+
+
+def _cores() -> int:
+    """That this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _padded(values: np.ndarray, size: int) -> np.ndarray:
+    """The last chunk is filled up with its last draw: one shape, one compilation."""
+    return np.concatenate([values, np.repeat(values[-1:], size - len(values))])
+
+
+def _keep_freed_memory() -> None:
+    """Has the allocator keep what a chunk frees for the next one.
+
+    glibc returns large blocks to the system, which fills them with zeros again page by page: a
+    third of the time of whole trajectories. It keeps blocks as large as the largest one that was
+    freed, up to 32 MiB; this one is never touched and costs nothing.
+    """
+    np.empty((32 << 20) - (64 << 10), np.uint8)

@@ -1,0 +1,5 @@
+"""SPICE: a twin in an experiment as a netlist that another simulator runs."""
+
+from ._to_spice import to_spice
+
+__all__ = ["to_spice"]

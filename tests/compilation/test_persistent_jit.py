@@ -1,0 +1,151 @@
+"""A program is traced once per machine and computes what its function says."""
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtwin._compilation import _fingerprint, _persistent_jit, persistent_jit
+
+traced: list[str] = []
+"""Which functions were traced; a program that is loaded leaves nothing here."""
+
+
+class Line(eqx.Module):
+    slope: Any
+    name: str = eqx.field(static=True)
+
+
+def scaled(line: Line, x: Any, power: int = 1) -> tuple[Line, dict[str, Any]]:
+    traced.append(line.name)
+    return Line(2 * line.slope, line.name), {"y": line.slope * x**power, "power": power}
+
+
+def applied(function: Any, x: Any) -> Any:
+    traced.append("applied")
+    return function(x)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", str(tmp_path))
+    known = (*_fingerprint.KNOWN_CODE, __name__.partition(".")[0])
+    monkeypatch.setattr(_fingerprint, "KNOWN_CODE", known)
+    traced.clear()
+    return tmp_path
+
+
+def another_process() -> Any:
+    """A `persistent_jit` that has nothing in memory."""
+    return persistent_jit(scaled)
+
+
+def test_it_gives_what_the_function_gives():
+    line, found = another_process()(Line(jnp.array(3.0), "a"), np.array([1.0, 2.0]), power=2)
+    assert isinstance(line, Line)
+    assert (line.name, found["power"]) == ("a", 2)
+    assert float(line.slope) == 6
+    np.testing.assert_array_equal(found["y"], [3.0, 12.0])
+
+
+def test_another_process_loads_instead_of_tracing():
+    x = jnp.arange(3.0)
+    first = another_process()(Line(jnp.array(3.0), "a"), x)
+    assert traced == ["a"]
+    second = another_process()(Line(jnp.array(4.0), "a"), x)
+    assert traced == ["a"]
+    np.testing.assert_array_equal(first[1]["y"], 3 * x)
+    np.testing.assert_array_equal(second[1]["y"], 4 * x)
+
+
+def test_new_values_share_a_program_and_anything_else_has_its_own():
+    call = another_process()
+    x = jnp.arange(3.0)
+    call(Line(jnp.array(3.0), "a"), x)
+    call(Line(jnp.array(5.0), "a"), x + 1)
+    assert len(traced) == 1
+    call(Line(jnp.array(3.0), "b"), x)
+    call(Line(jnp.array(3.0), "a"), jnp.arange(4.0))
+    call(Line(jnp.array(3.0), "a"), x, power=2)
+    call(Line(jnp.array(3.0), "a"), x, power=2.0)
+    call(Line(jnp.array(3), "a"), x)
+    with jax.enable_x64(True):
+        call(Line(jnp.array(3.0), "a"), x)
+    assert len(traced) == 7
+
+
+def test_it_can_be_transformed():
+    call = another_process()
+    x = jnp.arange(3.0)
+    slopes = jax.vmap(lambda slope: call(Line(slope, "a"), x)[1]["y"])(jnp.array([1.0, 2.0]))
+    np.testing.assert_array_equal(slopes, [x, 2 * x])
+    gradient = jax.grad(lambda slope: call(Line(slope, "a"), x)[1]["y"].sum())(1.0)
+    assert gradient == x.sum()
+
+
+def test_a_closure_is_compiled_and_not_kept(folder):
+    offset = 2.0
+    call = persistent_jit(applied)
+    assert call(lambda x: x + offset, jnp.array(1.0)) == 3
+    assert not any(folder.iterdir())
+    assert call(abs, jnp.array(-1.0)) == 1
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_a_damaged_program_is_made_anew(folder):
+    x = jnp.arange(3.0)
+    another_process()(Line(jnp.array(3.0), "a"), x)
+    (file,) = folder.iterdir()
+    file.write_bytes(file.read_bytes()[:-100])
+    assert another_process()(Line(jnp.array(3.0), "a"), x)[1]["power"] == 1
+    assert traced == ["a", "a"]
+
+
+def test_threads_that_want_the_same_program_make_it_once():
+    call = another_process()
+    with ThreadPoolExecutor(8) as pool:
+        lines = [Line(jnp.array(float(n)), "a") for n in range(8)]
+        results = list(pool.map(lambda line: call(line, jnp.ones(2)), lines))
+    assert traced == ["a"]
+    assert [float(found["y"][0]) for _, found in results] == list(range(8))
+
+
+def test_few_programs_stay_in_memory(monkeypatch):
+    """Linux ends a process that maps memory too often, which each program does."""
+    monkeypatch.setattr(_persistent_jit, "MOST_PROGRAMS", 2)
+    call = another_process()
+    for size in (1, 2, 3, 1):
+        call(Line(jnp.array(3.0), "a"), jnp.ones(size))
+    assert len(traced) == 3  # the first came back from the disk
+    assert len(call._programs) == 2  # pyright: ignore[reportFunctionMemberAccess]
+
+
+def test_a_loaded_program_finds_lapack(tmp_path):
+    """In a process that has lowered no call of it, nobody else has looked up its functions."""
+    (tmp_path / "eigenvalues.py").write_text(
+        "import jax.numpy as jnp\n"
+        "from jaxtwin._compilation import _fingerprint, persistent_jit\n"
+        "_fingerprint.KNOWN_CODE += ('eigenvalues',)\n"
+        "@persistent_jit\n"
+        "def largest(matrix):\n"
+        "    print('traced')\n"
+        "    return jnp.linalg.eigh(matrix)[0][-1]\n"
+    )
+    code = "import numpy, eigenvalues; print(eigenvalues.largest(numpy.diag([1., 3., 2.])))"
+    command = [sys.executable, "-c", code]
+    environment = os.environ | {"JAXTWIN_COMPILATION_CACHE": str(tmp_path / "compiled")}
+    printed = [
+        subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        ).stdout.split()
+        for _ in range(2)
+    ]
+    assert printed == [["traced", "3.0"], ["3.0"]]

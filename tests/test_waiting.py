@@ -1,0 +1,82 @@
+"""Who waits for more than two seconds is told for what."""
+
+import io
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from jaxtwin import _waiting
+from jaxtwin._waiting import announced, silent
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture(autouse=True)
+def screen(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    monkeypatch.setattr(_waiting, "PATIENCE", 0.05)
+    terminal = Terminal()
+    monkeypatch.setattr(_waiting, "sys", SimpleNamespace(stderr=terminal, modules={}))
+    return terminal
+
+
+def test_long_work_is_announced_and_timed(screen):
+    with announced("match"):
+        time.sleep(0.2)
+        assert screen.getvalue() == "jaxtwin: match ...\n"
+    assert screen.getvalue().splitlines()[1] == "jaxtwin: match: 0.2 s"
+
+
+def test_short_work_is_not(screen):
+    with announced("match"):
+        pass
+    time.sleep(0.1)
+    assert screen.getvalue() == ""
+
+
+def test_it_says_how_much_was_compilation(screen, monkeypatch):
+    clock = iter([1.0, 8.0])
+    monkeypatch.setattr(_waiting, "compiling_seconds", lambda: next(clock))
+    with announced("match"):
+        time.sleep(0.1)
+    assert "7.0 s of it compilation, which is kept for the next time" in screen.getvalue()
+
+
+def test_work_within_work_is_silent(screen):
+    with announced("sensitivity"), announced("simulation"):
+        time.sleep(0.1)
+    assert "simulation" not in screen.getvalue()
+    with silent(), announced("match"):
+        time.sleep(0.1)
+    assert "match" not in screen.getvalue()
+
+
+def test_nothing_is_written_where_nobody_reads(monkeypatch):
+    """A log or a pipe of somebody else's keeps its form."""
+    pipe = io.StringIO()
+    monkeypatch.setattr(_waiting, "sys", SimpleNamespace(stderr=pipe, modules={}))
+    with announced("match"):
+        time.sleep(0.1)
+    assert pipe.getvalue() == ""
+
+
+def test_a_notebook_is_read(screen, monkeypatch):
+    notebook = io.StringIO()
+    modules = {"ipykernel": None}
+    monkeypatch.setattr(_waiting, "sys", SimpleNamespace(stderr=notebook, modules=modules))
+    with announced("match"):
+        time.sleep(0.1)
+    assert notebook.getvalue().startswith("jaxtwin: match ...")
+
+
+def test_it_ends_with_a_word_where_the_work_fails(screen):
+    def fail() -> None:
+        time.sleep(0.1)
+        raise ValueError("broken")
+
+    with pytest.raises(ValueError, match="broken"), announced("match"):
+        fail()
+    assert len(screen.getvalue().splitlines()) == 2
