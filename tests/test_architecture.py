@@ -81,7 +81,7 @@ def targets(node: ast.AST, package: tuple[str, ...]) -> list[tuple[str, ...]]:
 
 def test_every_package_has_its_place_in_the_order():
     packages = {path.parent.name for path in SOURCE.glob("[!_]*/__init__.py")}
-    assert packages <= set(declared_order())
+    assert sorted(packages) == sorted(declared_order())
 
 
 @pytest.mark.parametrize("package", declared_order())
