@@ -22,6 +22,7 @@ from .._arguments import finite_number, of_kind
 from .._display import html_table, picture
 from .._errors import MatchError
 from .._jax_settings import own_settings
+from .._waiting import announced
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter
@@ -103,6 +104,7 @@ class Band:
         return html_table(repr(self), ("channel", "mean width, K", "largest, K"), rows)
 
 
+@announced("prediction band")
 def prediction_band(
     fit: Fit,
     recording: str | None = None,

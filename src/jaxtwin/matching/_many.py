@@ -8,6 +8,7 @@ import optimistix as optx
 
 from .._arguments import check_callable, whole_number
 from .._errors import MatchError, ParameterError, SimulationError
+from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
@@ -20,6 +21,7 @@ from ._reweighted_least_squares import Estimate, reweighted_least_squares
 from ._unknowns import choose_unknowns
 
 
+@announced("match of several sets")
 def match_many(
     twin: Twin | Fit,
     sets: Sequence[Sequence[Experiment]],

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from .._arguments import check_callable, of_kind, whole_number
 from .._errors import MatchError
+from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
@@ -24,6 +25,7 @@ from ._reweighted_least_squares import Estimate, reweighted_least_squares
 from ._unknowns import Unknowns, choose_unknowns
 
 
+@announced("match")
 def match(
     twin: Twin | Fit,
     experiments: Experiment | Sequence[Experiment],

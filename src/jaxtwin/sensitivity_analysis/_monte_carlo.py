@@ -7,6 +7,7 @@ import numpy as np
 
 from .._arguments import check_callable, whole_number
 from .._errors import SimulationError
+from .._waiting import announced
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
@@ -18,6 +19,7 @@ from ._sampling import checked_seed, checked_spread, normal_draws
 from ._sensitivity import MEAN, Sensitivity
 
 
+@announced("sensitivity analysis")
 def sensitivity(
     twin: Twin | Fit | Sequence[Twin],
     experiments: Experiment | Sequence[Experiment] | None = None,

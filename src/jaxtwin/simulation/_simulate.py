@@ -12,6 +12,7 @@ from .._arguments import of_kind
 from .._compilation import persistent_jit
 from .._errors import ParameterError, SimulationError
 from .._jax_settings import own_settings
+from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import EXPERIMENT
 from ..physics import Twin, build_netlist, check_twin
@@ -35,6 +36,7 @@ from ._run import Run
 from ._time_grid import TimeGrid
 
 
+@announced("simulation")
 def simulate(
     twin: Twin | FittedTwins,
     experiment: Experiment,

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from .._arguments import check_callable, mapping_of, whole_number
 from .._errors import ParameterError, SimulationError
+from .._waiting import announced
 from ..io import Experiment
 from ..physics import Twin
 from ._diffeqsolve import stiff_method
@@ -59,6 +60,7 @@ def simulate_batch(
 ) -> Reductions: ...
 
 
+@announced("simulation of many draws")
 def simulate_batch(
     twin: Twin | FittedTwins,
     experiment: Experiment,

@@ -9,6 +9,7 @@ from jaxtyping import Bool
 
 from .._arguments import check_callable, finite_number, names_of
 from .._errors import MatchError
+from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import (
@@ -27,6 +28,7 @@ LEAST = 30
 """Samples of each channel of a predicted part: fewer say little about a prediction."""
 
 
+@announced("validation")
 def validate(
     twin: Twin | Fit | str | os.PathLike[str],
     experiments: Experiment | Sequence[Experiment],
@@ -70,6 +72,7 @@ def validate(
     return Validation(twin.rig.name, kind, tuple(made))
 
 
+@announced("validation of the second part")
 def validate_split(
     twin: Twin | Fit,
     experiments: Experiment | Sequence[Experiment],
@@ -118,6 +121,7 @@ def validate_split(
     return Validation(twin.rig.name, f"matched before {at:g} s, predicted from there", tuple(made))
 
 
+@announced("leave-one-out validation")
 def leave_one_out(
     twin: Twin | Fit,
     experiments: Sequence[Experiment],
