@@ -22,7 +22,7 @@ from jax.experimental import serialize_executable
 from jaxtyping import Array, PyTree
 
 from ._fingerprint import NoFingerprintError, fingerprint, surroundings
-from ._store import load, save
+from ._store import is_on, load, save
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -145,7 +145,7 @@ class _PersistentJit(Generic[P, T]):
         self, structure: Any, static: tuple[Any, ...], arrays: list[Any]
     ) -> _Program:
         name, device = None, _only_device(arrays)
-        if device is not None:
+        if device is not None and is_on():
             skeleton = jax.tree.unflatten(structure, static)
             signatures = [str(_signature(array)) for array in arrays]
             meaning = (self._function, skeleton, signatures, str(_settings()), str(device))

@@ -44,6 +44,11 @@ def cache_state() -> CacheState:
     return CacheState(folder, reason, len(sizes), sum(sizes))
 
 
+def is_on() -> bool:
+    """Whether programs are to be kept in this process."""
+    return _chosen()[0] is not None
+
+
 def load(name: str) -> bytes | None:
     """A kept program, or None where there is none, or none that is whole."""
     folder, _ = _chosen()

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from .._progress import Progress
+from .._waiting import silent
 
 PATIENCE = 1.0  # s before a step is worth a plain line
 PAUSE = 10.0  # s between two plain lines of news
@@ -25,7 +26,8 @@ def show_progress() -> Iterator[Progress]:
     living = sys.stderr.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
     shown = LiveProgress() if living else PlainProgress()
     try:
-        yield shown
+        with silent():
+            yield shown
         if isinstance(shown, LiveProgress):
             shown.finish()
     finally:

@@ -8,6 +8,7 @@ import optimistix as optx
 
 from .._arguments import check_callable, whole_number
 from .._errors import MatchError, ParameterError, SimulationError
+from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
@@ -20,8 +21,9 @@ from ._reweighted_least_squares import Estimate, reweighted_least_squares
 from ._unknowns import choose_unknowns
 
 
+@announced("match of several sets")
 def match_many(
-    twin: Twin,
+    twin: Twin | Fit,
     sets: Sequence[Sequence[Experiment]],
     *,
     free: Iterable[str] | None = None,
@@ -58,6 +60,7 @@ def match_many(
     is no set or they differ in shape.
     """
     began = time.perf_counter()
+    twin = twin.mean_twin if isinstance(twin, Fit) else twin
     whole_number("max_iterations", max_iterations, 1, MatchError)
     check_callable("on_progress", on_progress, MatchError)
     if isinstance(sets, str | bytes | Experiment) or not isinstance(sets, Iterable):

@@ -30,6 +30,7 @@ from .._arguments import check_callable, of_kind, whole_number
 from .._display import html_table, picture
 from .._errors import MatchError, ParameterError
 from .._number_text import short_number
+from .._waiting import announced
 from ._descent import descend
 from ._descent_result import DescentStep
 from ._fit import Fit, Iteration
@@ -107,6 +108,7 @@ class Profile:
         return html_table(repr(self), (f"{self.name}, {self.unit or '1'}", "excess"), rows)
 
 
+@announced("profile likelihood")
 def profile(
     fit: Fit,
     name: str,

@@ -7,6 +7,7 @@ import numpy as np
 
 from .._arguments import check_callable, whole_number
 from .._errors import SimulationError
+from .._waiting import announced
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
@@ -18,6 +19,7 @@ from ._sampling import checked_seed, checked_spread, normal_draws
 from ._sensitivity import MEAN, Sensitivity
 
 
+@announced("sensitivity analysis")
 def sensitivity(
     twin: Twin | Fit | Sequence[Twin],
     experiments: Experiment | Sequence[Experiment] | None = None,
@@ -40,7 +42,7 @@ def sensitivity(
     **Arguments:**
 
     - `twin`: a fit, of which each recording uses its own values (those of a recording that was
-      not matched are estimated from its first minute, see `jaxtwin.matching.twin_for`); or one
+      not matched are estimated from its first minute, see `Fit.twin_for`); or one
       twin for all experiments, or one for each.
     - `experiments`: one or several, with recorded temperatures; None for those of the fit.
     - `draws`: how many, at least 3; 50 in the paper.

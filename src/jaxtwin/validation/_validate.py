@@ -9,6 +9,7 @@ from jaxtyping import Bool
 
 from .._arguments import check_callable, finite_number, names_of
 from .._errors import MatchError
+from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import (
@@ -27,6 +28,7 @@ LEAST = 30
 """Samples of each channel of a predicted part: fewer say little about a prediction."""
 
 
+@announced("validation")
 def validate(
     twin: Twin | Fit | str | os.PathLike[str],
     experiments: Experiment | Sequence[Experiment],
@@ -70,8 +72,9 @@ def validate(
     return Validation(twin.rig.name, kind, tuple(made))
 
 
+@announced("validation of the second part")
 def validate_split(
-    twin: Twin,
+    twin: Twin | Fit,
     experiments: Experiment | Sequence[Experiment],
     at: float | int,
     *,
@@ -82,7 +85,7 @@ def validate_split(
 
     **Arguments:**
 
-    - `twin`: where the match starts.
+    - `twin`: where the match starts, as in `match`.
     - `experiments`: one or several recordings.
     - `at`: the match sees samples before this time, s.
     - `on_progress`: called with each `Iteration` of the match and each `Prediction` as it is made.
@@ -91,6 +94,7 @@ def validate_split(
     **Raises:** `MatchError` where the split leaves too few samples on either side; what `match`
     raises.
     """
+    twin = twin.mean_twin if isinstance(twin, Fit) else twin
     at = finite_number("validate_split: at", at, MatchError)
     several = as_experiments("validate_split: experiments", experiments, MatchError)
     names = named_recordings(twin, several)
@@ -117,8 +121,9 @@ def validate_split(
     return Validation(twin.rig.name, f"matched before {at:g} s, predicted from there", tuple(made))
 
 
+@announced("leave-one-out validation")
 def leave_one_out(
-    twin: Twin,
+    twin: Twin | Fit,
     experiments: Sequence[Experiment],
     *,
     warm_up: float | int = WARM_UP,
@@ -129,7 +134,7 @@ def leave_one_out(
 
     **Arguments:**
 
-    - `twin`: where every match starts.
+    - `twin`: where every match starts, as in `match`.
     - `experiments`: two or more recordings.
     - `warm_up`: as in `validate`.
     - `on_progress`: called with each `Iteration` of each match and each `Prediction` as it is made.
@@ -137,6 +142,7 @@ def leave_one_out(
 
     **Raises:** `MatchError` for fewer than two recordings; what `match` and `validate` raise.
     """
+    twin = twin.mean_twin if isinstance(twin, Fit) else twin
     several = as_experiments("leave_one_out: experiments", experiments, MatchError)
     warm_up = finite_number("leave_one_out: warm_up", warm_up, MatchError)
     check_callable("leave_one_out: on_progress", on_progress, MatchError)
