@@ -1,6 +1,7 @@
 """The command line: what it prints, what it writes, and how it refuses."""
 
 import json
+import math
 import os
 import re
 import subprocess
@@ -16,6 +17,7 @@ from small_results import fit, recordings
 
 from jaxtwin import (
     Experiment,
+    Fit,
     Twin,
     bundled_rigs,
     load_rig,
@@ -28,6 +30,7 @@ from jaxtwin.cli import app, run
 from jaxtwin.commands import _rigs
 from jaxtwin.commands._sources import find_recording, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
+from jaxtwin.matching import FittedParameters
 
 COMMANDS = [
     [],
@@ -39,6 +42,7 @@ COMMANDS = [
     ["simulate"],
     ["match"],
     ["validate"],
+    ["diff"],
     ["sensitivity"],
     ["sweep"],
     ["virtual-rig"],
@@ -118,7 +122,7 @@ WRONG = {
         ["validate", "paper-2024", "synthetic-A", "--split", "500", "--leave-one-out"],
         "give either --split or --leave-one-out",
     ),
-    "nothing to validate": (["validate", "paper-2024", "synthetic-A"], "give --fit"),
+    "nothing to validate": (["validate", "paper-2024", "synthetic-A"], "give --parameters"),
     "split outside": (
         ["validate", "paper-2024", "synthetic-A", "--split", "2000"],
         "split at 2000 s: found 1001 samples before and 0 from there on",
@@ -167,7 +171,7 @@ WRONG = {
         "found 1 cells, allowed are the 2 of paper-2024",
     ),
     "parameter unknown": (
-        ["match", "paper-2024", "synthetic-A", "--fix", "R_x", "--out", "fit.toml"],
+        ["match", "paper-2024", "synthetic-A", "--fixed", "R_x", "--out", "fit.toml"],
         "unknown parameter R_x",
     ),
     "nothing free": (
@@ -176,7 +180,7 @@ WRONG = {
             word
             for name, row in load_rig("paper-2024").parameters.items()
             if row.free
-            for word in ("--fix", name)
+            for word in ("--fixed", name)
         ],
         "no free parameter",
     ),
@@ -271,7 +275,7 @@ def test_simulate_compares_with_a_recording_under_its_own_ambient(capsys):
 def test_match_saves_what_the_other_commands_take(minute, capsys):
     held = [name for name, row in load_rig("paper-2024").parameters.items() if row.free]
     held.remove("R_pc")
-    fixed = [word for name in held for word in ("--fix", name)]
+    fixed = [word for name in held for word in ("--fixed", name)]
     more = ["--per-recording", "T_amb", "--set", "published", "--max-iterations", "4"]
     files = ["--out", "fit.toml", "--json", "fit.json"]
     assert run(["match", "paper-2024", minute, *fixed, *more, *files]) == 0
@@ -286,6 +290,7 @@ def test_match_saves_what_the_other_commands_take(minute, capsys):
     assert run(["simulate", "paper-2024", "--recording", minute, "--out", "r.nc", *arguments]) == 0
     simulated = json.loads(printed(capsys))
     assert simulated["rmse_K"] == pytest.approx(numbers["rmse_K"], rel=1e-6)
+    assert simulated["own_values"] == numbers["recordings"]["minute"]
 
     few = ["--draws", "8", "--seed", "3", "--out", "s.nc"]
     assert run(["sensitivity", "paper-2024", minute, *few, *arguments]) == 0
@@ -294,18 +299,29 @@ def test_match_saves_what_the_other_commands_take(minute, capsys):
         assert stored.sizes["draw"] == 8
 
 
-def test_an_unseen_recording_gets_its_own_ambient_and_not_that_of_another():
-    """The synthetic truth names its three recordings; under another name the room of B is found
-    from its first minute, and a drive without temperatures gets the shared value."""
+def test_recordings_get_the_values_that_a_parameter_file_has_under_their_names():
+    """The synthetic truth names its three recordings; another one gets the shared value."""
     rig, recording = load_rig("paper-2024"), read_recording(synthetic_recordings()[1])
-    drive = Experiment.schedule("0:0.5", duration=10, cells=2)
     unseen = replace(recording, name="unseen")
-    twins = open_twins(rig, None, synthetic_truth(), [recording, unseen, drive])
-    known, found, shared = (float(twin.parameters["T_amb"]) for twin in twins)
+    twins = open_twins(rig, None, synthetic_truth(), [recording, unseen])
+    assert not isinstance(twins, Fit)
+    known, shared = (float(twin.parameters["T_amb"]) for twin in twins)
     assert known == read_parameters(synthetic_truth(), rig, "synthetic-B")["T_amb"]
-    assert found == pytest.approx(known, abs=0.3)
     assert shared == read_parameters(synthetic_truth(), rig)["T_amb"]
     assert abs(shared - known) > 0.5
+
+
+def test_simulate_says_whose_values_a_fit_gave_it(minute, tmp_path, capsys):
+    """Of a matched recording, whatever its name, its own; of a drive the means of them all."""
+    fit().save(tmp_path / "fit.toml")
+    rooms = [values["T_amb"] for values in fit().recording_values.values()]
+    command = ["simulate", "paper-2024", "--parameters", "fit.toml", "--out", "r.nc"]
+    assert run([*command, "--recording", minute, "--json", "r.json"]) == 0
+    assert f"T_amb = {rooms[0]:.4g}: as matched for synthetic-A" in printed(capsys)
+    assert json.loads(Path("r.json").read_text())["own_values"] == {"T_amb": rooms[0]}
+    assert run([*command, "--duty", "0:0.5", "--duration", "10"]) == 0
+    said = f"T_amb = {np.mean(rooms):.4g}: means of synthetic-A, synthetic-B"
+    assert said in printed(capsys)
 
 
 def test_validate_predicts_after_the_warm_up_and_draws_the_residuals(minute, capsys):
@@ -323,10 +339,29 @@ def test_validate_predicts_after_the_warm_up_and_draws_the_residuals(minute, cap
 def test_validate_takes_rooms_from_a_saved_fit(minute, tmp_path, capsys):
     """The whole fit, not its values alone: the room is expected where its recordings had it."""
     fit().save(tmp_path / "fit.toml")
-    arguments = ["validate", "paper-2024", minute, "--fit", "fit.toml", "--warm-up", "20"]
+    arguments = ["validate", "paper-2024", minute, "--parameters", "fit.toml", "--warm-up", "20"]
     assert run([*arguments, "--json", "numbers.json"]) == 0
     expected = validate(fit(), read_recording(minute), warm_up=20.0)
     assert json.loads(Path("numbers.json").read_text()) == expected.to_dict()
+
+
+def test_diff_counts_in_standard_errors(tmp_path, capsys):
+    """A fit beside itself, and beside one whose room is two standard errors further."""
+    room = fit()["T_amb"]
+    moved = replace(room, value=room.value + 2 * math.sqrt(2) * room.standard_error)
+    rows = FittedParameters({**fit().parameters, "T_amb": moved})
+    fit().save(tmp_path / "old.toml")
+    replace(fit(), parameters=rows).save(tmp_path / "new.toml")
+    assert run(["diff", "old.toml", "old.toml"]) == 0
+    assert printed(capsys) == "no difference\n"
+    assert run(["diff", "old.toml", "new.toml", "--json", "diff.json"]) == 0
+    head, line = printed(capsys).splitlines()
+    assert head.split()[:3] == ["parameter", "old", "new"]
+    assert line.split()[0] == "T_amb"
+    assert line.split()[-1] == "+2.00"
+    numbers = json.loads(Path("diff.json").read_text())["parameters"]
+    assert numbers["T_amb"]["standard_errors"] == pytest.approx(2.0)
+    assert numbers["R_pc"]["standard_errors"] == 0.0
 
 
 def test_known_recordings_are_found_by_name(tmp_path, monkeypatch):

@@ -51,7 +51,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
 }
 """Class -> one of it."""
 
-INPUTS = {"Experiment", "Netlist", "PlateMap", "Rig", "Twin"}
+INPUTS = {"Experiment", "FitDifference", "Netlist", "PlateMap", "Rig", "Twin"}
 """Classes that public functions give and that are no results."""
 
 

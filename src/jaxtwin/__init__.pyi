@@ -15,6 +15,7 @@ from .io import find_recordings as find_recordings  # where they are on this mac
 from .io import read_recording as read_recording  # .mat, .csv or .nc -> Experiment
 from .io import write_recording as write_recording  # Experiment -> .csv or .nc
 from .matching import Fit as Fit  # the result of a match
+from .matching import compare_fits as compare_fits  # how many standard errors they are apart
 from .matching import match as match  # parameters from recordings
 from .matching import match_many as match_many  # the same for many sets of recordings at once
 from .matching import prediction_band as prediction_band  # what a match leaves open, simulated

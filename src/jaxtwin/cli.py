@@ -19,6 +19,7 @@ from .commands import (
     _data,
     _dc_sweep,
     _demo,
+    _diff,
     _doctor,
     _drive,
     _export,
@@ -92,10 +93,11 @@ _add(
     "validate",
     TWINS,
     _validate.validate,
-    "jaxtwin validate dual-cell monday.csv --fit fit.toml --out validation",
+    "jaxtwin validate dual-cell monday.csv --parameters fit.toml --out validation",
     "jaxtwin validate dual-cell monday.csv tuesday.csv --split 500 --json split.json",
     "jaxtwin validate dual-cell monday.csv tuesday.csv --leave-one-out",
 )
+_add("diff", TWINS, _diff.diff, "jaxtwin diff monday.toml tuesday.toml")
 _add(
     "sensitivity",
     TWINS,

@@ -1,6 +1,7 @@
 """Parameter files: written as a whole or not at all, read back with units and bounds checked."""
 
 import math
+import tomllib
 from dataclasses import replace
 
 import pytest
@@ -43,6 +44,13 @@ def test_the_table_of_a_rig_file_is_a_parameter_file(rig, tmp_path):
     path = tmp_path / "table.toml"
     path.write_text(parameters_toml(rig.parameters.values()), "utf-8")
     assert read_parameters(path, rig) == {n: p.value for n, p in rig.parameters.items()}
+
+
+def test_a_prior_that_knows_no_value_is_written_without_one(rig):
+    """TOML has no None; rig files say `prior = { spread = ... }` too."""
+    row = replace(rig.parameters["R_E"], prior_value=None, prior_spread=0.2)
+    text = parameters_toml([row])
+    assert tomllib.loads(text)["parameters"]["R_E"]["prior"] == {"spread": 0.2}
 
 
 def test_other_units_of_the_same_kind_are_converted(rig, tmp_path):

@@ -1,5 +1,6 @@
 """Many draws at once: the same as one by one, whatever the chunks, workers and precision."""
 
+import diffrax
 import numpy as np
 import pytest
 
@@ -212,3 +213,23 @@ def test_a_cost_needs_a_sample_in_every_channel(twin, experiment):
     with pytest.raises(JaxtwinError, match=r"has no sample, .* select"):
         simulate_batch(twin, bare, DRAWS, reductions=["cost"])
     simulate_batch(twin, bare, DRAWS, reductions=["final"])
+
+
+def test_a_function_of_the_trajectory_is_a_reduction_beside_those_with_a_name(twin):
+    short = Experiment(np.arange(61.0), np.full((61, 2), 0.5))
+    whole = simulate_batch(twin, short, DRAWS)
+    asked = {"hottest": lambda trajectory: trajectory.max(axis=0), "final": "final"}
+    reduced = simulate_batch(twin, short, DRAWS, reductions=asked)
+    np.testing.assert_allclose(reduced["hottest"], whole.max(axis=1), atol=1e-9)
+    np.testing.assert_allclose(reduced["final"], whole[:, -1], atol=1e-9)
+
+
+def test_a_diffrax_solver_runs_all_draws_side_by_side(twin):
+    """Kvaerno5 at its own tolerance against the default solver; an invalid draw stays alone."""
+    short = Experiment(np.arange(61.0), np.full((61, 2), 0.5))
+    draws = {"R_E": np.array([1.9, -1.0, 2.1])}
+    options = {"solver": diffrax.Kvaerno5(), "adjoint": diffrax.RecursiveCheckpointAdjoint()}
+    whole = simulate_batch(twin, short, draws, **options)
+    default = simulate_batch(twin, short, draws)
+    assert np.isnan(whole[1]).all()
+    np.testing.assert_allclose(whole[[0, 2]], default[[0, 2]], atol=1e-3)

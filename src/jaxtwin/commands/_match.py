@@ -15,11 +15,10 @@ from ._options import (
 )
 from ._output import check_json, check_output, say, write_json
 from ._show_progress import show_progress
-from ._sources import open_recordings, open_twin
+from ._sources import open_fit, open_recordings, open_twin
 
 if TYPE_CHECKING:
     from ..matching import Iteration
-    from ..rig import Rig
 
 
 def match(
@@ -30,16 +29,27 @@ def match(
     ],
     free: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Match this parameter too; may be repeated."),
+        typer.Option(
+            metavar="NAME",
+            help="Match this parameter, instead of those that the rig calls free; may be repeated.",
+        ),
     ] = None,
-    fix: Annotated[
+    fixed: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="Hold this parameter; may be repeated."),
+    ] = None,
+    shared: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Match this parameter too, one value for all recordings; may be repeated.",
+        ),
     ] = None,
     per_recording: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME", help="Match this parameter for each recording; may be repeated."
+            metavar="NAME",
+            help="Match this parameter too, one value for each recording; may be repeated.",
         ),
     ] = None,
     starts: Annotated[int, typer.Option(min=1, help="Starting points; the best end counts.")] = 1,
@@ -59,7 +69,7 @@ def match(
 
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
-        twin = open_twin(loaded, set_name, parameters)
+        twin = open_fit(loaded, parameters) or open_twin(loaded, set_name, parameters)
 
         def tell(iteration: "Iteration") -> None:
             where = f"start {iteration.start + 1} of {starts}, " if starts > 1 else ""
@@ -69,8 +79,9 @@ def match(
         fit = matching.match(
             twin,
             experiments,
-            free=_free(loaded, {*(free or []), *(per_recording or [])}, set(fix or [])),
-            fixed=fix or [],
+            free=free or None,
+            fixed=fixed or [],
+            shared=shared or [],
             per_recording=per_recording or [],
             starts=starts,
             seed=seed,
@@ -81,11 +92,3 @@ def match(
         fit.save(out)
     say(fit.summary(), json)
     write_json(json, fit.to_dict())
-
-
-def _free(rig: "Rig", more: set[str], fix: set[str]) -> list[str] | None:
-    """The rig's free parameters and those that were asked for; None where none was."""
-    if not more:
-        return None
-    names = [name for name, row in rig.parameters.items() if row.free and name not in fix]
-    return [*names, *sorted(more - set(names))]

@@ -10,10 +10,12 @@ import typer
 from ._options import JsonOption, ParametersOption, RigArgument, SetOption
 from ._output import aligned, check_json, check_output, say, write_json
 from ._show_progress import show_progress
-from ._sources import open_recordings, open_twin
+from ._sources import open_fit, open_recordings, open_twin
 
 if TYPE_CHECKING:
     from ..io import Experiment
+    from ..matching import Fit
+    from ..physics import Twin
     from ..rig import Rig
     from ..simulation import Run
 
@@ -50,14 +52,22 @@ def simulate(
         progress.step(f"reading {rig}")
         loaded = load_rig(rig)
         experiment = _experiment(loaded, recording, duty, duration)
-        twin = open_twin(loaded, set_name, parameters, experiment.name or None)
+        fit = open_fit(loaded, parameters)
+        if fit is None:
+            twin = open_twin(loaded, set_name, parameters, experiment.name or None)
+        else:
+            twin = fit.twin_for(experiment)
         progress.step(f"simulating {experiment.duration:g} s")
         began = time.perf_counter()
         run = twin.simulate(experiment)
         numbers = _numbers(run, time.perf_counter() - began)
         progress.step(f"writing {out}")
         run.save(out)
-    say(_table(run, numbers), json)
+    said = _table(run, numbers)
+    if fit is not None:
+        numbers["own_values"], text = _own_values(fit, twin, experiment)
+        said += f"\n{text}" * bool(text)
+    say(said, json)
     write_json(json, numbers)
 
 
@@ -69,6 +79,21 @@ def _experiment(
     if recording is not None:
         return open_recordings(rig, [recording])[0]
     return Experiment.schedule(duty or "", duration=duration, cells=len(rig.cells))
+
+
+def _own_values(fit: "Fit", twin: "Twin", experiment: "Experiment") -> tuple[dict[str, float], str]:
+    """What a run took that belongs to a recording and not to the rig, and where from."""
+    names = next(iter(fit.recording_values.values()))
+    values = {name: float(twin.parameters[name]) for name in names}
+    if experiment.fingerprint in fit.fingerprints:
+        matched = fit.recordings[fit.fingerprints.index(experiment.fingerprint)]
+        source = f"as matched for {matched}"
+    elif experiment.temperatures is None:
+        source = f"means of {', '.join(fit.recordings)}"
+    else:
+        source = "estimated from the first minute of the recording, which was not matched"
+    text = ", ".join(f"{name} = {value:.4g}" for name, value in values.items())
+    return values, f"{text}: {source}" if values else ""
 
 
 def _numbers(run: "Run", wall_time: float) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ..io import Experiment
+    from ..matching import Fit
     from ..physics import Twin
     from ..rig import Rig
 
@@ -41,28 +42,36 @@ def open_twin(
     return Twin(rig, values)
 
 
+def open_fit(rig: "Rig", parameters: Path | None) -> "Fit | None":
+    """The fit in a parameter file; None where the file holds values only, or there is none.
+
+    **Raises:** `ParameterError` for a file that cannot be read or a fit of another rig.
+    """
+    from .._errors import ParameterError
+    from ..rig._bundled import read_toml
+
+    if parameters is None:
+        return None
+    data, _ = read_toml(parameters, ParameterError)
+    if not isinstance(data.get("fit"), dict):
+        return None
+    from ..matching import Fit
+
+    return Fit.load(parameters, rig=rig)
+
+
 def open_twins(
     rig: "Rig", set_name: str | None, parameters: Path | None, experiments: "Sequence[Experiment]"
-) -> "list[Twin]":
-    """The twin of each experiment, with its own values where the parameter file has some.
+) -> "Fit | list[Twin]":
+    """The fit in a parameter file, which has a twin for each experiment; else a twin for each, with
+    the values of the recording of its name where the file has some.
 
-    Of a recording whose name the file does not have they are estimated from its first minute, as
-    `jaxtwin.validate` does; a drive without recorded temperatures gets the file's shared values.
-
-    **Raises:** as `open_twin`; `MatchError` where a recording is too short for that.
+    **Raises:** as `open_twin` and `open_fit`.
     """
-    from ..matching import estimate_initial_conditions
-    from ..rig._parameter_file import recording_parameters
-
-    known = {} if parameters is None else recording_parameters(parameters)
-    own = list(dict.fromkeys(name for names in known.values() for name in names))
-    twins = []
-    for one in experiments:
-        twin = open_twin(rig, set_name, parameters, one.name or None)
-        if own and one.name not in known and one.temperatures is not None:
-            twin = estimate_initial_conditions(twin, one, own=own).twin
-        twins.append(twin)
-    return twins
+    fit = open_fit(rig, parameters)
+    if fit is not None:
+        return fit
+    return [open_twin(rig, set_name, parameters, one.name or None) for one in experiments]
 
 
 def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":

@@ -6,29 +6,28 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .._errors import JaxtwinError, ParameterError
+from .._errors import JaxtwinError
 from .._progress import Progress
 from .._whole_file import write_whole_file
 from ._options import JsonOption, RecordingsArgument, RigArgument, SetOption
 from ._output import check_json, say, write_json
 from ._show_progress import show_progress
-from ._sources import open_recordings, open_twin
+from ._sources import open_fit, open_recordings, open_twin
 
 if TYPE_CHECKING:
     from ..io import Experiment
     from ..matching import Fit, Iteration
     from ..physics import Twin
-    from ..rig import Rig
     from ..validation import Prediction, Validation
 
 
 def validate(
     rig: RigArgument,
     recordings: RecordingsArgument,
-    fit: Annotated[
+    parameters: Annotated[
         Path | None,
         typer.Option(
-            "--fit",
+            "--parameters",
             metavar="FILE",
             help="A saved fit: what is validated; with --split or --leave-one-out the start.",
         ),
@@ -59,8 +58,8 @@ def validate(
 
     if split is not None and leave_one_out:
         raise typer.BadParameter("give either --split or --leave-one-out")
-    if split is None and not leave_one_out and fit is None and set_name is None:
-        raise typer.BadParameter("give --fit, or match with --split or --leave-one-out")
+    if split is None and not leave_one_out and parameters is None and set_name is None:
+        raise typer.BadParameter("give --parameters, or match with --split or --leave-one-out")
     for option, value in (("--split", split), ("--warm-up", warm_up)):
         if value is not None and not math.isfinite(value):
             raise typer.BadParameter(f"{option} {value:g}: allowed are finite numbers")
@@ -71,8 +70,7 @@ def validate(
         progress.step("reading")
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
-        twin = open_twin(loaded, set_name, fit)
-        fitted = twin if split is not None or leave_one_out else _saved_fit(loaded, fit) or twin
+        fitted = open_fit(loaded, parameters) or open_twin(loaded, set_name, parameters)
 
         progress.step(f"validating {loaded.name} on {len(experiments)} recordings")
         told = _ValidationProgress(progress, len(experiments))
@@ -84,17 +82,6 @@ def validate(
     write_json(json, result.to_dict())
 
 
-def _saved_fit(rig: "Rig", path: Path | None) -> "Fit | None":
-    """What `Fit.save` wrote, which says how rooms and delays differ; None for bare parameters."""
-    from ..matching import Fit
-    from ..rig._bundled import read_toml
-
-    if path is None:
-        return None
-    data, _ = read_toml(path, ParameterError)
-    return Fit.load(path, rig=rig) if isinstance(data.get("fit"), dict) else None
-
-
 def _validate(
     fitted: "Twin | Fit",
     experiments: "list[Experiment]",
@@ -104,9 +91,8 @@ def _validate(
     told: "_ValidationProgress",
 ) -> "Validation":
     from .. import validation
-    from ..physics import Twin
 
-    if not isinstance(fitted, Twin) or (split is None and not leave_one_out):
+    if split is None and not leave_one_out:
         return validation.validate(fitted, experiments, warm_up=warm_up, on_progress=told)
     if split is not None:
         return validation.validate_split(fitted, experiments, split, on_progress=told)

@@ -6,6 +6,7 @@ minimises, `_reweighted_least_squares` repeats, `_make_fit` puts the `Fit` toget
 """
 
 from ._band import Band, prediction_band
+from ._difference import FitDifference, ParameterDifference, compare_fits
 from ._fit import (
     CameraError,
     Comparison,
@@ -15,7 +16,7 @@ from ._fit import (
     Iteration,
     Optimum,
 )
-from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions, twin_for
+from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._many import match_many
 from ._match import match
@@ -30,13 +31,16 @@ __all__ = [
     "CameraError",
     "Comparison",
     "Fit",
+    "FitDifference",
     "FittedParameter",
     "FittedParameters",
     "InitialConditions",
     "Iteration",
     "Noise",
     "Optimum",
+    "ParameterDifference",
     "Profile",
+    "compare_fits",
     "estimate_initial_conditions",
     "estimate_noise",
     "match",
@@ -44,5 +48,4 @@ __all__ = [
     "named_recordings",
     "prediction_band",
     "profile",
-    "twin_for",
 ]

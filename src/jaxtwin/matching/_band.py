@@ -125,8 +125,8 @@ def prediction_band(
     **Arguments:**
 
     - `fit`: a match.
-    - `recording`: name of a matched recording whose own values to take; by default the first where
-      `experiment` has no temperatures either.
+    - `recording`: name of a matched recording whose own values to take; by default `experiment`
+      where that was matched, and the first where it has no temperatures.
     - `experiment`: inputs to predict; by default that recording's.
     - `level`: probability inside the band.
     - `warm_up`: s.
@@ -147,6 +147,8 @@ def prediction_band(
         )
     unknowns, covariance = fit.problem.unknowns, np.nan_to_num(fit.uncertainty.vector_covariance)
     rows = unknowns.shared + unknowns.per_recording
+    if recording is None and experiment is not None and experiment.fingerprint in fit.fingerprints:
+        recording = fit.recordings[fit.fingerprints.index(experiment.fingerprint)]
     if recording is None and experiment is not None and experiment.temperatures is not None:
         start = estimate_initial_conditions(fit, experiment, warm_up)
         twin, size = start.twin, len(unknowns.shared)

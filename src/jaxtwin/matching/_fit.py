@@ -275,6 +275,36 @@ class Fit:
             for name, values in self.recording_values.items()
         }
 
+    @property
+    def mean_twin(self) -> Twin:
+        """The twin with the mean of what its recordings have each for itself."""
+        rows = self.parameters.values()
+        own = {row.name: row.value for row in rows if row.free and row.scope == "recording"}
+        return self.twin.with_parameters(own)
+
+    def twin_for(self, experiment: Experiment) -> Twin:
+        """The twin with the values that belong to an experiment and not to the rig.
+
+        Whatever takes a twin and experiments takes a fit as well, and then uses this.
+
+        - Of a recording that was matched they are those of the match. It is known by its contents,
+          whatever its name.
+        - Of another recording they are estimated from its first minute, as `jaxtwin.validate` does:
+          see `jaxtwin.matching.estimate_initial_conditions`.
+        - Of a drive without recorded temperatures nothing is known: it gets the mean of the matched
+          recordings' values.
+
+        **Raises:** `MatchError` where a recording that was not matched is too short to take its
+        values from; `SimulationError` for a recording of another rig.
+        """
+        if experiment.fingerprint in self.fingerprints:
+            return self.twins[self.recordings[self.fingerprints.index(experiment.fingerprint)]]
+        if experiment.temperatures is None:
+            return self.mean_twin
+        from ._initial_conditions import estimate_initial_conditions
+
+        return estimate_initial_conditions(self, experiment).twin
+
     def __getitem__(self, name: str) -> FittedParameter:
         """The row of one parameter.
 

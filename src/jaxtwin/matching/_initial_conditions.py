@@ -128,29 +128,13 @@ def estimate_initial_conditions(
     )
 
 
-def twin_for(fit: Fit, experiment: Experiment) -> Twin:
-    """The twin of a fit with an experiment's own values.
-
-    - Of a recording that was matched they are those of the match. It is known by its contents,
-      whatever its name.
-    - Of another recording they are estimated from its first minute, as `jaxtwin.validate` does: see
-      `estimate_initial_conditions`.
-    - Of a drive without recorded temperatures nothing is known: it gets the mean of the matched
-      recordings' values.
-
-    **Raises:** what `estimate_initial_conditions` raises.
-    """
-    if experiment.fingerprint in fit.fingerprints:
-        return fit.twins[fit.recordings[fit.fingerprints.index(experiment.fingerprint)]]
-    if experiment.temperatures is None:
-        return mean_twin(fit)[0]
-    return estimate_initial_conditions(fit, experiment).twin
-
-
 def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin, list[str]]:
     """A twin with the mean of what recordings had, and which of its values to estimate."""
     if isinstance(fitted, Fit):
-        twin, names = mean_twin(fitted)
+        twin = fitted.mean_twin
+        names = [
+            row.name for row in fitted.parameters.values() if row.free and row.scope == "recording"
+        ]
     else:
         twin = fitted
         names = [name for name, row in twin.rig.parameters.items() if row.scope == "recording"]
@@ -160,13 +144,6 @@ def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin
     if not isinstance(fitted, Fit):
         twin = twin.with_parameters({n: twin.rig.parameters[n].value for n in drifts & {*names}})
     return twin, [name for name in names if name not in drifts]
-
-
-def mean_twin(fit: Fit) -> tuple[Twin, list[str]]:
-    """The twin of a fit with the mean of its recordings' own values, and the names of these."""
-    rows = fit.parameters.values()
-    own = {row.name: row.value for row in rows if row.free and row.scope == "recording"}
-    return fit.twin.with_parameters(own), list(own)
 
 
 def _first_readings(part: Experiment) -> Float[np.ndarray, " channels"]:

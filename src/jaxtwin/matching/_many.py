@@ -23,7 +23,7 @@ from ._unknowns import choose_unknowns
 
 @announced("match of several sets")
 def match_many(
-    twin: Twin,
+    twin: Twin | Fit,
     sets: Sequence[Sequence[Experiment]],
     *,
     free: Iterable[str] | None = None,
@@ -60,6 +60,7 @@ def match_many(
     is no set or they differ in shape.
     """
     began = time.perf_counter()
+    twin = twin.mean_twin if isinstance(twin, Fit) else twin
     whole_number("max_iterations", max_iterations, 1, MatchError)
     check_callable("on_progress", on_progress, MatchError)
     if isinstance(sets, str | bytes | Experiment) or not isinstance(sets, Iterable):

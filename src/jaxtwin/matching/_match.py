@@ -27,7 +27,7 @@ from ._unknowns import Unknowns, choose_unknowns
 
 @announced("match")
 def match(
-    twin: Twin,
+    twin: Twin | Fit,
     experiments: Experiment | Sequence[Experiment],
     *,
     free: Iterable[str] | None = None,
@@ -56,12 +56,14 @@ def match(
 
     **Arguments:**
 
-    - `twin`: where the match starts, and what the parameters that are held stay at.
+    - `twin`: where the match starts, and what the parameters that are held stay at; of a fit its
+      values, and the mean of those that each of its recordings has.
     - `experiments`: recordings of this rig, one or several.
     - `free`: names of the parameters to match, instead of those that the rig's table calls free.
     - `fixed`: names to hold.
-    - `shared`, `per_recording`: names whose scope differs from the table's: one value for all
-      recordings, or one for each (ambient and start temperature, typically).
+    - `shared`, `per_recording`: names to match with one value for all recordings, or one for each
+      (ambient and start temperature, typically), beside the free ones and whatever the table's
+      scope is.
     - `bounds`: other bounds, name -> (lower, upper) in the parameter's unit.
     - `events`: recording -> times of the camera's flat-field corrections, s; or `"detect"` or
       `"none"`; by default as the rig says. Only for rigs whose camera has a common error.
@@ -85,12 +87,13 @@ def match(
 
     **Raises:** `MatchError` where nothing is free, a recording has no temperatures, fewer samples
     count than there are unknowns, nothing moves in any recording, bounds exclude the start or the
-    prior or change what its spread means, a name that is not free has a scope or bounds, events or
-    masks lie outside their recording, or no start gives finite temperatures; `ParameterError` for
-    unknown names and for a parameter with several values; `SimulationError` for recordings of
-    another rig.
+    prior or change what its spread means, a name that is held has a scope or one that is not free
+    bounds, events or masks lie outside their recording, or no start gives finite temperatures;
+    `ParameterError` for unknown names and for a parameter with several values; `SimulationError`
+    for recordings of another rig.
     """
     began = time.perf_counter()
+    twin = twin.mean_twin if isinstance(twin, Fit) else twin
     recordings = named_recordings(
         twin, as_experiments("match: experiments", experiments, MatchError)
     )

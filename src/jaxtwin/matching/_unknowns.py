@@ -194,12 +194,13 @@ def choose_unknowns(
     - `recordings`: how many there are.
     - `free`: the free parameters instead of those that the table calls free.
     - `fixed`: parameters to hold.
-    - `shared`, `per_recording`: parameters whose scope differs from the table's.
+    - `shared`, `per_recording`: parameters that are free too, with one value for all recordings or
+      one for each, whatever the table's scope is.
     - `bounds`: other bounds, name -> (lower, upper) in the parameter's unit.
 
     **Raises:** `ParameterError` for unknown names and for a parameter with several values;
-    `MatchError` where a name is asked for two opposite things or has a scope or bounds without
-    being free, where bounds exclude the value or what is expected beforehand or change what a
+    `MatchError` where a name is asked for two opposite things or has bounds without being free,
+    where bounds exclude the value or what is expected beforehand or change what a
     prior's spread means, where that spread is nothing or endless, or nothing is left free.
     """
     table = twin.rig.parameters
@@ -224,27 +225,32 @@ def choose_unknowns(
                 f"{twin.rig.name}: {group}: unknown parameter {', '.join(unknown)}, allowed are "
                 f"{', '.join(table)}"
             )
-    for one, other in (("free", "fixed"), ("shared", "per_recording")):
+    opposites = (
+        ("free", "fixed"),
+        ("shared", "fixed"),
+        ("per_recording", "fixed"),
+        ("shared", "per_recording"),
+    )
+    for one, other in opposites:
         both = sorted(groups[one] & groups[other])
         if both:
             raise MatchError(f"{', '.join(both)}: found in both {one} and {other}, allowed is one")
     chosen = {
         name: row
         for name, row in table.items()
-        if name not in fixed and (row.free if free is None else name in free)
+        if name not in fixed
+        and (name in shared | per_recording or (row.free if free is None else name in free))
     }
     if not chosen:
         raise MatchError(
             f"{twin.rig.name}: no free parameter; set free = true in the rig file's table or pass "
             "free=[...]"
         )
-    for group in ("shared", "per_recording", "bounds"):
-        held = sorted(groups[group] - set(chosen))
-        if held:
-            raise MatchError(
-                f"{group}: found {', '.join(held)}, which is not free, allowed are "
-                f"{', '.join(chosen)}"
-            )
+    held = sorted(set(bounds) - set(chosen))
+    if held:
+        raise MatchError(
+            f"bounds: found {', '.join(held)}, which is not free, allowed are {', '.join(chosen)}"
+        )
     rows = []
     for name, row in chosen.items():
         scope = "recording" if name in per_recording else "shared" if name in shared else row.scope

@@ -81,7 +81,9 @@ def parameters_toml(parameters: Iterable[Parameter]) -> str:
             entries.append(f"bounds = [{float(p.lower)!r}, {float(p.upper)!r}]")
         if p.prior_spread is not None:
             # The value may have been matched since; the prior stays where it was.
-            entries.append(f"prior = {{ value = {p.prior_value!r}, spread = {p.prior_spread!r} }}")
+            prior = {"value": p.prior_value, "spread": p.prior_spread}
+            known = ", ".join(f"{k} = {float(v)!r}" for k, v in prior.items() if v is not None)
+            entries.append(f"prior = {{ {known} }}")
         entries += ["free = true"] * p.free
         entries += [f"scope = {_quoted(p.scope)}"] * (p.scope != "shared")
         entries += [f"description = {_quoted(p.description)}"] * bool(p.description)

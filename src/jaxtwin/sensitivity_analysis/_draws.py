@@ -9,7 +9,7 @@ from .._arguments import names_of
 from .._errors import ParameterError, SimulationError
 from ..io import Experiment
 from ..io._experiment import as_experiments
-from ..matching import Fit, twin_for
+from ..matching import Fit
 from ..physics import Twin, check_twin
 
 
@@ -24,7 +24,7 @@ def paired_twins(
 
     - `study`: the name of the calling function, for error messages.
     - `twin`: one twin for all experiments, one for each, or a fit, which has one for each: see
-      `jaxtwin.matching.twin_for`.
+      `Fit.twin_for`.
     - `experiments`: one or several; None for the experiments of the fit.
 
     **Raises:** `SimulationError` where their numbers differ, there are none, or the twins' rigs do;
@@ -40,7 +40,7 @@ def paired_twins(
         experiments = twin.experiments
     recordings = as_experiments(f"{study}: experiments", experiments, SimulationError)
     if isinstance(twin, Fit):
-        twins = [twin_for(twin, experiment) for experiment in recordings]
+        twins = [twin.twin_for(experiment) for experiment in recordings]
     elif isinstance(twin, Twin):
         twins = [twin] * len(recordings)
     else:

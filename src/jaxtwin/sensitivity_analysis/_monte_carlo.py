@@ -42,7 +42,7 @@ def sensitivity(
     **Arguments:**
 
     - `twin`: a fit, of which each recording uses its own values (those of a recording that was
-      not matched are estimated from its first minute, see `jaxtwin.matching.twin_for`); or one
+      not matched are estimated from its first minute, see `Fit.twin_for`); or one
       twin for all experiments, or one for each.
     - `experiments`: one or several, with recorded temperatures; None for those of the fit.
     - `draws`: how many, at least 3; 50 in the paper.

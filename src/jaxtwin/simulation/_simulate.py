@@ -28,6 +28,7 @@ from ._initial import (
 )
 from ._integrate import integrate
 from ._modes import run_modes
+from ._own_twin import FittedTwins, own_twin
 from ._padding import padded_time_grid
 from ._refinement import Results, solve_refined, stability_number
 from ._resolution import unresolved_network
@@ -37,7 +38,7 @@ from ._time_grid import TimeGrid
 
 @announced("simulation")
 def simulate(
-    twin: Twin,
+    twin: Twin | FittedTwins,
     experiment: Experiment,
     *,
     initial: Initial = None,
@@ -55,7 +56,7 @@ def simulate(
 
     **Arguments:**
 
-    - `twin`: the twin.
+    - `twin`: the twin; or a fit, which is run with the experiment's own values, see `Fit.twin_for`.
     - `experiment`: its duty cycles drive the twin, held from sample to sample. A recorded ambient
       takes the place of the rig's. Where it names channels, these are returned.
     - `initial`: temperatures at the start. None: as the rig says. `"steady"`: the steady state
@@ -75,6 +76,7 @@ def simulate(
     holds more than one value.
     """
     method = chosen_method(solver, stepsize_controller, dt0)
+    twin = own_twin(twin, experiment)
     channels = checked_channels(twin, experiment)
     _check_values(twin)
     start = checked_initial(twin, initial)
@@ -121,7 +123,7 @@ def simulate(
 
 
 def response(
-    twin: Twin,
+    twin: Twin | FittedTwins,
     experiment: Experiment,
     *,
     initial: Initial = None,
@@ -150,6 +152,7 @@ def response(
     take an option.
     """
     method = chosen_method(solver, stepsize_controller, dt0, adjoint)
+    twin = own_twin(twin, experiment)
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)

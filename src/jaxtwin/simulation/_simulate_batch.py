@@ -16,6 +16,7 @@ from ..physics import Twin
 from ._diffeqsolve import stiff_method
 from ._draws import DrawSolver, Precision
 from ._initial import Initial, checked_initial
+from ._own_twin import FittedTwins, own_twin
 from ._reductions import AskedReductions, Reductions, checked_reductions
 from ._refinement import Results, solve_refined
 from ._simulate import checked_channels, chosen_method
@@ -23,7 +24,7 @@ from ._simulate import checked_channels, chosen_method
 
 @overload
 def simulate_batch(
-    twin: Twin,
+    twin: Twin | FittedTwins,
     experiment: Experiment,
     parameters: Mapping[str, ArrayLike],
     *,
@@ -42,7 +43,7 @@ def simulate_batch(
 
 @overload
 def simulate_batch(
-    twin: Twin,
+    twin: Twin | FittedTwins,
     experiment: Experiment,
     parameters: Mapping[str, ArrayLike],
     *,
@@ -61,7 +62,7 @@ def simulate_batch(
 
 @announced("simulation of many draws")
 def simulate_batch(
-    twin: Twin,
+    twin: Twin | FittedTwins,
     experiment: Experiment,
     parameters: Mapping[str, ArrayLike],
     *,
@@ -85,7 +86,8 @@ def simulate_batch(
 
     **Arguments:**
 
-    - `twin`: what is not drawn keeps its values.
+    - `twin`: what is not drawn keeps its values; those of a fit are the experiment's own, see
+      `Fit.twin_for`.
     - `experiment`: the inputs; with recorded temperatures where the cost is asked for.
     - `parameters`: name -> draws `(draws,)` in the unit of the rig's table.
     - `reductions`: what to keep instead of the trajectories, computed where the draws are: some of
@@ -115,6 +117,7 @@ def simulate_batch(
     without recorded temperatures, or an option has no meaning.
     """
     method = chosen_method(solver, stepsize_controller, dt0, adjoint)
+    twin = own_twin(twin, experiment)
     names = checked_channels(twin, experiment)
     start = checked_initial(twin, initial)
     draws = _checked_draws(twin, parameters)

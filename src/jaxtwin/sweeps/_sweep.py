@@ -118,7 +118,7 @@ def sweep(
 
     - `twin`: the parameters are drawn around its values. One twin, one for each experiment, or a
       fit, of which each recording uses its own values (those of a recording that was not matched
-      are estimated from its first minute, see `jaxtwin.matching.twin_for`).
+      are estimated from its first minute, see `Fit.twin_for`).
     - `experiments`: one or several, each simulated for every draw; None for those of the fit.
     - `folder`: for the Zarr store. A missing or empty folder is filled; any other must hold this
       sweep.

@@ -74,7 +74,7 @@ def validate(
 
 @announced("validation of the second part")
 def validate_split(
-    twin: Twin,
+    twin: Twin | Fit,
     experiments: Experiment | Sequence[Experiment],
     at: float | int,
     *,
@@ -85,7 +85,7 @@ def validate_split(
 
     **Arguments:**
 
-    - `twin`: where the match starts.
+    - `twin`: where the match starts, as in `match`.
     - `experiments`: one or several recordings.
     - `at`: the match sees samples before this time, s.
     - `on_progress`: called with each `Iteration` of the match and each `Prediction` as it is made.
@@ -94,6 +94,7 @@ def validate_split(
     **Raises:** `MatchError` where the split leaves too few samples on either side; what `match`
     raises.
     """
+    twin = twin.mean_twin if isinstance(twin, Fit) else twin
     at = finite_number("validate_split: at", at, MatchError)
     several = as_experiments("validate_split: experiments", experiments, MatchError)
     names = named_recordings(twin, several)
@@ -122,7 +123,7 @@ def validate_split(
 
 @announced("leave-one-out validation")
 def leave_one_out(
-    twin: Twin,
+    twin: Twin | Fit,
     experiments: Sequence[Experiment],
     *,
     warm_up: float | int = WARM_UP,
@@ -133,7 +134,7 @@ def leave_one_out(
 
     **Arguments:**
 
-    - `twin`: where every match starts.
+    - `twin`: where every match starts, as in `match`.
     - `experiments`: two or more recordings.
     - `warm_up`: as in `validate`.
     - `on_progress`: called with each `Iteration` of each match and each `Prediction` as it is made.
@@ -141,6 +142,7 @@ def leave_one_out(
 
     **Raises:** `MatchError` for fewer than two recordings; what `match` and `validate` raise.
     """
+    twin = twin.mean_twin if isinstance(twin, Fit) else twin
     several = as_experiments("leave_one_out: experiments", experiments, MatchError)
     warm_up = finite_number("leave_one_out: warm_up", warm_up, MatchError)
     check_callable("leave_one_out: on_progress", on_progress, MatchError)

@@ -158,8 +158,7 @@ class Validation:
         return picture("plot_comparison", list(self.runs.values()))
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The numbers with labels: fit_percent, rmse and mean_error, the p_value and the
-        autocorrelation_time (s) of the test of whiteness, all (recording, channel), NaN where a
+        """The columns of `to_dataframe` with labels, each (recording, channel), NaN where a
         recording does not have the channel. The runs have their own `to_xarray`."""
         return self.to_dataframe().to_xarray().assign_attrs(rig=self.rig, kind=self.kind)
 

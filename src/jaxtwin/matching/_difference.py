@@ -1,0 +1,175 @@
+"""How far two fits are apart, in standard errors."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from .._arguments import of_kind
+from .._display import html_table
+from .._errors import MatchError
+from .._number_text import short_number
+from ._fit import Fit, FittedParameter
+
+if TYPE_CHECKING:
+    import pandas
+
+HEAD = ("parameter", "old", "new", "unit", "standard errors", "")
+
+
+@final
+@dataclass(frozen=True)
+class ParameterDifference:
+    """A parameter of two fits.
+
+    - `name`, `unit`. `old`, `new`: values in the unit; the mean where each recording has its own.
+    - `error`: standard error of the difference, of the logarithm where both fits matched it by
+      that: the root of the sum of both squared errors, as if the fits shared no recording. NaN
+      where neither fit has one.
+    - `standard_errors`: the difference in these, positive where the new value is larger; 0 where
+      the value has not changed, NaN where it has and there is no error.
+    - `notes`: where the fits treat it differently: held in one, another scope, bounds or prior.
+    """
+
+    name: str
+    unit: str
+    old: float
+    new: float
+    error: float
+    standard_errors: float
+    notes: tuple[str, ...]
+
+
+@final
+@dataclass(frozen=True, repr=False)
+class FitDifference:
+    """What lies between two fits of one rig.
+
+    **Arguments:**
+
+    - `parameters`: those that are in both, in the order of the rig's table.
+    - `only_old`, `only_new`: names that only one of the fits knows.
+    """
+
+    parameters: tuple[ParameterDifference, ...]
+    only_old: tuple[str, ...]
+    only_new: tuple[str, ...]
+
+    @property
+    def largest(self) -> float:
+        """Largest difference in standard errors, in size; NaN where none has an error."""
+        sizes = [abs(row.standard_errors) for row in self.parameters]
+        return max((size for size in sizes if not math.isnan(size)), default=math.nan)
+
+    def summary(self) -> str:
+        """The parameters that differ, those furthest apart first, as a table of text."""
+        lines = []
+        rows = self._rows()
+        if rows:
+            table = [HEAD, *rows]
+            widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+            lines = [
+                "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
+                for row in table
+            ]
+        for label, names in (("old", self.only_old), ("new", self.only_new)):
+            lines += [f"only in the {label} fit: {', '.join(names)}"] * bool(names)
+        return "\n".join(lines) or "no difference"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result in plain types for JSON; numbers that are not finite become None."""
+        return {
+            "parameters": {
+                row.name: {
+                    "unit": row.unit,
+                    "old": row.old,
+                    "new": row.new,
+                    "standard_errors": _plain(row.standard_errors),
+                    "notes": list(row.notes),
+                }
+                for row in self.parameters
+            },
+            "only_old": list(self.only_old),
+            "only_new": list(self.only_new),
+        }
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for every parameter, its name as index, the fields of `ParameterDifference` as
+        columns; `notes` as one text."""
+        import pandas
+
+        rows = [vars(row) | {"notes": ", ".join(row.notes)} for row in self.parameters]
+        return pandas.DataFrame(rows).set_index("name")
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        changed = [row for row in self.parameters if row.old != row.new or row.notes]
+        changed.sort(key=lambda row: -np.nan_to_num(abs(row.standard_errors), nan=-1.0))
+        return [
+            (
+                row.name,
+                short_number(row.old),
+                short_number(row.new),
+                row.unit or "1",
+                "-" if math.isnan(row.standard_errors) else f"{row.standard_errors:+.2f}",
+                ", ".join(row.notes),
+            )
+            for row in changed
+        ]
+
+    def __repr__(self) -> str:
+        return f"<FitDifference: at most {self.largest:.2f} standard errors>"
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), HEAD, self._rows())
+
+
+def compare_fits(old: Fit, new: Fit) -> FitDifference:
+    """How far the parameters of two fits are apart.
+
+    **Arguments:**
+
+    - `old`, `new`: fits of one rig, or of two versions of it.
+
+    **Returns:** the difference; of a parameter with a value for each recording that of the means.
+
+    **Raises:** `MatchError` where one is no fit.
+    """
+    for name, fit in (("old", old), ("new", new)):
+        of_kind(f"compare_fits: {name}", fit, Fit, "a Fit, as match gives it", MatchError)
+    pairs = [(old[name], new[name]) for name in old.parameters if name in new.parameters]
+    return FitDifference(
+        parameters=tuple(_difference(before, after) for before, after in pairs),
+        only_old=tuple(name for name in old.parameters if name not in new.parameters),
+        only_new=tuple(name for name in new.parameters if name not in old.parameters),
+    )
+
+
+def _difference(old: FittedParameter, new: FittedParameter) -> ParameterDifference:
+    rows = (old, new)
+    if all(row.is_logarithmic and row.value > 0 for row in rows):
+        change = math.log(new.value / old.value)
+        errors = [row.relative_standard_error for row in rows]
+    else:
+        change = new.value - old.value
+        errors = [row.standard_error for row in rows]
+    known = [error for error in errors if not math.isnan(error)]
+    error = math.hypot(*known) if known else math.nan
+    apart = 0.0 if change == 0 else change / error if error > 0 else math.nan
+    notes = tuple(_notes(old, new))
+    return ParameterDifference(old.name, new.unit, old.value, new.value, error, apart, notes)
+
+
+def _notes(old: FittedParameter, new: FittedParameter) -> list[str]:
+    if old.free != new.free:
+        return [f"held in the {'old' if new.free else 'new'} fit"]
+    notes = [f"scope {old.scope}, now {new.scope}"] * (old.scope != new.scope)
+    if (old.lower, old.upper) != (new.lower, new.upper):
+        notes.append(f"bounds {old.lower:g} to {old.upper:g}, now {new.lower:g} to {new.upper:g}")
+    if (old.prior_value, old.prior_spread) != (new.prior_value, new.prior_spread):
+        notes.append("another prior")
+    return notes
+
+
+def _plain(value: float) -> float | None:
+    return value if math.isfinite(value) else None
