@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from ._compilation import compiling_seconds
-
 PATIENCE = 2.0
 """Seconds after which somebody wonders."""
 
@@ -52,6 +50,13 @@ def silent() -> Iterator[None]:
         yield
     finally:
         _silent.reset(token)
+
+
+def compiling_seconds() -> float:
+    # Loads JAX, which a command that only prints its help does without.
+    from ._compilation import compiling_seconds
+
+    return compiling_seconds()
 
 
 def _somebody_reads() -> bool:
