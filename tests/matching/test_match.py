@@ -149,8 +149,8 @@ def test_scopes_can_be_changed(start: Twin):
             MatchError,
             "bounds: found R_pc, .* allowed are R_E",
         ),
-        ({"free": ["R_E"], "shared": ["T_amb"]}, MatchError, "shared: found T_amb"),
-        ({"free": ["R_E"], "per_recording": ["T_amb"]}, MatchError, "per_recording: found T_amb"),
+        ({"shared": ["R_E"], "fixed": ["R_E"]}, MatchError, "both shared and fixed"),
+        ({"shared": ["T_amb"], "per_recording": ["T_amb"]}, MatchError, "both shared and per_rec"),
     ],
 )
 def test_bad_requests_say_what_is_allowed(start, options, error, words):
