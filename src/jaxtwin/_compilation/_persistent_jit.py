@@ -27,7 +27,7 @@ from ._store import is_on, load, save
 P = ParamSpec("P")
 T = TypeVar("T")
 
-MOST_PROGRAMS = 32
+MOST_PROGRAMS = 16
 """That one function holds in memory; the oldest goes first. Each maps memory some twenty times, and
 Linux ends a process with 65 530 such maps."""
 
