@@ -19,6 +19,7 @@ SETTING = """
 import json, sys
 import diffrax
 import numpy as np
+import optimistix
 from jaxtwin import *
 from jaxtwin.data import synthetic_recordings
 rig = load_rig("paper-2024")
@@ -37,6 +38,7 @@ json.dump(found, sys.stdout)
 
 TWIN = "twin: found .*, allowed is a Twin, as Twin\\(rig\\) makes it"
 EXPERIMENT = "found .*, allowed is an Experiment, as read_recording"
+LEAST_SQUARES = "allowed is an optimistix least-squares solver, such as optimistix.Levenberg"
 FIT = "fit: found .*, allowed is a Fit, as match gives it"
 RIG = "rig: found .*, allowed is a Rig, as load_rig reads it"
 PATH = "found .*, allowed is (the path of a file or a folder|a path whose names are not too long)"
@@ -149,7 +151,9 @@ CASES = {
     "match(twin, seen, robust=True)": ("MatchError", "robust: " + FINITE),
     "match(twin, seen, starts='2')": ("MatchError", "starts: " + WHOLE + "above 0"),
     "match(twin, seen, seed=-1)": ("MatchError", "seed: " + WHOLE + "of at least 0"),
-    "match(twin, seen, solver='lm')": ("MatchError", "solver: found 'lm', allowed is an optimistix least-squares"),
+    "match(twin, seen, solver='lm')": ("MatchError", "solver: found 'lm', " + LEAST_SQUARES),
+    "match(twin, seen, solver=optimistix.BFGS(1e-6, 1e-6))": ("MatchError", LEAST_SQUARES),
+    "match_many(twin, [seen], solver=3)": ("MatchError", "solver: found 3, " + LEAST_SQUARES),
     "match(twin, seen, on_progress=3)": ("MatchError", "on_progress: " + FUNCTION),
     "sensitivity(twin, seen, draws=5.5)": ("SimulationError", "draws: " + WHOLE + "of at least 3"),
     "sensitivity(twin, seen, spread='a')": ("SimulationError", "spread: " + FINITE),
