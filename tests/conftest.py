@@ -64,6 +64,11 @@ def _few_memory_maps() -> Iterator[None]:
     yield
     maps = Path("/proc/self/maps")
     if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MEMORY_MAPS:
+        # Not at the top of the file: the checks of shapes and types reach only what is imported
+        # after their hook.
+        from jaxtwin._compilation import clear_programs
+
+        clear_programs()
         jax.clear_caches()
         gc.collect()
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin._compilation import _fingerprint, _persistent_jit, persistent_jit
+from jaxtwin._compilation import _fingerprint, _persistent_jit, clear_programs, persistent_jit
 
 traced: list[str] = []
 """Which functions were traced; a program that is loaded leaves nothing here."""
@@ -126,6 +126,13 @@ def test_few_programs_stay_in_memory(monkeypatch):
         call(Line(jnp.array(3.0), "a"), jnp.ones(size))
     assert len(traced) == 3  # the first came back from the disk
     assert len(call._programs) == 2  # pyright: ignore[reportFunctionMemberAccess]
+
+
+def test_programs_can_be_freed():
+    call = another_process()
+    call(Line(jnp.array(3.0), "a"), jnp.ones(1))
+    clear_programs()
+    assert len(call._programs) == 0  # pyright: ignore[reportFunctionMemberAccess]
 
 
 def test_a_loaded_program_finds_lapack(tmp_path):

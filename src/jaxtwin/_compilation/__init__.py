@@ -1,5 +1,6 @@
 """Programs that are traced and compiled once per machine, not once per process."""
 
+from ._persistent_jit import clear_programs as clear_programs
 from ._persistent_jit import compiling_seconds as compiling_seconds
 from ._persistent_jit import persistent_jit as persistent_jit
 from ._store import LARGEST_CACHE as LARGEST_CACHE

@@ -32,6 +32,12 @@ MOST_PROGRAMS = 16
 Linux ends a process with 65 530 such maps."""
 
 
+def clear_programs() -> None:
+    """Frees the programs that this process holds, as `jax.clear_caches` does for those of JAX."""
+    for function in _functions:
+        function.clear()
+
+
 def compiling_seconds() -> float:
     """For how long anything was being traced or compiled in this process so far."""
     return _clock.seconds()
@@ -100,6 +106,8 @@ class _Clock:
 
 _clock = _Clock()
 
+_functions: "list[_PersistentJit[..., Any]]" = []
+
 
 @final
 class _Traced:
@@ -114,6 +122,11 @@ class _PersistentJit(Generic[P, T]):
         self._programs: dict[Hashable, _Program] = {}
         self._locks: dict[Hashable, threading.Lock] = {}
         self._adding = threading.Lock()
+        _functions.append(self)
+
+    def clear(self) -> None:
+        with self._adding:
+            self._programs.clear()
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
         leaves, structure = jax.tree.flatten((args, kwargs))
