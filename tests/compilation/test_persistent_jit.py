@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -35,12 +36,15 @@ def applied(function: Any, x: Any) -> Any:
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", str(tmp_path))
+    of_jax = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    jax.config.update("jax_compilation_cache_dir", None)
     known = (*_fingerprint.KNOWN_CODE, __name__.partition(".")[0])
     monkeypatch.setattr(_fingerprint, "KNOWN_CODE", known)
     traced.clear()
-    return tmp_path
+    yield tmp_path
+    jax.config.update("jax_compilation_cache_dir", of_jax)
 
 
 def another_process() -> Any:
@@ -126,6 +130,13 @@ def test_few_programs_stay_in_memory(monkeypatch):
         call(Line(jnp.array(3.0), "a"), jnp.ones(size))
     assert len(traced) == 3  # the first came back from the disk
     assert len(call._programs) == 2  # pyright: ignore[reportFunctionMemberAccess]
+
+
+def test_where_jax_keeps_programs_itself_it_is_the_only_one(folder, tmp_path_factory):
+    """What comes out of JAX's cache cannot be serialized again."""
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("jax")))
+    another_process()(Line(jnp.array(3.0), "a"), jnp.ones(1))
+    assert not any(folder.iterdir())
 
 
 def test_programs_can_be_freed():

@@ -158,7 +158,7 @@ class _PersistentJit(Generic[P, T]):
         self, structure: Any, static: tuple[Any, ...], arrays: list[Any]
     ) -> _Program:
         name, device = None, _only_device(arrays)
-        if device is not None and is_on():
+        if device is not None and is_on() and not _jax_keeps_programs():
             skeleton = jax.tree.unflatten(structure, static)
             signatures = [str(_signature(array)) for array in arrays]
             meaning = (self._function, skeleton, signatures, str(_settings()), str(device))
@@ -213,6 +213,15 @@ def _settings() -> Hashable:
 def _default_device() -> Any:
     """What `jax.default_device` says: a device, a platform's name, or None."""
     return jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _jax_keeps_programs() -> bool:
+    """Whether the user switched on JAX's own persistent cache, which then is the only one.
+
+    A program that came out of that cache cannot be serialized again: it loads, and fails where it
+    runs (seen with jax 0.10.2, "NOT_FOUND: Function ... not found").
+    """
+    return bool(jax.config.jax_compilation_cache_dir)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _only_device(arrays: list[Any]) -> Any:
