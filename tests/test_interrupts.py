@@ -2,6 +2,7 @@
 
 import signal
 import threading
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -10,6 +11,14 @@ import pytest
 from jaxtwin import Experiment, Twin, cli, simulate_batch
 from jaxtwin.commands import _rigs
 from jaxtwin.commands._signals import lasting_interrupt
+
+
+@pytest.fixture(autouse=True)
+def _interrupts_are_heard() -> Iterator[None]:
+    """A shell starts what it puts into the background with interrupts ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def test_an_interrupted_command_says_so_and_exits_with_130(monkeypatch, capsys):
