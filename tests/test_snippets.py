@@ -46,7 +46,7 @@ def record(rig: str, file: Path, seed: int) -> Path:
     """A short recording of a rig, with noise."""
     twin = jt.Twin(rig)
     cells = len(twin.rig.cells)
-    drive = jt.Experiment.schedule("0:0,30:0.6,120:0.2", duration=240.0, cells=cells)
+    drive = jt.Experiment.schedule("0:0,30:0.6,200:0.2", duration=400.0, cells=cells)
     run = jt.simulate(twin, drive)
     noise = np.random.default_rng(seed).normal(scale=0.1, size=run.temperatures.shape)
     recording = jt.Experiment(
