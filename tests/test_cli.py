@@ -59,9 +59,8 @@ COMMANDS = [
 
 @pytest.fixture(autouse=True)
 def _own_folder(tmp_path, monkeypatch):
-    """Each test in a folder of its own, with JAX's settings left alone."""
+    """Each test in a folder of its own."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "off")
 
 
 @pytest.fixture

@@ -31,11 +31,6 @@ from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 
 
-@pytest.fixture(autouse=True)
-def _no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "off")
-
-
 @pytest.fixture
 def recording(rig: Rig, tmp_path: Path, clock: HandClock) -> Path:
     file = tmp_path / "session.db"

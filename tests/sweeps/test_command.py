@@ -13,7 +13,6 @@ DRIVE = ["--duty", "0:0.5", "--duration", "10"]
 @pytest.fixture(autouse=True)
 def _own_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "off")
 
 
 def test_a_sweep_goes_on_and_says_so(engine, capsys):

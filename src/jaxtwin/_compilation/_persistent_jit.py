@@ -28,7 +28,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 MOST_PROGRAMS = 16
-"""That one function holds in memory; the oldest goes first. Each maps memory some twenty times, and
+"""That one function holds in memory; the oldest goes first. Each maps memory some forty times, and
 Linux ends a process with 65 530 such maps."""
 
 
@@ -157,14 +157,9 @@ class _PersistentJit(Generic[P, T]):
     def _load_or_compile(
         self, structure: Any, static: tuple[Any, ...], arrays: list[Any]
     ) -> _Program:
-        name, device = None, _only_device(arrays)
-        if device is not None and is_on() and not _jax_keeps_programs():
-            skeleton = jax.tree.unflatten(structure, static)
-            signatures = [str(_signature(array)) for array in arrays]
-            meaning = (self._function, skeleton, signatures, str(_settings()), str(device))
-            with contextlib.suppress(NoFingerprintError):
-                name = fingerprint((surroundings(device.client), meaning))
-        if name is None or device is None:
+        device = _only_device(arrays)
+        name = self._name(structure, static, arrays, device)
+        if name is None:
             return self._compile(structure, static, arrays)
         if (kept := load(name)) is not None:
             with contextlib.suppress(Exception):  # whatever is wrong with it, it is made anew
@@ -173,6 +168,20 @@ class _PersistentJit(Generic[P, T]):
         with contextlib.suppress(Exception):  # callbacks, for one, cannot be kept
             save(name, _stored(program))
         return program
+
+    def _name(
+        self, structure: Any, static: tuple[Any, ...], arrays: list[Any], device: Any
+    ) -> str | None:
+        """Under which a program is kept; None for one that is not."""
+        if device is None or not is_on() or _jax_keeps_programs():
+            return None
+        skeleton = jax.tree.unflatten(structure, static)
+        signatures = [str(_signature(array)) for array in arrays]
+        meaning = (self._function, skeleton, signatures, str(_settings()), str(device))
+        try:
+            return fingerprint((surroundings(device.client), meaning))
+        except NoFingerprintError:
+            return None
 
     def _compile(self, structure: Any, static: tuple[Any, ...], arrays: list[Any]) -> _Program:
         output: PyTree = None

@@ -3,10 +3,12 @@
 import contextlib
 import hashlib
 import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
+
+from .._errors import JaxtwinError
+from .._whole_file import write_whole_file
 
 VARIABLE = "JAXTWIN_COMPILATION_CACHE"
 OFF = ("off", "0", "no", "false")
@@ -70,12 +72,11 @@ def save(name: str, program: bytes) -> None:
     if folder is None:
         return
     # A cache is a convenience: a full disk or a folder of somebody else's stops nobody.
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, JaxtwinError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         _make_room(folder, len(program))
-        with tempfile.NamedTemporaryFile(dir=folder, suffix=".part", delete=False) as file:
-            file.write(hashlib.sha256(program).digest() + program)
-        Path(file.name).replace(folder / name)
+        content = hashlib.sha256(program).digest() + program
+        write_whole_file(folder / name, content, JaxtwinError)
 
 
 def _make_room(folder: Path, size: int) -> None:

@@ -34,14 +34,8 @@ from ..simulation import (
 FORMAT = 1
 """Of the store; another number means other arrays or another order of draws."""
 
-ROLES = {
-    "failed": ("", ""),
-    "cost": ("channel", "K2"),
-    "final": ("channel", "degC"),
-    "minimum": ("channel", "degC"),
-    "maximum": ("channel", "degC"),
-    "plate_range": ("recording", "K"),
-    "plate_std": ("recording", "K"),
+ROLES = {"failed": ("", "")} | {
+    name: (reduction.dimension, reduction.unit) for name, reduction in REDUCTIONS.items()
 }
 """Second dimension of each array of draws, and its unit."""
 
