@@ -1,17 +1,20 @@
-"""`[driver]`, `[camera]` and `[[channels]]` of a rig file -> what stands around the plate."""
+"""Tables around the plate: `[driver]`, `[camera]`, `[[channels]]`, `[limits]` of a rig file."""
 
 from ._camera import Camera, Channel, CommonError, is_channel_name
 from ._driver import Driver
 from ._fields import Fields
+from ._limits import Limits
 from ._plate import AMBIENT, Plate
-from ._schema import CameraTable, ChannelTable, CommonErrorTable, DriverTable
+from ._schema import CameraTable, ChannelTable, CommonErrorTable, DriverTable, LimitsTable
 from ._units import (
     COORDINATE,
     DURATION,
     FACTOR,
     NOISE,
     SERIES_RESISTANCE,
+    TEMPERATURE,
     TEMPERATURE_DIFFERENCE,
+    TEMPERATURE_RATE,
     VOLTAGE,
     Kind,
 )
@@ -51,6 +54,32 @@ def build_driver(table: DriverTable, fields: Fields) -> Driver:
         lag=lag,
         delay=delay,
     )
+
+
+def build_limits(table: LimitsTable, fields: Fields) -> Limits:
+    """The limits.
+
+    **Raises:** `RigError` where a value is wrong, or the lowest reading is above the highest.
+    """
+
+    def optional(name: str, kind: Kind) -> float | None:
+        text = getattr(table, name)
+        return None if text is None else fields.constant(f"limits.{name}", text, kind)
+
+    limits = Limits(
+        temperature=fields.constant("limits.temperature", table.temperature, TEMPERATURE),
+        cell_temperature=optional("cell_temperature", TEMPERATURE),
+        lowest=optional("lowest", TEMPERATURE),
+        rate=optional("rate", TEMPERATURE_RATE),
+        frozen=optional("frozen", DURATION),
+        deviation=optional("deviation", TEMPERATURE_DIFFERENCE),
+        command_delay=optional("command_delay", DURATION),
+    )
+    if limits.lowest is not None and limits.lowest >= limits.temperature:
+        fields.refuse("limits.lowest", "found a temperature above limits.temperature")
+    if limits.rate is not None and limits.rate <= 0:
+        fields.refuse("limits.rate", f"found {table.rate!r}, allowed are rates above 0")
+    return limits
 
 
 def build_camera(table: CameraTable, fields: Fields) -> Camera:

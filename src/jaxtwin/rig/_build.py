@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ._bench_table import build_camera, build_channel, build_driver
+from ._bench_table import build_camera, build_channel, build_driver, build_limits
 from ._camera import Sensors
 from ._cell_table import build_cell
 from ._circuit_table import build_circuit
@@ -58,8 +58,7 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         parameters=parameters,
         parameter_sets=sets,
         source=source,
-        maximum_temperature=table.limits
-        and fields.constant("limits.temperature", table.limits.temperature, TEMPERATURE),
+        limits=table.limits and build_limits(table.limits, fields),
         ambient_drift=None
         if table.ambient.drift is None
         else fields.value("ambient.drift", table.ambient.drift, TEMPERATURE_RATE),

@@ -11,6 +11,7 @@ from ._camera import Camera, Channel, CommonError, Sensors
 from ._cell import Cell
 from ._circuit import Circuit
 from ._driver import Driver
+from ._limits import Limits
 from ._parameter import Parameter
 from ._plate import Plate
 from ._value import Value
@@ -32,7 +33,7 @@ class Rig:
     - `parameters`: the parameter table, name -> `Parameter`, in the order of the file.
     - `parameter_sets`: named sets of values, set -> name -> value in the parameter's unit.
     - `source`: the file that it was read from.
-    - `maximum_temperature`: of any channel, K: driving stops there. `None`: never to be driven.
+    - `limits`: beyond which driving stops. `None`: never to be driven.
     - `sensors`: point sensors that read the channels, or `None` where a camera does.
     - `ambient_drift`: how fast the surroundings change from the first sample on, K/s. `None`: they
       do not.
@@ -53,7 +54,7 @@ class Rig:
     parameters: Mapping[str, Parameter]
     parameter_sets: Mapping[str, Mapping[str, float]]
     source: str
-    maximum_temperature: float | None = None
+    limits: Limits | None = None
     ambient_drift: Value | None = None
     sensors: Sensors | None = None
 
@@ -68,12 +69,23 @@ class Rig:
         reader = self.camera or self.sensors
         return 0.0 if reader is None else reader.noise
 
+    @property
+    def maximum_temperature(self) -> float | None:
+        """Of any channel, K; `None` where the file states no limits."""
+        return None if self.limits is None else self.limits.temperature
+
     @cached_property
     def fingerprint(self) -> str:
         """SHA-256 of everything that the rig's temperatures depend on beside its parameters'
         values, as hexadecimal digits."""
         words = ("name", "title", "description", "references", "source", "parameters")
         parts = {field.name: getattr(self, field.name) for field in fields(self)}
+        # Of the limits, one stands in the fingerprints of fits that were saved before.
+        parts = {
+            "maximum_temperature" if name == "limits" else name: part
+            for name, part in parts.items()
+        }
+        parts["maximum_temperature"] = self.maximum_temperature
         equations = {
             name: part for name, part in parts.items() if name not in (*words, "parameter_sets")
         }

@@ -165,6 +165,12 @@ class PriorTable(Table):
 
 class LimitsTable(Table):
     temperature: Quantity
+    cell_temperature: Quantity | None = None
+    lowest: Quantity | None = None
+    rate: Quantity | None = None
+    frozen: Quantity | None = None
+    deviation: Quantity | None = None
+    command_delay: Quantity | None = None
 
 
 class ParameterTable(Table):
