@@ -27,7 +27,7 @@ from jaxtwin.io import Session
 from jaxtwin.live import Greeting, Hello, Reading, Recorder, Sample
 from jaxtwin.rig import Rig
 
-HELLO = Hello(1, "dual-cell", "bench", cells=("P1", "P2"), camera=(80, 60))
+HELLO = Hello(2, "dual-cell", "bench", ("P1", "P2"), camera=(80, 60), watchdog=2.0)
 
 
 def sample(seq: int, arrival: int) -> Sample:

@@ -37,7 +37,7 @@ from jaxtwin.live._link import Arrived
 from jaxtwin.live._receiver import Receiver
 from jaxtwin.live._records import LinkChange
 
-HELLO = Hello(1, "dual-cell", "bench", cells=("P1", "P2"), camera=(80, 60))
+HELLO = Hello(2, "dual-cell", "bench", ("P1", "P2"), camera=(80, 60), watchdog=2.0)
 FRAME_EVERY = 20  # messages; an image among so many lines
 
 

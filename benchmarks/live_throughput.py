@@ -36,7 +36,7 @@ from jaxtwin.live import (
 from jaxtwin.physics import Twin
 
 TICK = 0.01  # s; the sender writes what is due since the last one
-HELLO = Hello(1, "dual-cell", "bench", cells=("P1", "P2"), camera=(80, 60))
+HELLO = Hello(2, "dual-cell", "bench", ("P1", "P2"), camera=(80, 60), watchdog=2.0)
 
 
 def send(port_pipe, seconds: float, frame_rate: int, line_rate: int) -> None:

@@ -34,4 +34,11 @@ class LinkError(JaxtwinError):
 
 
 class SafetyStop(JaxtwinError):  # noqa: N818 (a decision, not a mistake)
-    """Driving was stopped and the cells were switched off: a limit was passed or the link lost."""
+    """Driving was stopped and the cells were switched off: a limit was passed or the link lost.
+
+    `kind` says why in one word, for programs: that of the interlock that tripped, or `not-ready`.
+    """
+
+    def __init__(self, message: str, kind: str = "not-ready"):
+        super().__init__(message)
+        self.kind = kind

@@ -1,7 +1,7 @@
 """The command line: `jaxtwin --help`.
 
-Exit codes: 0; 2 with one line on standard error that says what was wrong; 130 where Ctrl-C stopped
-it.
+Exit codes: 0; 1 where a check found something wrong; 2 with one line on standard error that says
+what was wrong; 3 where an interlock switched a rig off; 130 where Ctrl-C stopped it.
 """
 
 import os
@@ -14,8 +14,9 @@ from typing import Annotated, Any
 import typer
 
 from . import __version__
-from ._errors import JaxtwinError
+from ._errors import JaxtwinError, SafetyStop
 from .commands import (
+    _conform,
     _data,
     _dc_sweep,
     _demo,
@@ -34,9 +35,10 @@ from .commands import (
     _virtual_rig,
     _watch,
 )
+from .commands._output import printable
 from .commands._signals import lasting_interrupt
 
-WRONG, STOPPED = 2, 130
+WRONG, TRIPPED, STOPPED = 2, 3, 130
 
 # typer brings click along under another name with every other release.
 UsageProblem: Any = typer.BadParameter.__mro__[1]
@@ -138,6 +140,12 @@ _add(
     "jaxtwin watch dual-cell --link socket://127.0.0.1:7000",
     "jaxtwin watch session.db --speed 10",
 )
+_add(
+    "conform",
+    LIVE,
+    _conform.conform,
+    "jaxtwin conform dual-cell --link /dev/ttyACM0",
+)
 _add("export", LIVE, _export.export, "jaxtwin export session.db run.nc --start 10 --end 1000")
 app.add_typer(data, name="data", rich_help_panel=MACHINE)
 data.command("list", epilog=_example("jaxtwin data list"))(_data.list_recordings)
@@ -192,9 +200,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
     try:
         # Newer releases of typer return an exit code where older ones raise.
         with lasting_interrupt():
-            if app(words, prog_name="jaxtwin", standalone_mode=False) == STOPPED:
+            code = app(words, prog_name="jaxtwin", standalone_mode=False)
+            if code == STOPPED:
                 raise KeyboardInterrupt
         sys.stdout.flush()
+        if isinstance(code, int):
+            return code
+    except SafetyStop as error:
+        return _fail(str(error), STOPPED if error.kind == "stopped" else TRIPPED)
     except JaxtwinError as error:
         return _fail(str(error))
     except UsageProblem as error:
@@ -230,7 +243,7 @@ def _at_home(word: str) -> str:
 
 
 def _fail(message: str, code: int = WRONG) -> int:
-    print(f"jaxtwin: {' '.join(message.split())}", file=sys.stderr)
+    print(f"jaxtwin: {printable(' '.join(message.split()))}", file=sys.stderr)
     return code
 
 

@@ -34,7 +34,7 @@ from jaxtwin.rig import Rig
 @pytest.fixture
 def recording(rig: Rig, tmp_path: Path, clock: HandClock) -> Path:
     file = tmp_path / "session.db"
-    hello = Hello(1, "dual-cell", "b", cells=("P1", "P2"), camera=(80, 60))
+    hello = Hello(2, "dual-cell", "b", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
     records: list = [Greeting("l", START, hello)]
     for number in range(200):
         stamp = (START + number * 10**8, number * 10**5, number)
@@ -156,5 +156,5 @@ def test_a_virtual_rig_says_where_it_listens_and_serves(
     command = ["virtual-rig", "dual-cell", "--tcp", ":0", "--speed", "5", "--faults", "drop=0.1"]
     assert run(command) == 0
     assert "dual-cell at socket://127.0.0.1:" in capsys.readouterr().out
-    assert served[0].startswith("hello version=1 rig=dual-cell")
+    assert served[0].startswith("hello version=2 rig=dual-cell")
     assert "rate=5" in served[0]

@@ -1,5 +1,6 @@
 """Driving: the schedule is sent, and the cells go off whatever happens."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -7,9 +8,8 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from hand_clock import START, HandClock, stepped_bench, virtual_bench
+from hand_clock import HandClock, stepped_bench, virtual_bench
 
 import jaxtwin as jt
 from jaxtwin import JaxtwinError
@@ -17,17 +17,11 @@ from jaxtwin._errors import SafetyStop
 from jaxtwin.io import Experiment, Session
 from jaxtwin.live import (
     Ask,
-    Event,
+    Duty,
     Faults,
-    Greeting,
-    Guard,
-    Hello,
     InProcess,
-    LinkChange,
-    LinkState,
-    Reading,
+    Order,
     Recorder,
-    Sample,
     SystemClock,
     TcpServer,
     VirtualRig,
@@ -35,6 +29,7 @@ from jaxtwin.live import (
     encode,
     serve,
 )
+from jaxtwin.live._output_stage import Answer
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 
@@ -43,42 +38,6 @@ OFF = (0, 0)
 
 def plan(schedule: str, duration: float) -> Experiment:
     return Experiment.schedule(schedule, duration=duration, cells=2)
-
-
-def reading(seconds: float, hottest: float) -> Reading:
-    at = START + round(seconds * 1e9)
-    return Reading("l", "b", at, 0, 0, np.array([20.0, hottest]), False, None)
-
-
-def sample(seconds: float) -> Sample:
-    return Sample("l", "b", START + round(seconds * 1e9), 0, 0, OFF, None)
-
-
-@pytest.mark.parametrize(
-    ("records", "at", "reason"),
-    [
-        ([sample(2), reading(2, 89.9)], 3.0, None),
-        ([sample(2), reading(2, 90.1)], 3.0, "T12 is at 90.1 degC; the rig's limit is 90"),
-        ([sample(2), reading(2, float("nan"))], 3.0, "T12 is at nan degC; the rig's limit is 90"),
-        ([sample(2), reading(0.5, 20.0)], 4.0, "no temperature for 3.5 s"),
-        ([reading(2, 20.0)], 4.0, "no controller sample for 4.0 s"),
-        ([LinkChange("l", START, LinkState.DOWN, "gone")], 1.0, "link l is down: gone"),
-        ([Event("l", START, "watchdog")], 1.0, "own watchdog"),
-        ([Greeting("l", START, Hello(1, "r", "b2"))], 1.0, "the device on l has restarted"),
-    ],
-)
-def test_the_guard_stops_for_each_of_its_reasons(
-    records: list, at: float, reason: str | None
-) -> None:
-    guard = Guard(("T11", "T12"), 90.0, 3.0)
-    guard.begin(START, {"l": "b1"})
-    assert guard.check([Greeting("l", START, Hello(1, "r", "b1"))], START) is None
-    found = guard.check(records, START + round(at * 1e9))
-    if reason is None:
-        assert found is None
-    else:
-        assert found is not None
-        assert reason in found
 
 
 def test_a_schedule_is_driven_in_rig_time_and_ends_with_the_cells_off(
@@ -100,7 +59,8 @@ def test_a_schedule_is_driven_in_rig_time_and_ends_with_the_cells_off(
 
 
 def test_a_zone_above_the_limit_stops_it(rig: Rig, twin: Twin, clock: HandClock) -> None:
-    cautious = replace(rig, maximum_temperature=273.15 + 25)
+    assert rig.limits is not None
+    cautious = replace(rig, limits=replace(rig.limits, temperature=273.15 + 25))
     device = VirtualRig(twin, speed=10)
     with pytest.raises(SafetyStop, match="the rig's limit is 25; the cells are off"):
         drive(virtual_bench(rig, device, clock), cautious, plan("0:1", 1000))
@@ -133,7 +93,7 @@ def test_a_device_that_restarts_stops_it(rig: Rig, twin: Twin, clock: HandClock)
     def restart(time: float, pwm: tuple[int, ...]) -> None:
         if time > 2 and device.hello.boot != "another":
             device.hello = replace(device.hello, boot="another")
-            device.receive(encode(Ask(1)))
+            device.receive(encode(Ask(2)))
 
     with pytest.raises(SafetyStop, match="the device on rig has restarted"):
         drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), progress=restart)
@@ -144,13 +104,14 @@ def test_a_controller_that_does_not_obey_is_reported(
     rig: Rig, twin: Twin, clock: HandClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device = VirtualRig(twin)
-    stuck = device._set
+    obey = device.stage.obey
 
-    def obeys_no_stop(pwm: tuple[int, ...]) -> None:
-        if any(pwm):
-            stuck(pwm)
+    def obeys_no_stop(command: Duty | Order, now: float) -> Answer | None:
+        if isinstance(command, Order):
+            return None
+        return obey(command if any(command.pwm) else replace(command, pwm=device.pwm), now)
 
-    monkeypatch.setattr(device, "_set", obeys_no_stop)
+    monkeypatch.setattr(device.stage, "obey", obeys_no_stop)
     with pytest.raises(SafetyStop, match="does not report that the cells are off"):
         drive(virtual_bench(rig, device, clock), rig, plan("0:1", 2))
 
@@ -170,8 +131,14 @@ def test_an_exception_switches_off_before_it_goes_on(
             drive(bench, rig, plan("0:1", 60), progress=fails)
     assert device.pwm == OFF
     with Session(tmp_path / "session.db") as session:
-        query = "SELECT detail FROM events WHERE kind = 'drive-stop'"
-        assert session.database.execute(query).fetchone() == ("ZeroDivisionError: a bug",)
+        query = "SELECT content FROM documents WHERE kind = 'stop'"
+        (content,) = session.database.execute(query).fetchone()
+    assert json.loads(content) == {
+        "status": "failed",
+        "kind": "ZeroDivisionError",
+        "reason": "a bug",
+        "off": True,
+    }
 
 
 def test_a_journal_that_fails_does_not_keep_the_cells_on(
@@ -206,7 +173,7 @@ def test_a_set_stop_ends_it_politely(rig: Rig, twin: Twin, clock: HandClock) -> 
 
 def test_a_rig_without_a_limit_is_not_driven(rig: Rig, twin: Twin, clock: HandClock) -> None:
     device = VirtualRig(twin)
-    unlimited = replace(rig, maximum_temperature=None)
+    unlimited = replace(rig, limits=None)
     with pytest.raises(JaxtwinError, match=r"limits\.temperature: is missing"):
         drive(virtual_bench(rig, device, clock), unlimited, plan("0:1", 60))
 

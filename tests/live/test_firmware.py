@@ -1,17 +1,40 @@
-"""The example sketch, compiled for this machine: what it sends is accepted, and it obeys."""
+"""The example sketch, compiled for this machine: what it sends is accepted, and its pins obey.
+
+What the pins do is what heats; what the sketch reports is only its word.
+"""
 
 import shutil
 import subprocess
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
-from jaxtwin.live import Ask, Data, Duty, Hello, Notice, deframe, encode, parse
+from jaxtwin.live import Ask, Data, Duty, Hello, Notice, Order, deframe, encode, encode_line, parse
 
 HERE = Path(__file__).parent
 SKETCH = HERE.parents[1] / "docs" / "firmware" / "controller" / "controller.ino"
+PWM, HEAT, COOL = (9, 10), (7, 5), (8, 6)
 
 pytestmark = pytest.mark.compiler
+
+
+class Ran(NamedTuple):
+    """A run: its messages, and every change of a pin as (millisecond, pin, value)."""
+
+    messages: list
+    changes: list[tuple[int, int, int]]
+
+    def counts(self, at: int) -> tuple[int, ...]:
+        """What the pins gave the cells at a millisecond: negative cools."""
+        pins = {pin: value for time, pin, value in self.changes if time <= at}
+        return tuple(
+            pins[pwm] * (pins[heat] - pins[cool])
+            for pwm, heat, cool in zip(PWM, HEAT, COOL, strict=True)
+        )
+
+    def notices(self) -> list[tuple[str, str]]:
+        return [(m.kind, m.why) for m in self.messages if isinstance(m, Notice)]
 
 
 @pytest.fixture(scope="module")
@@ -23,52 +46,146 @@ def sketch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return program
 
 
-def run(sketch: Path, milliseconds: int, sent: bytes) -> list:
-    """The messages of a run that finds `sent` waiting; after that the line is silent."""
+def run(
+    sketch: Path, milliseconds: int, *sent: bytes | int, hot: int = -1, broken: int = -1
+) -> Ran:
+    """A run that finds `sent` waiting; a number says until when the line is silent before the
+    next of it. From `hot` on the thermistors are hot, from `broken` on they are not there."""
     waiting = sketch.with_name("sent")
-    waiting.write_bytes(sent)
+    waiting.write_bytes(b"".join(b"@%d\n" % s if isinstance(s, int) else s for s in sent))
     with waiting.open("rb") as line:
-        command = [str(sketch), str(milliseconds)]
-        output = subprocess.run(command, stdin=line, capture_output=True, check=True).stdout
-    found = deframe(b"", output)
+        command = [str(sketch), *map(str, (milliseconds, hot, broken))]
+        ran = subprocess.run(command, stdin=line, capture_output=True, check=True)
+    found = deframe(b"", ran.stdout)
     assert (found.discarded, found.rest) == (0, b"")
-    return [parse(frame) for frame in found.frames]
+    assert b"floating" not in ran.stderr, "a pin was an output before it was off"
+    changes = [tuple(map(int, change.split())) for change in ran.stderr.splitlines()]
+    return Ran([parse(frame) for frame in found.frames], changes)  # pyright: ignore
+
+
+def fed(pwm: tuple[int, ...], until: int, owner: str = "me") -> list[bytes | int]:
+    """A command that is repeated every quarter of a second."""
+    parts: list[bytes | int] = []
+    for time in range(0, until, 250):
+        parts += [time, encode(Duty(time, pwm, owner))]
+    return parts
 
 
 def test_it_greets_and_sends_ten_samples_a_second(sketch: Path) -> None:
-    hello, *samples = run(sketch, 1000, b"")
-    assert hello == Hello(1, "dual-cell", "7", cells=("P1", "P2"))
+    hello, *samples = run(sketch, 1000).messages
+    assert hello == Hello(2, "dual-cell", "7", cells=("P1", "P2"), watchdog=2.0)
     assert samples == [Data(n, (n + 1) * 100_000, (0, 0)) for n in range(10)]
 
 
-def test_it_answers_a_host_that_asks(sketch: Path) -> None:
-    messages = run(sketch, 50, encode(Ask(1)))
-    assert [type(message) for message in messages] == [Hello, Hello]
+def test_it_answers_a_host_that_asks_and_no_device(sketch: Path) -> None:
+    ran = run(sketch, 50, encode(Ask(2)), encode(Hello(2, "dual-cell", "b")))
+    assert [type(message) for message in ran.messages] == [Hello, Hello]
 
 
-def test_it_applies_a_command_until_its_watchdog_ends_it(sketch: Path) -> None:
-    messages = run(sketch, 3000, encode(Duty(1, (128, -999))))
-    samples = [message for message in messages if isinstance(message, Data)]
-    assert {s.pwm for s in samples if s.device_us <= 2_000_000} == {(128, -255)}
-    assert {s.pwm for s in samples if s.device_us > 2_000_000} == {(0, 0)}
-    assert [m for m in messages if isinstance(m, Notice)] == [Notice(0, 2_002_000, "watchdog")]
+def test_pins_obey_until_the_watchdog_trips_and_the_trip_stays(sketch: Path) -> None:
+    again = encode(Duty(2, (128, 128), "me"))
+    ran = run(sketch, 4000, encode(Duty(1, (128, -255), "me")), 3000, again)
+    assert ran.counts(at=2000) == (128, -255)
+    assert {ran.counts(at=time) for time in range(2002, 4000)} == {(0, 0)}
+    assert ran.notices() == [("trip", "watchdog"), ("refused", "tripped")]
+    samples = [message for message in ran.messages if isinstance(message, Data)]
+    assert {(s.pwm, s.owner, s.number, s.trip) for s in samples if s.device_us <= 2_000_000} == {
+        ((128, -255), "me", 1, "")
+    }
+    assert {(s.pwm, s.owner, s.number, s.trip) for s in samples if s.device_us > 2_002_000} == {
+        ((0, 0), "", None, "watchdog")
+    }
+
+
+def test_after_a_reset_it_obeys_again(sketch: Path) -> None:
+    commands = [Order("stop", 1, "x"), Duty(2, (9, 9), "me"), Order("reset", 3, "me")]
+    ran = run(sketch, 100, *map(encode, [*commands, Duty(4, (5, 6), "me")]))
+    assert ran.counts(at=100) == (5, 6)
+    assert ran.notices() == [("trip", "stop"), ("refused", "tripped"), ("reset", "")]
+
+
+def test_its_own_thermistors_switch_it_off(sketch: Path) -> None:
+    for fault, why in (("hot", "over-temperature"), ("broken", "thermistor")):
+        ran = run(sketch, 3000, *fed((255, 255), 3000), **{fault: 1000})
+        assert ran.counts(at=999) == (255, 255)
+        assert {ran.counts(at=time) for time in range(1005, 3000)} == {(0, 0)}
+        assert ran.notices()[0] == ("trip", why)
+
+
+def test_one_commander_at_a_time(sketch: Path) -> None:
+    ran = run(sketch, 500, encode(Duty(1, (10, 10), "first")), encode(Duty(1, (99, 99), "second")))
+    assert ran.counts(at=500) == (10, 10)
+    assert ran.notices() == [("refused", "owner")]
+    freed = run(
+        sketch,
+        500,
+        *map(encode, [Duty(1, (10, 10), "first"), Order("release", 2, "first")]),
+        encode(Duty(1, (99, 99), "second")),
+    )
+    assert freed.counts(at=500) == (99, 99)
+
+
+@pytest.mark.parametrize("pwm", [(99999, 0), (256, 0), (0, -256), (1, 1, 1), (1,)])
+def test_what_cannot_be_is_refused_and_not_cut_to_fit(sketch: Path, pwm: tuple[int, ...]) -> None:
+    ran = run(sketch, 500, encode(Duty(1, pwm, "me")))
+    assert ran.counts(at=500) == (0, 0)
+    assert ran.notices() == [("refused", "range")]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "duty n=1 owner=me pwm=128,-20",
+        "duty pwm=128,-20 owner=me n=1",
+        "duty owner=me pwm=128,-20 n=1",
+    ],
+)
+def test_keys_come_in_any_order_and_lines_end_as_they_like(sketch: Path, line: str) -> None:
+    plain = encode_line(line)
+    for command in (plain, plain.replace(b"\n", b"\r\n")):
+        assert run(sketch, 100, command).counts(at=100) == (128, -20)
 
 
 @pytest.mark.parametrize(
     "command",
     [
-        encode(Duty(1, (128, 128))).replace(b"128", b"129", 1),
-        encode(Duty(1, (128, 128, 128))),
-        encode(Duty(1, (128,))),
-        b"duty n=1 pwm=128,128\n",
-        b"x" * 300 + encode(Duty(1, (128, 128))),
+        encode(Duty(1, (128, 128), "me")).replace(b"128", b"129", 1),
+        b"duty n=1 owner=me pwm=128,128\n",
+        b"x" * 300 + encode(Duty(1, (128, 128), "me")),
+        *map(
+            encode_line,
+            [
+                "duty n=1 pwm=128,128",
+                "duty owner=me pwm=128,128",
+                "duty n=1 owner=me pwm=128,128 more=1",
+                "duty n=1 owner=me pwm=128,128 pwm=128,128",
+                "duty n=-1 owner=me pwm=128,128",
+                "duty n=1 owner=m/e pwm=128,128",
+                "duty n=1 owner=me pwm=+128,128",
+                "duty n=1 owner=me pwm=128,128,",
+                "duty n=1 owner=me pwm=128;128",
+                "duty n=99999999999 owner=me pwm=128,128",
+                "Duty n=1 owner=me pwm=128,128",
+            ],
+        ),
     ],
 )
-def test_a_damaged_command_changes_nothing(sketch: Path, command: bytes) -> None:
-    messages = run(sketch, 500, command)
-    assert {message.pwm for message in messages if isinstance(message, Data)} == {(0, 0)}
+def test_a_damaged_or_unknown_command_changes_nothing(sketch: Path, command: bytes) -> None:
+    ran = run(sketch, 500, command)
+    assert {ran.counts(at=time) for time in range(1, 500)} == {(0, 0)}
+    assert ran.notices() == []
 
 
 def test_after_garbage_and_a_newline_it_obeys_again(sketch: Path) -> None:
-    messages = run(sketch, 500, b"\x00\xff" * 200 + b"\n" + encode(Duty(1, (1, 2))))
-    assert messages[-1].pwm == (1, 2)
+    ran = run(sketch, 500, b"\x00\xff" * 200 + b"\n" + encode(Duty(1, (1, 2), "me")))
+    assert ran.counts(at=500) == (1, 2)
+
+
+def test_no_direction_changes_under_current(sketch: Path) -> None:
+    ran = run(sketch, 100, encode(Duty(1, (200, 200), "me")), encode(Duty(2, (-200, 200), "me")))
+    pins = dict.fromkeys((*PWM, *HEAT, *COOL), 0)
+    for _, pin, value in ran.changes:
+        if pin in (HEAT[0], COOL[0]):
+            assert pins[PWM[0]] == 0
+        pins[pin] = value
+    assert ran.counts(at=100) == (-200, 200)

@@ -53,15 +53,20 @@ def test_pauses_double_up_to_a_limit_and_attempts_never_end(clock: HandClock) ->
     assert len(items(inbox)) == 1
 
 
-def test_after_a_greeting_the_next_retry_is_quick_again(clock: HandClock) -> None:
+@pytest.mark.parametrize("lasted", [True, False])
+def test_after_a_connection_that_lasted_the_next_retry_is_quick_again(
+    clock: HandClock, lasted: bool
+) -> None:
     refused = ConnectionRefusedError(111, "refused")
     lost = ScriptedTransport(ConnectionResetError("gone"))
     link, _ = scripted(clock, refused, refused, refused, lost)
     for _ in range(4):
         link.step()
+    if lasted:
+        clock.turn(5.0)
     link.heard()
     link.step()
-    assert clock.waits[-1] == FIRST_RETRY
+    assert clock.waits[-1] == (FIRST_RETRY if lasted else 8 * FIRST_RETRY)
 
 
 def test_a_dropped_peer_is_closed_with_one_log_line(

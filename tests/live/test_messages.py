@@ -7,14 +7,16 @@ from hypothesis import example, given
 from hypothesis.extra import numpy as hnp
 
 from jaxtwin import JaxtwinError
-from jaxtwin.live import Ask, Beat, Data, Duty, Hello, Image, Notice, deframe, encode, parse
-from jaxtwin.live._messages import wire_name
+from jaxtwin.live import Ask, Beat, Data, Duty, Hello, Image, Notice, Order, deframe, encode, parse
+from jaxtwin.live._words import read_name, write_name
 
 SEQ = st.integers(0, 2**32 - 1)
 TIME = st.integers(0, 2**62)
 COUNTS = st.lists(st.integers(-255, 255), max_size=8).map(tuple)
 HUNDREDTHS = st.integers(-27315, 200000).map(lambda number: number / 100)
-NAMES = st.text("ABCXYZabcxyz0189_.-", min_size=1, max_size=32)
+WORDS = st.text("ABCXYZabcxyz0189_.-", min_size=1, max_size=32)
+NAMES = st.text("AZaz09_.- ,%*=~üµ°", min_size=1, max_size=12)
+NUMBER = st.none() | SEQ
 # Kinds of message and what they are made of. They are made in the test itself: checking their
 # types draws random numbers, which hypothesis wants to be the only one to do while it draws.
 MESSAGES = st.one_of(
@@ -26,23 +28,28 @@ MESSAGES = st.one_of(
             COUNTS,
             st.none() | HUNDREDTHS,
             st.lists(HUNDREDTHS, max_size=20).map(tuple),
+            st.just({}),
+            st.just("") | WORDS,
+            NUMBER,
+            st.just("") | WORDS,
         ),
     ),
-    st.tuples(st.just(Notice), st.tuples(SEQ, TIME, NAMES)),
+    st.tuples(st.just(Notice), st.tuples(SEQ, TIME, WORDS, WORDS, NUMBER, WORDS)),
+    st.tuples(st.just(Order), st.tuples(st.sampled_from(["stop", "reset"]), SEQ, WORDS)),
     st.tuples(st.just(Beat), st.tuples(TIME)),
-    st.tuples(st.just(Duty), st.tuples(SEQ, COUNTS)),
-    st.just((Ask, (1,))),
+    st.tuples(st.just(Duty), st.tuples(SEQ, COUNTS, WORDS)),
+    st.just((Ask, (2,))),
     st.tuples(
         st.just(Hello),
         st.tuples(
-            st.just(1),
+            st.just(2),
             NAMES,
-            NAMES,
+            WORDS,
             st.lists(NAMES, max_size=4, unique=True).map(tuple),
             st.lists(NAMES, max_size=8, unique=True).map(tuple),
             st.none() | st.just((80, 60)),
             st.integers(1, 2**31),
-            st.sampled_from([0.5, 2.0, 60.0]),
+            st.sampled_from([None, 0.5, 2.0, 60.0]),
             st.sampled_from([0.001, 1.0, 60.0, 10_000.0]),
         ),
     ),
@@ -91,19 +98,21 @@ def test_any_packet_is_a_message_or_a_clear_refusal(payload: bytes) -> None:
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
-        ("data seq=1", "'t'"),
+        ("data seq=1", "'t' is missing"),
+        ("duty n=1 pwm=1,2", "'owner' is missing"),
         ("data seq=1 t=1_0", "whole numbers"),  # int() would take it
         ("data seq=+1 t=1", "whole numbers"),
         ("data seq=4294967296 t=1", "whole numbers 0 to 4294967295"),
         ("data seq=1 t=1 t=2", "each key once"),
         ("data seq=1 t=1 colour=red", "unknown key 'colour'"),
-        ("data seq=1 t=1 temp=nan", "allowed are numbers"),
+        ("data seq=1 t=1 temp=!", "allowed are 1 to 32"),
         ("data seq=1 t=1 temp=1e3", "allowed are numbers"),
         ("data seq=1 t=1 temp=-300.0", "-273.15 to 2000"),
-        ("data seq=1 t=1 pwm=" + ",".join(["1"] * 65), "65 numbers"),
-        ("hello version=1 rig=a boot=b cells=P1,P1", "each once"),
-        ("hello version=1 rig=a/b boot=b", "allowed are 1 to 32"),
-        ("hello version=1 rig=a boot=b camera=0x60", "1 to 4096"),
+        ("data seq=1 t=1 pwm=" + ",".join(["1"] * 65), "65 entries"),
+        ("hello version=2 rig=a boot=b cells=P1,P1", "each once"),
+        ("hello version=2 rig=a/b boot=b", "1 to 32 characters"),
+        ("hello version=2 rig=%5A boot=b", "1 to 32 characters"),  # Z is not quoted
+        ("hello version=2 rig=a boot=b camera=0x60", "1 to 4096"),
         ("reboot now=1", "unknown message 'reboot'"),
         ("beat  t=1", "allowed is key=value"),
     ],
@@ -114,10 +123,22 @@ def test_a_wrong_line_is_refused_with_what_is_wrong(line: str, reason: str) -> N
 
 
 def test_a_greeting_of_a_later_version_is_read_as_far_as_its_version() -> None:
-    hello = parse("hello version=2 rig=dual-cell something=new")
-    assert hello == Hello(2, "dual-cell", "")
+    hello = parse("hello version=3 rig=dual-cell something=new")
+    assert hello == Hello(3, "dual-cell", "")
 
 
-def test_names_that_messages_cannot_hold_are_changed_to_ones_they_can() -> None:
-    assert wire_name("Zone A, left") == "Zone-A--left"
-    assert len(wire_name("x" * 50)) == 32
+def test_a_channel_that_has_failed_does_not_take_the_line_with_it() -> None:
+    data = parse("data seq=1 t=1 temp=20.5,!open,nan")
+    assert isinstance(data, Data)
+    assert data.temperatures[0] == 20.5
+    assert np.isnan(data.temperatures[1:]).all()
+    assert data.faults == {1: "open", 2: "nan"}
+    assert encode(data).startswith(b"data seq=1 t=1 temp=20.500,!open,!nan*")
+
+
+@given(NAMES)
+@example("Zone 1")
+@example("Tü")
+@example("a,b=c*%41~")
+def test_names_survive_the_way(name: str) -> None:
+    assert read_name(write_name(name)) == name

@@ -1,5 +1,6 @@
 """MQTT against a real broker: Debian's mosquitto, on loopback."""
 
+import contextlib
 import json
 import shutil
 import socket
@@ -13,27 +14,31 @@ import pytest
 from jaxtwin import JaxtwinError
 from jaxtwin.io import Session
 from jaxtwin.live import (
+    Duty,
     Reading,
     Recorder,
     Sample,
     SystemClock,
     VirtualRig,
     connect,
+    encode,
     opener,
     serve,
 )
-from jaxtwin.live._mqtt import MqttTransport, Publisher
+from jaxtwin.live._mqtt import LARGEST, MqttTransport, Publisher
+from jaxtwin.live._mqtt_address import MqttAddress, without_password
 from jaxtwin.live._serve import MqttServer
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 
 
-@pytest.fixture
-def broker(tmp_path: Path) -> Iterator[str]:
+@contextlib.contextmanager
+def started(folder: Path, options: str) -> Iterator[str]:
+    """A broker on a free port."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    config = tmp_path / "mosquitto.conf"
-    config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\npersistence false\n")
+    config = folder / "mosquitto.conf"
+    config.write_text(f"listener {port} 127.0.0.1\npersistence false\n{options}")
     command = [shutil.which("mosquitto") or "mosquitto", "-c", str(config)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     for _ in range(1000):
@@ -42,9 +47,17 @@ def broker(tmp_path: Path) -> Iterator[str]:
             break
         except OSError:
             threading.Event().wait(0.01)
-    yield f"127.0.0.1:{port}"
-    process.terminate()
-    process.wait()
+    try:
+        yield f"127.0.0.1:{port}"
+    finally:
+        process.terminate()
+        process.wait()
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[str]:
+    with started(tmp_path, "allow_anonymous true\n") as address:
+        yield address
 
 
 @pytest.mark.mosquitto
@@ -56,8 +69,8 @@ def test_a_rig_is_recorded_through_a_broker_and_its_readings_are_published(
     server = MqttServer(url)
     thread = threading.Thread(target=serve, args=(device, server, SystemClock(), stop))
     thread.start()
-    host, port = broker.split(":")
-    subscriber = MqttTransport(host, int(port), "bench/json", reads="readings", writes="none")
+    json_topic = MqttAddress.parse(f"mqtt://{broker}/bench/json")
+    subscriber = MqttTransport(json_topic, reads="readings", writes="none")
     publisher = Publisher(f"mqtt://{broker}/bench/json", twin.channels, ("P1", "P2"))
     file = tmp_path / "session.db"
     try:
@@ -101,6 +114,65 @@ def test_a_broker_that_goes_away_is_a_lost_link(broker: str) -> None:
     transport.close()
 
 
-def test_a_topic_is_needed() -> None:
-    with pytest.raises(JaxtwinError, match="allowed is mqtt://host:port/topic"):
-        Publisher("mqtt://127.0.0.1", ("T11",), ("P1",))
+@pytest.mark.mosquitto
+def test_a_retained_command_does_not_reach_a_device_and_a_huge_message_nobody(broker: str) -> None:
+    address = MqttAddress.parse(f"mqtt://{broker}/rig")
+    host = MqttTransport(address)
+    command = encode(Duty(1, (255, 255), "me"))
+    host._client.publish("rig/down", command, qos=1, retain=True).wait_for_publish()
+    device = MqttTransport(address, reads="down", writes="up")
+    host._client.publish("rig/down", b"x" * (LARGEST + 1), qos=1).wait_for_publish()
+    host.write(b"beat t=1")
+    received = b""
+    while not received:
+        received = device.read()
+    assert received == b"beat t=1"
+    host.close()
+    device.close()
+
+
+@pytest.mark.mosquitto
+def test_user_and_password_of_the_address_are_used(tmp_path: Path) -> None:
+    passwords = tmp_path / "passwords"
+    subprocess.run(["mosquitto_passwd", "-b", "-c", passwords, "anna", "s:c"], check=True)
+    options = f"allow_anonymous false\npassword_file {passwords}\nuser root\n"
+    with started(tmp_path, options) as broker:
+        MqttTransport(MqttAddress.parse(f"mqtt://anna:s%3Ac@{broker}/t")).close()
+        with pytest.raises(TimeoutError, match="refuses"):
+            MqttTransport(MqttAddress.parse(f"mqtt://{broker}/t"))
+
+
+def test_an_address_says_all_that_a_broker_wants() -> None:
+    url = "mqtts://anna:s%3Ac@host:9/a/b?ca=ca.pem&cert=c.pem&key=k.pem"
+    address = MqttAddress.parse(url)
+    assert address == MqttAddress("host", 9, "a/b", "anna", "s:c", True, "ca.pem", "c.pem", "k.pem")
+    assert "s:c" not in repr(address)
+    assert MqttAddress.parse("mqtts://host/t").port == 8883
+    assert "s%3Ac" not in without_password(url)
+    assert without_password(url).startswith("mqtts://anna:***@host:9/a/b")
+    assert without_password("socket://h:1") == "socket://h:1"
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "mqtt://127.0.0.1",
+        "mqtt://h:x/t",
+        "mqtt://h/t/#",
+        "mqtt://h/+/t",
+        "mqtt://h/t?ca=f",
+        "mqtts://h/t?cert=f",
+        "mqtts://h/t?other=f",
+    ],
+)
+def test_an_address_that_is_none_is_refused_with_what_is_allowed(url: str) -> None:
+    with pytest.raises(JaxtwinError, match="allowed"):
+        Publisher(url, ("T11",), ("P1",))
+
+
+def test_a_password_stands_in_no_error_and_in_no_name_of_a_link(rig: Rig) -> None:
+    with pytest.raises(JaxtwinError) as refused:
+        opener("mqtt://anna:secret@h/#")
+    assert "secret" not in str(refused.value)
+    bench = connect(rig, "mqtt://anna:secret@127.0.0.1:1/t")
+    assert set(bench.states) == {"mqtt://anna:***@127.0.0.1:1/t"}

@@ -28,7 +28,7 @@ from jaxtwin.live._messages import Message
 from jaxtwin.live._receiver import MOST_GARBAGE, Receiver
 from jaxtwin.rig import Rig
 
-HELLO = Hello(1, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60))
+HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
 
 
 def data(seq: int, **fields: object) -> Data:
@@ -114,12 +114,17 @@ def test_device_time_that_runs_backwards_is_nonsense(receiver: Receiver) -> None
 @pytest.mark.parametrize(
     ("hello", "reason"),
     [
-        (replace(HELLO, version=2), "version 2"),
+        (replace(HELLO, version=3), "version 3"),
         (replace(HELLO, rig="single-cell"), "rig single-cell"),
         (replace(HELLO, cells=("P1",)), "cells"),
         (replace(HELLO, camera=(160, 120)), "camera"),
         (replace(HELLO, channels=("T11",)), "channels"),
         (replace(HELLO, counts=1023), "counts 1023"),
+        (replace(HELLO, watchdog=60.0), "watchdog 60 s; allowed are 0.1 to 5 s"),
+        (replace(HELLO, watchdog=None), "no watchdog; allowed are 0.1 to 5 s"),
+        (replace(HELLO, watchdog=0.0), "watchdog 0 s"),
+        (replace(HELLO, rate=0.001), "rate 0.001; allowed are 0.1 to 1000"),
+        (replace(HELLO, rate=10_000.0), "rate 10000"),
     ],
 )
 def test_another_rig_is_refused(receiver: Receiver, hello: Hello, reason: str) -> None:
@@ -136,7 +141,7 @@ def test_another_rig_is_refused(receiver: Receiver, hello: Hello, reason: str) -
         data(1, pwm=(256, 0)),
         data(1, temperatures=(20.0,)),
         Image(1, 1, 0, np.zeros((60, 81), np.uint16)),
-        Ask(1),
+        Ask(2),
     ],
 )
 def test_a_message_that_does_not_fit_the_greeting_is_not_accepted(

@@ -30,7 +30,7 @@ from jaxtwin.live import (
 )
 from jaxtwin.rig import Rig
 
-HELLO = Hello(1, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60))
+HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
 GREETING = Greeting("link", START, HELLO)
 
 

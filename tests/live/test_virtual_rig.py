@@ -79,7 +79,10 @@ def heard(device: VirtualRig, clock: HandClock, seconds: float) -> bytes:
 
 def test_the_same_seed_sends_the_same_bytes(twin: Twin) -> None:
     faults = Faults.parse("drop=0.1,corrupt=0.1,jumps=3")
-    sent = [heard(VirtualRig(twin, seed=s, faults=faults), HandClock(), 10.0) for s in (1, 1, 2)]
+    sent = [
+        heard(VirtualRig(twin, seed=s, faults=faults, boot="b"), HandClock(), 10.0)
+        for s in (1, 1, 2)
+    ]
     assert sent[0] == sent[1]
     assert sent[0] != sent[2]
 
@@ -97,20 +100,20 @@ def test_rates_are_those_that_were_asked_for(twin: Twin) -> None:
 def test_without_commands_its_own_watchdog_switches_the_cells_off(twin: Twin) -> None:
     device, clock = VirtualRig(twin, watchdog=1.5), HandClock()
     heard(device, clock, 1.0)
-    device.receive(encode(Duty(1, (100, -100))))
+    device.receive(encode(Duty(1, (100, -100), "me")))
     heard(device, clock, 1.4)
     assert device.pwm == (100, -100)
     sent = heard(device, clock, 0.5)
     assert device.pwm == (0, 0)
-    assert "watchdog" in {getattr(parse(f), "kind", "") for f in deframe(b"", sent).frames}
+    assert "watchdog" in {getattr(parse(f), "why", "") for f in deframe(b"", sent).frames}
 
 
-def test_a_command_beyond_full_duty_is_cut_to_full_duty(twin: Twin) -> None:
+def test_a_command_beyond_full_duty_is_refused(twin: Twin) -> None:
     device = VirtualRig(twin)
-    device.receive(encode(Duty(1, (300, -1000))))
-    assert device.pwm == (255, -255)
-    device.receive(encode(Duty(2, (1, 2, 3))))  # of another rig
-    assert device.pwm == (255, -255)
+    device.receive(encode(Duty(1, (100, 0), "me")))
+    device.receive(encode(Duty(2, (300, 0), "me")))
+    device.receive(encode(Duty(3, (1, 2, 3), "me")))  # of another rig
+    assert device.pwm == (100, 0)
 
 
 def test_a_loosened_contact_changes_its_conductance_by_its_factor_and_nothing_else(

@@ -26,7 +26,7 @@ def test_a_screen_shows_values_duty_links_and_losses_within_80_by_24(twin: Twin)
     screen.update(
         [
             LinkChange("link", START, LinkState.LIVE, ""),
-            Greeting("link", START, Hello(1, "dual-cell", "b", cells=("P1", "P2"))),
+            Greeting("link", START, Hello(2, "dual-cell", "b", cells=("P1", "P2"))),
             Sample("link", "b", START, 0, 0, (128, 255), 16.0),
             Reading("link", "b", START, 0, 0, values, False, None),
             Gap("link", START, "image", 1, 7),

@@ -1,8 +1,11 @@
-// Example firmware for the controller side of protocol version 1 (docs/protocol.md):
-// two thermoelectric cells on a dual H-bridge, one line of data ten times a second, a watchdog.
+// Example firmware for the controller side of protocol version 2 (docs/protocol.md):
+// two thermoelectric cells on a dual H-bridge, a thermistor beside each, one line of data ten times
+// a second. It trips by itself on heat, on a broken thermistor and on silence, and stays off then
+// until somebody resets it.
 //
-// Written for an Arduino Uno or Mega. Change the rig's name, the cells and the pins; nothing else
-// depends on the rig. The camera sends on a link of its own (docs/firmware/lepton.md).
+// Written for an Arduino Uno or Mega, wired as docs/firmware/wiring.md says. Change the rig's name,
+// the cells, the pins and the trip; nothing else depends on the rig. The camera sends on a link of
+// its own (docs/firmware/lepton.md).
 
 #include <EEPROM.h>
 #ifdef __AVR__
@@ -16,15 +19,22 @@ const int COUNTS = 255;                       // of full duty
 const int PWM_PIN[CELLS] = {9, 10};           // with timer 1: 490 Hz, or 4 kHz by its prescaler
 const int HEAT_PIN[CELLS] = {7, 5};           // direction inputs of the bridge
 const int COOL_PIN[CELLS] = {8, 6};
+const int THERMISTOR_PIN[CELLS] = {A0, A1};   // 10 kohm, B = 3950 K, to ground; 10 kohm to 5 V
+const int HOT = 80;                           // readings below: above 93 degC, or a short circuit
+const int BROKEN = 1000;                      // readings above: below -35 degC, or no thermistor
+const int HOT_READINGS = 5;                   // in a row: one alone is noise
 const unsigned long WATCHDOG_MS = 2000;       // no command for so long: off
 const unsigned long PERIOD_MS = 100;
 
 int applied[CELLS];
-unsigned long boot, sequence, eventSequence, lastCommand, lastData;
+char owner[33] = "";                          // who commands; nobody while empty
+const char *trip = "";                        // why it is off until a reset
+unsigned long boot, sequence, eventSequence, number, lastCommand, lastData;
+bool numbered = false;
 
 // ---------------------------------------------------------------------------- lines, going out
 
-char line[128];
+char line[200];
 int length;
 
 void put(char c) {
@@ -90,7 +100,7 @@ uint64_t now() {  // microseconds since the start; micros() alone begins anew af
 }
 
 void sendHello() {
-  put("hello version=1 rig="), put(RIG);
+  put("hello version=2 rig="), put(RIG);
   put(" boot="), putNumber(boot);
   put(" cells="), put(CELL_NAMES);
   put(" counts="), putNumber(COUNTS);
@@ -102,13 +112,18 @@ void sendData() {
   put("data seq="), putNumber(sequence++);
   put(" t="), putNumber(now());
   putCounts(" pwm=", applied);
+  if (*owner) put(" owner="), put(owner);
+  if (numbered) put(" n="), putNumber(number);
+  if (*trip) put(" trip="), put(trip);
   send();
 }
 
-void sendEvent(const char *kind) {
+void sendEvent(const char *kind, const char *why, const char *who = "", unsigned long about = 0) {
   put("event seq="), putNumber(eventSequence++);
   put(" t="), putNumber(now());
   put(" kind="), put(kind);
+  if (*who) put(" owner="), put(who), put(" n="), putNumber(about);
+  if (*why) put(" why="), put(why);
   send();
 }
 
@@ -116,29 +131,129 @@ void sendEvent(const char *kind) {
 
 void apply(const int *counts) {
   for (int i = 0; i < CELLS; i++) {
-    applied[i] = constrain(counts[i], -COUNTS, COUNTS);
-    digitalWrite(HEAT_PIN[i], applied[i] > 0);
-    digitalWrite(COOL_PIN[i], applied[i] < 0);
-    analogWrite(PWM_PIN[i], abs(applied[i]));
+    if ((counts[i] > 0) != (applied[i] > 0) || (counts[i] < 0) != (applied[i] < 0)) {
+      analogWrite(PWM_PIN[i], 0);  // no direction changes under current
+    }
+    applied[i] = counts[i];
+    digitalWrite(HEAT_PIN[i], counts[i] > 0);
+    digitalWrite(COOL_PIN[i], counts[i] < 0);
+    analogWrite(PWM_PIN[i], abs(counts[i]));
   }
 }
 
-void switchOff() {
+void switchOff() {  // and lets another command
   const int off[CELLS] = {0};
   apply(off);
+  *owner = '\0';
+  numbered = false;
+}
+
+void tripNow(const char *why) {
+  switchOff();
+  if (!*trip) trip = why;  // the first reason says what to look for
+  sendEvent("trip", why);
 }
 
 // ------------------------------------------------------------------------------ lines, coming in
 
-bool parseCounts(const char *text, int *counts) {  // exactly CELLS whole numbers
-  for (int i = 0; i < CELLS; i++) {
-    char *end;
-    long number = strtol(text, &end, 10);
-    if (end == text || *end != (i + 1 < CELLS ? ',' : '\0')) return false;
-    counts[i] = (int)constrain(number, (long)-COUNTS, (long)COUNTS);
-    text = end + 1;
+const int MOST_FIELDS = 4;
+char *keys[MOST_FIELDS], *values[MOST_FIELDS];
+int fields;
+
+bool split(char *text) {  // "word key=value key=value", in any order, each once
+  fields = 0;
+  while ((text = strchr(text, ' '))) {
+    *text++ = '\0';
+    if (fields == MOST_FIELDS) return false;
+    keys[fields] = text;
+    char *equals = strchr(text, '=');
+    char *blank = strchr(text, ' ');
+    if (!equals || (blank && equals > blank)) return false;
+    *equals = '\0';
+    values[fields] = equals + 1;
+    for (int i = 0; i < fields; i++) {
+      if (strcmp(keys[i], keys[fields]) == 0) return false;
+    }
+    fields++;
+    text = equals + 1;
   }
   return true;
+}
+
+const char *field(const char *key) {
+  for (int i = 0; i < fields; i++) {
+    if (strcmp(keys[i], key) == 0) return values[i];
+  }
+  return "";
+}
+
+// A whole number at the start of a text: digits, and a minus where one is allowed. Returns what
+// follows, or NULL.
+const char *readNumber(const char *text, bool isSigned, int *sign, uint32_t *magnitude) {
+  *sign = 1;
+  if (*text == '-' && isSigned) *sign = -1, text++;
+  uint64_t number = 0;
+  int digits = 0;
+  while (*text >= '0' && *text <= '9' && digits++ < 10) number = 10 * number + (*text++ - '0');
+  if (digits == 0 || digits > 10 || number > 0xFFFFFFFF) return NULL;
+  *magnitude = (uint32_t)number;
+  return text;
+}
+
+// 1: counts for all cells. 0: numbers, but not these cells or beyond full duty. -1: no numbers.
+int readCounts(const char *text, int *counts) {
+  int sign;
+  uint32_t magnitude;
+  bool possible = true;
+  for (int i = 0;; i++) {
+    text = readNumber(text, true, &sign, &magnitude);
+    if (!text) return -1;
+    if (i >= CELLS || magnitude > (uint32_t)COUNTS) possible = false;
+    else counts[i] = sign * (int)magnitude;
+    if (*text == '\0') return possible && i + 1 == CELLS;
+    if (*text++ != ',') return -1;
+  }
+}
+
+bool isWord(const char *text) {
+  int count = 0;
+  for (; *text; text++, count++) {
+    bool allowed = (*text >= '0' && *text <= '9') || (*text >= 'A' && *text <= 'Z') ||
+                   (*text >= 'a' && *text <= 'z') || *text == '_' || *text == '.' || *text == '-';
+    if (!allowed) return false;
+  }
+  return count >= 1 && count <= 32;
+}
+
+void command(const char *word, const char *who, unsigned long about) {
+  if (strcmp(word, "stop") == 0) {  // anyone may stop
+    tripNow("stop");
+    return;
+  }
+  if (strcmp(word, "reset") == 0 && *trip) {
+    trip = "";
+    sendEvent("reset", "", who, about);
+    return;
+  }
+  if (*owner && strcmp(owner, who) != 0) {
+    sendEvent("refused", "owner", who, about);
+    return;
+  }
+  if (strcmp(word, "release") == 0) switchOff();
+}
+
+void duty(const char *who, unsigned long about, const int *counts) {
+  const char *why = "";
+  if (*owner && strcmp(owner, who) != 0) why = "owner";
+  else if (*trip) why = "tripped";
+  else if (!counts) why = "range";  // not cut to what is possible
+  if (*why) {
+    sendEvent("refused", why, who, about);
+    return;
+  }
+  strcpy(owner, who);
+  number = about, numbered = true, lastCommand = millis();
+  apply(counts);
 }
 
 void obey(char *text, int count) {
@@ -147,25 +262,37 @@ void obey(char *text, int count) {
   putChecksum(checksum, crc32(text, count - 9));
   if (strncmp(text + count - 8, checksum, 8) != 0) return;  // a damaged command is no command
   text[count - 9] = '\0';
-  if (strncmp(text, "hello ", 6) == 0) {
-    sendHello();
+  if (strlen(text) != (size_t)(count - 9)) return;
+  bool whole = split(text);
+  if (strcmp(text, "hello") == 0) {
+    if (strcmp(field("rig"), "") == 0) sendHello();  // else it is a device that speaks
     return;
   }
-  int counts[CELLS];
-  const char *pwm = strstr(text, " pwm=");
-  if (strncmp(text, "duty n=", 7) == 0 && pwm && parseCounts(pwm + 5, counts)) {
-    apply(counts);
-    lastCommand = millis();
+  int sign;
+  uint32_t about;
+  const char *end = readNumber(field("n"), false, &sign, &about);
+  if (!whole || !end || *end || !isWord(field("owner"))) return;
+  if (strcmp(text, "duty") == 0 && fields == 3) {
+    int counts[CELLS];
+    int possible = readCounts(field("pwm"), counts);
+    if (possible >= 0) duty(field("owner"), about, possible ? counts : NULL);
+  } else if (fields == 2 && (strcmp(text, "stop") == 0 || strcmp(text, "reset") == 0 ||
+                             strcmp(text, "release") == 0)) {
+    command(text, field("owner"), about);
   }
 }
 
 void listen() {
-  static char text[96];
+  static char text[160];
   static int count;
   while (Serial.available()) {
     char c = Serial.read();
     if (c == '\n') {
-      if (count < (int)sizeof(text)) obey(text, count);  // a longer line was none of ours
+      if (count > 0 && count < (int)sizeof(text) && text[count - 1] == '\r') count--;
+      if (count < (int)sizeof(text)) {
+        text[count] = '\0';
+        obey(text, count);
+      }  // a longer line was none of ours
       count = 0;
     } else if (count < (int)sizeof(text)) {
       text[count++] = c;
@@ -173,10 +300,38 @@ void listen() {
   }
 }
 
+// ---------------------------------------------------------------------------------------- trips
+
+bool isOn() {
+  for (int i = 0; i < CELLS; i++) {
+    if (applied[i]) return true;
+  }
+  return false;
+}
+
+void checkThermistors() {
+  static int suspicious;
+  const char *why = "";
+  for (int i = 0; i < CELLS; i++) {
+    int reading = analogRead(THERMISTOR_PIN[i]);
+    if (reading < HOT) why = "over-temperature";
+    else if (reading > BROKEN && !*why) why = "thermistor";
+  }
+  suspicious = *why ? suspicious + 1 : 0;
+  if (suspicious >= HOT_READINGS && isOn()) tripNow(why);
+}
+
+void checkWatchdog() {
+  if (!*owner || millis() - lastCommand <= WATCHDOG_MS) return;
+  if (isOn()) tripNow("watchdog");
+  else switchOff();
+}
+
 // ----------------------------------------------------------------------------------------- main
 
 void setup() {
-  for (int i = 0; i < CELLS; i++) {
+  for (int i = 0; i < CELLS; i++) {  // off before they are outputs: no pulse at the start
+    digitalWrite(PWM_PIN[i], LOW), digitalWrite(HEAT_PIN[i], LOW), digitalWrite(COOL_PIN[i], LOW);
     pinMode(PWM_PIN[i], OUTPUT), pinMode(HEAT_PIN[i], OUTPUT), pinMode(COOL_PIN[i], OUTPUT);
   }
   switchOff();
@@ -195,12 +350,8 @@ void loop() {
   wdt_reset();
 #endif
   listen();
-  bool on = false;
-  for (int i = 0; i < CELLS; i++) on = on || applied[i];
-  if (on && millis() - lastCommand > WATCHDOG_MS) {
-    switchOff();
-    sendEvent("watchdog");
-  }
+  checkThermistors();
+  checkWatchdog();
   if (millis() - lastData >= PERIOD_MS) {
     lastData += PERIOD_MS;
     sendData();

@@ -1,15 +1,19 @@
 """`jaxtwin drive`: a duty schedule on a live rig."""
 
 import contextlib
+import getpass
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ._options import BaudOption, LinkOption, RigArgument
+from ._options import BaudOption, LinkOption, ParametersOption, RigArgument, SetOption
 from ._output import check_output, say
 from ._show_progress import show_progress
 from ._signals import stop_signals
+from ._sources import open_twin
 
 
 def drive(
@@ -31,9 +35,20 @@ def drive(
     silence: Annotated[
         float, typer.Option(min=0.1, metavar="S", help="Stop after so long without data.")
     ] = 3.0,
+    reset: Annotated[
+        bool, typer.Option("--reset", help="End a trip of the device first. Look why it tripped.")
+    ] = False,
+    operator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Kept in the recording; the user's name.")
+    ] = None,
+    parameters: ParametersOption = None,
+    set_name: SetOption = None,
     baud: BaudOption = 115_200,
 ) -> None:
-    """Drive a live rig; the cells are off afterwards, whatever happens."""
+    """Drive a live rig; the cells are off afterwards, whatever happens.
+
+    The exit code is 0 after the whole schedule, 3 where an interlock stopped it, 130 after Ctrl-C.
+    """
     from ..io import Experiment
     from ..live import Recorder, connect, opener
     from ..live import drive as run_plan
@@ -42,6 +57,7 @@ def drive(
     check_output(out, ".db")
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)
+        twin = open_twin(loaded, set_name, parameters)
         plan = Experiment.schedule(duty, duration=duration, cells=len(loaded.cells))
         for url in link:  # what cannot be a link is refused before there is a file
             opener(url, baud=baud)
@@ -53,5 +69,21 @@ def drive(
             parts = ", ".join(f"{100 * count / loaded.driver.counts:.0f} %" for count in pwm)
             progress.update(f"{time:.0f} s, duty {parts}")
 
-        run_plan(bench, loaded, plan, silence=silence, stop=stop, progress=tell)
+        about = {
+            "plan": {"duty": duty, "duration_s": duration},
+            "operator": operator or getpass.getuser(),
+            "command": shlex.join(["jaxtwin", *sys.argv[1:]]),
+        }
+        outcome = run_plan(
+            bench,
+            twin,
+            plan,
+            silence=silence,
+            reset=reset,
+            about=about,
+            stop=stop,
+            progress=tell,
+        )
+    if outcome == "stopped":
+        raise KeyboardInterrupt  # exit code 130, with the cells off and the journal closed
     say("the cells are off")

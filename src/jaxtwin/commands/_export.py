@@ -18,12 +18,17 @@ def export(
         float | None, typer.Option(metavar="S", help="Leave out what was before.")
     ] = None,
     end: Annotated[float | None, typer.Option(metavar="S", help="Leave out what is after.")] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a file that is there.")
+    ] = False,
     json: JsonOption = None,
 ) -> None:
     """Put a recording of a live rig on an even time grid; gaps stay gaps."""
     from ..io import Session, write_recording
 
     check_output(out, ".nc", ".csv")
+    if out.exists() and not overwrite:
+        raise typer.BadParameter(f"{out}: is there already; name another, or add --overwrite")
     check_json(json)
     with show_progress() as progress:
         progress.step(f"reading {recording}")

@@ -61,7 +61,12 @@ def write_json(path: Path | None, numbers: Any) -> None:
 
 def say(text: str, json_path: Path | None = None) -> None:
     """Prints for a person; on standard error where standard output belongs to the JSON."""
-    print(text, file=sys.stderr if json_path == STDOUT else sys.stdout, flush=True)
+    print(printable(text), file=sys.stderr if json_path == STDOUT else sys.stdout, flush=True)
+
+
+def printable(text: str) -> str:
+    """Text from outside without what a terminal would obey."""
+    return "".join(letter if letter.isprintable() or letter == "\n" else "�" for letter in text)
 
 
 def aligned(rows: Sequence[Sequence[str]], gap: str = "  ") -> str:

@@ -26,7 +26,7 @@ def virtual_rig(
         str | None, typer.Option(metavar="URL", help="mqtt://HOST:PORT/TOPIC, through a broker.")
     ] = None,
     speed: Annotated[
-        float, typer.Option(min=0.001, max=1e4, help="Seconds of the rig in a second.")
+        float, typer.Option(min=0.1, max=1e3, help="Seconds of the rig in a second.")
     ] = 1.0,
     camera_hz: Annotated[
         float, typer.Option(min=0.01, max=1000, help="Frames in a second of the rig.")

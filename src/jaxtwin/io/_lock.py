@@ -10,12 +10,19 @@ from .._errors import RecordingError
 def lock(file: Path) -> int:
     """Locks a recording for writing by an empty file beside it.
 
-    SQLite's own locks last for a transaction; two recorders would take turns unnoticed.
+    SQLite's own locks last for a transaction; two recorders would take turns unnoticed. The lock
+    is that of the file behind symbolic links. A file with several names has no single place for
+    it, and is refused.
 
     **Returns:** what `unlock` takes.
 
-    **Raises:** `RecordingError` where another process records into it.
+    **Raises:** `RecordingError` where another process records into it, or it has hard links.
     """
+    if file.exists() and (names := file.stat().st_nlink) > 1:
+        raise RecordingError(
+            f"{file}: has {names} names (hard links); allowed is a file with one, since a lock "
+            "follows a name"
+        )
     beside = _beside(file)
     try:
         handle = os.open(beside, os.O_RDWR | os.O_CREAT, 0o644)
@@ -46,6 +53,7 @@ def is_locked(file: Path) -> bool:
 
 
 def _beside(file: Path) -> Path:
+    file = file.resolve()
     return file.with_name(file.name + "-lock")
 
 

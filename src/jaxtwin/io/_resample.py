@@ -35,8 +35,9 @@ def bin_means(
     there = ~np.isnan(values)
     counts, sums = (
         np.stack([np.bincount(place, column, minlength=len(grid)) for column in table.T], axis=1)
-        for table in (there, np.where(there, values, 0.0))
+        for table in (there.astype(np.float64), np.where(there, values, 0.0))
     )
+    sums = sums.astype(np.float64)  # of nothing, bincount makes whole numbers
     return np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0)
 
 

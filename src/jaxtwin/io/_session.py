@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, final
 from urllib.parse import quote
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .._errors import RecordingError
 from ._clock_map import ClockMap
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 MOST_STAMPS = 1_000_000
 """Of each table that a clock is fitted to; of a longer recording every second, third, ... stamp."""
+
+MOST_STEPS = 10_000_000
+"""Of an experiment's grid: four months in seconds."""
 
 LONGEST_HOLD = 3.0
 """Median intervals between controller samples for which one counts as still in force."""
@@ -36,18 +39,22 @@ class Series:
     - `time`: rig time `(samples,)`, s since 1970 on a rig that runs in real time; increasing.
     - `values`: `(samples, columns)`.
     - `columns`: their names.
+    - `run`: the number of the recorder's run that each sample is of.
     """
 
     time: Float[np.ndarray, " samples"]
     values: Float[np.ndarray, "samples columns"]
     columns: tuple[str, ...]
+    run: Int[np.ndarray, " samples"]
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class DeviceClock:
-    """One start of one device: its link, its boot, its numbers in `greetings`, and its clock."""
+    """One start of one device in one run of the recorder: its link, its boot, its numbers in
+    `greetings`, and its clock."""
 
+    run: int
     link: str
     boot: str
     greetings: tuple[int, ...]
@@ -125,7 +132,7 @@ class Session:
         ]
         every = 1 + max(newest) // MOST_STAMPS
         clocks = []
-        for (_, link, boot, rate), numbers in starts.items():
+        for (run, link, boot, rate), numbers in starts.items():
             which = f"WHERE greeting IN ({','.join('?' * len(numbers))}) AND id % {every} = 0"
             stamps = _array(
                 execute(
@@ -137,7 +144,7 @@ class Session:
             )
             if len(stamps):
                 clock = ClockMap.fit(stamps[:, 0], stamps[:, 1], rate)
-                clocks.append(DeviceClock(link, boot, tuple(numbers), clock))
+                clocks.append(DeviceClock(run, link, boot, tuple(numbers), clock))
         return clocks
 
     def readings(self, clocks: list[DeviceClock] | None = None) -> Series:
@@ -149,7 +156,8 @@ class Session:
         """Duty cycles that the controller reported, -1 to 1, positive heats the plate."""
         counts = self._series("samples", self._columns.pwm, "", clocks)
         factor = self.metadata["polarity"] / self.metadata["counts"]
-        return Series(counts.time, counts.values * factor, tuple(self.metadata["cells"]))
+        cells = tuple(self.metadata["cells"])
+        return Series(counts.time, counts.values * factor, cells, counts.run)
 
     def ambient(self, clocks: list[DeviceClock] | None = None) -> Series:
         """Ambient temperature where the controller measures it, degC."""
@@ -196,14 +204,20 @@ class Session:
         last = last if end is None else min(end, last)
         if last <= first:
             raise RecordingError(f"{self.file}: holds nothing from {first:g} s to {last:g} s")
+        if (last - first) / step > MOST_STEPS:
+            raise RecordingError(
+                f"{self.file}: from {first:g} s to {last:g} s are {(last - first) / step:.2g} "
+                f"steps of {step:g} s; allowed are {MOST_STEPS:g}. Take a part with start and "
+                f"end: {_longest_gap(readings.time - zero)}"
+            )
         grid = zero + first + step * np.arange(int((last - first) / step + 1e-9) + 1)
 
-        means = bin_means(readings.time, readings.values, grid, step)
+        means = _bin_means_by_run(readings, grid, step)
         longest = max(step, LONGEST_HOLD * float(np.median(np.diff(duty.time))))
         drive, there = held(duty.time, duty.values, grid + step / 2, longest)
         surroundings: Any = None
         if len(ambient.time):
-            surroundings = bin_means(ambient.time, ambient.values, grid, step)[there, 0]
+            surroundings = _bin_means_by_run(ambient, grid, step)[there, 0]
             if np.isnan(surroundings).all():
                 surroundings = None
         try:
@@ -225,12 +239,14 @@ class Session:
         rows = self.database.execute(f"SELECT greeting, device_us, {names} FROM {table} {where}")
         values = _array(rows, np.float64).reshape(-1, 2 + len(columns))
         time = np.zeros(len(values))
+        run = np.zeros(len(values), np.int64)
         rates = set()
         for device in self.clocks() if clocks is None else clocks:
             own = np.isin(values[:, 0], device.greetings)
             # Device time is below 2^53 us (285 years): exact as a float.
             stamps = values[own, 1].astype(np.int64)
             time[own] = device.clock.host_seconds(stamps) * device.clock.rate
+            run[own] = device.run
             rates.add(device.clock.rate)
         if len(rates) > 1:
             raise RecordingError(
@@ -239,7 +255,30 @@ class Session:
             )
         # Two starts of a device may overlap by their clocks' uncertainty.
         order = np.argsort(time, kind="stable")
-        return Series(time[order], values[order, 2:], columns)
+        return Series(time[order], values[order, 2:], columns, run[order])
+
+
+def _bin_means_by_run(
+    series: Series, grid: Float[np.ndarray, " grid"], step: float
+) -> Float[np.ndarray, "grid columns"]:
+    """Means of each step; one in which two runs of the recorder meet has none."""
+    runs = np.unique(series.run)
+    means = np.full((len(grid), series.values.shape[1]), np.nan)
+    found = np.zeros(len(grid), np.int64)
+    for run in runs:
+        own = series.run == run
+        part = bin_means(series.time[own], series.values[own], grid, step)
+        there = ~np.isnan(part).all(axis=1)
+        found += there
+        means[there] = part[there]
+    means[found > 1] = np.nan
+    return means
+
+
+def _longest_gap(time: Float[np.ndarray, " samples"]) -> str:
+    """Where nothing was recorded for longest, in words."""
+    last = int(np.argmax(np.diff(time)))
+    return f"nothing was recorded from {time[last]:g} s to {time[last + 1]:g} s"
 
 
 def _array(rows: sqlite3.Cursor, kind: type) -> np.ndarray:

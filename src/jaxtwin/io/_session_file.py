@@ -4,6 +4,7 @@ Its tables are made by `live/_tables.py`; docs/protocol.md describes them for ot
 """
 
 import json
+import reprlib
 import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +16,19 @@ from ._lock import is_locked
 APPLICATION = 0x6A747731
 """SQLite's `application_id` of a session, "jtw1": what `file` and SQLite tools show."""
 
-FORMAT = 1
+FORMAT = 2
 """Version of the tables."""
+
+_METADATA = {
+    "rig": "text",
+    "rig_file": "text",
+    "cells": "names",
+    "channels": "names",
+    "counts": "count",
+    "polarity": "sign",
+    "camera": "size",
+}
+"""What a recording says of its rig, and of what kind that is."""
 
 _SQLITE = b"SQLite format 3\0"
 _APPLICATION_BYTES = slice(68, 72)  # where the file's header holds the `application_id`
@@ -68,9 +80,29 @@ def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
             raise RecordingError(f"{file}: is an SQLite database, but no recording of a live rig")
         if form != FORMAT:
             raise RecordingError(f"{file}: format {form}; allowed is {FORMAT}")
-        return {
-            key: json.loads(value)
-            for key, value in database.execute("SELECT key, value FROM session")
-        }
+        rows = database.execute("SELECT key, value FROM session").fetchall()
+        metadata = {key: json.loads(value) for key, value in rows}
     except sqlite3.DatabaseError as error:
         raise RecordingError(f"{file}: cannot be read: {error}") from None
+    except (TypeError, ValueError):
+        raise RecordingError(f"{file}: is damaged: its metadata are no JSON") from None
+    for key, kind in _METADATA.items():
+        if not _fits(metadata.get(key), kind):
+            found = reprlib.repr(metadata.get(key))
+            raise RecordingError(f"{file}: is damaged: its metadata say {key} = {found}")
+    return metadata
+
+
+def _fits(value: Any, kind: str) -> bool:
+    names = isinstance(value, list) and all(isinstance(item, str) and item for item in value)
+    match kind:
+        case "text":
+            return isinstance(value, str)
+        case "names":
+            return names and len(set(map(str.lower, value))) == len(value) > 0
+        case "count":
+            return type(value) is int and 1 <= value <= 2**31
+        case "sign":
+            return value in (-1, 1)
+    pair = isinstance(value, list) and len(value) == 2
+    return value is None or (pair and all(type(side) is int and 0 < side <= 4096 for side in value))

@@ -1,15 +1,19 @@
 """The bench: all links of a rig, one stream of records, journalled before anyone sees them."""
 
 import queue
+import secrets
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Protocol, final, runtime_checkable
+from typing import Literal, Protocol, final, runtime_checkable
 
 from .._errors import JaxtwinError, LinkError
 from ..rig import Rig
+from ._codec import encode
+from ._counted import Counters
 from ._identity import Identity
 from ._link import INBOX, Arrived, Inbox, Link
-from ._messages import VERSION, Ask, Duty, encode
+from ._messages import VERSION, Ask, Duty, Order
+from ._mqtt_address import without_password
 from ._opener import opener
 from ._receiver import Receiver
 from ._records import Command, LinkState, Record
@@ -26,6 +30,10 @@ ASK_AGAIN = 1.0
 @runtime_checkable
 class Journal(Protocol):
     """Where records are kept; the recorder."""
+
+    def counted(self, link: str) -> Counters:
+        """How far the devices of a link are in it already."""
+        ...
 
     def write(self, records: Sequence[Record]) -> None:
         """Keeps them, or raises: then nobody sees them."""
@@ -95,7 +103,13 @@ class Bench:
             for name, open_link in links.items()
         }
         self._receivers = {
-            name: Receiver(name, identity, stale_after=stale_after) for name in links
+            name: Receiver(
+                name,
+                identity,
+                stale_after=stale_after,
+                counted=None if journal is None else journal.counted(name),
+            )
+            for name in links
         }
         self._asked = dict.fromkeys(links, 0)
         self._dropped: set[str] = set()
@@ -103,6 +117,8 @@ class Bench:
         self._views: list[View] = []
         self._commands: list[Record] = []
         self._number = 0
+        self.owner = secrets.token_hex(4)
+        """Whose commands these are: a device obeys one commander at a time. No secret."""
         self.ended = False
         """Whether it has been closed; a replay also ends by itself."""
 
@@ -127,6 +143,13 @@ class Bench:
     def states(self) -> dict[str, LinkState]:
         """How each link stands."""
         return {name: receiver.state for name, receiver in self._receivers.items()}
+
+    @property
+    def refusals(self) -> dict[str, str]:
+        """Links whose peer was last refused, and why."""
+        return {
+            name: why for name, receiver in self._receivers.items() if (why := receiver.refused)
+        }
 
     def view(self, capacity: int = 10_000) -> View:
         """A view of all records from now on, of which at most `capacity` wait."""
@@ -171,13 +194,16 @@ class Bench:
 
         The command is journalled with the next poll: a command to switch off waits for no disk.
         """
-        sent = []
-        self._number = (self._number + 1) % 2**32
-        for name, receiver in self._receivers.items():
-            if receiver.hello is not None and receiver.hello.cells:
-                sent.append(self._links[name].send(encode(Duty(self._number, pwm))))
-                self._commands.append(Command(name, self.clock.now(), self._number, pwm))
-        return bool(sent) and all(sent)
+        return self._send(lambda number: Duty(number, pwm, self.owner), pwm, "duty")
+
+    def send_order(self, kind: Literal["stop", "reset", "release"]) -> bool:
+        """The same for a command without counts."""
+        return self._send(lambda number: Order(kind, number, self.owner), (), kind)
+
+    @property
+    def number(self) -> int:
+        """Of the last command; each has its own."""
+        return self._number
 
     def note(self, record: Record) -> None:
         """Has a record of the host's own journalled and shown with the next poll."""
@@ -190,6 +216,18 @@ class Bench:
             link.close()
         while not self._inbox.empty() or self._commands:
             self.poll(0.0)
+
+    def _send(
+        self, command: Callable[[int], Duty | Order], pwm: tuple[int, ...], kind: str
+    ) -> bool:
+        self._number = (self._number + 1) % 2**32
+        sent, content = [], encode(command(self._number))
+        for name, receiver in self._receivers.items():
+            if receiver.hello is not None and receiver.hello.cells:
+                sent.append(self._links[name].send(content))
+                now = self.clock.now()
+                self._commands.append(Command(name, now, self._number, pwm, self.owner, kind))
+        return bool(sent) and all(sent)
 
     def _arrived(self, timeout: float) -> Iterator:
         try:
@@ -238,5 +276,6 @@ def connect(
     """
     if not urls or len(set(urls)) < len(urls):
         raise LinkError(f"links {urls}: allowed is one or more, each once")
-    openers: dict[str, Callable] = {url: opener(url, baud=baud) for url in urls}
+    # Names stand in recordings: no passwords.
+    openers: dict[str, Callable] = {without_password(url): opener(url, baud=baud) for url in urls}
     return Bench(rig, openers, journal=journal, clock=clock)

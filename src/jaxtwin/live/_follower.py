@@ -33,6 +33,16 @@ class Follower:
         self._rate = 1.0
         self._begin: int | None = None
 
+    @property
+    def nodes(self) -> Float[np.ndarray, " nodes"]:
+        """Temperatures of all the twin's nodes, degC."""
+        return self._twin.nodes
+
+    @property
+    def ambient(self) -> float:
+        """Of the twin's surroundings, degC."""
+        return self._twin.ambient
+
     def update(self, records: Sequence[Record]) -> None:
         """Takes records in their order."""
         for record in records:
@@ -48,7 +58,7 @@ class Follower:
                     self.measured = record.temperatures
                     if self._begin is None:
                         self._begin = record.arrival
-                        self._twin.start(0.0, float(record.temperatures.mean()))
+                        self._twin.start(0.0, float(np.nanmean(record.temperatures)))
                     self.predicted = self._twin.advance(self._time(record.arrival))
 
     def _time(self, arrival: int) -> float:

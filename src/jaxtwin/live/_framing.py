@@ -67,6 +67,18 @@ def deframe(rest: bytes, data: bytes) -> Deframed:
     return Deframed(frames, buffer[start:], discarded)
 
 
+def delines(rest: bytes, data: bytes) -> tuple[list[str], bytes]:
+    """The same for a link that carries lines only, as from a host: nothing waits for the end of a
+    packet that never comes.
+
+    **Returns:** the lines, and the rest for the next call, at most `LINE_BYTES`.
+    """
+    *lines, rest = (rest + data).split(_NEWLINE)
+    found = [_line(line.rpartition(_ZERO)[2][-LINE_BYTES:] + _NEWLINE, 0) for line in lines]
+    texts = [item[0] for item in found if item is not None]
+    return [text for text in texts if isinstance(text, str)], rest[-LINE_BYTES:]
+
+
 def encode_line(text: str) -> bytes:
     """A line as it is sent.
 

@@ -6,12 +6,20 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, UInt16
 
+from .._errors import LinkError
 from ..physics import pixel_weights
 from ..rig import Rig
-from ._messages import VERSION, Hello, wire_name
+from ._messages import VERSION, Hello
+from ._words import LONGEST_NAME, read_name, write_name
 
 CENTIKELVIN = 0.01
 ZERO_CELSIUS = 273.15
+
+WATCHDOG_SECONDS = 0.1, 5.0
+"""What a device's watchdog may wait; longer, and nobody would call it one."""
+
+RATES = 0.1, 1000.0
+"""Of a device's time to the host's."""
 
 
 @final
@@ -21,7 +29,7 @@ class Identity:
 
     **Arguments:**
 
-    - `rig`, `cells`, `channels`: names, as they stand in messages.
+    - `rig`, `cells`, `channels`: names.
     - `camera`: width and height of its frames, pixels; `None` where sensors read the channels.
     - `counts`: PWM counts of full duty.
     - `weights`: share of each pixel in each channel, `(channels, pixels)`; rows sum to 1. Without
@@ -37,12 +45,15 @@ class Identity:
 
     @classmethod
     def of(cls, rig: Rig) -> "Identity":
-        """That of a rig."""
+        """That of a rig.
+
+        **Raises:** `LinkError` where a name is too long for a greeting.
+        """
         camera, channels = rig.camera, len(rig.channels)
         return cls(
-            rig=wire_name(rig.name),
-            cells=tuple(wire_name(cell.name) for cell in rig.cells),
-            channels=tuple(wire_name(channel.name) for channel in rig.channels),
+            rig=_checked(rig.name),
+            cells=tuple(_checked(cell.name) for cell in rig.cells),
+            channels=tuple(_checked(channel.name) for channel in rig.channels),
             camera=camera and (camera.width, camera.height),
             counts=rig.driver.counts,
             weights=np.zeros((channels, 0))
@@ -64,6 +75,10 @@ class Identity:
         for field, found, allowed in pairs:
             if found != allowed:
                 return f"greets with {field} {found}; the rig file says {allowed}"
+        if not RATES[0] <= hello.rate <= RATES[1]:
+            return f"greets with rate {hello.rate:g}; allowed are {RATES[0]:g} to {RATES[1]:g}"
+        if hello.cells:
+            return _watchdog_refusal(hello.watchdog)
         return None
 
     def temperatures(
@@ -71,3 +86,20 @@ class Identity:
     ) -> Float[np.ndarray, " channels"]:
         """Channels of a frame in centikelvin, degC: means by area over each channel's pixels."""
         return self.weights @ pixels.ravel() * CENTIKELVIN - ZERO_CELSIUS
+
+
+def _watchdog_refusal(watchdog: float | None) -> str | None:
+    shortest, longest = WATCHDOG_SECONDS
+    if watchdog is not None and shortest <= watchdog <= longest:
+        return None
+    found = "no watchdog" if watchdog is None else f"watchdog {watchdog:g} s"
+    return f"drives cells and greets with {found}; allowed are {shortest:g} to {longest:g} s"
+
+
+def _checked(name: str) -> str:
+    try:
+        return read_name(write_name(name))
+    except ValueError:
+        raise LinkError(
+            f"name {name!r}: the protocol allows 1 to {LONGEST_NAME} printable characters"
+        ) from None

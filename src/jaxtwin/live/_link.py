@@ -13,6 +13,10 @@ from ._transport import Opener, Transport
 FIRST_RETRY, LONGEST_RETRY = 0.1, 5.0
 """Pause after the first failure, s; it doubles with each further one up to the longest."""
 
+LASTING = 5.0
+"""A connection that was good for so long is opened again at once, s. A device that greets and hangs
+up is not asked ten times a second for ever."""
+
 INBOX = 256
 """Reads that may wait for the bench; then the thread waits, and TCP lets the sender wait."""
 
@@ -55,6 +59,7 @@ class Link:
         self._clock = clock
         self._transport: Transport | None = None
         self._retry = FIRST_RETRY
+        self._connected = 0
         self._drop: str | None = None
         self._reason: str | None = None  # why it is down
         self._logged: str | None = None
@@ -102,9 +107,11 @@ class Link:
         return True
 
     def heard(self) -> None:
-        """The other side is who it should be: the next loss is followed by a quick retry."""
-        self._retry = FIRST_RETRY
-        self._logged = None
+        """The other side is who it should be: after a while of that, the next loss is followed by a
+        quick retry."""
+        if self._clock.now() - self._connected >= LASTING * 1e9:
+            self._retry = FIRST_RETRY
+            self._logged = None
 
     def drop(self, reason: str) -> None:
         """Has the connection closed. The thread does it: nobody closes what another one reads."""
@@ -122,6 +129,7 @@ class Link:
             self._pause()
             return
         self._drop = self._reason = None
+        self._connected = self._clock.now()
         self._put(LinkChange(self.name, self._clock.now(), LinkState.CONNECTING, ""))
         self._transport = transport
 

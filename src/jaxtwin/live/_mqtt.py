@@ -2,39 +2,52 @@
 
 A broker carries the bytes of a link unchanged, device to host on `TOPIC/up` and host to device on
 `TOPIC/down`, so all that holds for other links holds here: sequence numbers show what a broker
-lost. Needs the extra `mqtt` (paho-mqtt).
+lost. What a broker retained from before is passed over: an old command must not heat a rig that
+has just been switched on. Needs the extra `mqtt` (paho-mqtt).
 """
 
 import contextlib
 import json
+import logging
 import queue
 import threading
 from collections.abc import Sequence
 from typing import Any, final
-from urllib.parse import urlsplit
 
 from .._errors import LinkError
+from ._framing import PACKET_BYTES
+from ._mqtt_address import MqttAddress, without_password
 from ._records import Event, Gap, Greeting, LinkChange, Reading, Record, Sample
 from ._transport import READ_SECONDS
 
 CONNECT_SECONDS = 5.0
 WAITING = 1000  # messages that wait at most, coming and going
+MOST_WAITING = 2**22  # bytes of those that come
+LARGEST = 2 * PACKET_BYTES
+"""Bytes of a message; the broker keeps larger ones to itself (MQTT 5, maximum packet size)."""
+
+log = logging.getLogger("jaxtwin.live")
 
 
 @final
 class MqttTransport:
     """A link through a broker: what is published on `TOPIC/up` is read, `TOPIC/down` is written.
 
+    **Arguments:**
+
+    - `address`: of the broker and the topic.
+    - `reads`, `writes`: the topics below it.
+
     **Raises:** `OSError` where the broker cannot be reached, `LinkError` without paho-mqtt.
     """
 
-    def __init__(
-        self, host: str, port: int, topic: str, *, reads: str = "up", writes: str = "down"
-    ):
+    def __init__(self, address: MqttAddress, *, reads: str = "up", writes: str = "down"):
+        topic = address.topic
         self._inbox: queue.Queue[bytes] = queue.Queue(WAITING)
         self._lost = False
+        self._waiting = 0  # bytes
         self._reads, self._writes = f"{topic}/{reads}", f"{topic}/{writes}"
-        self._client = _client(reconnect=False)  # the link does that
+        self._client = _client(address, reconnect=False)  # the link does that
         ready = threading.Event()
 
         def on_connect(client: Any, *_: Any) -> None:
@@ -47,25 +60,34 @@ class MqttTransport:
             self._lost = True
 
         def on_message(_client: Any, _userdata: Any, message: Any) -> None:
+            if message.retain:
+                log.warning("%s: a retained message is passed over", message.topic)
+                return
             # Full: what is lost here shows in the sequence numbers.
-            with contextlib.suppress(queue.Full):
-                self._inbox.put_nowait(message.payload)
+            if self._waiting + len(message.payload) <= MOST_WAITING:
+                with contextlib.suppress(queue.Full):
+                    self._inbox.put_nowait(message.payload)
+                    self._waiting += len(message.payload)
 
         self._client.on_connect, self._client.on_subscribe = on_connect, on_subscribe
         self._client.on_disconnect, self._client.on_message = on_disconnect, on_message
-        self._client.connect(host, port, keepalive=10)
+        _connect(self._client, address)
         self._client.loop_start()
         if not ready.wait(CONNECT_SECONDS):
             self.close()
-            raise TimeoutError(f"the broker {host}:{port} does not answer")
+            raise TimeoutError(
+                f"the broker {address.host}:{address.port} does not answer, or refuses"
+            )
 
     def read(self) -> bytes:
         if self._lost:
             raise ConnectionResetError("the broker is gone")
         try:
-            return self._inbox.get(timeout=READ_SECONDS) + self.waiting()
+            first = self._inbox.get(timeout=READ_SECONDS)
         except queue.Empty:
             return b""
+        self._waiting -= len(first)
+        return first + self.waiting()
 
     def waiting(self) -> bytes:
         """What is there already."""
@@ -73,6 +95,7 @@ class MqttTransport:
         with contextlib.suppress(queue.Empty):
             while True:
                 parts.append(self._inbox.get_nowait())
+                self._waiting -= len(parts[-1])
         return b"".join(parts)
 
     def write(self, data: bytes) -> None:
@@ -93,21 +116,22 @@ class Publisher:
 
     **Arguments:**
 
-    - `url`: `mqtt://host:port/topic`.
+    - `url`: `mqtt://host:port/topic`, as for `MqttAddress`.
     - `channels`, `cells`: names of the columns.
 
     **Raises:** `LinkError` where the broker cannot be reached.
     """
 
     def __init__(self, url: str, channels: Sequence[str], cells: Sequence[str]):
-        host, port, self._topic = mqtt_address(url)
+        address = MqttAddress.parse(url)
+        self._topic = address.topic
         self._channels, self._cells = channels, cells
-        self._client = _client(reconnect=True)
+        self._client = _client(address, reconnect=True)
         self._client.max_queued_messages_set(WAITING)
         try:
-            self._client.connect(host, port, keepalive=10)
+            _connect(self._client, address)
         except OSError as error:
-            raise LinkError(f"{url}: {error}") from None
+            raise LinkError(f"{without_password(url)}: {error}") from None
         self._client.loop_start()
 
     def publish(self, records: Sequence[Record]) -> None:
@@ -140,24 +164,27 @@ class Publisher:
         return "", {}
 
 
-def mqtt_address(url: str) -> tuple[str, int, str]:
-    """Host, port and topic of `mqtt://host:port/topic`.
-
-    **Raises:** `LinkError` where the text is something else.
-    """
-    parts = urlsplit(url)
-    if parts.scheme != "mqtt" or not parts.hostname or not parts.path.strip("/"):
-        raise LinkError(f"{url!r}: allowed is mqtt://host:port/topic")
-    return parts.hostname, parts.port or 1883, parts.path.strip("/")
-
-
-def _client(*, reconnect: bool) -> Any:
+def _client(address: MqttAddress, *, reconnect: bool) -> Any:
     try:
-        from paho.mqtt.client import Client
+        from paho.mqtt.client import Client, MQTTv5
         from paho.mqtt.enums import CallbackAPIVersion
     except ImportError:
         raise LinkError(
             "mqtt:// needs paho-mqtt: pip install 'jaxtwin[mqtt]', in a checkout "
             "pip install -e '.[mqtt]'"
         ) from None
-    return Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=reconnect)
+    client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTv5, reconnect_on_failure=reconnect)
+    if address.user is not None:
+        client.username_pw_set(address.user, address.password)
+    if address.tls:
+        client.tls_set(address.ca, address.cert, address.key)
+    return client
+
+
+def _connect(client: Any, address: MqttAddress) -> None:
+    from paho.mqtt.packettypes import PacketTypes
+    from paho.mqtt.properties import Properties
+
+    properties = Properties(PacketTypes.CONNECT)
+    properties.MaximumPacketSize = LARGEST
+    client.connect(address.host, address.port, keepalive=10, properties=properties)

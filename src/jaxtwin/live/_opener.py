@@ -7,6 +7,7 @@ import serial
 
 from .._errors import LinkError
 from ._mqtt import MqttTransport
+from ._mqtt_address import MqttAddress
 from ._transport import Opener, SerialTransport, SocketTransport
 
 CONNECT_SECONDS = 3.0
@@ -18,24 +19,24 @@ def opener(url: str, *, baud: int = 115_200) -> Opener:
 
     **Arguments:**
 
-    - `url`: `socket://host:port`, `mqtt://host:port/topic`, or what pyserial takes: a port such as
-        `/dev/ttyACM0` or `COM3`, `rfc2217://host:port`, `loop://`.
+    - `url`: `socket://host:port`, `mqtt://host:port/topic` (see `MqttAddress`), or what pyserial
+        takes: a port such as `/dev/ttyACM0` or `COM3`, `rfc2217://host:port`, `loop://`.
     - `baud`: of a serial port.
 
     **Raises:** `LinkError` where the text is none of those.
     """
-    parts = urlsplit(url)
-    if parts.scheme in ("socket", "mqtt"):
+    if url.startswith(("mqtt:", "mqtts:")):
+        address = MqttAddress.parse(url)
+        return lambda: MqttTransport(address)
+    if url.startswith("socket:"):
         try:
+            parts = urlsplit(url)
             host, port = parts.hostname, parts.port
         except ValueError:
             host = port = None
-        if parts.scheme == "mqtt" and host and parts.path.strip("/"):
-            topic = parts.path.strip("/")
-            return lambda: MqttTransport(host, port or 1883, topic)
-        if parts.scheme == "socket" and host and port:
+        if host and port:
             return lambda: SocketTransport(socket.create_connection((host, port), CONNECT_SECONDS))
-        raise LinkError(f"link {url!r}: allowed are socket://host:port and mqtt://host:port/topic")
+        raise LinkError(f"link {url!r}: allowed is socket://host:port")
     try:
         serial.serial_for_url(url, baud, do_not_open=True)
     except (ValueError, serial.SerialException) as error:

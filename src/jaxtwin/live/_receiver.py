@@ -2,15 +2,19 @@
 
 import logging
 from collections import Counter
+from dataclasses import replace
 from typing import final
 
 import numpy as np
 
 from .._errors import LinkError
+from ._codec import parse
+from ._counted import Counters
 from ._framing import deframe
 from ._identity import Identity
 from ._link import Arrived
-from ._messages import RECALIBRATING, Beat, Data, Hello, Image, Notice, parse
+from ._message_counts import MessageCounts
+from ._messages import RECALIBRATING, Beat, Data, Hello, Image, Notice
 from ._records import (
     Event,
     Gap,
@@ -31,7 +35,8 @@ were hit, or a serial line at the wrong speed for a quarter of a minute."""
 MOST_MESSAGES = 20_000
 """Messages in a second above which a peer is dropped."""
 
-BOOTS = 8  # starts of a device whose counters are remembered
+MOST_TOLD = 20
+"""Reasons of nonsense that are logged for a connection."""
 
 log = logging.getLogger("jaxtwin.live")
 
@@ -50,13 +55,23 @@ class Receiver:
     - `identity`: the rig that the link must lead to.
     - `stale_after`: silence after which the link is stale, s; after three times that it should be
         dropped, since a dead peer and a silent one look the same.
+    - `counted`: how far its devices were counted already, in an earlier run.
     """
 
-    def __init__(self, link: str, identity: Identity, *, stale_after: float | int = 2.0):
+    def __init__(
+        self,
+        link: str,
+        identity: Identity,
+        *,
+        stale_after: float | int = 2.0,
+        counted: Counters | None = None,
+    ):
         self.state = LinkState.DOWN
         self.hello: Hello | None = None
         self.verdict: str | None = None
         """Why the peer is not worth listening to; `None` while it is."""
+        self.refused: str | None = None
+        """Why the last greeting was refused; `None` once one was accepted."""
         self.last_valid = 0
         self._link = link
         self._identity = identity
@@ -64,14 +79,17 @@ class Receiver:
         self._rest = b""
         self._garbage = 0
         self._second = self._messages = 0
-        self._counts: dict[str, dict[Stream, tuple[int, int]]] = {}
+        self._counts = MessageCounts(counted)
         self._recalibrating = False
+        self._told: set[str] = set()
+        self._faults: dict[int, str] = {}
 
     def changed(self, change: LinkChange) -> list[Record]:
         """The link was opened or lost."""
         self.state = change.state
         self._rest, self.hello, self.verdict = b"", None, None
         self._garbage = 0
+        self._told.clear()
         self.last_valid = change.arrival
         return [change]
 
@@ -83,13 +101,15 @@ class Receiver:
         frames, self._rest, discarded = deframe(self._rest, arrived.data)
         records: list[Record] = []
         seen: Counter[str] = Counter()
+        why = ""
         for frame in frames:
             try:
                 new = self._accept(frame, arrival, seen)
             except LinkError as error:
                 seen["nonsense"] += 1
                 discarded += len(frame)
-                log.debug("%s: %s", self._link, error)
+                why = str(error)
+                self._tell(why)
                 continue
             records += new
             self._garbage = 0
@@ -102,7 +122,9 @@ class Receiver:
         if discarded:
             self._garbage += discarded
             records.append(Event(self._link, arrival, "garbage", f"{discarded} bytes"))
-        records += [Event(self._link, arrival, kind, str(n)) for kind, n in seen.items()]
+        for kind, number in seen.items():
+            detail = f"{number}: {why}" if kind == "nonsense" else str(number)
+            records.append(Event(self._link, arrival, kind, detail))
         self._judge(arrival, len(frames))
         return records
 
@@ -137,57 +159,67 @@ class Receiver:
                 stream = "event"
             case _:
                 raise LinkError("a host's message from a device")
-        gap = self._counted(hello.boot, stream, message.seq, message.device_us, arrival)
-        if gap is None:
+        place = self._counts.place(hello.boot, stream, message.seq, message.device_us, arrival)
+        if place is None:
             seen["duplicate"] += 1
             return []
-        return [*gap, *self._records(message, hello, arrival)]
+        records: list[Record] = []
+        if place.boot != hello.boot:
+            self.hello = hello = replace(hello, boot=place.boot)
+            stepped = Event(self._link, arrival, "device-clock-step", "", message.device_us)
+            records += [stepped, Greeting(self._link, arrival, hello)]
+        if place.missing:
+            records.append(Gap(self._link, arrival, stream, place.first, place.missing))
+        return records + self._records(message, hello, arrival)
 
     def _greeted(self, hello: Hello, arrival: int) -> list[Record]:
         refusal = self._identity.refusal(hello)
+        self.refused = refusal
         if refusal is not None:
             self.verdict = refusal
             return [Event(self._link, arrival, "refused", refusal)]
+        hello = replace(hello, boot=self._counts.begin(hello.boot, hello.rate))
         if self.hello == hello:
             return []
         self.hello = hello
-        self._counts.setdefault(hello.boot, {})
-        while len(self._counts) > BOOTS:
-            del self._counts[next(iter(self._counts))]
         return [Greeting(self._link, arrival, hello)]
-
-    def _counted(
-        self, boot: str, stream: Stream, seq: int, device_us: int, arrival: int
-    ) -> list[Record] | None:
-        """The gap before a message, if any; `None` where it was counted before."""
-        counts = self._counts[boot]
-        gap: list[Record] = []
-        if stream in counts:
-            expected, earlier = counts[stream]
-            missing = (seq - expected) % 2**32
-            if missing >= 2**31:
-                return None
-            if device_us < earlier:
-                raise LinkError(f"device time {device_us} after {earlier}")
-            if missing:
-                gap = [Gap(self._link, arrival, stream, expected, missing)]
-        counts[stream] = ((seq + 1) % 2**32, device_us)
-        return gap
 
     def _records(self, message: Data | Image | Notice, hello: Hello, arrival: int) -> list[Record]:
         link, boot = self._link, hello.boot
         seq, device_us = message.seq, message.device_us
         match message:
             case Notice():
-                return [Event(link, arrival, message.kind, "", device_us)]
+                return [
+                    Event(
+                        link,
+                        arrival,
+                        f"device/{message.kind}",
+                        _detail(message),
+                        device_us,
+                        seq,
+                    )
+                ]
             case Data():
                 records: list[Record] = [
-                    Sample(link, boot, arrival, device_us, seq, message.pwm, message.ambient)
+                    Sample(
+                        link,
+                        boot,
+                        arrival,
+                        device_us,
+                        seq,
+                        message.pwm,
+                        message.ambient,
+                        message.owner,
+                        message.number,
+                        message.trip,
+                    )
                 ]
                 if message.temperatures:
                     values = np.array(message.temperatures)
+                    faults = message.faults
+                    records += self._faults_changed(faults, arrival, device_us)
                     records.append(
-                        Reading(link, boot, arrival, device_us, seq, values, False, None)
+                        Reading(link, boot, arrival, device_us, seq, values, False, None, faults)
                     )
                 return records
             case Image():
@@ -200,6 +232,23 @@ class Receiver:
                 kind = "recalibration-start" if flag else "recalibration-end"
                 return [Event(link, arrival, kind, "", device_us), reading]
 
+    def _faults_changed(self, faults: dict[int, str], arrival: int, device_us: int) -> list[Record]:
+        """An event where other channels have failed than before, or for other reasons."""
+        if faults == self._faults:
+            return []
+        self._faults = faults
+        names = self._identity.channels
+        detail = ", ".join(f"{names[place]} {why}" for place, why in faults.items())
+        kind = "channel-fault" if faults else "channels-work"
+        return [Event(self._link, arrival, kind, detail, device_us)]
+
+    def _tell(self, why: str) -> None:
+        """Logs each reason once a connection: a device that is wrong is wrong a thousand times."""
+        reason = why.rpartition(":")[2]
+        if reason not in self._told and len(self._told) < MOST_TOLD:
+            self._told.add(reason)
+            log.warning("%s: %s", self._link, why)
+
     def _judge(self, arrival: int, messages: int) -> None:
         if self._garbage > MOST_GARBAGE:
             self.verdict = f"{self._garbage} bytes without a valid message"
@@ -208,6 +257,13 @@ class Receiver:
         self._messages += messages
         if self._messages > MOST_MESSAGES:
             self.verdict = f"more than {MOST_MESSAGES} messages in a second"
+
+
+def _detail(notice: Notice) -> str:
+    """What a notice says of the command that it is about, for people."""
+    words = [f"of {notice.owner}"] if notice.owner else []
+    words += [f"command {notice.number}"] if notice.number is not None else []
+    return ", ".join(words + ([notice.why] if notice.why else []))
 
 
 def _check_data(message: Data, hello: Hello) -> None:

@@ -10,24 +10,16 @@ middle is dropped by SQLite when the file is opened again.
 import json
 import sqlite3
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, final
 
 from .._errors import RecordingError
 from ..io._lock import lock, unlock
-from ..io._session_file import Columns, read_metadata
+from ..io._session_file import is_session, read_metadata
 from ..rig import Rig
-from ._records import (
-    Command,
-    Event,
-    Gap,
-    Greeting,
-    LinkChange,
-    Reading,
-    Record,
-    Sample,
-)
+from ._counted import Counters, counted_in
+from ._records import Event, Record
+from ._rows import RowWriter
 from ._tables import create_tables, mark, metadata_of, versions
 from ._time import Clock, SystemClock, seconds
 
@@ -36,6 +28,10 @@ SYNC_SECONDS = 1.0
 
 COMPARE_SECONDS = 600.0
 """How often is noted how far the system's clock and the recording's are apart."""
+
+BETWEEN_RUNS = 10**9
+"""Where the host's clock was set back, a run begins so long after the end of the one before, ns: in
+a recording the order of times is the order of runs."""
 
 WAL_BYTES = 64 * 2**20  # to which the journal shrinks again after a long reader held it
 
@@ -72,16 +68,15 @@ class Recorder:
         self.written = 0
         """Records kept so far."""
         self._clock: Clock = clock or SystemClock()
-        self._keep_frames = keep_frames
-        self._greetings: dict[tuple[str, str], int] = {}
         self._synced = self._compared = 0
         self._ended = False
         metadata = metadata_of(rig)
-        columns = Columns.of(metadata)
-        self._pwm, self._temperatures = columns.pwm, columns.temperatures
         existed = self.file.exists()
         if existed and not append:
             raise RecordingError(f"{self.file}: is there already; append to it, or name another")
+        if existed and not is_session(self.file):  # looked at before SQLite touches it
+            raise RecordingError(f"{self.file}: is no recording of a live rig; it is left alone")
+        self._shift = 0  # ns, from the clock's time to the recording's
         self._lock = lock(self.file)
         try:
             self._database = sqlite3.connect(self.file, isolation_level=None)
@@ -97,7 +92,12 @@ class Recorder:
             self._database.execute(f"PRAGMA wal_autocheckpoint = {_CHECKPOINT_PAGES}")
             if existed:
                 self._check_rig(metadata)
+            self._counted = counted_in(self._database) if existed else {}
             self._run = self._begin(None if existed else metadata)
+            self._rows = RowWriter(
+                self._database, self._run, self._shift, len(rig.cells), keep_frames=keep_frames
+            )
+            self._identity = self._on_disk()
         except RecordingError:
             self._give_up()
             raise
@@ -111,16 +111,28 @@ class Recorder:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close("stopped" if kind is None else kind.__name__)
 
+    def counted(self, link: str) -> Counters:
+        """How far the devices of a link were recorded before this run, so that what they repeat is
+        not recorded again and what was lost meanwhile is a gap."""
+        return self._counted.get(link, {})
+
     def write(self, records: Sequence[Record]) -> None:
         """Keeps records; when it returns, the death of this process cannot take them any more.
 
         With nothing to write it only sees to the sync, so call it regularly.
 
-        **Raises:** `RecordingError` where the disk is full or fails. None of these records is kept
-        then, all earlier ones are, and the recorder is closed.
+        **Raises:** `RecordingError` where the disk is full or fails, or somebody has moved or
+        deleted the file. None of these records is kept then, all earlier ones are, and the recorder
+        is closed.
         """
         if self._ended:
             raise RecordingError(f"{self.file}: the recording is closed")
+        if self._on_disk() != self._identity:
+            self._give_up()
+            raise RecordingError(
+                f"{self.file}: was moved or deleted while it was recorded into; recording stopped "
+                f"after {self.written} records"
+            )
         now = self._clock.now()
         sync = seconds(now - self._synced) >= SYNC_SECONDS
         if not records and not sync:
@@ -160,8 +172,9 @@ class Recorder:
         execute("BEGIN IMMEDIATE")
         try:
             for record in records:
-                self._insert(record)
+                self._rows.insert(record)
             if sync is not None:
+                sync += self._shift
                 # A transaction that changes nothing would not be forced onto the disk.
                 execute(
                     "UPDATE runs SET alive = ?, alive_utc = ?, ended = ? WHERE id = ?",
@@ -176,39 +189,6 @@ class Recorder:
         finally:
             if sync is not None:
                 execute("PRAGMA synchronous = NORMAL")
-
-    def _insert(self, record: Record) -> None:
-        match record:
-            case Sample():
-                device = self._device(record)
-                self._row("samples", (None, *device, record.ambient, *record.pwm))
-            case Reading():
-                device = self._device(record)
-                values = record.temperatures.tolist()
-                row = self._row("readings", (None, *device, int(record.recalibrating), *values))
-                if self._keep_frames and record.pixels is not None:
-                    self._row("frames", (row, record.pixels.astype("<u2").tobytes()))
-            case Greeting(link, arrival, hello):
-                content = json.dumps(asdict(hello))
-                row = (None, self._run, link, arrival, hello.boot, hello.rate, content)
-                self._greetings[link, hello.boot] = self._row("greetings", row)
-            case Gap(link, arrival, stream, first, count):
-                self._row("gaps", (None, self._run, link, arrival, stream, first, count))
-            case LinkChange(link, arrival, state, detail):
-                self._row("events", (None, self._run, link, arrival, None, f"link-{state}", detail))
-            case Event(link, arrival, kind, detail, device_us):
-                self._row("events", (None, self._run, link, arrival, device_us, kind, detail))
-            case Command(link, arrival, number, pwm):
-                self._row("commands", (None, self._run, link, arrival, number, *pwm))
-
-    def _device(self, record: Sample | Reading) -> tuple[int, int, int, int]:
-        greeting = self._greetings[record.link, record.boot]
-        return greeting, record.arrival, record.device_us, record.seq
-
-    def _row(self, table: str, values: tuple[Any, ...]) -> int:
-        marks = ",".join("?" * len(values))
-        cursor = self._database.execute(f"INSERT INTO {table} VALUES ({marks})", values)
-        return cursor.lastrowid or 0
 
     def _check_rig(self, metadata: dict[str, Any]) -> None:
         found = read_metadata(self._database, self.file)
@@ -229,23 +209,43 @@ class Recorder:
         if metadata is not None:
             create_tables(self._database, metadata)
         before = execute("SELECT alive, ended FROM runs ORDER BY id DESC LIMIT 1").fetchone()
+        if before is not None and now < before[0] + BETWEEN_RUNS:
+            self._shift = before[0] + BETWEEN_RUNS - now
+        began = now + self._shift
         run = execute(
             "INSERT INTO runs VALUES (NULL, ?, ?, ?, NULL, ?)",
-            (now, now, self._clock.utc(), json.dumps(versions())),
+            (began, began, self._clock.utc(), json.dumps(versions())),
         ).lastrowid
         assert run is not None
         if before is not None:
             alive, ended = before
-            how = f"ended ({ended})" if ended else "broke off"
-            detail = f"the run before {how}; nothing was recorded for {seconds(now - alive):.1f} s"
             execute(
-                "INSERT INTO events VALUES (NULL, ?, '', ?, NULL, 'not-recorded', ?)",
-                (run, now, detail),
+                "INSERT INTO events VALUES (NULL, ?, '', ?, NULL, NULL, ?, ?)",
+                (run, began, *self._break(alive, ended, now)),
             )
         execute("COMMIT")
         execute("PRAGMA synchronous = NORMAL")
         self._synced = self._compared = now
         return run
+
+    def _break(self, alive: int, ended: str | None, now: int) -> tuple[str, str]:
+        """What is to be said of the time since the run before: an event's kind and detail."""
+        how = f"the run before {f'ended ({ended})' if ended else 'broke off'}"
+        silent = seconds(now - alive)
+        if not self._shift or silent >= 0:
+            return "not-recorded", f"{how}; nothing was recorded for {silent:.1f} s"
+        return "clock-step", (
+            f"{how}; the host's clock stands {-silent:.1f} s before its end now, and all times of "
+            f"this run are {seconds(self._shift):.1f} s later than the clock says"
+        )
+
+    def _on_disk(self) -> tuple[int, int] | None:
+        """Which file stands under the name now."""
+        try:
+            found = self.file.stat()
+        except OSError:
+            return None
+        return found.st_dev, found.st_ino
 
     def _give_up(self) -> None:
         self._ended = True

@@ -3,9 +3,10 @@
 All records carry `arrival`, the host time (ns since 1970) at which their bytes were read.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Literal, final
+from typing import Any, Literal, final
 
 import numpy as np
 from jaxtyping import Float, UInt16
@@ -44,7 +45,11 @@ class Greeting:
 @final
 @dataclass(frozen=True)
 class Sample:
-    """A controller's sample: the counts on the cells, and ambient (degC) where it is measured."""
+    """A controller's sample: the counts on the cells, and ambient (degC) where it is measured.
+
+    `owner` commands the cells, `number` is that of his last command that was obeyed, and `trip`
+    says why the device refuses every duty (`""`: it does not); see `OutputStage`.
+    """
 
     link: str
     boot: str
@@ -53,6 +58,9 @@ class Sample:
     seq: int
     pwm: tuple[int, ...]
     ambient: float | None
+    owner: str = ""
+    number: int | None = None
+    trip: str = ""
 
 
 @final
@@ -61,7 +69,8 @@ class Reading:
     """Temperatures of the rig's channels `(channels,)`, degC, from a camera frame or a line.
 
     `recalibrating` is true while the camera's shutter is closed. `pixels` `(height, width)` are
-    those of the frame, 0.01 K, or `None` where the controller measured the channels.
+    those of the frame, 0.01 K, or `None` where the controller measured the channels. A channel that
+    has failed is NaN; `faults` says why, by its number, where the device does.
     """
 
     link: str
@@ -72,6 +81,7 @@ class Reading:
     temperatures: Float[np.ndarray, " channels"]
     recalibrating: bool
     pixels: UInt16[np.ndarray, "height width"] | None
+    faults: dict[int, str] = field(default_factory=dict)
 
 
 @final
@@ -102,8 +112,9 @@ class LinkChange:
 class Event:
     """Anything else that a reader of a recording must know.
 
-    `kind` is one word (`recalibration-start`, `watchdog`, `duplicate`, `nonsense`, `stop`, ...).
-    `device_us` is `None` where it happened on the host.
+    `kind` is one word (`recalibration-start`, `duplicate`, `nonsense`, ...). That of a device's own
+    notice begins with `device/`, so that no device can say what only a host may. The `device_us`
+    and the number `seq` are `None` where it happened on the host.
     """
 
     link: str
@@ -111,17 +122,35 @@ class Event:
     kind: str
     detail: str = ""
     device_us: int | None = None
+    seq: int | None = None
 
 
 @final
 @dataclass(frozen=True)
 class Command:
-    """A duty command that was handed to the link."""
+    """A command that was handed to the link: `kind` is `duty`, `stop`, `reset` or `release`."""
 
     link: str
     arrival: int
     number: int
     pwm: tuple[int, ...]
+    owner: str = ""
+    kind: str = "duty"
 
 
-Record = Greeting | Sample | Reading | Gap | LinkChange | Event | Command
+@final
+@dataclass(frozen=True, eq=False)
+class Document:
+    """Begin or end of a commanded run (`kind` is `start` or `stop`), as in bluesky's documents.
+
+    The two have the same `uid`. `content` says at the start who asked for what, at the stop how it
+    ended.
+    """
+
+    arrival: int
+    kind: str
+    uid: str
+    content: Mapping[str, Any]
+
+
+Record = Greeting | Sample | Reading | Gap | LinkChange | Event | Command | Document

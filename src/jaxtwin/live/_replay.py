@@ -16,6 +16,7 @@ from ._bench import View
 from ._messages import Hello
 from ._records import (
     Command,
+    Document,
     Event,
     Gap,
     Greeting,
@@ -147,26 +148,36 @@ class Replay:
                 yield Greeting(link, arrival, Hello(**content))
 
         def changes_and_events() -> Rows:
-            query = "SELECT link, arrival, device_us, kind, detail FROM events ORDER BY id"
-            for link, arrival, device_us, kind, detail in rows(query):
-                if kind.startswith("link-"):
-                    state = LinkState(kind.removeprefix("link-"))
-                    yield LinkChange(link, arrival, state, detail)
-                else:
-                    yield Event(link, arrival, kind, detail, device_us)
+            query = "SELECT link, arrival, device_us, seq, kind, detail FROM events ORDER BY id"
+            for link, arrival, device_us, seq, kind, detail in rows(query):
+                state = kind.removeprefix("link-")
+                if kind != state and state in set(LinkState):
+                    yield LinkChange(link, arrival, LinkState(state), detail)
+                else:  # also what a later version may write
+                    yield Event(link, arrival, kind, detail, device_us, seq)
 
         def gaps() -> Rows:
             for row in rows('SELECT link, arrival, stream, "first", count FROM gaps ORDER BY id'):
                 yield Gap(*row)
 
         def commands() -> Rows:
-            for _, _, link, arrival, number, *pwm in rows("SELECT * FROM commands ORDER BY id"):
-                yield Command(link, arrival, number, tuple(pwm))
+            for _, _, link, arrival, number, owner, kind, *pwm in rows(
+                "SELECT * FROM commands ORDER BY id"
+            ):
+                counts = tuple(pwm) if kind == "duty" else ()
+                yield Command(link, arrival, number, counts, owner, kind)
+
+        def documents() -> Rows:
+            query = "SELECT arrival, kind, uid, content FROM documents ORDER BY id"
+            for arrival, kind, uid, content in rows(query):
+                yield Document(arrival, kind, uid, json.loads(content))
 
         def samples() -> Rows:
             for row in rows("SELECT * FROM samples ORDER BY id"):
-                _, greeting, arrival, device_us, seq, ambient, *pwm = row
-                yield Sample(*devices[greeting], arrival, device_us, seq, tuple(pwm), ambient)
+                _, greeting, arrival, device_us, seq, ambient, owner, number, trip, *pwm = row
+                stamp = arrival, device_us, seq
+                state = owner, number, trip
+                yield Sample(*devices[greeting], *stamp, tuple(pwm), ambient, *state)
 
         def readings() -> Rows:
             names = ", ".join(f'"{name}"' for name in columns.temperatures)
@@ -183,9 +194,17 @@ class Replay:
                     arrival,
                     device_us,
                     seq,
-                    np.array(values),
+                    np.array(values, np.float64),  # no value is NaN
                     bool(flag),
                     pixels,
                 )
 
-        return greetings(), changes_and_events(), gaps(), commands(), samples(), readings()
+        return (
+            greetings(),
+            changes_and_events(),
+            gaps(),
+            commands(),
+            documents(),
+            samples(),
+            readings(),
+        )

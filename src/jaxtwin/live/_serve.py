@@ -8,10 +8,12 @@ import selectors
 import socket
 import sys
 import threading
+from collections import OrderedDict
 from typing import Protocol, final, runtime_checkable
 
 from .._errors import LinkError
-from ._mqtt import MqttTransport, mqtt_address
+from ._mqtt import MqttTransport
+from ._mqtt_address import MqttAddress, without_password
 from ._time import Clock
 from ._virtual_rig import VirtualRig
 
@@ -80,6 +82,8 @@ class TcpServer:
         self._listener.setblocking(False)
         self.url = "socket://{}:{}".format(*self._listener.getsockname()[:2])
         self._clients: dict[socket.socket, bytearray] = {}
+        self._spoke: OrderedDict[socket.socket, None] = OrderedDict()  # the most silent first
+        self._device: VirtualRig | None = None
 
     def tick(self, data: bytes, device: VirtualRig) -> None:
         self._accept(device)
@@ -99,10 +103,10 @@ class TcpServer:
                 continue
             try:
                 received = client.recv(4096)
-                if received:
-                    device.receive(received)
-                else:
+                if not received:
                     self._drop(client)
+                elif device.receive(received, client):
+                    self._spoke.move_to_end(client)
             except BlockingIOError:
                 pass
             except OSError:
@@ -121,14 +125,18 @@ class TcpServer:
             while True:
                 client, _ = self._listener.accept()
                 if len(self._clients) == MOST_CLIENTS:
-                    client.close()
-                    continue
+                    log.warning("the most silent of %d clients makes room", MOST_CLIENTS)
+                    self._drop(next(iter(self._spoke)))
                 client.setblocking(False)
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._clients[client] = bytearray(device.connected())
+                self._device = device
+                self._spoke[client] = None
+                self._clients[client] = bytearray(device.connected(client))
 
     def _drop(self, client: socket.socket) -> None:
-        del self._clients[client]
+        del self._clients[client], self._spoke[client]
+        if self._device is not None:
+            self._device.disconnected(client)
         client.close()
 
 
@@ -197,12 +205,12 @@ class MqttServer:
     """
 
     def __init__(self, url: str):
-        host, port, topic = mqtt_address(url)
-        self.url = url
+        self.url = without_password(url)
         try:
-            self._transport = MqttTransport(host, port, topic, reads="down", writes="up")
+            address = MqttAddress.parse(url)
+            self._transport = MqttTransport(address, reads="down", writes="up")
         except OSError as error:
-            raise LinkError(f"{url}: {error}") from None
+            raise LinkError(f"{self.url}: {error}") from None
 
     def tick(self, data: bytes, device: VirtualRig) -> None:
         try:

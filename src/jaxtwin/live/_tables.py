@@ -8,16 +8,38 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from .._errors import RecordingError
 from ..io._session_file import APPLICATION, FORMAT, Columns
 from ..rig import Rig
 from ._identity import Identity
 
-_APPEND_ONLY = ("greetings", "samples", "readings", "frames", "gaps", "events", "commands")
+_APPEND_ONLY = (
+    "greetings",
+    "samples",
+    "readings",
+    "frames",
+    "gaps",
+    "events",
+    "commands",
+    "documents",
+)
 
 
 def metadata_of(rig: Rig) -> dict[str, Any]:
-    """What a recording says about its rig."""
+    """What a recording says about its rig.
+
+    **Raises:** `RecordingError` where names differ in upper and lower case only: SQLite does not
+    tell such columns apart.
+    """
     identity = Identity.of(rig)
+    for names in (identity.cells, identity.channels):
+        for place, name in enumerate(names):
+            twins = [other for other in names[:place] if other.lower() == name.lower()]
+            if twins:
+                raise RecordingError(
+                    f"{rig.source}: the names {twins[0]!r} and {name!r} differ in upper and lower "
+                    "case only; a recording cannot hold both"
+                )
     return {
         "format": FORMAT,
         "rig": identity.rig,
@@ -58,12 +80,16 @@ def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> Non
         "runs": "id INTEGER PRIMARY KEY, started INTEGER, alive INTEGER, alive_utc INTEGER, "
         "ended TEXT, versions TEXT",
         "greetings": f"id INTEGER PRIMARY KEY, {host}, boot TEXT, rate REAL, hello TEXT",
-        "samples": f"id INTEGER PRIMARY KEY, {device}, ambient_degC REAL{pwm}",
+        "samples": f"id INTEGER PRIMARY KEY, {device}, ambient_degC REAL, "
+        f"owner TEXT, number INTEGER, trip TEXT{pwm}",
         "readings": f"id INTEGER PRIMARY KEY, {device}, recalibrating INTEGER{temperatures}",
         "frames": "reading INTEGER PRIMARY KEY, pixels BLOB",
         "gaps": f'id INTEGER PRIMARY KEY, {host}, stream TEXT, "first" INTEGER, count INTEGER',
-        "events": f"id INTEGER PRIMARY KEY, {host}, device_us INTEGER, kind TEXT, detail TEXT",
-        "commands": f"id INTEGER PRIMARY KEY, {host}, number INTEGER{pwm}",
+        "events": f"id INTEGER PRIMARY KEY, {host}, device_us INTEGER, seq INTEGER, kind TEXT, "
+        "detail TEXT",
+        "commands": f"id INTEGER PRIMARY KEY, {host}, number INTEGER, owner TEXT, kind TEXT{pwm}",
+        "documents": "id INTEGER PRIMARY KEY, run INTEGER, arrival INTEGER, kind TEXT, uid TEXT, "
+        "content TEXT",
     }.items():
         database.execute(f"CREATE TABLE {table} ({fields})")
     for table in _APPEND_ONLY:
@@ -72,6 +98,13 @@ def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> Non
                 f"CREATE TRIGGER {table}_{action.lower()} BEFORE {action} ON {table} "
                 "BEGIN SELECT RAISE(ABORT, 'a recording is append-only'); END"
             )
+        # Or else INSERT OR REPLACE deletes, and no trigger of DELETE hears of it.
+        key = "reading" if table == "frames" else "id"
+        database.execute(
+            f"CREATE TRIGGER {table}_insert BEFORE INSERT ON {table} "
+            f"WHEN EXISTS (SELECT 1 FROM {table} WHERE {key} = NEW.{key}) "
+            "BEGIN SELECT RAISE(ABORT, 'a recording is append-only'); END"
+        )
     database.executemany(
         "INSERT INTO session VALUES (?, ?)",
         [(key, json.dumps(value)) for key, value in metadata.items()],

@@ -3,7 +3,7 @@
 import contextlib
 import socket
 from collections.abc import Callable
-from typing import Protocol, final, runtime_checkable
+from typing import Any, Protocol, final, runtime_checkable
 
 import serial
 
@@ -72,8 +72,10 @@ class SerialTransport:
     def __init__(self, url: str, baud: int):
         # pyserial's RFC 2217 client refuses any write timeout; its socket has one of its own.
         write_timeout = None if url.startswith("rfc2217:") else 1.0
+        # Two programs on one port would each get a part of the bytes.
+        exclusive: dict[str, Any] = {"exclusive": True} if "://" not in url else {}
         self._port = serial.serial_for_url(
-            url, baud, timeout=READ_SECONDS, write_timeout=write_timeout
+            url, baud, timeout=READ_SECONDS, write_timeout=write_timeout, **exclusive
         )
 
     def read(self) -> bytes:

@@ -4,14 +4,17 @@ It does no input or output and asks for no time: `receive` and `due` are given b
 behind TCP, behind a pseudo-terminal, or inside a test, in real time or in none.
 """
 
+import math
+import secrets
 from typing import final
 
 import numpy as np
 
 from .._errors import LinkError
 from ..physics import Twin
+from ._codec import encode, parse
 from ._faults import Faults, failed, loosened
-from ._framing import deframe
+from ._framing import delines
 from ._live_twin import LiveTwin
 from ._messages import (
     RECALIBRATING,
@@ -23,10 +26,9 @@ from ._messages import (
     Image,
     Message,
     Notice,
-    encode,
-    parse,
-    wire_name,
+    Order,
 )
+from ._output_stage import Answer, OutputStage
 from ._picture import Picture
 
 SHUTTER_SECONDS = 1.0
@@ -34,6 +36,9 @@ SHUTTER_SECONDS = 1.0
 
 JUMP_KELVIN, JUMP_DECAY = 0.8, 25.0
 """A recalibration moves the camera's offset by about so much, for about so many seconds."""
+
+OVER_LIMIT = 10.0
+"""A device trips by itself where a channel is so much above the rig file's limit, K."""
 
 MOST_BEHIND = 5.0
 """Seconds of the rig that are made up for at once; a program that slept longer has lost them."""
@@ -47,11 +52,12 @@ class VirtualRig:
 
     - `twin`: what it simulates.
     - `speed`: rig seconds in a second.
-    - `seed`: of noise and faults; the same seed and the same calls give the same bytes.
+    - `seed`: of noise and faults; the same seed, boot and calls give the same bytes.
     - `camera_hz`, `controller_hz`: frames and controller samples per rig second. Without a camera
       the controller reads the sensors.
     - `faults`: what goes wrong.
     - `watchdog`: without a duty command for so many seconds (of the host) the cells go off.
+    - `boot`: names this start of the device; `None`: a new name.
 
     **Raises:** `LinkError` where a fault names a cell or a camera that the rig does not have.
     """
@@ -66,11 +72,13 @@ class VirtualRig:
         controller_hz: float | int = 10.0,
         faults: Faults | None = None,
         watchdog: float | int = 2.0,
+        boot: str | None = None,
     ):
         rig = twin.rig
         self.faults = faults or Faults()
         self.faults.check_cells(tuple(cell.name for cell in rig.cells))
-        self.pwm = (0,) * len(rig.cells)
+        # Times of the stage are the host's: a watchdog's second is one on the wall.
+        self.stage = OutputStage(len(rig.cells), rig.driver.counts, float(watchdog))
         self.twin = LiveTwin(twin)
         self._cells = [cell.name for cell in rig.cells]
         self._polarity = rig.driver.polarity
@@ -88,8 +96,13 @@ class VirtualRig:
         self._made = dict.fromkeys(self._periods, 0)
         self._seq = {"data": 0, "image": 0, "event": 0}
         self._start: int | None = None
-        self._commanded = 0.0
-        self._rest = b""
+        self._driven = self.stage.pwm
+        self._hottest = (
+            math.inf
+            if rig.maximum_temperature is None
+            else (rig.maximum_temperature - 273.15 + OVER_LIMIT)
+        )
+        self._rests: dict[object, bytes] = {}
         self._jump = self._jump_at = 0.0
         self._frozen: np.ndarray | None = None
         self._done: set[str] = set()
@@ -97,35 +110,53 @@ class VirtualRig:
         self._answer = b""
         self.hello = Hello(
             VERSION,
-            wire_name(rig.name),
-            boot=f"{self._random.integers(16**8):08x}",
-            cells=tuple(wire_name(cell) for cell in self._cells),
-            channels=() if camera else tuple(wire_name(channel.name) for channel in rig.channels),
+            rig.name,
+            boot=boot or secrets.token_hex(4),
+            cells=tuple(self._cells),
+            channels=() if camera else tuple(channel.name for channel in rig.channels),
             camera=camera and (camera.width, camera.height),
             counts=rig.driver.counts,
             watchdog=float(watchdog),
             rate=float(speed),
         )
 
-    def connected(self) -> bytes:
-        """What a new connection is greeted with."""
-        self._rest = b""
+    @property
+    def pwm(self) -> tuple[int, ...]:
+        """Counts that are applied to the cells now."""
+        return self.stage.pwm
+
+    def connected(self, client: object = None) -> bytes:
+        """What a new connection is greeted with; `client` names it."""
+        self._rests[client] = b""
         return encode(self.hello)
 
-    def receive(self, data: bytes) -> None:
-        """Bytes from a host; what is no command for this rig is passed over."""
-        frames, self._rest, _ = deframe(self._rest, data)
-        for frame in frames:
+    def disconnected(self, client: object) -> None:
+        """The connection is gone."""
+        self._rests.pop(client, None)
+
+    def receive(self, data: bytes, client: object = None) -> bool:
+        """Bytes from a host; what is no command for this rig is passed over.
+
+        **Returns:** whether there was a message among them.
+        """
+        # Each host for itself: half a line of one must not spoil the next of another.
+        lines, self._rests[client] = delines(self._rests.get(client, b""), data)
+        heard = False
+        for frame in lines:
             try:
                 message = parse(frame)
             except LinkError:
                 continue
             if isinstance(message, Ask):
+                heard = True
                 self._answer += encode(self.hello)
-            elif isinstance(message, Duty) and len(message.pwm) == len(self.pwm):
-                most = self.hello.counts
-                self._set(tuple(max(-most, min(most, count)) for count in message.pwm))
-                self._commanded = self.twin.time
+            elif isinstance(message, Duty | Order):
+                heard = True
+                answer = self.stage.obey(message, self.twin.time / self.hello.rate)
+                if answer is not None:
+                    self._answer += self._notice(answer, message)
+                self._follow()
+        return heard
 
     def due(self, now: int) -> bytes:
         """Steps the rig to host time `now`, ns, and returns what it sends meanwhile."""
@@ -170,21 +201,41 @@ class VirtualRig:
         if faults.jumps and time >= self._jump_at + faults.jumps:
             self._jump_at += faults.jumps
             self._jump = self._random.normal(0, JUMP_KELVIN)
-        off = self.hello.watchdog * self.hello.rate
-        if any(self.pwm) and time - self._commanded > off:
-            self._set((0,) * len(self.pwm))
-            return [self._sent(Notice(self._count("event"), _us(time), "watchdog"))]
-        return []
+        answer = self.stage.check(time / self.hello.rate)
+        if any(self.pwm) and self.twin.temperatures.max() > self._hottest:
+            answer = self.stage.trip("over-temperature")
+        self._follow()
+        return [] if answer is None else [self._notice(answer)]
 
-    def _set(self, pwm: tuple[int, ...]) -> None:
-        self.pwm = pwm
-        self.twin.drive(np.array(pwm) * self._polarity / self.hello.counts)
+    def _notice(self, answer: Answer, about: Duty | Order | None = None) -> bytes:
+        kind, why = answer
+        stamp = self._count("event"), _us(self.twin.time)
+        if about is None:
+            return self._sent(Notice(*stamp, kind, why=why))
+        return self._sent(Notice(*stamp, kind, about.owner, about.number, why))
+
+    def _follow(self) -> None:
+        """Has the cells get what the stage applies."""
+        if self.stage.pwm != self._driven:
+            self._driven = self.stage.pwm
+            self.twin.drive(np.array(self._driven) * self._polarity / self.hello.counts)
 
     def _message(self, stream: str, time: float) -> bytes:
         seq = self._count(stream)
         if stream == "data":
             ambient = round(self.twin.ambient, 2)
-            return self._sent(Data(seq, _us(time), self.pwm, ambient, self._sensors()))
+            stage = self.stage
+            data = Data(
+                seq,
+                _us(time),
+                stage.pwm,
+                ambient,
+                self._sensors(),
+                owner=stage.owner,
+                number=stage.number,
+                trip=stage.trip_reason,
+            )
+            return self._sent(data)
         assert self._picture is not None
         since = time - self._jump_at
         closed = self.faults.jumps > 0 and self._jump_at > 0 and since < SHUTTER_SECONDS

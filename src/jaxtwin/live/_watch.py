@@ -63,7 +63,9 @@ class Screen:
                 case Event(kind="garbage" | "nonsense" | "duplicate"):
                     self._lost[record.kind] += 1
                 case Event():
-                    self._last = f"{record.kind} {record.detail}".strip()
+                    text = f"{record.kind} {record.detail}".strip()
+                    # Of a device, or of a hostile file: a terminal must not obey it.
+                    self._last = "".join(c if c.isprintable() else "�" for c in text)
 
     def render(self) -> RenderableType:
         """The whole view."""

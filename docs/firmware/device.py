@@ -1,0 +1,144 @@
+"""A controller of protocol version 2 (docs/protocol.md) on a TCP port: MicroPython or CPython."""
+
+import binascii
+import os
+import select
+import socket
+import sys
+import time
+
+RIG, CELLS, COUNTS, WATCHDOG_S, PERIOD_S = "dual-cell", ("P1", "P2"), 255, 2, 0.1
+BOOT = binascii.hexlify(os.urandom(4)).decode()  # another one at every start
+LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-"
+KEYS = {"duty": ["n", "owner", "pwm"], "hello": ["version"]}
+
+
+def set_pins(pwm):
+    """Yours: machine.PWM(...).duty_u16(...); direction pins first, under no current."""
+
+
+def fault():
+    """Yours: "over-temperature" where a sensor of the controller's own says so."""
+    return ""
+
+
+class Device:
+    def __init__(self):
+        self.numbers, self.out, self.trip, self.heard = {"data": 0, "event": 0}, b"", "", 0.0
+        self.off()
+
+    def off(self):
+        self.pwm, self.owner, self.n = [0] * len(CELLS), "", None
+        set_pins(self.pwm)
+
+    def say(self, text):
+        self.out += b"%s*%08X\n" % (text.encode(), binascii.crc32(text.encode()) & 0xFFFFFFFF)
+
+    def tell(self, kind, now, rest):
+        self.say(f"{kind} seq={self.numbers[kind]} t={int(now * 1e6)}{rest}")
+        self.numbers[kind] = (self.numbers[kind] + 1) % 2**32
+
+    def hello(self):
+        self.say(
+            f"hello version=2 rig={RIG} boot={BOOT} cells={','.join(CELLS)} counts={COUNTS}"
+            f" watchdog={WATCHDOG_S}"
+        )
+
+    def trips(self, why, now):
+        self.off()
+        self.trip = self.trip or why
+        self.tell("event", now, " kind=trip why=" + why)
+
+    def obey(self, line, now):
+        text, star, crc = line.rstrip(b"\r").rpartition(b"*")
+        if not star or crc != b"%08X" % (binascii.crc32(text) & 0xFFFFFFFF):
+            return
+        word, *rest = text.decode().split(" ")
+        fields = dict(part.split("=", 1) for part in rest)
+        if len(fields) < len(rest) or sorted(fields) != KEYS.get(word, ["n", "owner"]):
+            return
+        if word == "hello":
+            self.hello()
+            return
+        n, owner = whole(fields["n"], 0), fields["owner"]
+        if not 0 < len(owner) < 33 or any(letter not in LETTERS for letter in owner):
+            return
+        pwm = [whole(part, -(2**31)) for part in fields.get("pwm", "0").split(",")]
+        about = f" owner={owner} n={n}"
+        if word == "stop":
+            self.trips("stop", now)
+        elif word == "reset" and self.trip:
+            self.trip = ""
+            self.tell("event", now, " kind=reset" + about)
+        elif self.owner not in ("", owner):
+            self.tell("event", now, " kind=refused why=owner" + about)
+        elif word == "release":
+            self.off()
+        elif word == "duty" and self.trip:
+            self.tell("event", now, " kind=refused why=tripped" + about)
+        elif word == "duty" and (len(pwm) != len(CELLS) or max(map(abs, pwm)) > COUNTS):
+            self.tell("event", now, " kind=refused why=range" + about)
+        elif word == "duty":
+            self.pwm, self.owner, self.n, self.heard = pwm, owner, n, now
+            set_pins(pwm)
+
+    def check(self, now):
+        if any(self.pwm) and fault():
+            self.trips(fault(), now)
+        if self.owner and now - self.heard > WATCHDOG_S:
+            self.trips("watchdog", now) if any(self.pwm) else self.off()
+
+    def sample(self, now):
+        state = f" owner={self.owner} n={self.n}" if self.owner else ""
+        state += " trip=" + self.trip if self.trip else ""
+        self.tell("data", now, " pwm=" + ",".join(map(str, self.pwm)) + state)
+
+
+def whole(text, least):
+    number = int(text) if text.lstrip("-").isdigit() and text.count("-") < 2 else None
+    if number is None or not least <= number < 2**32:
+        raise ValueError(text)
+    return number
+
+
+def serve(port):
+    device, hosts, begin, sent = Device(), {}, time.time(), 0.0
+    listener = socket.socket()
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.bind(("127.0.0.1", port))  # "0.0.0.0" to be seen from outside: see docs/protocol.md
+    listener.listen(4)
+    print(f"socket://127.0.0.1:{listener.getsockname()[1]}", flush=True)
+    while True:
+        ready = select.select([listener, *hosts], [], [], PERIOD_S / 5)[0]
+        now = time.time() - begin
+        for host in ready:
+            if host is listener:
+                hosts[listener.accept()[0]] = b""
+                device.hello()
+                continue
+            try:
+                data = host.recv(512)
+            except OSError:
+                data = b""
+            *lines, rest = (hosts.pop(host) + data).split(b"\n")
+            if data:
+                hosts[host] = rest[-1024:]
+            for line in lines:
+                try:
+                    device.obey(line, now)
+                except (ValueError, UnicodeError):
+                    continue  # a damaged or unknown line changes nothing
+        device.check(now)
+        if now - sent >= PERIOD_S:
+            sent = now
+            device.sample(now)
+        out, device.out = device.out, b""
+        for host in list(hosts):
+            try:
+                host.sendall(out)
+            except OSError:
+                del hosts[host]
+
+
+if __name__ == "__main__":
+    serve(int(sys.argv[1]) if len(sys.argv) > 1 else 7000)

@@ -1,0 +1,84 @@
+"""`mqtt://user:password@host:port/topic` -> how a broker is reached."""
+
+import re
+from dataclasses import dataclass, field
+from typing import final
+from urllib.parse import parse_qsl, unquote, urlsplit, urlunsplit
+
+from .._errors import LinkError
+
+ALLOWED = "mqtt://[user[:password]@]host[:port]/topic, or mqtts:// with TLS"
+
+_FILES = ("ca", "cert", "key")
+_PORTS = {"mqtt": 1883, "mqtts": 8883}
+
+
+@final
+@dataclass(frozen=True)
+class MqttAddress:
+    """A topic of a broker.
+
+    **Arguments:**
+
+    - `host`, `port`, `topic`: where.
+    - `user`, `password`: `None` where the address has none.
+    - `tls`: whether the connection is encrypted (`mqtts://`).
+    - `ca`, `cert`, `key`: files of the authority, and of the client's own certificate, from
+        `?ca=FILE&cert=FILE&key=FILE`; `None`: the system's authorities, no certificate.
+    """
+
+    host: str
+    port: int
+    topic: str
+    user: str | None = None
+    password: str | None = field(default=None, repr=False)
+    tls: bool = False
+    ca: str | None = None
+    cert: str | None = None
+    key: str | None = None
+
+    @classmethod
+    def parse(cls, url: str) -> "MqttAddress":
+        """From a URL.
+
+        **Raises:** `LinkError`, without the password, where it is something else.
+        """
+        shown = without_password(url)
+        try:
+            parts = urlsplit(url)
+            host, port = parts.hostname, parts.port
+        except ValueError:
+            raise LinkError(f"{shown!r}: allowed is {ALLOWED}") from None
+        topic = unquote(parts.path.strip("/"))
+        if parts.scheme not in _PORTS or not host or not topic:
+            raise LinkError(f"{shown!r}: allowed is {ALLOWED}")
+        if "#" in url or re.search(r"[+#\0]", topic):
+            raise LinkError(f"{shown!r}: a topic without + and # is allowed: they mean many topics")
+        files = dict(parse_qsl(parts.query, keep_blank_values=True))
+        tls = parts.scheme == "mqtts"
+        if set(files) - set(_FILES) or (files and not tls) or ("key" in files) != ("cert" in files):
+            raise LinkError(
+                f"{shown!r}: allowed behind ? are ca=FILE, and cert=FILE&key=FILE, with mqtts://"
+            )
+        return cls(
+            host,
+            port or _PORTS[parts.scheme],
+            topic,
+            None if parts.username is None else unquote(parts.username),
+            None if parts.password is None else unquote(parts.password),
+            tls,
+            **files,
+        )
+
+
+def without_password(url: str) -> str:
+    """A link as it may stand in logs and recordings."""
+    try:
+        parts = urlsplit(url)
+    except ValueError:
+        return url
+    user, at, place = parts.netloc.rpartition("@")
+    name, colon, _ = user.partition(":")
+    if not (at and colon):
+        return url
+    return urlunsplit(parts._replace(netloc=f"{name}:***@{place}"))

@@ -1,0 +1,82 @@
+"""Interlock: the cells get what was commanded, and nobody else commands them."""
+
+from collections import deque
+from typing import NamedTuple, final
+
+from ._records import Record, Sample
+from ._trip import Trip
+
+ROUNDING = 1
+"""Counts by which a driver may differ from its command."""
+
+
+class _Sent(NamedTuple):
+    time: int
+    number: int
+    pwm: tuple[int, ...]
+
+
+@final
+class Obedience:
+    """Compares the counts that a device reports with those that were commanded.
+
+    A driver may obey late and by a ramp: its counts must lie between the lowest and the highest of
+    all commands that were in force within the delay before the report. The number of a command that
+    is older must have come back.
+
+    **Arguments:**
+
+    - `owner`: whose commands these are.
+    - `cells`: their names.
+    - `delay`: the longest that a driver may take, ramp included, s.
+    """
+
+    def __init__(self, owner: str, cells: tuple[str, ...], delay: float):
+        self._owner = owner
+        self._cells = cells
+        self._delay = round(delay * 1e9)
+        self._sent: deque[_Sent] = deque()
+        self._off = (0,) * len(cells)
+
+    def commanded(self, now: int, number: int, pwm: tuple[int, ...]) -> None:
+        """A command was sent at host time `now`, ns."""
+        self._sent.append(_Sent(now, number, pwm))
+
+    def see(self, record: Record) -> Trip | None:
+        if not isinstance(record, Sample) or not record.pwm or not self._sent:
+            return None
+        if record.trip:
+            return Trip("device-trip", f"the device has switched off by itself: {record.trip}")
+        if record.owner not in ("", self._owner):
+            return Trip("commander", f"another host, {record.owner}, commands the cells")
+        return self._disobedience(record) or self._unacknowledged(record)
+
+    def check(self, now: int) -> Trip | None:
+        # What was in force at the beginning of the delay is still needed.
+        while len(self._sent) > 1 and self._sent[1].time <= now - 2 * self._delay:
+            self._sent.popleft()
+        return None
+
+    def _disobedience(self, sample: Sample) -> Trip | None:
+        earlier, within = self._off, []
+        for sent in self._sent:
+            if sent.time <= sample.arrival - self._delay:
+                earlier = sent.pwm
+            elif sent.time <= sample.arrival:
+                within.append(sent.pwm)
+        for cell, found, *allowed in zip(self._cells, sample.pwm, earlier, *within, strict=True):
+            if not min(allowed) - ROUNDING <= found <= max(allowed) + ROUNDING:
+                return Trip(
+                    "disobedience",
+                    f"{cell} gets {found} counts; {allowed[-1]} were commanded",
+                )
+        return None
+
+    def _unacknowledged(self, sample: Sample) -> Trip | None:
+        old = [sent for sent in self._sent if sent.time <= sample.arrival - self._delay]
+        if not old:
+            return None
+        if sample.number is None or (sample.number - old[-1].number) % 2**32 >= 2**31:
+            waited = (sample.arrival - old[-1].time) * 1e-9
+            return Trip("unacknowledged", f"no command was acknowledged for {waited:.1f} s")
+        return None

@@ -1,0 +1,219 @@
+"""Commanding a rig behind its guard, whatever says the duty: a plan or a controller."""
+
+import contextlib
+import logging
+import secrets
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, Literal, NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import JaxtwinError, SafetyStop
+from ..physics import Twin
+from ..rig import Rig
+from ._bench import Bench
+from ._interlocks import Guard
+from ._readiness import wait_until_ready
+from ._records import Document, Reading, Record, Sample
+from ._time import seconds
+
+INTERVAL = 0.25
+"""Between two commands, s; each one also feeds the watchdog of the device."""
+
+OFF_SECONDS = 2.0
+"""How long a stop waits for the controller to report that the cells are off, s."""
+
+_UNCONFIRMED = (
+    "the controller does not report that the cells are off; its watchdog switches them off when "
+    "commands cease"
+)
+
+log = logging.getLogger("jaxtwin.live")
+
+
+class Moment(NamedTuple):
+    """What a controller knows when it is asked for the duty.
+
+    - `time`: since the begin, s of the rig.
+    - `temperatures`: the last ones that count, degC `(channels,)`.
+    - `duty`: that the cells get now, as the device reports it, -1 to 1, positive heats `(cells,)`.
+    - `ambient`: degC, or `None` where nobody measures it.
+    """
+
+    time: float
+    temperatures: Float[np.ndarray, " channels"]
+    duty: Float[np.ndarray, " cells"]
+    ambient: float | None
+
+
+DutySource = Callable[[Moment], Sequence[float] | np.ndarray | None]
+"""The duty of each cell now, -1 to 1, positive heats; `None` ends the run."""
+
+
+def operate(
+    bench: Bench,
+    twin: Twin,
+    duty: DutySource,
+    *,
+    silence: float | int = 3.0,
+    reset: bool = False,
+    about: Mapping[str, Any] | None = None,
+    stop: threading.Event | None = None,
+    progress: Callable[[float, tuple[int, ...]], None] | None = None,
+) -> Literal["completed", "stopped"]:
+    """Commands a live rig; the cells are off when it returns, however it returns.
+
+    **Arguments:**
+
+    - `bench`: its links, started.
+    - `twin`: of the rig, whose file must state `limits.temperature`.
+    - `duty`: asked every quarter of a second.
+    - `silence`: longest time without data, s.
+    - `reset`: end a trip of the device first, on purpose.
+    - `about`: kept with the begin of the run in a recording: a plan, a command line, say.
+    - `stop`: ends it early when set.
+    - `progress`: called with the time (s of the rig) and the counts after each command.
+
+    **Returns:** whether `duty` ended it, or `stop`.
+
+    **Raises:** `SafetyStop` when an interlock trips, and where the rig does not come up;
+    `JaxtwinError` where the rig states no limit.
+    """
+    guard = Guard(twin, bench.owner, silence=silence)
+    run = _Run(bench, twin.rig, guard)
+    uid = secrets.token_hex(8)
+    content = {"rig": twin.rig.name, "owner": bench.owner, "limits": asdict(guard.limits)}
+    bench.note(Document(bench.clock.now(), "start", uid, {**(about or {}), **content}))
+    status, error, off = "completed", None, False
+    try:
+        status = run.go(duty, reset, stop, progress)
+    except BaseException as raised:
+        status, error = "stopped", raised
+        if not isinstance(raised, KeyboardInterrupt):
+            status = "tripped" if isinstance(raised, SafetyStop) else "failed"
+    if status == "tripped" and run.commanding:
+        bench.send_order("stop")  # the device refuses to go on until somebody resets it
+    # Also where nothing was commanded yet: who commanded before may have left the cells on.
+    off = switch_off(bench, len(twin.rig.cells))
+    bench.send_order("release")
+    kind = error.kind if isinstance(error, SafetyStop) else type(error).__name__ if error else ""
+    end = {"status": status, "kind": kind, "reason": str(error or ""), "off": off}
+    bench.note(Document(bench.clock.now(), "stop", uid, end))
+    with contextlib.suppress(JaxtwinError):
+        bench.poll(0.0)  # journals it
+    return _outcome(status, error, off or not run.commanding, run.commanding)
+
+
+def switch_off(bench: Bench, cells: int) -> bool:
+    """Sends duty 0 until the controller reports it; whether it did within `OFF_SECONDS`.
+
+    The first command is sent before anything that could fail, such as the journal.
+    """
+    off = (0,) * cells
+    begin = bench.clock.now()
+    sent = -1.0
+    while (elapsed := seconds(bench.clock.now() - begin)) < OFF_SECONDS:
+        if elapsed - sent > 0.1:
+            bench.send_duty(off)
+            sent = elapsed
+        with contextlib.suppress(JaxtwinError):  # a full disk must not keep the cells on
+            for record in bench.poll(0.05):
+                if isinstance(record, Sample) and record.arrival > begin and record.pwm == off:
+                    return True
+    return False
+
+
+def counts_of(rig: Rig, duty: Sequence[float] | np.ndarray) -> tuple[int, ...]:
+    """Duty cycles (-1 to 1, positive heats) as the counts that a driver takes."""
+    driver = rig.driver
+    return tuple(round(float(part) * driver.counts) * driver.polarity for part in duty)
+
+
+def _outcome(
+    status: str, error: BaseException | None, off: bool, commanding: bool
+) -> Literal["completed", "stopped"]:
+    """The end of a run as its caller is told."""
+    outcome = "the cells are off" if off else _UNCONFIRMED
+    if isinstance(error, SafetyStop) and commanding:
+        raise SafetyStop(f"{error}; {outcome}", error.kind) from None
+    if error is not None:
+        if not off:
+            log.warning(outcome)
+        raise error
+    if not off:
+        raise SafetyStop(_UNCONFIRMED, "unconfirmed")
+    return "completed" if status == "completed" else "stopped"
+
+
+@final
+class _Run:
+    """One run: what is known of the rig while it is commanded."""
+
+    def __init__(self, bench: Bench, rig: Rig, guard: Guard):
+        self.commanding = False
+        """Whether anything was commanded yet."""
+        self._bench, self._rig, self._guard = bench, rig, guard
+        self._reading: Reading | None = None
+        self._sample: Sample | None = None
+
+    def go(
+        self,
+        duty: DutySource,
+        reset: bool,
+        stop: threading.Event | None,
+        progress: Callable[[float, tuple[int, ...]], None] | None,
+    ) -> Literal["completed", "stopped"]:
+        bench, guard = self._bench, self._guard
+        rate, boots, records = wait_until_ready(bench, guard, reset, stop)
+        self._learn(records)
+        begin = bench.clock.now()
+        guard.begin(begin, boots)
+        commanded = -INTERVAL
+        while True:
+            records = bench.poll(0.02)
+            self._learn(records)
+            trip = guard.check(records, bench.clock.now())
+            if trip is not None:
+                raise SafetyStop(f"stopped: {trip.detail}", trip.kind)
+            elapsed = seconds(bench.clock.now() - begin)
+            if stop is not None and stop.is_set():
+                return "stopped"
+            if elapsed - commanded < INTERVAL:
+                continue
+            commanded = elapsed
+            asked = duty(self._moment(elapsed * rate))
+            if asked is None:
+                return "completed"
+            pwm = counts_of(self._rig, _checked(asked, len(self._rig.cells)))
+            self.commanding = True
+            if not bench.send_duty(pwm):
+                raise SafetyStop("stopped: a command could not be sent", "link-down")
+            guard.commanded(bench.clock.now(), bench.number, pwm)
+            if progress is not None:
+                progress(elapsed * rate, pwm)
+
+    def _learn(self, records: Sequence[Record]) -> None:
+        for record in records:
+            if isinstance(record, Reading) and not record.recalibrating:
+                self._reading = record
+            elif isinstance(record, Sample) and record.pwm:
+                self._sample = record
+
+    def _moment(self, time: float) -> Moment:
+        assert self._reading is not None, "a rig is ready once it has sent temperatures"
+        driver, sample = self._rig.driver, self._sample
+        pwm = sample.pwm if sample is not None else (0,) * len(self._rig.cells)
+        duty = np.array(pwm) * driver.polarity / driver.counts
+        ambient = sample.ambient if sample is not None else None
+        return Moment(time, self._reading.temperatures, duty, ambient)
+
+
+def _checked(duty: Sequence[float] | np.ndarray, cells: int) -> np.ndarray:
+    """A duty as it may be sent: NaN or 3 of a controller must not reach a driver."""
+    values = np.asarray(duty, np.float64)
+    if values.shape != (cells,) or not np.all(np.abs(values) <= 1):
+        raise JaxtwinError(f"duty {duty}: allowed are {cells} numbers from -1 to 1")
+    return values

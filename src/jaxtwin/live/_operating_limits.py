@@ -1,0 +1,116 @@
+"""What a rig may do and what of it is believed: a rig file's limits, the rest from physics."""
+
+import math
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from .._errors import JaxtwinError
+from ..physics import Twin
+from ._live_twin import LiveTwin
+
+SOLDER = 138.0
+"""Bismuth-tin, the solder of ordinary modules that melts first, degC. A module that its rig file
+says nothing about must stay below."""
+
+COLDEST = -73.0
+"""No module of a single stage cools anything further, degC."""
+
+RATE_FACTOR = 3.0
+"""On the twin's fastest change: contacts may be better than the rig file says."""
+
+PROBE_SECONDS = 120
+"""How long the twin is driven to see how fast it can change."""
+
+_ROOM = 20.0  # K by which a room may be colder than the rig file says
+_CAMERA_JUMP = 4.0  # K; a recalibration moves all of an uncooled camera's readings by up to 2 K
+_COMMAND_DELAY = 1.0
+_DEVIATION = 10.0
+_FROZEN_CAMERA = 10.0  # s; a mean of many noisy pixels is never twice the same
+_FROZEN_SENSOR = 30.0  # s; a sensor's steps may be as coarse as 0.25 K
+
+
+@final
+@dataclass(frozen=True)
+class OperatingLimits:
+    """All limits of a rig as numbers, temperatures in degC.
+
+    **Arguments:**
+
+    - `hottest`, `lowest`: of a reading.
+    - `cell`: of a cell's sides, in the twin.
+    - `rate`: of a reading, K/s in the time of the rig.
+    - `jump`: by which a reading may differ at once, noise and recalibrations of a camera, K.
+    - `frozen`: a driven reading that stands still so long is none, s in the time of the rig.
+    - `deviation`: from the twin, beside half of its rise, K.
+    - `command_delay`: by which a command may be obeyed late, s.
+    """
+
+    hottest: float
+    lowest: float
+    cell: float
+    rate: float
+    jump: float
+    frozen: float
+    deviation: float
+    command_delay: float
+
+    @classmethod
+    def of(cls, twin: Twin) -> "OperatingLimits":
+        """Those of a twin's rig.
+
+        **Raises:** `JaxtwinError` where its file states no limit of temperature.
+        """
+        rig = twin.rig
+        given = rig.limits
+        if given is None:
+            raise JaxtwinError(
+                f"{rig.source}: limits.temperature: is missing; a rig is driven with a limit such "
+                'as temperature = "90 degC" only'
+            )
+        lowest = _lowest(twin) if given.lowest is None else given.lowest - 273.15
+        # A reading without any noise may well stand still.
+        frozen = _FROZEN_CAMERA if rig.camera is not None else _FROZEN_SENSOR
+        frozen = frozen if rig.noise > 0 else math.inf
+        return cls(
+            hottest=given.temperature - 273.15,
+            lowest=lowest,
+            cell=SOLDER if given.cell_temperature is None else given.cell_temperature - 273.15,
+            rate=_fastest(twin) if given.rate is None else given.rate,
+            jump=6 * rig.noise + (0.0 if rig.camera is None else _CAMERA_JUMP),
+            frozen=frozen if given.frozen is None else given.frozen,
+            deviation=_DEVIATION if given.deviation is None else given.deviation,
+            command_delay=_COMMAND_DELAY if given.command_delay is None else given.command_delay,
+        )
+
+
+def _lowest(twin: Twin) -> float:
+    r"""The coldest that a cell can make its cold side, $T_h - \frac12 Z T_c^2$, in a cold room."""
+    hot = LiveTwin(twin).ambient - _ROOM + 273.15
+    coldest = math.inf
+    for cell in twin.rig.cells:
+        module = twin.module(cell.name)
+        seebeck, resistance = module.seebeck_coefficient, module.electrical_resistance
+        merit = _number(seebeck) ** 2 * _number(module.thermal_resistance) / _number(resistance)
+        coldest = min(coldest, (math.sqrt(1 + 2 * merit * hot) - 1) / merit - 273.15)
+    return max(coldest, COLDEST)
+
+
+def _number(value: ArrayLike) -> float:
+    return np.asarray(value).item()
+
+
+def _fastest(twin: Twin) -> float:
+    """How fast any reading can change, K/s: heated, cooled and heated again with full duty."""
+    live = LiveTwin(twin)
+    full = np.ones(len(twin.rig.cells))
+    reading, fastest = live.temperatures, 0.0
+    for duty in (full, -full, full):
+        live.drive(duty)
+        for _ in range(PROBE_SECONDS):
+            changed = live.advance(live.time + 1.0)
+            fastest = max(fastest, float(np.abs(changed - reading).max()))
+            reading = changed
+    return RATE_FACTOR * fastest

@@ -1,0 +1,82 @@
+"""A device's side of the commands: whom it obeys, what it refuses, when it trips.
+
+One host at a time commands, the owner: he who spoke first while nobody did, for as long as he
+speaks. A trip switches the cells off and stays until somebody resets it, on purpose.
+"""
+
+from typing import final
+
+from ._messages import Duty, Order
+
+Answer = tuple[str, str]
+"""What a device announces of a command: a kind of event, and why."""
+
+
+@final
+class OutputStage:
+    """What drives the cells of a device, without a device around it.
+
+    **Arguments:**
+
+    - `cells`: how many.
+    - `counts`: of full duty.
+    - `watchdog`: without a command for so long the cells go off, s.
+    """
+
+    def __init__(self, cells: int, counts: int, watchdog: float):
+        self.pwm = (0,) * cells
+        """Counts that are applied now."""
+        self.owner = ""
+        """Who commands; `""` while nobody does."""
+        self.number: int | None = None
+        """Of the owner's last command that was obeyed."""
+        self.trip_reason = ""
+        """In one word; `""` while it has not tripped."""
+        self._off = self.pwm
+        self._counts = counts
+        self._watchdog = watchdog
+        self._commanded = 0.0
+
+    def obey(self, command: Duty | Order, now: float) -> Answer | None:
+        """Takes a command at time `now`, s.
+
+        **Returns:** what to announce; `None` for an ordinary duty.
+        """
+        match command:
+            case Order(kind="stop"):  # anyone may stop
+                return self.trip("stop")
+            case Order(kind="reset") if self.trip_reason:
+                self.trip_reason = ""
+                return "reset", ""
+        if self.owner not in ("", command.owner):
+            return "refused", "owner"
+        if isinstance(command, Order):
+            if command.kind == "release":
+                self._switch_off()
+            return None
+        if self.trip_reason:
+            return "refused", "tripped"
+        if len(command.pwm) != len(self.pwm) or max(map(abs, command.pwm)) > self._counts:
+            # Not cut to what is possible: who asks for that is not in his right mind.
+            return "refused", "range"
+        self.pwm, self.owner, self.number = command.pwm, command.owner, command.number
+        self._commanded = now
+        return None
+
+    def check(self, now: float) -> Answer | None:
+        """Looks for silence; what to announce of it."""
+        if not self.owner or now - self._commanded <= self._watchdog:
+            return None
+        if not any(self.pwm):
+            self._switch_off()
+            return None
+        return self.trip("watchdog")
+
+    def trip(self, reason: str) -> Answer:
+        """Switches off until a reset."""
+        self._switch_off()
+        self.trip_reason = self.trip_reason or reason  # the first one says what to look for
+        return "trip", reason
+
+    def _switch_off(self) -> None:
+        self.pwm, self.owner, self.number = self._off, "", None

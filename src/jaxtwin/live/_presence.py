@@ -1,0 +1,54 @@
+"""Interlock: the rig is there. No silence, no lost link, no restart."""
+
+from collections.abc import Mapping
+from typing import final
+
+from ._records import Greeting, LinkChange, LinkState, Reading, Record, Sample
+from ._time import seconds
+from ._trip import Trip
+
+
+@final
+class Presence:
+    """Trips on silence, a lost link, or a device that has restarted.
+
+    A frame that the camera took while it recalibrated itself shows nothing, so it ends no silence.
+
+    **Arguments:**
+
+    - `silence`: longest time without a controller sample, or without temperatures, s.
+    """
+
+    def __init__(self, silence: float):
+        self._silence = silence
+        self._boots: Mapping[str, str] = {}
+        self._sample = self._reading = 0
+        self._recalibrating = False
+
+    def begin(self, now: int, boots: Mapping[str, str]) -> None:
+        """Silence counts from here; `boots` are the devices' present starts by link."""
+        self._sample = self._reading = now
+        self._boots = boots
+
+    def see(self, record: Record) -> Trip | None:
+        match record:
+            case Sample():
+                self._sample = record.arrival
+            case Reading():
+                self._recalibrating = record.recalibrating
+                if not record.recalibrating:
+                    self._reading = record.arrival
+            case LinkChange(state=LinkState.DOWN):
+                return Trip("link-down", f"link {record.link} is down: {record.detail}")
+            case Greeting() if self._boots.get(record.link) != record.hello.boot:
+                return Trip("restart", f"the device on {record.link} has restarted")
+        return None
+
+    def check(self, now: int) -> Trip | None:
+        for what, last in (("controller sample", self._sample), ("temperature", self._reading)):
+            silent = seconds(now - last)
+            if silent > self._silence:
+                camera = ": the camera recalibrates itself" if self._recalibrating else ""
+                camera = camera if what == "temperature" else ""
+                return Trip("silence", f"no {what} for {silent:.1f} s{camera}")
+        return None

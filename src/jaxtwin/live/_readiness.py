@@ -1,0 +1,99 @@
+"""Before the first command: all links live, temperatures that make sense, a device that obeys."""
+
+import threading
+from typing import NamedTuple
+
+from .._errors import SafetyStop
+from ._bench import Bench
+from ._interlocks import Guard
+from ._records import Greeting, LinkState, Reading, Record, Sample
+from ._time import seconds
+
+PATIENCE = 30.0
+"""How long a rig may take to be there, s."""
+
+RESET_AGAIN = 0.5
+"""Between two resets, s, while the device reports a trip."""
+
+
+class Ready(NamedTuple):
+    """A rig that can be commanded.
+
+    - `rate`: of the controller's time to the host's.
+    - `boots`: the present start of each device, by link.
+    - `records`: the last sample and the last reading.
+    """
+
+    rate: float
+    boots: dict[str, str]
+    records: list[Record]
+
+
+def wait_until_ready(
+    bench: Bench, guard: Guard, reset: bool, stop: threading.Event | None
+) -> Ready:
+    """Waits for all links, temperatures and a controller.
+
+    **Arguments:**
+
+    - `bench`: its links, started.
+    - `guard`: looks at the readings meanwhile.
+    - `reset`: end a trip of the device.
+    - `stop`: ends the waiting when set.
+
+    **Raises:** `SafetyStop` where it does not come up, or must not be driven.
+    """
+    begin = bench.clock.now()
+    rate, boots = 1.0, dict[str, str]()
+    sample: Sample | None = None
+    reading: Reading | None = None
+    asked = -RESET_AGAIN
+    while True:
+        records = bench.poll(0.05)
+        elapsed = seconds(bench.clock.now() - begin)
+        trip = guard.wait(records)
+        if trip is not None:
+            raise SafetyStop(f"not started: {trip.detail}", trip.kind)
+        for record in records:
+            match record:
+                case Greeting():
+                    boots[record.link] = record.hello.boot
+                    if record.hello.cells:
+                        rate, sample = record.hello.rate, None
+                case Sample() if record.pwm:
+                    sample = record
+                case Reading() if not record.recalibrating:
+                    reading = record
+        live = set(bench.states.values()) == {LinkState.LIVE}
+        if live and sample is not None and reading is not None:
+            if not sample.trip and sample.owner in ("", bench.owner):
+                return Ready(rate, boots, [sample, reading])
+            if sample.owner not in ("", bench.owner):
+                raise SafetyStop(
+                    f"not started: another host, {sample.owner}, commands the cells", "commander"
+                )
+            if not reset:
+                raise SafetyStop(
+                    f"not started: the device on {sample.link} has switched off by itself "
+                    f"({sample.trip}); look why, then start with a reset (--reset)",
+                    "device-trip",
+                )
+            if elapsed - asked >= RESET_AGAIN:
+                asked = elapsed
+                bench.send_order("reset")
+        if stop is not None and stop.is_set():
+            raise SafetyStop("not started: stopped before the rig was there", "stopped")
+        if elapsed > PATIENCE:
+            raise SafetyStop(
+                f"not started: after {PATIENCE:g} s: {_missing(bench, sample, reading)}"
+            )
+
+
+def _missing(bench: Bench, sample: Sample | None, reading: Reading | None) -> str:
+    """What a rig lacks that did not come up."""
+    words = [", ".join(f"{name} {state}" for name, state in bench.states.items())]
+    words += [f"{name}: {why}" for name, why in bench.refusals.items()]
+    words += [] if reading is not None else ["no temperatures"]
+    words += [] if sample is not None else ["nobody who drives cells"]
+    words += [f"tripped: {sample.trip}"] if sample is not None and sample.trip else []
+    return "; ".join(words)

@@ -1,0 +1,17 @@
+"""The reason why the cells must go off."""
+
+from typing import NamedTuple
+
+
+class Trip(NamedTuple):
+    """Why an interlock stops a rig.
+
+    - `kind`: in one word, for programs.
+    - `detail`: a sentence, for people.
+    """
+
+    kind: str
+    detail: str
+
+    def __str__(self) -> str:
+        return self.detail

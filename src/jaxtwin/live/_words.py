@@ -1,0 +1,79 @@
+"""Words of a line: numbers and names as the protocol writes them, each within its bounds."""
+
+import re
+from collections.abc import Sequence
+from urllib.parse import quote, unquote_to_bytes
+
+from ._messages import MOST_NAMES
+
+LONGEST_NAME = 32
+"""Characters of a name, as people see it."""
+
+_WORD = re.compile(r"[A-Za-z0-9_.-]{1,32}")
+_QUOTED = re.compile(r"(?:[A-Za-z0-9_.-]|%[0-9A-F]{2})+")
+_INTEGER = re.compile(r"-?[0-9]{1,19}")
+_NUMBER = re.compile(r"-?[0-9]{1,6}(\.[0-9]{1,6})?")
+
+
+def read_integer(text: str, least: int, most: int) -> int:
+    """A whole number. **Raises:** `ValueError` where it is none or out of its bounds."""
+    # `int` alone also takes blanks, underscores and any length.
+    if not _INTEGER.fullmatch(text) or not least <= int(text) <= most:
+        raise ValueError(f"found {text[:24]!r}, allowed are whole numbers {least} to {most}")
+    return int(text)
+
+
+def read_number(text: str, least: float = -273.15, most: float = 2000.0) -> float:
+    """A number in plain digits. **Raises:** `ValueError` where it is none or out of its bounds."""
+    if not _NUMBER.fullmatch(text) or not least <= float(text) <= most:
+        raise ValueError(f"found {text[:24]!r}, allowed are numbers {least:g} to {most:g}")
+    return float(text)
+
+
+def read_word(text: str) -> str:
+    """A word of the device's own: a kind, a boot, an owner.
+
+    **Raises:** `ValueError` where it is none.
+    """
+    if not _WORD.fullmatch(text):
+        raise ValueError(f"found {text[:40]!r}, allowed are 1 to 32 of A-Z a-z 0-9 _ . -")
+    return text
+
+
+def write_name(name: str) -> str:
+    """A name of a rig, cell or channel as it stands in a line: other characters as `%` and two
+    hexadecimal digits for each byte of their UTF-8, as in URLs."""
+    return quote(name, safe="").replace("~", "%7E")
+
+
+def read_name(text: str) -> str:
+    """The name that is written so.
+
+    **Raises:** `ValueError` where it is none, or written in another way than `write_name` does.
+    """
+    problem = f"found name {text[:40]!r}, allowed are 1 to {LONGEST_NAME} characters, quoted by %"
+    if not _QUOTED.fullmatch(text):
+        raise ValueError(problem)
+    try:
+        name = unquote_to_bytes(text).decode("utf-8")
+    except UnicodeDecodeError:
+        raise ValueError(problem) from None
+    if len(name) > LONGEST_NAME or not name.isprintable() or write_name(name) != text:
+        raise ValueError(problem)
+    return name
+
+
+def read_names(text: str) -> tuple[str, ...]:
+    """Names with commas in between, each once."""
+    names = tuple(read_name(part) for part in split(text))
+    if len(set(names)) < len(names):
+        raise ValueError(f"{len(names)} names; allowed are {MOST_NAMES}, each once")
+    return names
+
+
+def split(text: str) -> Sequence[str]:
+    """The parts between commas, none of an empty text."""
+    parts = text.split(",") if text else []
+    if len(parts) > MOST_NAMES:
+        raise ValueError(f"{len(parts)} entries; allowed are {MOST_NAMES}")
+    return parts

@@ -1,0 +1,238 @@
+"""Recordings that go on: in the order of their runs, whatever the host's clock says meanwhile."""
+
+import json
+import os
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
+
+from jaxtwin import JaxtwinError, RecordingError
+from jaxtwin.io import Session
+from jaxtwin.live import (
+    Data,
+    Document,
+    Event,
+    Gap,
+    Greeting,
+    Hello,
+    Notice,
+    Reading,
+    Record,
+    Recorder,
+    Replay,
+    Sample,
+    encode,
+)
+from jaxtwin.rig import Rig
+
+HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
+HOUR, DAY = 3600.0, 86_400.0
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "session.db"
+
+
+def minute(clock: HandClock, boot: str, degC: float) -> list[Record]:
+    """Ten seconds of a rig at one temperature, from now on."""
+    hello = Hello(2, "dual-cell", boot, cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
+    records: list[Record] = [Greeting("l", clock.now(), hello)]
+    for number in range(100):
+        clock.turn(0.1)
+        stamp = "l", boot, clock.now(), number * 100_000, number
+        records.append(Sample(*stamp, (0, 0), 16.0))
+        records.append(Reading(*stamp, np.full(15, degC), False, None))
+    return records
+
+
+@pytest.mark.parametrize("step", [-HOUR, HOUR, -DAY, DAY, -START * 1e-9, -5.0, 0.0])
+def test_a_step_of_the_clock_between_runs_merges_nothing_and_loses_nothing(
+    rig: Rig, file: Path, step: float
+) -> None:
+    clock = HandClock()
+    with Recorder(file, rig, clock=clock) as recorder:
+        recorder.write(minute(clock, "b1", 20.0))
+    clock.turn(step)
+    with Recorder(file, rig, append=True, clock=clock) as recorder:
+        recorder.write(minute(clock, "b2", 40.0))
+    with Session(file) as session:
+        experiment = session.experiment()
+        query = "SELECT kind FROM events WHERE kind IN ('clock-step', 'not-recorded')"
+        kinds = session.database.execute(query).fetchall()
+        arrivals = [a for (a,) in session.database.execute("SELECT arrival FROM samples")]
+    assert kinds == [("clock-step" if step < 0 else "not-recorded",)]
+    assert arrivals == sorted(arrivals)
+    assert len(arrivals) == 200
+    # Each second is of one run or the other, and none is a mean of both.
+    values = np.asarray(experiment.temperatures)[:, 0]
+    values = values[~np.isnan(values)]
+    assert set(values) == {20.0, 40.0}
+    assert 18 <= len(values) <= 22
+
+
+def test_a_time_that_no_grid_can_hold_is_refused_with_where_it_is(rig: Rig, file: Path) -> None:
+    clock = HandClock()
+    with Recorder(file, rig, clock=clock) as recorder:
+        recorder.write(minute(clock, "b1", 20.0))
+    clock.turn(40 * 365 * DAY)
+    with Recorder(file, rig, append=True, clock=clock) as recorder:
+        recorder.write(minute(clock, "b2", 40.0))
+    with Session(file) as session:
+        with pytest.raises(
+            RecordingError, match=r"allowed are 1e\+07.*nothing was recorded from 9"
+        ):
+            session.experiment()
+        assert session.experiment(end=9.0).duration == pytest.approx(9.0, abs=1.0)
+
+
+def test_what_a_device_repeats_to_the_next_run_is_not_recorded_again(rig: Rig, file: Path) -> None:
+    def run(first: int, last: int, clock: HandClock) -> list[Record]:
+        reads = [encode(HELLO), *[encode(Data(n, n * 1000, (0, 0))) for n in range(first, last)]]
+        with Recorder(file, rig, append=file.exists(), clock=clock) as recorder:
+            opener = lambda: ScriptedTransport(*reads)  # noqa: E731
+            bench = stepped_bench(rig, {"link": opener}, clock, journal=recorder)
+            return [record for _ in range(len(reads) + 3) for record in bench.poll()]
+
+    clock = HandClock()
+    run(0, 120, clock)
+    # The device goes on, and repeats what it does not know to have arrived.
+    again = run(60, 130, clock)
+    assert [r.seq for r in again if isinstance(r, Sample)] == list(range(120, 130))
+    later = run(140, 150, clock)
+    assert [(r.first, r.count) for r in later if isinstance(r, Gap)] == [(130, 10)]
+    with Session(file) as session:
+        rows = session.database.execute("SELECT count(*), count(DISTINCT seq) FROM samples")
+        assert rows.fetchone() == (140, 140)
+
+
+def test_a_device_cannot_say_what_only_the_recorder_may(rig: Rig, file: Path) -> None:
+    clock = HandClock()
+    forged = ["link-loss", "link-down", "recording-end", "drive-stop"]
+    reads = [encode(HELLO), *[encode(Notice(n, n, kind)) for n, kind in enumerate(forged)]]
+    with Recorder(file, rig, clock=clock) as recorder:
+        opener = lambda: ScriptedTransport(*reads)  # noqa: E731
+        bench = stepped_bench(rig, {"link": opener}, clock, journal=recorder)
+        for _ in range(10):
+            bench.poll()
+        # What a later version may write is no reason to refuse the file.
+        recorder.write([Event("link", clock.now(), "link-asleep", "new")])
+    with Replay(file, speed=float("inf")) as replay:
+        kinds = [record.kind for record in replay if isinstance(record, Event)]
+    assert [kind for kind in kinds if kind.startswith("device/")] == [
+        f"device/{kind}" for kind in forged
+    ]
+    assert kinds.count("recording-end") == 1
+    assert "link-asleep" in kinds
+
+
+def test_one_writer_whatever_the_name(rig: Rig, file: Path) -> None:
+    link = file.with_name("link.db")
+    link.symlink_to(file)
+    with Recorder(file, rig):
+        with pytest.raises(RecordingError, match="another process records into it"):
+            Recorder(link, rig, append=True)
+        os.link(file, file.with_name("hard.db"))
+        with pytest.raises(RecordingError, match="hard links"):
+            Recorder(file.with_name("hard.db"), rig, append=True)
+
+
+@pytest.mark.parametrize("how", ["moved", "deleted"])
+def test_a_file_that_goes_away_ends_the_recording_at_once(rig: Rig, file: Path, how: str) -> None:
+    recorder = Recorder(file, rig)
+    recorder.write([Greeting("l", START, HELLO)])
+    if how == "moved":
+        file.rename(file.with_name("other.db"))
+    else:
+        file.unlink()
+    with pytest.raises(RecordingError, match="was moved or deleted"):
+        recorder.write([Sample("l", "b1", START, 0, 0, (0, 0), None)])
+
+
+def test_a_foreign_database_is_refused_before_it_is_touched(rig: Rig, file: Path) -> None:
+    sqlite3.connect(file).execute("CREATE TABLE t (x)").connection.close()
+    before = file.read_bytes()
+    with pytest.raises(RecordingError, match="no recording of a live rig"):
+        Recorder(file, rig, append=True)
+    assert file.read_bytes() == before
+    assert [path.name for path in file.parent.iterdir()] == [file.name]
+
+
+def test_no_row_can_be_replaced(rig: Rig, file: Path) -> None:
+    with Recorder(file, rig) as recorder:
+        recorder.write([Greeting("l", START, HELLO), Gap("l", START, "data", 5, 2)])
+    database = sqlite3.connect(file)
+    with pytest.raises(sqlite3.IntegrityError, match="append-only"):
+        database.execute("INSERT OR REPLACE INTO gaps VALUES (1, 1, 'l', 0, 'data', 9, 9)")
+    database.close()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("cells", '"P1"'),
+        ("cells", "{"),
+        ("cells", "[1]"),
+        ("channels", "[]"),
+        ("channels", '["T", "t"]'),
+        ("counts", "0"),
+        ("counts", "true"),
+        ("polarity", "2"),
+        ("camera", "[80]"),
+        ("camera", '["a", 1]'),
+        ("rig", "7"),
+        ("rig_file", "null"),
+    ],
+)
+def test_damaged_metadata_are_one_sentence(rig: Rig, file: Path, key: str, value: str) -> None:
+    Recorder(file, rig).close()
+    database = sqlite3.connect(file)
+    database.execute("UPDATE session SET value = ? WHERE key = ?", (value, key))
+    database.commit()
+    database.close()
+    with pytest.raises(RecordingError, match="is damaged: its metadata"):
+        Session(file)
+
+
+def test_missing_metadata_are_one_sentence(rig: Rig, file: Path) -> None:
+    Recorder(file, rig).close()
+    database = sqlite3.connect(file)
+    database.execute("DELETE FROM session WHERE key = 'channels'")
+    database.commit()
+    database.close()
+    with pytest.raises(RecordingError, match="say channels = None"):
+        Session(file)
+
+
+def test_names_that_differ_in_case_only_are_refused(rig: Rig, file: Path) -> None:
+    one, two, *rest = rig.channels
+    clash = replace(rig, channels=(replace(one, name="t"), replace(two, name="T"), *rest))
+    with pytest.raises(JaxtwinError, match="upper and lower case only"):
+        Recorder(file, clash)
+    assert not file.exists()
+
+
+def test_names_survive_the_way_into_a_recording(rig: Rig, file: Path) -> None:
+    one, two, *rest = rig.channels
+    named = replace(rig, channels=(replace(one, name="Zone 1"), replace(two, name="Tü"), *rest))
+    clock = HandClock()
+    with Recorder(file, named, clock=clock) as recorder:
+        recorder.write(minute(clock, "b1", 20.0))
+    with Session(file) as session:
+        assert session.experiment().channels[:2] == ("Zone 1", "Tü")
+
+
+def test_documents_say_who_asked_for_what(rig: Rig, file: Path) -> None:
+    with Recorder(file, rig) as recorder:
+        recorder.write([Document(START, "start", "u1", {"operator": "anna"})])
+        recorder.write([Document(START, "stop", "u1", {"status": "completed"})])
+    with Session(file) as session:
+        rows = session.database.execute("SELECT kind, uid, content FROM documents").fetchall()
+    assert [(kind, uid, json.loads(text)) for kind, uid, text in rows] == [
+        ("start", "u1", {"operator": "anna"}),
+        ("stop", "u1", {"status": "completed"}),
+    ]

@@ -1,0 +1,167 @@
+"""The conformance kit: it finds nothing wrong with what is right, and each fault that is put in."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hand_clock import HandClock
+
+from jaxtwin.cli import run
+from jaxtwin.live import InProcess, VirtualRig, conform
+from jaxtwin.live._output_stage import OutputStage
+from jaxtwin.physics import Twin
+from jaxtwin.rig import Rig
+
+DEVICE = Path(__file__).parents[2] / "docs" / "firmware" / "device.py"
+
+
+class Passing:
+    """A transport on which time passes: 20 ms with each read."""
+
+    def __init__(self, inner: InProcess, clock: HandClock):
+        self._inner, self._clock = inner, clock
+        self.write, self.close = inner.write, inner.close
+
+    def read(self) -> bytes:
+        self._clock.turn(0.02)
+        return self._inner.read()
+
+
+def wrong(rig: Rig, device: VirtualRig, clock: HandClock) -> list[str]:
+    """The steps that failed."""
+    findings = list(conform(rig, Passing(InProcess(device, clock), clock), clock))
+    return [finding.step for finding in findings if finding.wrong]
+
+
+def test_the_virtual_rig_conforms(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    assert wrong(rig, VirtualRig(twin, camera_hz=1), clock) == []
+
+
+def clamps(stage: OutputStage) -> None:
+    obey = stage.obey
+    stage.obey = (
+        lambda command, now: obey(  # pyright: ignore[reportAttributeAccessIssue]
+            replace(command, pwm=tuple(min(255, count) for count in command.pwm)[:2])
+            if hasattr(command, "pwm")
+            else command,
+            now,
+        )
+    )
+
+
+def revives(stage: OutputStage) -> None:
+    obey = stage.obey
+
+    def ends_a_trip(command, now):
+        stage.trip_reason = ""
+        return obey(command, now)
+
+    stage.obey = ends_a_trip  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def obeys_anyone(stage: OutputStage) -> None:
+    obey = stage.obey
+
+    def as_the_owner(command, now):
+        return obey(replace(command, owner=stage.owner or command.owner), now)
+
+    stage.obey = as_the_owner  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def never_trips(stage: OutputStage) -> None:
+    stage.check = lambda now: None  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize(
+    ("fault", "step"),
+    [
+        (clamps, "refuses what it cannot apply"),
+        (revives, "refuses every duty after a trip"),
+        (obeys_anyone, "refuses another commander"),
+        (never_trips, "its watchdog trips"),
+    ],
+)
+def test_each_fault_is_found(rig: Rig, twin: Twin, clock: HandClock, fault, step: str) -> None:
+    device = VirtualRig(twin, camera_hz=1)
+    fault(device.stage)
+    assert step in wrong(rig, device, clock)
+
+
+def test_a_greeting_that_does_not_fit_ends_it(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    device = VirtualRig(twin)
+    device.hello = replace(device.hello, watchdog=60.0)
+    assert wrong(rig, device, clock) == ["answers hello with a greeting that fits the rig"]
+
+
+@pytest.fixture
+def python_device() -> Iterator[str]:
+    """The example in Python, in a process of its own: its address."""
+    with subprocess.Popen(
+        [sys.executable, str(DEVICE), "0"], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+        process.kill()
+
+
+def test_the_python_device_conforms(python_device: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code = run(["conform", "dual-cell", "--link", python_device])
+    printed = capsys.readouterr().out
+    assert "WRONG" not in printed
+    assert (code, printed.count("ok ")) == (0, 26)
+
+
+def test_the_exit_code_says_that_something_is_wrong(
+    python_device: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["conform", "single-cell", "--link", python_device]) == 1
+    assert "greets with rig dual-cell" in capsys.readouterr().out
+
+
+@pytest.mark.compiler
+def test_the_sketch_conforms(tmp_path: Path, rig: Rig, clock: HandClock) -> None:
+    here = Path(__file__).parent
+    sketch = DEVICE.parent / "controller" / "controller.ino"
+    program = tmp_path / "controller"
+    command = [shutil.which("c++") or "c++", "-x", "c++", f"-I{here}/arduino"]
+    command += [f'-DSKETCH="{sketch}"', str(here / "arduino" / "main.cpp"), "-o", str(program)]
+    subprocess.run(command, check=True)
+    with subprocess.Popen(
+        [str(program), "100000000", "-1", "-1", "20"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    ) as process:
+        findings = list(conform(rig, Stepped(process, clock), clock))
+        process.kill()
+    assert [finding for finding in findings if finding.wrong] == []
+    assert len(findings) == 26
+
+
+class Stepped:
+    """The sketch, which waits after each 20 ms of its time for the host to take what it said."""
+
+    def __init__(self, process: subprocess.Popen, clock: HandClock):
+        self._process, self._clock = process, clock
+        self._waiting = b""
+
+    def write(self, data: bytes) -> None:
+        self._waiting += data
+
+    def read(self) -> bytes:
+        """Hands over what was written, lets 20 ms pass, and takes what the sketch said."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        sent, self._waiting = self._waiting, b""
+        self._process.stdin.write(len(sent).to_bytes(4, "little") + sent)
+        self._process.stdin.flush()
+        self._clock.turn(0.02)
+        length = int.from_bytes(self._process.stdout.read(4), "little")
+        return self._process.stdout.read(length)
+
+    def close(self) -> None:
+        pass

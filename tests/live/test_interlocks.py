@@ -1,0 +1,238 @@
+"""Interlocks: records, commands and time in, the reason to stop out."""
+
+from dataclasses import astuple, replace
+
+import numpy as np
+import pytest
+from hand_clock import START
+
+from jaxtwin.live import (
+    Greeting,
+    Guard,
+    Hello,
+    LinkChange,
+    LinkState,
+    LiveTwin,
+    OperatingLimits,
+    Reading,
+    Record,
+    Sample,
+)
+from jaxtwin.live._obedience import Obedience
+from jaxtwin.live._plausibility import Plausibility
+from jaxtwin.live._presence import Presence
+from jaxtwin.live._trip import Trip
+from jaxtwin.live._twin_watch import TwinWatch
+from jaxtwin.physics import Twin
+from jaxtwin.rig import Rig
+
+LIMITS = OperatingLimits(
+    hottest=90.0,
+    lowest=-50.0,
+    cell=125.0,
+    rate=2.0,
+    jump=4.6,
+    frozen=10.0,
+    deviation=10.0,
+    command_delay=1.0,
+)
+ON = (128, 128)
+
+
+def at(seconds: float) -> int:
+    return START + round(seconds * 1e9)
+
+
+def reading(seconds: float, *values: float, recalibrating: bool = False) -> Reading:
+    us = round(seconds * 1e6)
+    return Reading("l", "b", at(seconds), us, 0, np.array(values), recalibrating, None)
+
+
+def sample(seconds: float, pwm: tuple[int, int] = ON, **state: object) -> Sample:
+    known = {"owner": "me", "number": 1, **state}
+    return Sample("l", "b", at(seconds), 0, 0, pwm, None, **known)  # pyright: ignore
+
+
+def plausible(*records: Record) -> Trip | None:
+    """The first trip that these records cause."""
+    lock = Plausibility(("T11", "T12"), LIMITS)
+    return next(filter(None, map(lock.see, records)), None)
+
+
+@pytest.mark.parametrize(
+    ("values", "kind", "words"),
+    [
+        ((20.0, 89.9), None, ""),
+        ((20.0, 90.1), "over-temperature", "T12 is at 90.1 degC; the rig's limit is 90"),
+        ((-273.15, 20.0), "implausible", "T11 reads -273.1 degC; nothing here can be below -50"),
+        ((20.0, float("nan")), "channel-fault", "T12 has failed: no number"),
+    ],
+)
+def test_a_reading_must_be_one_that_can_be(
+    values: tuple[float, float], kind: str | None, words: str
+) -> None:
+    trip = plausible(reading(1, *values))
+    assert (trip and trip.kind, trip.detail if trip else "") == (kind, words)
+
+
+def test_a_channel_that_says_why_it_has_failed_is_quoted() -> None:
+    failed = replace(reading(1, 20.0, float("nan")), faults={1: "open"})
+    trip = plausible(failed)
+    assert trip is not None
+    assert trip.detail == "T12 has failed: open"
+
+
+@pytest.mark.parametrize(
+    ("per_second", "kind"), [(1.5, None), (-1.5, None), (10.0, "rate"), (-10.0, "rate")]
+)
+def test_a_reading_that_runs_faster_than_the_rig_can_is_none(
+    per_second: float, kind: str | None
+) -> None:
+    trip = plausible(*(reading(n / 9, 20.0, 20.0 + per_second * n / 9) for n in range(40)))
+    assert (trip and trip.kind) == kind
+
+
+def test_a_jump_of_a_recalibration_is_no_rate() -> None:
+    jumped = [reading(n / 9, *(20.0 + 2.0 * (n > 20),) * 2) for n in range(40)]
+    assert plausible(*jumped) is None
+
+
+@pytest.mark.parametrize(("pwm", "kind"), [(ON, "frozen"), ((0, 0), None)])
+def test_a_driven_reading_that_stands_still_is_none(pwm: tuple[int, int], kind: str | None) -> None:
+    records = [sample(0, pwm), *(reading(n, 20.0 + n / 100, 25.0) for n in range(12))]
+    trip = plausible(*records)
+    assert (trip and trip.kind) == kind
+
+
+def test_frames_of_a_recalibration_end_no_silence() -> None:
+    lock = Presence(3.0)
+    lock.begin(at(0), {"l": "b"})
+    for second in range(1, 5):
+        assert lock.see(sample(second)) is None
+        assert lock.see(reading(second, 20.0, 20.0, recalibrating=True)) is None
+        trip = lock.check(at(second))
+        assert (trip and trip.detail) == (
+            None if second <= 3 else "no temperature for 4.0 s: the camera recalibrates itself"
+        )
+
+
+@pytest.mark.parametrize(
+    ("record", "kind"),
+    [
+        (LinkChange("l", at(1), LinkState.DOWN, "gone"), "link-down"),
+        (LinkChange("l", at(1), LinkState.STALE, "silent"), None),
+        (Greeting("l", at(1), Hello(2, "r", "b2")), "restart"),
+        (Greeting("l", at(1), Hello(2, "r", "b")), None),
+    ],
+)
+def test_a_lost_link_and_a_restart_trip(record: Record, kind: str | None) -> None:
+    lock = Presence(3.0)
+    lock.begin(at(0), {"l": "b"})
+    trip = lock.see(record)
+    assert (trip and trip.kind) == kind
+
+
+def test_silence_of_either_kind_trips() -> None:
+    for heard, missing in ((sample(3), "temperature"), (reading(3, 20.0), "controller sample")):
+        lock = Presence(3.0)
+        lock.begin(at(0), {"l": "b"})
+        lock.see(heard)
+        trip = lock.check(at(3.5))
+        assert trip == Trip("silence", f"no {missing} for 3.5 s")
+
+
+@pytest.mark.parametrize(
+    ("record", "kind"),
+    [
+        (sample(5.0), None),
+        (sample(5.0, (127, 129)), None),
+        (sample(5.0, (255, 128)), "disobedience"),
+        (sample(5.0, (0, 0)), "disobedience"),
+        (sample(5.0, number=None), "unacknowledged"),
+        (sample(5.0, owner="somebody"), "commander"),
+        (sample(5.0, (0, 0), trip="watchdog"), "device-trip"),
+        # Within a second of the command the driver may still be on its way.
+        (sample(0.5, (0, 0), number=None, owner=""), None),
+        (sample(0.5, (60, 60)), None),
+        (sample(0.5, (200, 60)), "disobedience"),
+    ],
+)
+def test_what_a_device_reports_is_what_was_commanded(record: Sample, kind: str | None) -> None:
+    lock = Obedience("me", ("P1", "P2"), 1.0)
+    lock.commanded(at(0.1), 1, ON)
+    trip = lock.see(record)
+    assert (trip and trip.kind) == kind
+
+
+def test_a_change_may_take_its_time_and_no_longer() -> None:
+    lock = Obedience("me", ("P1", "P2"), 1.0)
+    for number in range(24):  # a quarter of a second each; off from 5 s on
+        lock.commanded(at(number / 4), number, ON if number < 20 else (0, 0))
+        lock.check(at(number / 4))
+    assert lock.see(sample(5.9, (60, 0), number=19)) is None
+    trip = lock.see(sample(6.1, (60, 0), number=22))
+    assert trip == Trip("disobedience", "P1 gets 60 counts; 0 were commanded")
+
+
+def heated(twin: Twin, seconds: int, measured: float | None, limits: OperatingLimits) -> Trip:
+    """The first trip of a rig that gets full duty, its readings those of the twin or as given."""
+    lock, live = TwinWatch(twin, limits), LiveTwin(twin)
+    live.start(0.0, live.ambient)
+    off = np.zeros(2)
+    for second in range(seconds):
+        values = live.temperatures if measured is None else np.full(15, measured)
+        trip = lock.see(reading(second, *values)) or lock.see(
+            Sample("l", "b", at(second), 0, 0, (255, 255), live.ambient)
+        )
+        if trip is not None:
+            return trip
+        live.drive(off + 1)
+        live.advance(second + 1.0)
+    return Trip("", "")
+
+
+def test_the_twin_guards_the_cells_that_no_sensor_sees(twin: Twin) -> None:
+    # The plate stays below 73 degC; the cells reach 106.
+    limits = replace(LIMITS, cell=80.0)
+    trip = heated(twin, 600, None, limits)
+    assert trip.kind == "cell-temperature"
+    assert "is at 80 degC inside, says the twin; its limit is 80" in trip.detail
+
+
+def test_a_reading_far_from_the_twin_trips(twin: Twin) -> None:
+    # A camera that looks elsewhere: the plate gets hot and the readings stay cold.
+    trip = heated(twin, 600, 16.0, LIMITS)
+    assert trip.kind == "deviation"
+    assert heated(twin, 100, None, LIMITS) == Trip("", "")
+
+
+def test_limits_that_a_rig_file_leaves_out_follow_from_the_physics(twin: Twin, rig: Rig) -> None:
+    found = OperatingLimits.of(twin)
+    assert (found.hottest, found.cell) == (pytest.approx(90.0), pytest.approx(125.0))
+    # T_h - Z T_c^2 / 2 of a TEC1-12706 at -4 degC: 63 K below it.
+    assert found.lowest == pytest.approx(-60, abs=3)
+    # The twin's channels rise by less than 1 K/s.
+    assert 0.5 < found.rate < 6.0
+    assert rig.limits is not None
+    stated = replace(
+        rig.limits,
+        lowest=263.15,
+        rate=1.5,
+        frozen=5.0,
+        deviation=7.0,
+        command_delay=2.0,
+        cell_temperature=373.15,
+    )
+    numbers = astuple(OperatingLimits.of(Twin(replace(rig, limits=stated))))
+    assert numbers == pytest.approx((90.0, -10.0, 100.0, 1.5, 4.6, 5.0, 7.0, 2.0))
+
+
+def test_a_guard_tells_the_plainest_reason_first(twin: Twin) -> None:
+    guard = Guard(twin, "me", silence=3.0)
+    assert guard.wait([Greeting("l", at(0), Hello(2, "r", "b")), reading(0, *[16.0] * 15)]) is None
+    guard.begin(at(0), {"l": "b"})
+    guard.commanded(at(0), 1, ON)
+    hot = reading(1, *[16.0] * 14, 95.0)
+    trip = guard.check([hot], at(5))
+    assert trip is not None
+    assert trip.kind == "over-temperature"

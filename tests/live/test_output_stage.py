@@ -1,0 +1,64 @@
+"""A device's side of the commands: one commander, nothing cut to fit, trips that stay."""
+
+import pytest
+
+from jaxtwin.live import Duty, Order, OutputStage
+
+
+@pytest.fixture
+def stage() -> OutputStage:
+    made = OutputStage(2, 255, 2.0)
+    made.obey(Duty(1, (100, -100), "first"), 0.0)
+    return made
+
+
+def test_the_first_who_speaks_commands_and_another_is_refused(stage: OutputStage) -> None:
+    assert stage.obey(Duty(9, (255, 255), "second"), 0.5) == ("refused", "owner")
+    assert (stage.pwm, stage.owner, stage.number) == ((100, -100), "first", 1)
+
+
+def test_silence_with_cells_on_trips_and_the_trip_stays_until_a_reset(stage: OutputStage) -> None:
+    assert stage.check(2.0) is None
+    assert stage.check(2.1) == ("trip", "watchdog")
+    assert stage.pwm == (0, 0)
+    assert stage.obey(Duty(2, (50, 50), "first"), 3.0) == ("refused", "tripped")
+    assert stage.obey(Order("reset", 3, "second"), 3.0) == ("reset", "")
+    assert stage.pwm == (0, 0)
+    assert stage.obey(Duty(4, (50, 50), "second"), 3.1) is None
+    assert stage.pwm == (50, 50)
+
+
+def test_silence_with_cells_off_ends_the_command_without_a_trip(stage: OutputStage) -> None:
+    stage.obey(Duty(2, (0, 0), "first"), 1.0)
+    assert stage.check(3.1) is None
+    assert (stage.owner, stage.trip_reason) == ("", "")
+    assert stage.obey(Duty(1, (1, 1), "second"), 3.2) is None
+
+
+def test_anyone_may_stop_and_the_first_reason_is_kept(stage: OutputStage) -> None:
+    assert stage.obey(Order("stop", 1, "passer-by"), 0.1) == ("trip", "stop")
+    assert (stage.pwm, stage.trip_reason) == ((0, 0), "stop")
+    stage.trip("over-temperature")
+    assert stage.trip_reason == "stop"
+
+
+def test_who_releases_lets_another_command(stage: OutputStage) -> None:
+    assert stage.obey(Order("release", 2, "second"), 0.1) == ("refused", "owner")
+    assert stage.obey(Order("release", 2, "first"), 0.1) is None
+    assert stage.pwm == (0, 0)
+    assert stage.obey(Duty(1, (1, 1), "second"), 0.2) is None
+
+
+def test_a_reset_without_a_trip_does_not_take_the_cells_from_their_commander(
+    stage: OutputStage,
+) -> None:
+    assert stage.obey(Order("reset", 2, "second"), 0.1) == ("refused", "owner")
+    assert stage.pwm == (100, -100)
+
+
+@pytest.mark.parametrize("pwm", [(99999, 0), (0, -256), (1,), (1, 1, 1), ()])
+def test_what_cannot_be_is_refused_and_not_cut_to_fit(
+    stage: OutputStage, pwm: tuple[int, ...]
+) -> None:
+    assert stage.obey(Duty(2, pwm, "first"), 0.1) == ("refused", "range")
+    assert stage.pwm == (100, -100)
