@@ -11,7 +11,7 @@ import pytest
 from hand_clock import HandClock
 
 from jaxtwin.cli import run
-from jaxtwin.live import InProcess, VirtualRig, conform
+from jaxtwin.live import Duty, InProcess, VirtualRig, conform
 from jaxtwin.live._output_stage import OutputStage
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
@@ -46,7 +46,7 @@ def clamps(stage: OutputStage) -> None:
     stage.obey = (
         lambda command, now: obey(  # pyright: ignore[reportAttributeAccessIssue]
             replace(command, pwm=tuple(min(255, count) for count in command.pwm)[:2])
-            if hasattr(command, "pwm")
+            if isinstance(command, Duty)
             else command,
             now,
         )

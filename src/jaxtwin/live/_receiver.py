@@ -1,6 +1,7 @@
 """Bytes of one link -> records, each message once, and what is missing."""
 
 import logging
+import re
 from collections import Counter
 from dataclasses import replace
 from typing import final
@@ -37,6 +38,8 @@ MOST_MESSAGES = 20_000
 
 MOST_TOLD = 20
 """Reasons of nonsense that are logged for a connection."""
+
+_DIGITS = re.compile("[0-9.]+")
 
 log = logging.getLogger("jaxtwin.live")
 
@@ -244,7 +247,7 @@ class Receiver:
 
     def _tell(self, why: str) -> None:
         """Logs each reason once a connection: a device that is wrong is wrong a thousand times."""
-        reason = why.rpartition(":")[2]
+        reason = _DIGITS.sub("", why.rpartition(":")[2])
         if reason not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(reason)
             log.warning("%s: %s", self._link, why)

@@ -1,0 +1,68 @@
+"""Do the cells go off in time, whatever goes wrong?
+
+    python benchmarks/live_hazards.py --seeds 25
+
+Each hazard of `tests/hazards.py` meets a driven virtual rig once a seed, which chooses noise, duty,
+the moment, and the pace of the host. The clock is simulated. Healthy runs with noise, jumps of the
+camera, lost and damaged messages say how often a drive is stopped for nothing. Prints one line a
+hazard: runs, off in time, the longest time, its bound, and the reasons.
+"""
+
+import argparse
+import json
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from hand_clock import HandClock, virtual_bench
+from hazards import HAZARDS, run_hazard
+
+import jaxtwin as jt
+from jaxtwin._errors import SafetyStop
+from jaxtwin.live import Faults, VirtualRig, drive
+from jaxtwin.rig import Sensors
+
+
+def healthy(twin: jt.Twin, seed: int) -> str:
+    """Five minutes of a rig on which nothing is wrong that a bench does not have; how it ended."""
+    faults = Faults.parse("drop=0.02,corrupt=0.01,jumps=30")
+    device, clock = VirtualRig(twin, seed=seed, faults=faults), HandClock()
+    plan = jt.Experiment.schedule("0:0.8,100:-0.5/0.6,200:0.3", duration=300, cells=2)
+    try:
+        return drive(virtual_bench(twin.rig, device, clock), twin, plan)
+    except SafetyStop as stop:
+        return str(stop)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=25)
+    parser.add_argument("--first", type=int, default=0, help="number of the first hazard")
+    parser.add_argument("--last", type=int, default=len(HAZARDS))
+    parser.add_argument("--healthy", type=int, default=0, help="runs")
+    options = parser.parse_args()
+    rig = jt.load_rig("dual-cell")
+    twins = jt.Twin(rig), jt.Twin(replace(rig, camera=None, sensors=Sensors(0.1)))
+    for hazard in HAZARDS[options.first : options.last]:
+        runs = [run_hazard(hazard, twins, seed) for seed in range(options.seeds)]
+        unexplained = [ran.detail or ran.reason for ran in runs if ran.reason not in hazard.kinds]
+        result = {
+            "hazard": hazard.name,
+            "runs": len(runs),
+            "off in time": sum(ran.off_after <= hazard.bound for ran in runs),
+            "longest, s": round(max(ran.off_after for ran in runs), 2),
+            "bound, s": hazard.bound,
+            "reasons": Counter(ran.reason for ran in runs),
+            "unexplained": unexplained,
+        }
+        print(json.dumps(result), flush=True)
+    if options.healthy:
+        ended = Counter(healthy(twins[0], seed) for seed in range(options.healthy))
+        print(json.dumps({"healthy": options.healthy, "ended": ended}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,445 @@
+"""Forty ways in which a heated rig goes wrong, put between a virtual rig and its host.
+
+Each hazard says what must stop the rig, and within what time the cells must be off: by the device's
+own pins, not by what it reports. Time is the clock's of the test; nothing waits.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, final
+
+import numpy as np
+from hand_clock import START, HandClock, stepped_bench
+
+from jaxtwin._errors import JaxtwinError, SafetyStop
+from jaxtwin.io import Experiment
+from jaxtwin.live import (
+    Bench,
+    Data,
+    Duty,
+    Image,
+    InProcess,
+    Moment,
+    Order,
+    VirtualRig,
+    deframe,
+    encode,
+    follow,
+    operate,
+    parse,
+)
+from jaxtwin.physics import Twin
+
+Messages = list[Any]
+
+
+@final
+@dataclass
+class Scene:
+    """A run that goes wrong: what the injector may look at and change."""
+
+    device: VirtualRig
+    clock: HandClock
+    random: np.random.Generator
+    onset: float
+    bench: Bench | None = None
+    memory: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def time(self) -> float:
+        """Since the beginning, s."""
+        return (self.clock.now() - START) * 1e-9
+
+    @property
+    def on(self) -> bool:
+        """Whether it has begun to go wrong."""
+        return self.time >= self.onset
+
+    @property
+    def since(self) -> float:
+        """Since it has, s."""
+        return self.time - self.onset
+
+
+@final
+@dataclass(frozen=True)
+class Hazard:
+    """One way to go wrong.
+
+    - `kinds`: what may be the reason of the stop.
+    - `bound`: in which time the cells must be off, s.
+    - `spoken`: changes what the device says; `heard`: what it hears.
+    - `happens`: called with each read, for what is neither.
+    - `sensors`: on the rig without a camera.
+    - `limits`: of the rig file, changed.
+    - `begins`: when the danger is there, where that is not the onset.
+    """
+
+    name: str
+    kinds: tuple[str, ...]
+    bound: float
+    spoken: Callable[[Scene, Messages], Messages] | None = None
+    heard: Callable[[Scene, Messages], Messages] | None = None
+    happens: Callable[[Scene], None] | None = None
+    sensors: bool = False
+    limits: dict[str, float] = field(default_factory=dict)
+    begins: Callable[[Scene], bool] | None = None
+
+
+class Ran(NamedTuple):
+    """How a run ended: how long after the danger came the cells were on, and why it stopped."""
+
+    off_after: float
+    reason: str
+    detail: str
+
+
+@final
+class FaultyTransport:
+    """A connection to a virtual rig, with a hazard in between."""
+
+    def __init__(self, scene: Scene, hazard: Hazard):
+        self._scene, self._hazard = scene, hazard
+        self._inner = InProcess(scene.device, scene.clock)
+        self._rest = b""
+
+    def read(self) -> bytes:
+        scene, hazard = self._scene, self._hazard
+        if hazard.happens is not None and scene.on:
+            hazard.happens(scene)
+        if hazard.begins is not None and "begin" not in scene.memory and hazard.begins(scene):
+            scene.memory["begin"] = scene.time
+        data = self._inner.read()
+        if any(scene.device.pwm):
+            scene.memory["on"] = scene.time
+        if hazard.spoken is None or not scene.on:
+            return data
+        frames, self._rest, _ = deframe(self._rest, data)
+        said = hazard.spoken(scene, [parse(frame) for frame in frames])
+        return b"".join(part if isinstance(part, bytes) else encode(part) for part in said)
+
+    def write(self, data: bytes) -> None:
+        scene, hazard = self._scene, self._hazard
+        if hazard.heard is None or not scene.on:
+            self._inner.write(data)
+            return
+        frames, _, _ = deframe(b"", data)
+        for message in hazard.heard(scene, [parse(frame) for frame in frames]):
+            self._inner.write(encode(message))
+
+    def close(self) -> None:
+        self._inner.close()
+
+
+def run_hazard(hazard: Hazard, twins: Sequence[Twin], seed: int) -> Ran:
+    """Drives a virtual rig until it is stopped, with everything that chance may choose.
+
+    **Arguments:**
+
+    - `hazard`: what goes wrong.
+    - `twins`: of the rig with a camera, and of the one without.
+    - `seed`: of noise, duty, onset and the pace of the host.
+    """
+    random = np.random.default_rng(seed)
+    twin = twins[hazard.sensors]
+    if hazard.limits:
+        assert twin.rig.limits is not None
+        rig = replace(twin.rig, limits=replace(twin.rig.limits, **hazard.limits))
+        twin = Twin(rig, dict(twin.parameters))
+    clock = HandClock()
+    device = VirtualRig(twin, seed=seed, camera_hz=random.uniform(4, 9))
+    scene = Scene(device, clock, random, onset=random.uniform(4, 12))
+    opener = lambda: FaultyTransport(scene, hazard)  # noqa: E731
+    bench = stepped_bench(twin.rig, {"rig": opener}, clock, step=random.uniform(0.02, 0.1))
+    scene.bench = bench
+    duty = random.uniform(0.4, 0.9, 4)
+    schedule = f"0:{duty[0]:.2f}/{duty[1]:.2f},{scene.onset + 0.7:.2f}:{duty[2]:.2f}/-{duty[3]:.2f}"
+    plan = follow(Experiment.schedule(schedule, duration=120, cells=2))
+
+    def source(moment: Moment) -> np.ndarray | None:
+        failing = scene.memory.get("controller")
+        return plan(moment) if failing is None else failing(moment)
+
+    reason, detail = "completed", ""
+    try:
+        reason = operate(bench, twin, source)
+    except SafetyStop as stop:
+        reason, detail = stop.kind, str(stop)
+    except JaxtwinError as error:
+        reason, detail = "error", str(error)
+    except RuntimeError as error:
+        reason, detail = "exception", str(error)
+    # Nobody commands any more: what is on now, only the device can switch off.
+    while any(device.pwm) and scene.since < 200:
+        clock.turn(0.05)
+        device.due(clock.now())
+        scene.memory["on"] = scene.time
+    begin = scene.memory.get("begin", scene.onset)
+    return Ran(max(0.0, scene.memory.get("on", begin) - begin), reason, detail)
+
+
+# ---------------------------------------------------------------------------- what cameras do
+
+
+def pixels(change: Callable[[Scene, np.ndarray], np.ndarray]):
+    """Frames with other pixels."""
+
+    def spoken(scene: Scene, said: Messages) -> Messages:
+        return [
+            Image(m.seq, m.device_us, m.flags, change(scene, m.pixels).astype(np.uint16))
+            if isinstance(m, Image)
+            else m
+            for m in said
+        ]
+
+    return spoken
+
+
+def first(scene: Scene, image: np.ndarray) -> np.ndarray:
+    return scene.memory.setdefault("image", image)
+
+
+def kelvin(change: Callable[[Scene], float]):
+    """Frames that are so many kelvin off."""
+    return pixels(lambda s, image: np.clip(image.astype(float) + 100 * change(s), 0, 65535))
+
+
+def a_zone(value: Callable[[Scene], float]):
+    """Frames in which one zone shows something else, degC."""
+
+    def changed(scene: Scene, image: np.ndarray) -> np.ndarray:
+        image = image.copy()
+        image[12:30, 0:13] = round(100 * (value(scene) + 273.15))
+        return image
+
+    return pixels(changed)
+
+
+def flags(scene: Scene, said: Messages) -> Messages:
+    return [Image(m.seq, m.device_us, 1, m.pixels) if isinstance(m, Image) else m for m in said]
+
+
+def without(*kinds: type):
+    """What the device says, without some of it."""
+    return lambda scene, said: [m for m in said if not isinstance(m, kinds)]
+
+
+# ------------------------------------------------------------------------ what sensors do
+
+
+def channel(value: Callable[[Scene, float], float | str]):
+    """Sensors of which the third says something else: a number, or why it has failed."""
+
+    def spoken(scene: Scene, said: Messages) -> Messages:
+        changed = []
+        for m in said:
+            if isinstance(m, Data):
+                values = list(m.temperatures)
+                new = value(scene, values[2])
+                values[2] = float("nan") if isinstance(new, str) else new
+                faults = {2: new} if isinstance(new, str) else {}
+                m = replace(m, temperatures=tuple(values), faults=faults)
+            changed.append(m)
+        return changed
+
+    return spoken
+
+
+# ------------------------------------------------------------------ what controllers do
+
+
+def samples(change: Callable[[Scene, Data], Data]):
+    """Other samples."""
+    return lambda scene, said: [change(scene, m) if isinstance(m, Data) else m for m in said]
+
+
+def stamps(change: Callable[[Scene, int], int]):
+    """Everything at another device time."""
+
+    def spoken(scene: Scene, said: Messages) -> Messages:
+        for place, m in enumerate(said):
+            if isinstance(m, Image):
+                said[place] = Image(m.seq, change(scene, m.device_us), m.flags, m.pixels)
+            elif hasattr(m, "device_us"):
+                said[place] = replace(m, device_us=change(scene, m.device_us))
+        return said
+
+    return spoken
+
+
+def runs_away(scene: Scene) -> None:
+    """The bridge gives full duty whatever was asked, until it is told to switch off."""
+    if any(scene.device.pwm):
+        scene.device.stage.pwm = (255, 255)
+
+
+def ignores(scene: Scene, heard: Messages) -> Messages:
+    """What was last applied stays; commands to switch off still work."""
+    return [
+        replace(m, pwm=scene.device.pwm) if isinstance(m, Duty) and any(m.pwm) else m for m in heard
+    ]
+
+
+def late(scene: Scene, heard: Messages) -> Messages:
+    waiting = scene.memory.setdefault("late", [])
+    waiting += [(scene.time, m) for m in heard]
+    due = [m for time, m in waiting if scene.time - time >= 3.0]
+    scene.memory["late"] = [(time, m) for time, m in waiting if scene.time - time < 3.0]
+    return due
+
+
+def once(act: Callable[[Scene], None]):
+    """Something that happens one time."""
+
+    def happens(scene: Scene) -> None:
+        if not scene.memory.setdefault("done", False):
+            scene.memory["done"] = True
+            act(scene)
+
+    return happens
+
+
+def restarts(scene: Scene) -> None:
+    scene.device.hello = replace(scene.device.hello, boot="another")
+    scene.device.stage.trip("start")
+    scene.device.stage.trip_reason = ""
+    scene.device._answer += encode(scene.device.hello)
+
+
+def hangs_up(scene: Scene) -> None:
+    scene.device.due(scene.clock.now())  # it goes on, though nobody hears it
+    raise ConnectionResetError("cut")
+
+
+def is_taken(scene: Scene) -> None:
+    now = scene.device.twin.time
+    scene.device.stage.owner = ""
+    scene.device.stage.obey(Duty(1, scene.device.pwm, "second"), now)
+
+
+def controller(value: Callable[[Moment], Any]):
+    """A controller of the user's that fails."""
+
+    def happens(scene: Scene) -> None:
+        scene.memory["controller"] = value
+
+    return happens
+
+
+def raises(moment: Moment) -> None:
+    raise RuntimeError("a bug")
+
+
+def dies(scene: Scene) -> None:
+    """The host's process is killed: nothing is sent any more, not even a stop."""
+    assert scene.bench is not None
+    scene.bench.send_duty = lambda pwm: True  # pyright: ignore[reportAttributeAccessIssue]
+    scene.bench.send_order = lambda kind: True  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def hotter(scene: Scene) -> bool:
+    return float(scene.device.twin.temperatures.max()) > 24.0
+
+
+def hotter_inside(scene: Scene) -> bool:
+    twin = scene.device.twin.system.wiring
+    return float(scene.device.twin.nodes[np.array([twin.cold, twin.hot])].max()) > 35.0
+
+
+def stopped_by_another(scene: Scene) -> None:
+    scene.device.receive(encode(Order("stop", 1, "somebody")))
+
+
+def too_hot_by_itself(scene: Scene) -> None:
+    scene.device.stage.trip("over-temperature")
+
+
+def frozen_value(scene: Scene, value: float) -> float:
+    return scene.memory.setdefault("value", value)
+
+
+NEXT = 0.6
+"""With the next frame, at four a second, and two turns of a slow host, s."""
+
+SILENCE = 3.6
+CHANGE = 2.2
+"""A command that changes comes 0.7 s after the onset, and may take a second to show."""
+
+WATCHDOG = 2.6
+LOST = ("disobedience", "unacknowledged", "device-trip")
+ODD = ("rate", "deviation")
+HOT, WRONG, DEAF = ("over-temperature",), ("implausible",), ("silence", "link-down")
+
+HAZARDS = (
+    # What a camera does.
+    Hazard("camera: all pixels 0", WRONG, NEXT, pixels(lambda s, i: i * 0)),
+    Hazard("camera: all pixels 65535", HOT, NEXT, pixels(lambda s, i: i * 0 + 65535)),
+    Hazard("camera: image stands still", ("frozen", "deviation"), 11.0, pixels(first)),
+    Hazard("camera: 30 K up at once", ODD, NEXT, kelvin(lambda s: 30.0)),
+    Hazard("camera: 30 K down at once", ODD, NEXT, kelvin(lambda s: -30.0)),
+    Hazard("camera: drifts up 8 K/s", ODD, 3.0, kelvin(lambda s: 8 * s.since)),
+    Hazard("camera: drifts down 8 K/s", ODD, 3.0, kelvin(lambda s: -8 * s.since)),
+    Hazard("camera: noise of 20 K", ODD, 2.0, kelvin(lambda s: 20 * s.random.normal())),
+    Hazard("camera: a zone at 0 K", WRONG, NEXT, a_zone(lambda s: -273.15)),
+    Hazard("camera: a zone at 300 degC", HOT, NEXT, a_zone(lambda s: 300.0)),
+    Hazard("camera: a zone at 60 degC", ODD, NEXT, a_zone(lambda s: 60.0)),
+    Hazard("camera: a zone flickers", ODD, 2.0, a_zone(lambda s: 20 + 40 * s.random.random())),
+    Hazard("camera: recalibrates for ever", ("silence",), SILENCE, flags),
+    Hazard("camera: silent", ("silence",), SILENCE, without(Image)),
+    # What a sensor does.
+    Hazard("sensor: nan", ("channel-fault",), NEXT, channel(lambda s, v: "nan"), sensors=True),
+    Hazard("sensor: open", ("channel-fault",), NEXT, channel(lambda s, v: "open"), sensors=True),
+    Hazard("sensor: -273.15 degC", WRONG, NEXT, channel(lambda s, v: -273.15), sensors=True),
+    Hazard("sensor: 1372 degC", HOT, NEXT, channel(lambda s, v: 1372.0), sensors=True),
+    Hazard("sensor: 40 K off", ODD, NEXT, channel(lambda s, v: v + 40), sensors=True),
+    Hazard(
+        "sensor: stands still", ("frozen", "deviation"), 31.0, channel(frozen_value), sensors=True
+    ),
+    # What the rig does.
+    Hazard("plate above 24 degC", HOT, NEXT, limits={"temperature": 297.15}, begins=hotter),
+    Hazard(
+        "cell above 35 degC inside",
+        ("cell-temperature",),
+        1.0,
+        limits={"cell_temperature": 308.15},
+        begins=hotter_inside,
+    ),
+    Hazard("bridge: full duty", ("disobedience",), NEXT, happens=runs_away),
+    Hazard("bridge: stuck at the last duty", ("disobedience",), CHANGE, heard=ignores),
+    # What a controller and its link do.
+    Hazard("controller: silent", ("silence",), SILENCE, without(Data)),
+    Hazard("device: silent", DEAF, SILENCE, lambda s, m: []),
+    Hazard("device: garbage", DEAF, SILENCE, lambda s, m: [s.random.bytes(300)]),
+    Hazard("device: hangs up", ("link-down",), WATCHDOG, happens=hangs_up),
+    Hazard("device: restarts", ("restart", "disobedience"), NEXT, happens=once(restarts)),
+    Hazard(
+        "device: clock an hour ahead",
+        ("restart", "silence"),
+        SILENCE,
+        stamps(lambda s, t: t + 3_600_000_000),
+    ),
+    Hazard("device: clock back at 0", DEAF, SILENCE, stamps(lambda s, t: 0)),
+    Hazard("device: old numbers", DEAF, SILENCE, samples(lambda s, d: replace(d, seq=1))),
+    Hazard(
+        "device: reports no duty",
+        ("disobedience",),
+        NEXT,
+        samples(lambda s, d: replace(d, pwm=(0, 0))),
+    ),
+    Hazard("device: somebody stops it", ("device-trip",), NEXT, happens=once(stopped_by_another)),
+    Hazard("device: trips on heat", ("device-trip",), NEXT, happens=once(too_hot_by_itself)),
+    Hazard("commands: lost", LOST, WATCHDOG, heard=lambda s, m: []),
+    Hazard("commands: three seconds late", LOST, WATCHDOG, heard=late),
+    Hazard(
+        "commands: duty damaged",
+        LOST,
+        CHANGE,
+        heard=lambda s, h: [m for m in h if isinstance(m, Order)],
+    ),
+    Hazard("commands: another host's", ("commander", *LOST), 1.0, happens=once(is_taken)),
+    # What the host does.
+    Hazard("controller: NaN", ("error",), NEXT, happens=controller(lambda m: (float("nan"), 0.5))),
+    Hazard("controller: raises", ("exception",), NEXT, happens=controller(raises)),
+    Hazard("host: killed", LOST, WATCHDOG, happens=once(dies)),
+)
+"""All of them."""
