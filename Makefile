@@ -7,7 +7,20 @@ INSTALLED := .venv/installed
 INSTALLED_DEV := .venv/installed-dev
 PARALLEL := --numprocesses=auto --dist=loadfile
 
-.PHONY: help bench demo test test-slow test-all test-lowest lint types notebook notebook-check pictures wheel-check clean
+# What tells in a few minutes whether another environment will do: every library is asked for
+# something here. ARGS=tests runs all.
+SELECTION := tests/rig tests/io tests/data tests/compilation tests/physics/test_twin.py \
+    tests/simulation/test_simulate.py \
+    tests/simulation/test_solvers.py::test_kvaerno5_gives_the_same_on_the_paper_s_circuit \
+    tests/matching/test_at_bounds.py tests/matching/test_levenberg_marquardt.py \
+    tests/sensitivity_analysis/test_indices.py tests/sweeps/test_store.py tests/sweeps/test_open.py \
+    tests/plots/test_plate_map.py tests/live/test_framing.py tests/live/test_recorder.py \
+    tests/live/test_mqtt.py tests/test_doctor.py tests/test_package.py
+NEWEST ?= $(firstword $(shell for python in python3.13 \
+    "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/3.13.*/bin/python; do \
+    "$$python" -c pass 2>/dev/null && echo "$$python"; done))
+
+.PHONY: help bench demo test test-slow test-all test-lowest test-newest lint types notebook notebook-check pictures wheel-check clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
@@ -18,7 +31,8 @@ help:
 	@echo "make notebook     run the notebooks again, in place; notebook-check only runs them"
 	@echo "make pictures     draw the pictures of the documentation again"
 	@echo "make wheel-check  build the wheel and use it from a fresh environment"
-	@echo "make test-lowest  the tests on the oldest libraries that pyproject.toml allows"
+	@echo "make test-lowest  a selection on the oldest libraries that pyproject.toml allows"
+	@echo "make test-newest  the selection on Python 3.13, where it is installed"
 	@echo "make bench        measure beside other tools; ARGS=--quick is small"
 	@echo "make clean        remove what the other targets made"
 
@@ -71,10 +85,19 @@ test-lowest:
 	.venv-lowest/bin/python -m pip install --quiet uv
 	.venv-lowest/bin/uv pip install --python .venv-lowest/bin/python \
 	    --resolution lowest-direct --editable '.[dev]'
-	.venv-lowest/bin/python -m pytest $(PARALLEL) -m "not slow" $(ARGS)
+	.venv-lowest/bin/python -m pytest $(PARALLEL) -m "not slow" $(or $(ARGS),$(SELECTION))
+
+test-newest:
+ifeq ($(NEWEST),)
+	@echo "Python 3.13 is not installed: the tests do not run on it (make NEWEST=/path/to/python3.13)"
+else
+	$(NEWEST) -m venv .venv-newest
+	.venv-newest/bin/python -m pip install --quiet --editable '.[dev]'
+	.venv-newest/bin/python -m pytest $(PARALLEL) -m "not slow" $(or $(ARGS),$(SELECTION))
+endif
 
 clean:
-	rm -rf .venv .venv-lowest dist report .pytest_cache .ruff_cache .hypothesis .jax_cache
+	rm -rf .venv .venv-lowest .venv-newest dist report .pytest_cache .ruff_cache .hypothesis .jax_cache
 
 $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "jaxtwin needs Python 3.11 or newer; name one: make PYTHON=python3.12")'

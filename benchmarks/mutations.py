@@ -1,18 +1,23 @@
 """Breaks the code in small ways and counts how often the tests notice (mutation testing).
 
-    python -m benchmarks.mutations --count 60
+    python -m benchmarks.mutations --count 60 --out benchmarks/results
 
 Each mutation changes one place of `src/`: a sign, a factor, an off-by-one, a comparison, a flag, or
-swaps two arguments. Files are drawn at random from every package in turn, so that large
-packages do not crowd out small ones. The tests of the package run first, then all others, until one
-fails. What survives is printed with its place: either the mutation changes nothing (say why), or a
-test is missing.
+swaps two arguments. Files are drawn at random from every package in turn, so that large packages do
+not crowd out small ones. Of the tests of `make test`, those of the package run until one fails;
+with `--all-tests` all others follow. What survives is printed with its place: either the mutation
+changes nothing, or a test is missing.
+
+The outcomes are written to `mutations.json` after each mutation, and the same call goes on where
+the last one stopped, so that `--minutes` can cut the work into parts. A survivor that changes
+nothing gets its reason there, by hand, under "equivalent". `mutations.md` is the table.
 
 The work is done in a copy of the checkout; the checkout itself is not touched.
 """
 
 import argparse
 import ast
+import json
 import os
 import random
 import shutil
@@ -21,12 +26,25 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import final
 
 CHECKOUT = Path(__file__).parent.parent
 SOURCE = Path("src/jaxtwin")
+TOP_LEVEL = "top level"
+"""Stands for the package of the modules that are in none."""
+
+TESTS = {
+    "_compilation": ["tests/compilation/test_*.py"],
+    "commands": ["tests/test_cli.py", "tests/*/test_command*.py"],
+    "doctor": ["tests/test_doctor.py"],
+    TOP_LEVEL: ["tests/test_*.py"],
+}
+"""Package -> its tests, where they are not in `tests/<package>`."""
+
+LONGEST = 900
+"""Seconds after which the tests are stopped: a mutation that never ends is one that is noticed."""
 
 ARITHMETIC: dict[type[ast.operator], str] = {
     ast.Add: "-",
@@ -65,75 +83,189 @@ class Mutation:
         return source[: self.start] + self.after.encode() + source[self.end :]
 
 
+@final
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a mutation.
+
+    **Arguments:**
+
+    - `mutation`: as text.
+    - `package`: in which it is.
+    - `failure`: the test that failed, empty if none did.
+    - `seconds`: until it failed, or all had passed.
+    - `equivalent`: why no test can notice it, written by hand; empty otherwise.
+    """
+
+    mutation: str
+    package: str
+    failure: str
+    seconds: float
+    equivalent: str = ""
+
+
 def main() -> None:
     """Prints each mutation with the test that caught it, then the share that was caught."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--packages", nargs="*", help="only these packages")
+    parser.add_argument("--packages", nargs="*", help="only what is drawn of these")
+    parser.add_argument("--all-tests", action="store_true", help="not only the package's own")
+    parser.add_argument("--tests-pass", action="store_true", help="known: do not try them first")
+    parser.add_argument("--workers", type=int, default=2, help="processes that share the tests")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after that time")
+    parser.add_argument("--out", type=Path, help="folder for mutations.json and mutations.md")
     parser.add_argument("--list", action="store_true", help="print the mutations, run nothing")
     arguments = parser.parse_args()
 
-    mutations = draw(arguments.count, random.Random(arguments.seed), arguments.packages)
+    mutations = [
+        mutation
+        for mutation in draw(arguments.count, random.Random(arguments.seed))
+        if not arguments.packages
+        or package_of(mutation.file.relative_to(SOURCE)) in arguments.packages
+    ]
     if arguments.list:
         print(*mutations, sep="\n")
         return
+    outcomes = read_outcomes(arguments.out)
+    left = [mutation for mutation in mutations if str(mutation) not in outcomes]
+    end = time.monotonic() + 60 * arguments.minutes
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "jaxtwin"
-        left_out = shutil.ignore_patterns(".git", ".venv*", ".jax_cache", "dist", "report")
-        shutil.copytree(CHECKOUT, copy, ignore=left_out)
-        if failure := first_failure(copy, ["tests"]):
-            sys.exit(f"expected tests that pass before anything is changed, got {failure}")
-        survived = [mutation for mutation in mutations if not caught(copy, mutation)]
-    share = 1 - len(survived) / len(mutations)
-    print(f"\n{share:.0%} of {len(mutations)} mutations were caught; not caught:")
-    print(*survived or ["none"], sep="\n")
+        copy_of_checkout(copy)
+        unbroken: dict[str, str] = {}
+        while left and time.monotonic() < end:
+            mutation = left.pop(0)
+            package = package_of(mutation.file.relative_to(SOURCE))
+            tests = tests_of(package, mutation.file.stem)
+            if package not in unbroken and not arguments.tests_pass:
+                unbroken[package] = first_failure(copy, tests, arguments.workers)
+            if failure := unbroken.get(package):
+                sys.exit(f"expected tests that pass without a mutation, got {failure}")
+            if arguments.all_tests:
+                tests = [*tests, "tests"]
+            outcome = outcome_of(copy, mutation, tests, arguments.workers)
+            outcomes[outcome.mutation] = outcome
+            write_outcomes(arguments.out, outcomes)
+            said = outcome.failure or "NOT CAUGHT"
+            print(f"{mutation}\n    {said}  ({outcome.seconds:.0f} s)", flush=True)
+    print(f"\n{table(list(outcomes.values()))}\n{len(left)} mutations are left to be tried")
 
 
-def caught(copy: Path, mutation: Mutation) -> bool:
-    """Whether any test fails with the mutation; says so on the screen."""
+def copy_of_checkout(copy: Path) -> None:
+    """Without what the Makefile's targets made, but for the compiled programs."""
+    left_out = {".git", "dist", "report"} | {file.name for file in CHECKOUT.glob(".venv*")}
+    copy.mkdir()
+    for part in CHECKOUT.iterdir():
+        if part.is_dir() and part.name not in left_out:
+            shutil.copytree(part, copy / part.name)
+        elif part.name not in left_out:
+            shutil.copy2(part, copy)
+
+
+def outcome_of(copy: Path, mutation: Mutation, tests: list[str], workers: int) -> Outcome:
+    """Which test fails with the mutation."""
     file = copy / mutation.file
     source = file.read_bytes()
     start = time.perf_counter()
     file.write_bytes(mutation.applied(source))
     try:
-        package = mutation.file.relative_to(SOURCE).parts[0]
-        near = [folder for folder in (f"tests/{package}",) if (copy / folder).is_dir()]
-        failure = (near and first_failure(copy, near)) or first_failure(copy, ["tests"])
+        failure = first_failure(copy, tests, workers)
     finally:
         file.write_bytes(source)
-    seconds = time.perf_counter() - start
-    print(f"{mutation}\n    {failure or 'NOT CAUGHT'}  ({seconds:.0f} s)", flush=True)
-    return bool(failure)
+    package = package_of(mutation.file.relative_to(SOURCE))
+    return Outcome(str(mutation), package, failure, round(time.perf_counter() - start, 1))
 
 
-def first_failure(copy: Path, tests: list[str]) -> str:
+def first_failure(copy: Path, tests: list[str], workers: int) -> str:
     """The first failing test's name, or what else pytest ended with; empty if all pass."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "2", "--dist=loadfile", *tests]
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", *tests]
+    if workers > 1:
+        command += ["-n", str(workers), "--dist=loadfile"]
     environment = {"PYTHONPATH": str(copy / "src")}
-    run = subprocess.run(
-        command,
-        cwd=copy,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    try:
+        run = subprocess.run(
+            command,
+            cwd=copy,
+            env=os.environ | environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=LONGEST,
+        )
+    except subprocess.TimeoutExpired:
+        return f"no end within {LONGEST} s"
     if run.returncode == 0:
         return ""
     lines = run.stdout.splitlines()
     names = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
-    return names[0] if names else f"pytest ended with {run.returncode}"
+    if not names:
+        return f"pytest ended with {run.returncode}"
+    return names[0].partition(" - ")[0].partition(" ")[2]
 
 
-def draw(count: int, dice: random.Random, packages: list[str] | None) -> list[Mutation]:
+def package_of(file: Path) -> str:
+    """Of a file below `src/jaxtwin`."""
+    return file.parts[0] if len(file.parts) > 1 else TOP_LEVEL
+
+
+def tests_of(package: str, module: str) -> list[str]:
+    """The files of a package's own tests, those first that share a word with the module's name."""
+    patterns = TESTS.get(package, [f"tests/{package}/test_*.py"])
+    files = [str(f.relative_to(CHECKOUT)) for p in patterns for f in sorted(CHECKOUT.glob(p))]
+    words = set(module.strip("_").split("_")) - {""}
+    return sorted(files, key=lambda file: words.isdisjoint(Path(file).stem.split("_")))
+
+
+def read_outcomes(folder: Path | None) -> dict[str, Outcome]:
+    """What earlier calls found, by the mutation's text."""
+    file = folder / "mutations.json" if folder else None
+    if file is None or not file.exists():
+        return {}
+    return {row["mutation"]: Outcome(**row) for row in json.loads(file.read_text())}
+
+
+def write_outcomes(folder: Path | None, outcomes: dict[str, Outcome]) -> None:
+    if folder is None:
+        return
+    rows = [asdict(outcome) for outcome in outcomes.values()]
+    (folder / "mutations.json").write_text(json.dumps(rows, indent=1) + "\n")
+    (folder / "mutations.md").write_text(table(list(outcomes.values())))
+
+
+def table(outcomes: list[Outcome]) -> str:
+    """How many were caught in each package, then what was not, as Markdown."""
+    lines = [
+        "# Mutations",
+        "",
+        "Written by `python -m benchmarks.mutations`. Equivalent mutations change nothing that a",
+        "test could notice; the share is that of all others.",
+        "",
+        "| package | mutations | equivalent | caught | share |",
+        "|---|---|---|---|---|",
+    ]
+    packages = sorted({outcome.package for outcome in outcomes})
+    for package in (*packages, "all"):
+        rows = [row for row in outcomes if package in (row.package, "all")]
+        equivalent = sum(bool(row.equivalent) for row in rows)
+        caught = sum(bool(row.failure) for row in rows)
+        others = len(rows) - equivalent
+        share = f"{caught / others:.0%}" if others else ""
+        lines.append(f"| {package} | {len(rows)} | {equivalent} | {caught} | {share} |")
+    lines += ["", "| not caught | why |", "|---|---|"]
+    for row in outcomes:
+        if not row.failure:
+            text = row.mutation.replace("|", r"\|").replace("\n", " ")
+            lines.append(f"| `{text}` | {row.equivalent or 'a test is missing'} |")
+    return "\n".join(lines) + "\n"
+
+
+def draw(count: int, dice: random.Random) -> list[Mutation]:
     """Mutations spread over all packages and their files."""
     rooms: dict[str, list[Path]] = {}
     for file in sorted((CHECKOUT / SOURCE).rglob("*.py")):
         inside = file.relative_to(CHECKOUT / SOURCE)
-        room = inside.parts[0] if len(inside.parts) > 1 else "top level"
-        if packages is None or room in packages:
-            rooms.setdefault(room, []).append(file)
+        rooms.setdefault(package_of(inside), []).append(file)
     for files in rooms.values():
         dice.shuffle(files)
     drawn: list[Mutation] = []

@@ -1,5 +1,6 @@
 """The command line: what it prints, what it writes, and how it refuses."""
 
+import inspect
 import json
 import math
 import os
@@ -28,9 +29,11 @@ from jaxtwin import (
 )
 from jaxtwin.cli import app, run
 from jaxtwin.commands import _rigs
+from jaxtwin.commands._demo import demo
 from jaxtwin.commands._sources import find_recording, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
 from jaxtwin.matching import FittedParameters
+from jaxtwin.report import write_demo
 
 COMMANDS = [
     [],
@@ -434,11 +437,17 @@ def test_a_tilde_behind_an_equals_sign_is_the_home_folder(tmp_path, monkeypatch)
     assert (tmp_path / "home" / "sweep" / "TEC1-12706.nc").exists()
 
 
+def test_the_demo_has_as_many_draws_as_that_of_python():
+    command, function = (inspect.signature(each).parameters["draws"] for each in (demo, write_demo))
+    assert command.default == function.default == 10_000
+
+
 def test_every_command_is_tested_for_help():
     names = {command.name for command in app.registered_commands}
     assert names | {"data"} == {command[0] for command in COMMANDS if command}
 
 
+@pytest.mark.slow
 def test_compiled_programs_are_kept_unless_one_says_no(tmp_path):
     """README: JAXTWIN_COMPILATION_CACHE rules it."""
     arguments = ["simulate", "paper-2024", "--duty", "0:0.5", "--duration", "10", "--out", "r.nc"]

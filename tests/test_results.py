@@ -74,7 +74,10 @@ def test_every_class_that_a_public_function_gives_is_looked_at_here():
     assert {"Run", "Fit", "Validation", "Sensitivity", "Sweep"} <= given
 
 
-@pytest.mark.parametrize("kind", RESULTS)
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=pytest.mark.slow) if kind == "Profile" else kind for kind in RESULTS],
+)
 def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: Path):
     result = RESULTS[kind](tmp_path)
     assert type(result).__name__ == kind
@@ -123,6 +126,7 @@ def test_the_tables_hold_the_numbers_of_the_results():
     assert curves.to_dataframe().loc[(20.0, 3.0), "heat_flow"] == curves.heat_flow[1, -1]
 
 
+@pytest.mark.slow
 def test_a_profile_is_drawn_with_its_limit_and_interval():
     found = jt.profile(fit(), "R_E", points=3)
     (axes,) = found.plot().axes

@@ -42,6 +42,7 @@ def unseen() -> list[Experiment]:
     return [session(100 + number, number % 2 == 1) for number in range(10)]
 
 
+@pytest.mark.slow
 def test_a_band_holds_95_percent_of_readings_that_were_not_matched(
     fit: Fit, unseen: list[Experiment]
 ):
@@ -63,6 +64,7 @@ def test_a_band_is_no_wider_than_it_must_be(fit: Fit, unseen: list[Experiment]):
     assert np.mean(band.upper - band.lower) < 5.0
 
 
+@pytest.mark.slow
 def test_a_warm_load_is_not_taken_for_a_warm_room(fit: Fit, unseen: list[Experiment]):
     """The room is known from the matched sessions to a kelvin; the load is 2 to 6 K warmer."""
     for one in unseen[1::2]:
@@ -72,6 +74,7 @@ def test_a_warm_load_is_not_taken_for_a_warm_room(fit: Fit, unseen: list[Experim
         assert found.values["T_start"] == pytest.approx(one.temperatures[0, 0], abs=1.0)
 
 
+@pytest.mark.slow
 def test_what_the_first_minute_does_not_show_is_said(fit: Fit, unseen: list[Experiment]):
     """Driven from the start on, the load says little of its room and its sink."""
     warnings = [w for one in unseen for w in estimate_initial_conditions(fit, one).warnings]

@@ -31,6 +31,7 @@ def test_room_and_start_are_found_on_a_day_unlike_those_of_the_rigs_table(calm: 
     assert calm["T_start"] == pytest.approx(22.0, abs=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jump", [2.0, -1.5])
 def test_a_correction_of_the_camera_is_not_taken_for_a_plate_that_warms_or_cools(
     jump: float, calm: dict[str, float]

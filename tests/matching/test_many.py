@@ -54,6 +54,7 @@ def value(fit: Fit | None) -> float:
     return fit.parameter("C_load").value
 
 
+@pytest.mark.slow
 def test_hubers_loss_forgives_outliers_of_the_only_channel(benches: list[Experiment]):
     """A single channel has nothing alone; what counts less is found in what all share."""
     outliers = np.zeros((121, 1))

@@ -94,6 +94,7 @@ def test_the_match_s_own_steps_are_compared_with_those_of_simulate(clean):
     assert "too long for these values: 0.02 K" in replace(clean, solver_gap=0.02).summary()
 
 
+@pytest.mark.slow
 def test_noise_moves_the_values_within_their_standard_errors(start: Twin):
     # 8 seeds x 3 parameters: each within 1.96 standard errors with probability 0.95, so fewer than
     # 19 of 24 has a probability of 1e-3 (binomial).
@@ -120,6 +121,7 @@ def test_bounds_hold_and_are_reported(start: Twin):
     assert not fit.parameter("R_Tez").at_bound
 
 
+@pytest.mark.slow
 def test_further_starts_reach_the_same_optimum(start: Twin):
     fit = match(start, recordings(0.0), free=[*FREE, "T_amb"], starts=3, seed=1)
     assert len(fit.optima) == 3
@@ -127,6 +129,7 @@ def test_further_starts_reach_the_same_optimum(start: Twin):
     assert fit.optima[0].rmse < 1e-3
 
 
+@pytest.mark.slow
 def test_scopes_can_be_changed(start: Twin):
     fit = match(start, recordings(0.0), free=["R_E", "T_amb"], shared=["T_amb"], max_iterations=5)
     assert all(not values for values in fit.recording_values.values())

@@ -157,6 +157,7 @@ def test_only_samples_that_are_there_are_counted(start: Twin, whole: Experiment)
         match(start, with_holes(whole, holes).select(["T11"]), free=FREE)
 
 
+@pytest.mark.slow
 def test_a_recordings_own_values_come_from_the_samples_that_are_there(
     start: Twin, whole: Experiment
 ):

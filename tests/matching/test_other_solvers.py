@@ -28,6 +28,7 @@ def ours(recording: Experiment) -> Fit:
     return match(Twin("single-cell"), recording, free=TRUTH)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [optx.LevenbergMarquardt, optx.Dogleg])
 def test_another_solver_ends_at_the_same_optimum(
     recording: Experiment, ours: Fit, kind: type[optx.AbstractLeastSquaresSolver]
@@ -51,6 +52,7 @@ def test_another_solver_ends_at_the_same_optimum(
     assert [step.number for step in fit.history] == [0, shown[-1]]
 
 
+@pytest.mark.slow
 def test_another_solver_stays_inside_the_bounds(recording: Experiment):
     solver = optx.LevenbergMarquardt(TOLERANCE, TOLERANCE)
     bounds = {"C_load": (26.0, 60.0)}

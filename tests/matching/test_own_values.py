@@ -59,6 +59,7 @@ def test_each_experiment_has_its_own_twin():
     assert float(fit().twin_for(drive).parameters["T_amb"]) == pytest.approx(np.mean(rooms))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 1])
 def test_a_simulation_of_a_fit_is_that_of_the_recordings_own_twin(number: int):
     day = days()[number]
@@ -81,6 +82,7 @@ def test_a_band_of_a_matched_recording_is_that_of_its_own_values():
     np.testing.assert_array_equal(band.middle, known.middle)
 
 
+@pytest.mark.slow
 def test_a_match_starts_at_a_fit_with_the_means_of_its_recordings():
     again = match(fit(), days()[2], free=FREE, max_iterations=1)
     assert again["C_load"].initial == fit()["C_load"].value

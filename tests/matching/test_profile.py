@@ -71,7 +71,7 @@ def known_error(name: str, rho: float) -> float:
     return float(np.sqrt(np.diag(covariance)[FREE.index(name)]))
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.8])
+@pytest.mark.parametrize("rho", [pytest.param(0.0, marks=pytest.mark.slow), 0.8])
 def test_the_excess_at_three_standard_errors_is_nine(rho: float):
     """A parabola of the curvature 1 / se^2, by hand; in K^2 it would be a hundredth of that."""
     fit = fits(rho)[0]
@@ -81,6 +81,7 @@ def test_the_excess_at_three_standard_errors_is_nine(rho: float):
     np.testing.assert_allclose(found.excess, steps**2, rtol=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rho", [0.0, 0.8])
 def test_the_interval_holds_the_truth_in_95_of_100_and_is_no_wider_than_needed(rho: float):
     """Of 60 intervals of 95 %, 51 or more hold the truth but for one study in a thousand."""
@@ -92,6 +93,7 @@ def test_the_interval_holds_the_truth_in_95_of_100_and_is_no_wider_than_needed(r
     assert width == pytest.approx(2 * 1.96 * known_error("T_start", rho), rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_parameter_at_its_bound_has_an_interval_on_the_other_side():
     """The room is held too warm by its bound: what is inside it is measured by the same noise."""
     (fit,) = match_many(

@@ -209,6 +209,7 @@ def test_hubers_loss_forgives_what_plain_squares_do_not(start: Twin):
         assert abs(row.value - value) < 4 * row.standard_error
 
 
+@pytest.mark.slow
 def test_a_hand_before_the_camera_is_found_and_shaded(start: Twin):
     # Ten seconds in which all channels read a hand, each another part of it.
     clean = recording(2, True, "day 1")
@@ -231,6 +232,7 @@ def test_a_hand_before_the_camera_is_found_and_shaded(start: Twin):
     assert len(middle) == 1
 
 
+@pytest.mark.slow
 def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_linear(calm: Fit):
     row = calm.parameter("h_A")
     told: set[int] = set()
@@ -257,6 +259,7 @@ def test_a_prediction_band_holds_the_true_run(calm: Fit):
     assert noise < np.median(band.upper - band.lower) < noise + 0.5
 
 
+@pytest.mark.slow
 def test_many_sets_in_one_batch_have_honest_intervals(start: Twin):
     # Of 64 intervals of 95 %, 54 hold the truth but for one study in a thousand.
     sets = [
@@ -275,6 +278,7 @@ def test_many_sets_in_one_batch_have_honest_intervals(start: Twin):
     assert all(fit.uncertainty.insensitive == ("g_T26",) for fit in kept)
 
 
+@pytest.mark.slow
 def test_a_batch_gives_what_single_matches_give(start: Twin, disturbed: Fit):
     one = [recording(0, True, "day 1"), recording(1, True, "day 2")]
     (fit, _) = match_many(start, [one, one[::-1]], free=FREE)
@@ -283,6 +287,7 @@ def test_a_batch_gives_what_single_matches_give(start: Twin, disturbed: Fit):
         assert fit.parameter(name).value == pytest.approx(disturbed.parameter(name).value, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_recordings_may_have_very_unequal_numbers_of_corrections(
     start: Twin, monkeypatch: pytest.MonkeyPatch
 ):

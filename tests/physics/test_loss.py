@@ -55,6 +55,7 @@ def test_no_rise_loses_nothing(float64):
     assert float(loss(1.0, 0.25, 0.01).heat(jnp.array([0.0]), jnp.array(290.0))[0]) == 0.0
 
 
+@pytest.mark.slow
 def test_the_default_solver_agrees_with_kvaerno(twin):
     ours = simulate(twin, DRIVE)
     other = simulate(twin, DRIVE, solver=diffrax.Kvaerno5())
@@ -94,6 +95,7 @@ def test_each_part_can_be_left_out():
     assert np.abs(apart[-1]).max() < 0.5
 
 
+@pytest.mark.slow
 def test_lumping_keeps_nonlinear_losses():
     rig = changed(
         "paper-2024", ('thickness = "5.08 mm"\n', 'thickness = "5.08 mm"\nfilm_exponent = "0.3"\n')

@@ -67,6 +67,7 @@ def test_a_drifting_room_is_radaus(drifting: Twin, steps: Experiment, circuits):
     assert np.abs(still.states - expected).max() > 1.0
 
 
+@pytest.mark.slow
 def test_a_diffrax_solver_sees_the_same_room(drifting: Twin, steps: Experiment):
     ours = drifting.simulate(steps).temperatures
     theirs = drifting.simulate(steps, solver=Kvaerno5()).temperatures
@@ -114,6 +115,7 @@ def test_the_derivative_in_the_drift_is_that_of_differences(
     np.testing.assert_allclose(slope, apart, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_match_finds_the_drift_of_each_recording():
     rng, rates = np.random.default_rng(3), (-1.5, 1.0)
     drive = Experiment.schedule(

@@ -141,6 +141,7 @@ def test_several_values_of_a_parameter_that_is_not_drawn_are_refused(twin):
         simulate_batch(several, Experiment(TIME, DUTY), DRAWS)
 
 
+@pytest.mark.slow
 def test_draws_with_stiff_cells_go_to_a_stiff_solver(twin, experiment, runs, monkeypatch):
     """With the limit at nothing every draw is one: `simulate` and `simulate_batch` then give what
     Kvaerno5 gives, to the error of both."""
@@ -224,6 +225,7 @@ def test_a_function_of_the_trajectory_is_a_reduction_beside_those_with_a_name(tw
     np.testing.assert_allclose(reduced["final"], whole[:, -1], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_diffrax_solver_runs_all_draws_side_by_side(twin):
     """Kvaerno5 at its own tolerance against the default solver; an invalid draw stays alone."""
     short = Experiment(np.arange(61.0), np.full((61, 2), 0.5))

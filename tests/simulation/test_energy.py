@@ -90,6 +90,7 @@ def test_heat_in_is_heat_out_plus_stored(values, circuits, twins):
     assert balance.stored[0] > 1000
 
 
+@pytest.mark.slow
 def test_heat_in_is_heat_out_plus_stored_with_on_off_switching():
     """`dual-cell` with a command that is followed at once: capacitances and links of the netlist,
     sinks with a mass, losses that grow with the rise."""

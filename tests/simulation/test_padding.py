@@ -78,7 +78,12 @@ def test_sizes_grow_by_an_eighth_at_most():
 
 
 @pytest.mark.parametrize(
-    ("rig", "ambient"), [("paper-2024", None), ("dual-cell", None), ("dual-cell", "recorded")]
+    ("rig", "ambient"),
+    [
+        ("paper-2024", None),
+        ("dual-cell", None),
+        pytest.param("dual-cell", "recorded", marks=pytest.mark.slow),
+    ],
 )
 def test_steps_of_no_length_change_nothing(rig, ambient, float64):
     """Values and forward derivatives, with a lagging driver and a delay in `dual-cell`."""
@@ -108,6 +113,7 @@ def test_steps_of_no_length_change_nothing(rig, ambient, float64):
         assert np.isfinite(found).all()
 
 
+@pytest.mark.slow
 def test_reverse_derivatives_of_filled_schedules_are_finite(twin, float64):
     experiment = session(20, 1)
     assert len(build_time_grid(experiment).size) % 8
@@ -161,6 +167,7 @@ def test_so_are_draws(twin, compilations):
     np.testing.assert_allclose(found.final, temperatures[:, -1], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_match_to_others_compiles_nothing_and_finds_the_same(twin, compilations):
     """Sessions of different lengths in one class are solved together."""
     sessions = [recorded(twin, session(*what)) for what in ((118, 1), (115, 2), (117, 3), (114, 4))]

@@ -67,6 +67,7 @@ def test_in_a_batch_such_draws_are_marked_and_leave_the_others_alone(twins):
     np.testing.assert_allclose(found.final[2], alone.temperatures[-1], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_match_does_not_start_where_nothing_can_be_told(twins):
     run = twins["startup"].simulate(HELD)
     recorded = Experiment(

@@ -105,7 +105,9 @@ def assert_equal_slopes(found, expected, relative: float) -> None:
         np.testing.assert_allclose(found[name], slope, atol=relative * largest, err_msg=name)
 
 
-@pytest.fixture(scope="module", params=["paper-2024", "dual-cell"])
+@pytest.fixture(
+    scope="module", params=["paper-2024", pytest.param("dual-cell", marks=pytest.mark.slow)]
+)
 def twin(request) -> Twin:
     return Twin(request.param)
 

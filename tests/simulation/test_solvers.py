@@ -68,12 +68,14 @@ def test_kvaerno5_gives_the_same_with_on_off_switching(dual_cell):
     assert largest_difference(dual_cell, diffrax.Kvaerno5()) < 1e-3
 
 
+@pytest.mark.slow
 def test_samples_before_a_late_command_are_right(dual_cell):
     """A minute in which a plate warmer than the room cools undriven."""
     late = dual_cell.with_parameters({"t_delay": 60.0, "T_start": 40.0})
     assert largest_difference(late, diffrax.Kvaerno5()) < 1e-3
 
 
+@pytest.mark.slow
 def test_explicit_solver_with_small_steps_gives_the_same(dual_cell):
     """Tsit5 at 0.1 s, below every time constant of this twin's nodes."""
     assert largest_difference(dual_cell, diffrax.Tsit5(), stepsize_controller=FIXED) < 1e-3
@@ -152,6 +154,7 @@ def test_default_solver_compiles_once_for_all_parameter_values(twins, caplog):
         assert compiled(caplog)
 
 
+@pytest.mark.slow
 def test_a_solution_with_a_large_error_estimate_is_solved_again_with_shorter_steps(float64):
     """Cells of low resistance behind poor contacts: on the longest steps the channels are more than
     1e-3 K from what very short ones give, `simulate` and `simulate_batch` are not."""

@@ -50,6 +50,7 @@ def test_twin_agrees_with_ngspice_on_the_paper_s_steps(rig, parameter_set, tmp_p
     assert largest_difference(twin, STEPS, tmp_path) < 2e-3
 
 
+@pytest.mark.slow
 @pytest.mark.ngspice
 @pytest.mark.parametrize(
     ("rig", "values", "allowed"),
@@ -68,6 +69,7 @@ def test_twin_agrees_with_ngspice_under_random_drive_and_ambient(rig, values, al
     assert largest_difference(Twin(rig, values), experiment, tmp_path) < allowed
 
 
+@pytest.mark.slow
 @pytest.mark.ngspice
 def test_twin_agrees_with_ngspice_on_an_open_off_phase(make_rig, tmp_path):
     """A rig of one cell on one element, and another number of nodes."""

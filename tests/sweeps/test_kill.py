@@ -11,6 +11,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from jaxtwin.sweeps import sweep
 
 CHUNKS = 60
@@ -73,6 +75,7 @@ def test_killed_at_random_moments_no_draw_is_lost_or_done_twice(
     assert stored(folder) == stored(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_a_killed_command_goes_on(stored, tmp_path, real_sweep):
     """The command line with the true engine, killed after its first chunk."""
     folder = tmp_path / "out"

@@ -55,6 +55,7 @@ def test_twins_with_values_of_their_own_get_the_same_relative_draws(
     assert table.failed.values.tolist() == (second > 2.8).tolist()
 
 
+@pytest.mark.slow
 def test_two_processes_that_meet_by_jax_distributed_give_the_numbers_of_one(
     stored, tmp_path, real_sweep
 ):

@@ -30,6 +30,7 @@ def test_a_validation_tells_of_each_recording(days: list[Experiment]):
     assert [one.name for one in told if isinstance(one, Prediction)] == ["monday", "tuesday"]
 
 
+@pytest.mark.slow
 def test_a_split_tells_of_the_match_and_of_each_recording(days: list[Experiment]):
     told: list[object] = []
     validate_split(
@@ -45,6 +46,7 @@ def test_a_split_tells_of_the_match_and_of_each_recording(days: list[Experiment]
     assert len(told) > 2
 
 
+@pytest.mark.slow
 def test_leave_one_out_tells_of_every_match(days: list[Experiment]):
     """The first iteration of a match has the number 0: two matches, two such."""
     told: list[object] = []

@@ -117,6 +117,7 @@ def test_a_fit_predicts_a_day_that_it_has_not_seen(crossed: Validation, days: li
     assert result.mean_fit_percent > 90
 
 
+@pytest.mark.slow
 def test_a_match_never_sees_what_it_has_to_predict(split: Validation, days: list[Experiment]):
     other = validate_split(
         Twin("single-cell"), [spoiled(one, SPLIT) for one in days[:2]], SPLIT, free=FREE

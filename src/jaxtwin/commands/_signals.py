@@ -34,7 +34,7 @@ def lasting_interrupt() -> Iterator[None]:
 
     def press(number: int, frame: FrameType | None) -> None:
         if frame is not None and frame.f_code.co_name == "_xla_gc_callback":
-            again = threading.Timer(0.05, signal.raise_signal, [number])
+            again = threading.Timer(0.05, _press_in_main_thread, [number])
             again.daemon = True
             again.start()
             return
@@ -52,3 +52,11 @@ def lasting_interrupt() -> Iterator[None]:
     finally:
         if own:
             signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _press_in_main_thread(number: int) -> None:
+    """Also wakes a main thread that waits, which a signal to another thread does not."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:
+        signal.raise_signal(number)
