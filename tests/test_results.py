@@ -152,3 +152,33 @@ def test_a_long_table_says_how_many_rows_it_leaves_out():
     assert html.count("&lt;1&gt;") == 40
     assert "5 more rows" in html
     assert "forty-five &amp; more" in html
+
+
+def test_a_recording_that_there_is_not_is_answered_with_those_that_there_are():
+    checked = jt.validate(fit(), recordings()[0], warm_up=20)
+    for found in (fit().runs, fit().camera, fit().weights, fit().twins):
+        with pytest.raises(jt.RecordingError, match="one of synthetic-A, synthetic-B; got 'C'"):
+            found["C"]
+    with pytest.raises(jt.RecordingError, match="one of synthetic-A; got 'synthetic-B'"):
+        checked.runs["synthetic-B"]
+    assert "C" not in fit().runs
+    assert fit().runs.get("C") is None
+
+
+def test_own_quantities_with_several_values_are_columns_and_add_no_rows():
+    """Two draws of two channels are four rows, whatever the shape of a quantity."""
+    own = {
+        "hottest": np.array([1.0, 2.0]),
+        "ends": np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
+        "grid": np.arange(8.0).reshape(2, 2, 2),
+    }
+    channels, failed = ("T11", "TAM"), np.array([False, False])
+    final = np.array([[20.0, 21.0], [22.0, 23.0]])
+    table = Reductions(channels, failed, final=final, own=own).to_dataframe()
+    assert len(table) == 4
+    assert table.index.names == ["draw", "channel"]
+    assert table.loc[(1, "TAM"), "final"] == 23.0
+    assert table.loc[(1, "T11"), "hottest"] == 2.0
+    assert table.loc[(0, "T11"), ["ends[0]", "ends[1]", "ends[2]"]].tolist() == [1.0, 2.0, 3.0]
+    assert table.loc[(1, "TAM"), "grid[1, 0]"] == 6.0
+    assert Reductions(channels, failed, own={"ends": own["ends"]}).to_dataframe().shape == (4, 4)

@@ -1,8 +1,10 @@
-"""How results show themselves: as a table in a notebook, and as a picture."""
+"""How results show themselves: as a table in a notebook, as a picture, and as a report."""
 
 import importlib
+import os
 from collections.abc import Iterable, Sequence
 from html import escape
+from pathlib import Path
 from typing import Any
 
 LONGEST = 40
@@ -47,3 +49,8 @@ def picture(name: str, *arguments: Any, **options: Any) -> Any:
     **Returns:** what the function returns, a matplotlib figure or axes.
     """
     return getattr(importlib.import_module(".plots", __package__), name)(*arguments, **options)
+
+
+def report(result: Any, path: str | os.PathLike[str], **options: Any) -> Path:
+    """Writes a result as a page by `jaxtwin.report.write_report`, looked up as in `picture`."""
+    return importlib.import_module(".report", __package__).write_report(result, path, **options)

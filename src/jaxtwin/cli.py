@@ -27,6 +27,7 @@ from .commands import (
     _match,
     _netlist,
     _record,
+    _report,
     _rigs,
     _sensitivity,
     _simulate,
@@ -98,6 +99,12 @@ _add(
     "jaxtwin validate dual-cell monday.csv --parameters fit.toml --out validation",
     "jaxtwin validate dual-cell monday.csv tuesday.csv --split 500 --json split.json",
     "jaxtwin validate dual-cell monday.csv tuesday.csv --leave-one-out",
+)
+_add(
+    "report",
+    TWINS,
+    _report.report,
+    "jaxtwin report fit.toml synthetic-A synthetic-B synthetic-C --out report --draws 10000",
 )
 _add("diff", TWINS, _diff.diff, "jaxtwin diff monday.toml tuesday.toml")
 _add(

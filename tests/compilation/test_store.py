@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from jaxtwin._compilation import _store, cache_state
-from jaxtwin._compilation._store import load, save
+from jaxtwin._compilation._store import cache_folder, load, save
 
 
 @pytest.fixture(autouse=True)
@@ -15,49 +15,49 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "compiled"
 
 
-def test_what_was_saved_is_loaded():
-    assert load("name") is None
-    save("name", b"program")
-    assert load("name") == b"program"
+def test_what_was_saved_is_loaded(folder):
+    assert cache_folder() == folder
+    assert load(folder, "name") is None
+    save(folder, "name", b"program")
+    assert load(folder, "name") == b"program"
     state = cache_state()
     assert (state.files, state.size) == (1, 32 + len(b"program"))
 
 
 def test_only_the_user_may_look_into_the_folder(folder):
     """What is loaded from it is run."""
-    save("name", b"program")
+    save(folder, "name", b"program")
     assert folder.stat().st_mode & 0o077 == 0
 
 
 @pytest.mark.parametrize("damage", [b"", b"short", b"x" * 39], ids=["empty", "cut", "overwritten"])
 def test_a_damaged_program_is_none(folder, damage):
-    save("name", b"program")
+    save(folder, "name", b"program")
     (folder / "name").write_bytes(damage)
-    assert load("name") is None
-    save("name", b"program")
-    assert load("name") == b"program"
+    assert load(folder, "name") is None
+    save(folder, "name", b"program")
+    assert load(folder, "name") == b"program"
 
 
 def test_a_full_folder_loses_what_was_not_used_for_longest(folder, monkeypatch):
     monkeypatch.setattr(_store, "LARGEST_CACHE", 3 * (32 + 100))
     for number, name in enumerate(("old", "older", "new")):
-        save(name, bytes(100))
+        save(folder, name, bytes(100))
         os.utime(folder / name, (number, number))
-    assert load("old")  # and so it was used last
-    save("newest", bytes(100))
+    assert load(folder, "old")  # and so it was used last
+    save(folder, "newest", bytes(100))
     assert {file.name for file in folder.iterdir()} == {"old", "new", "newest"}
 
 
 def test_turned_off_it_keeps_nothing(folder, monkeypatch):
     monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "off")
-    save("name", b"program")
-    assert load("name") is None
+    assert cache_folder() is None
     assert not folder.exists()
     assert cache_state().folder is None
 
 
-def test_a_folder_that_cannot_be_made_stops_nobody(tmp_path, monkeypatch):
+def test_a_folder_that_cannot_be_made_stops_nobody(tmp_path):
     (tmp_path / "file").write_text("no folder")
-    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", str(tmp_path / "file" / "compiled"))
-    save("name", b"program")
-    assert load("name") is None
+    folder = tmp_path / "file" / "compiled"
+    save(folder, "name", b"program")
+    assert load(folder, "name") is None

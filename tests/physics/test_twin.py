@@ -1,6 +1,7 @@
 """The twin: parameters in and out, transformations of JAX, derivatives, precision."""
 
 import dataclasses
+import inspect
 from collections.abc import Callable, Iterable
 
 import equinox as eqx
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxtwin
 from jaxtwin import Experiment, ParameterError, RigError, SimulationError, load_rig
 from jaxtwin.physics import Twin
 from jaxtwin.physics._wiring import wiring_of
@@ -100,6 +102,16 @@ def test_a_schedule_in_words_needs_a_duration(twin):
         twin.simulate("0:0.3")
     with pytest.raises(SimulationError, match=r"the duration 10.0 beside an experiment"):
         twin.simulate(same, duration=10.0)
+
+
+def test_the_method_takes_the_keywords_of_the_function(twin):
+    own = dict(inspect.signature(Twin.simulate).parameters)
+    assert own.pop("duration").default is None
+    given = inspect.signature(jaxtwin.simulate).parameters
+    assert list(own)[2:] == list(given)[2:]
+    assert all(own[name].default == given[name].default for name in list(given)[2:])
+    run = twin.simulate("0:0.3", duration=10.0, initial=30.0)
+    np.testing.assert_allclose(run.states[0], 30.0)
 
 
 def test_unknown_parameter_of_a_changed_twin_is_refused(twin):

@@ -10,16 +10,17 @@ import pytest
 import xarray
 from small_results import analysis, fit, recordings
 
-import jaxtwin.report._match as report_match
+import jaxtwin.report._demo_match as demo_match
 import jaxtwin.report._sensitivity as report_sensitivity
 from jaxtwin import Experiment, RecordingError, Sensitivity, load_rig
 from jaxtwin._number_text import interval_text
 from jaxtwin.matching import FittedParameters
 from jaxtwin.report import _demo, write_demo
-from jaxtwin.report._checks import check_table
 from jaxtwin.report._corrections import shows_sawtooth
-from jaxtwin.report._sensitivity import told_text
-from jaxtwin.report._source import Source, find_source
+from jaxtwin.report._demo_checks import check_table
+from jaxtwin.report._demo_sensitivity import told_text
+from jaxtwin.report._demo_source import Source, find_source
+from jaxtwin.report._parameters import parameter_table
 
 PICTURES = {
     "plate-beside",
@@ -95,10 +96,12 @@ def test_the_report_speaks_of_a_sawtooth_where_there_is_one(seen):
 def test_remarks_of_a_match_stand_in_its_tables():
     lost = replace(fit()["R_pc"], interval=(0.0, np.inf), warnings=("not determined", "correlated"))
     rows = FittedParameters({**fit().parameters, "R_pc": lost})
-    table = report_match._table_4(replace(fit(), parameters=rows), "Table 4.")
+    table = parameter_table(replace(fit(), parameters=rows), "Table 4.")
     (open_,) = [row for row in table.rows if row[0] == "R_pc"]
     assert open_[5] == "unknown"
     assert open_[-1] == "!not determined, correlated"
+    assert "Correlated: another parameter can replace it." in table.caption
+    assert "prior" not in table.head  # this rig has none
     (told,) = [row for row in table.rows if row[0] == "R_E"]
     assert told[5] == interval_text(fit().parameter("R_E").interval)
 
@@ -126,8 +129,8 @@ def test_what_few_draws_tell_is_compared_by_name_and_sign():
 def test_the_report_holds_pictures_numbers_fits_and_says_what_it_was_done_on(tmp_path, monkeypatch):
     source = Source(recordings(), False, "Done on a minute of the synthetic recordings.")
     monkeypatch.setattr(_demo, "find_source", lambda folder: source)
-    monkeypatch.setattr(report_match, "synthetic_source", lambda: source)
-    monkeypatch.setattr(report_match, "match", lambda *args, **options: fit())
+    monkeypatch.setattr(demo_match, "synthetic_source", lambda: source)
+    monkeypatch.setattr(demo_match, "match", lambda *args, **options: fit())
     monkeypatch.setattr(report_sensitivity, "sensitivity", lambda *args, **options: analysis())
     steps: list[str] = []
 

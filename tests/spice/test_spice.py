@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from small_results import fit, recordings
 
 from jaxtwin import ParameterError, SimulationError, load_rig
 from jaxtwin.io import Experiment
@@ -161,3 +162,11 @@ def test_several_draws_are_refused():
     twin = Twin("paper-2024", {"R_E": np.array([1.0, 2.0])})
     with pytest.raises(ParameterError, match="parameter R_E: found 2 values, allowed is one"):
         to_spice(twin, STEPS)
+
+
+def test_a_fit_gives_the_values_of_each_recording():
+    """Each of the two recordings has an ambient temperature of its own."""
+    for name, experiment in zip(("synthetic-A", "synthetic-B"), recordings(), strict=True):
+        assert to_spice(fit(), experiment) == to_spice(fit().twins[name], experiment)
+    first, second = (to_spice(fit().twins[name], recordings()[0]) for name in fit().recordings)
+    assert first != second

@@ -22,7 +22,7 @@ from jax.experimental import serialize_executable
 from jaxtyping import Array, PyTree
 
 from ._fingerprint import NoFingerprintError, fingerprint, surroundings
-from ._store import is_on, load, save
+from ._store import cache_folder, load, save
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -157,24 +157,24 @@ class _PersistentJit(Generic[P, T]):
     def _load_or_compile(
         self, structure: Any, static: tuple[Any, ...], arrays: list[Any]
     ) -> _Program:
-        device = _only_device(arrays)
+        device, folder = _only_device(arrays), cache_folder()
+        if device is None or folder is None or _jax_keeps_programs():
+            return self._compile(structure, static, arrays)
         name = self._name(structure, static, arrays, device)
         if name is None:
             return self._compile(structure, static, arrays)
-        if (kept := load(name)) is not None:
+        if (kept := load(folder, name)) is not None:
             with contextlib.suppress(Exception):  # whatever is wrong with it, it is made anew
                 return _restored(kept, len(arrays), device)
         program = self._compile(structure, static, arrays)
         with contextlib.suppress(Exception):  # callbacks, for one, cannot be kept
-            save(name, _stored(program))
+            save(folder, name, _stored(program))
         return program
 
     def _name(
         self, structure: Any, static: tuple[Any, ...], arrays: list[Any], device: Any
     ) -> str | None:
-        """Under which a program is kept; None for one that is not."""
-        if device is None or not is_on() or _jax_keeps_programs():
-            return None
+        """The name under which a program is kept; None where its arguments have no fingerprint."""
         skeleton = jax.tree.unflatten(structure, static)
         signatures = [str(_signature(array)) for array in arrays]
         meaning = (self._function, skeleton, signatures, str(_settings()), str(device))

@@ -46,16 +46,13 @@ def cache_state() -> CacheState:
     return CacheState(folder, reason, len(sizes), sum(sizes))
 
 
-def is_on() -> bool:
-    """Whether programs are to be kept in this process."""
-    return _chosen()[0] is not None
+def cache_folder() -> Path | None:
+    """The folder in which programs are to be kept, None where none are; it need not exist."""
+    return _chosen()[0]
 
 
-def load(name: str) -> bytes | None:
+def load(folder: Path, name: str) -> bytes | None:
     """A kept program, or None where there is none, or none that is whole."""
-    folder, _ = _chosen()
-    if folder is None:
-        return None
     file = folder / name
     try:
         content = file.read_bytes()
@@ -66,11 +63,8 @@ def load(name: str) -> bytes | None:
     return program if hashlib.sha256(program).digest() == digest else None
 
 
-def save(name: str, program: bytes) -> None:
+def save(folder: Path, name: str, program: bytes) -> None:
     """Keeps a program where that is possible; other processes see it whole or not at all."""
-    folder, _ = _chosen()
-    if folder is None:
-        return
     # A cache is a convenience: a full disk or a folder of somebody else's stops nobody.
     with contextlib.suppress(OSError, JaxtwinError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)

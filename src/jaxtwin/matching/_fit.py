@@ -4,12 +4,14 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 from jaxtyping import Float
 
-from .._display import html_table, picture
+from .._by_recording import ByRecording
+from .._display import html_table, picture, report
 from .._errors import MatchError, ParameterError
 from .._measures import mean_fit_percent
 from ..io import Experiment
@@ -235,7 +237,7 @@ class Fit:
         **Raises:** `MatchError` where the fit was loaded without its recordings.
         """
         pairs = zip(self.recordings, self._compared(), strict=True)
-        return {name: one.run for name, one in pairs}
+        return ByRecording({name: comparison.run for name, comparison in pairs})
 
     @property
     def camera(self) -> dict[str, CameraError]:
@@ -244,14 +246,14 @@ class Fit:
         **Raises:** `MatchError` where the fit was loaded without its recordings.
         """
         pairs = zip(self.recordings, self._compared(), strict=True)
-        return {name: one.camera for name, one in pairs}
+        return ByRecording({name: comparison.camera for name, comparison in pairs})
 
     @property
     def weights(self) -> dict[str, Float[np.ndarray, "times channels"]]:
         """Recording -> how much each sample counted, 0 to 1, `(times, channels)`."""
         known = self.noise_model
         parts = zip(self.recordings, known.channel_weights, known.common_mode_weights, strict=True)
-        return {name: weight * moment[:, None] for name, weight, moment in parts}
+        return ByRecording({name: weight * moment[:, None] for name, weight, moment in parts})
 
     @property
     def plant_fit_percent(self) -> dict[tuple[str, str], float]:
@@ -270,10 +272,12 @@ class Fit:
     @property
     def twins(self) -> dict[str, Twin]:
         """Recording -> twin with the values of that recording."""
-        return {
-            name: self.twin.with_parameters(values)
-            for name, values in self.recording_values.items()
-        }
+        return ByRecording(
+            {
+                name: self.twin.with_parameters(values)
+                for name, values in self.recording_values.items()
+            }
+        )
 
     @property
     def mean_twin(self) -> Twin:
@@ -367,6 +371,23 @@ class Fit:
         if self.comparisons is None:
             return picture("plot_parameters", self)
         return picture("plot_comparison", list(self.runs.values()))
+
+    def report(self, path: str | os.PathLike[str], *, draws: int = 0) -> Path:
+        """Writes the fit as an HTML page that needs no other file: rig, recordings, recorded beside
+        simulated temperatures, parameters with priors and intervals, residual tests.
+
+        **Arguments:**
+
+        - `path`: the folder of the report. An older report there is replaced.
+        - `draws`: of a sensitivity analysis; 0 leaves it out.
+
+        **Returns:** the path of the page. The fit, the pictures and all numbers are files beside
+        it.
+
+        **Raises:** `MatchError` where the fit was loaded without its recordings; `JaxtwinError`
+        where the folder holds something else or cannot be written.
+        """
+        return report(self, path, draws=draws)
 
     def to_xarray(self) -> "xarray.Dataset":
         """The numbers with labels.

@@ -118,7 +118,7 @@ def _row(row: "FittedParameter") -> tuple[str, ...]:
         published,
         short_number(row.value),
         interval_text(row.interval),
-        _prior(row),
+        prior_text(row),
         short_number(row.lower, 3),
         short_number(row.upper, 3),
         row.unit or "1",
@@ -126,7 +126,8 @@ def _row(row: "FittedParameter") -> tuple[str, ...]:
     )
 
 
-def _prior(row: "FittedParameter") -> str:
+def prior_text(row: "FittedParameter") -> str:
+    """A prior for tables: its centre, and its standard deviation or the factor that this is."""
     if row.prior_spread is None or row.prior_value is None:
         return "-"
     if row.is_logarithmic:

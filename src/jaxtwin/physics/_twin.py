@@ -21,8 +21,11 @@ from ._thermoelectric import ThermoelectricModule
 from ._wiring import Wiring, wiring_of
 
 if TYPE_CHECKING:
+    import diffrax
+
     from ..io import Experiment
     from ..simulation import Run
+    from ..simulation._initial import Initial
 
 
 @final
@@ -129,7 +132,14 @@ class Twin(eqx.Module):
         raise ParameterError(f"{self.rig.name}: found cell {cell!r}, allowed are {names}")
 
     def simulate(
-        self, experiment: "Experiment | str", *, duration: float | None = None, **options: Any
+        self,
+        experiment: "Experiment | str",
+        *,
+        duration: float | None = None,
+        initial: "Initial" = None,
+        solver: "diffrax.AbstractSolver | None" = None,
+        stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
+        dt0: float | None = None,
     ) -> "Run":
         """Runs the twin through an experiment: `jaxtwin.simulate(self, experiment, ...)`.
 
@@ -138,7 +148,7 @@ class Twin(eqx.Module):
         - `experiment`: an experiment, or a duty schedule in words such as `"0:0.5,500:0.78"`: see
           `Experiment.schedule`.
         - `duration`: of that schedule, s.
-        - `options`: those of `jaxtwin.simulate`.
+        - `initial`, `solver`, `stepsize_controller`, `dt0`: those of `jaxtwin.simulate`.
 
         **Raises:** `SimulationError` for a schedule without a duration, or a duration beside an
         experiment; what `Experiment.schedule` and `jaxtwin.simulate` raise.
@@ -161,7 +171,14 @@ class Twin(eqx.Module):
                 "allowed is one beside a schedule in words; Experiment.between shortens an "
                 "experiment"
             )
-        return simulate(self, experiment, **options)
+        return simulate(
+            self,
+            experiment,
+            initial=initial,
+            solver=solver,
+            stepsize_controller=stepsize_controller,
+            dt0=dt0,
+        )
 
     def __repr__(self) -> str:
         return f"<Twin of {self.rig.name}: {len(self.parameters)} parameters>"

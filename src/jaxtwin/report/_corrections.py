@@ -6,7 +6,7 @@ import numpy as np
 
 from ..matching._camera_error import detect_events
 from ..simulation import Run
-from ._source import recorded
+from ._recordings import recorded
 
 SAWTOOTH = 3
 """Corrections in a recording that make a sawtooth; one jump may be anything."""

@@ -1,28 +1,35 @@
 """The paper's five steps, end to end, as a report."""
 
-import json
 import time
 from pathlib import Path
 from typing import Any
 
 from .. import __version__
 from .._progress import NullProgress, Progress
+from ..data import table
 from ..matching import Fit
 from ..physics import Twin
 from ..rig import load_rig
-from ._blocks import Block, Numbers, Picture, Section, Text
-from ._checks import check_table
-from ._define import define, document
-from ._deploy import deploy, environment
-from ._folder import PAGE, check_folder, new_folder
-from ._match import match_fixed, match_own, recover_truth
+from ._blocks import Block, Numbers, Section, Table, Text
+from ._demo_checks import check_table
+from ._demo_match import match_fixed, match_own, recover_truth
+from ._demo_sensitivity import analyse
+from ._demo_simulate import dc_sweeps, plate_map, simulate_published
+from ._demo_source import Source, find_source
+from ._environment import environment_section, files_table
+from ._folder import PAGE, check_folder, new_folder, write_page
 from ._page import page_html
-from ._sensitivity import analyse
-from ._simulate import dc_sweeps, plate_map, simulate_published
-from ._source import find_source
-from ._uniformity import uniformity
+from ._recordings import recordings_blocks
+from ._rig import rig_section
+from ._uniformity import uniformity_section
 
 RIG = "paper-2024"
+
+NETWORK = (
+    f"The rig file `{RIG}` holds the circuit exactly as its authors built it. It becomes a network "
+    "of heat capacities, thermal resistances and two thermoelectric cells, each with a side at the "
+    "plate and a side at its sink."
+)
 
 FILES = {
     "numbers.json": "every number of this page",
@@ -64,15 +71,20 @@ def write_demo(
     rig = load_rig(RIG)
     source = find_source(None if recordings is None else Path(recordings))
     with new_folder(folder) as part:
-        defined, counts = define(Twin(rig))
-        documented = document(source)
+        defined, counts = rig_section(
+            Twin(rig),
+            "1 Define: the rig and its network",
+            note=NETWORK,
+            caption="The network with the model file's start-up values.",
+        )
+        documented = _document(source)
         progress.step("simulating the published twin")
         swept = dc_sweeps()
         published = Twin(rig, rig.parameter_sets["published"])
         simulated, runs, published_numbers = simulate_published(published, source)
         fixed_section, fixed = match_fixed(rig, source, runs, progress)
         own_section, own = match_own(rig, source, runs, fixed, progress)
-        even, evenness = uniformity(own)
+        even, evenness = uniformity_section(own, level=3)
         truth_section, truth = recover_truth(rig, progress)
         sensed, few, many = analyse(own, draws, progress)
         progress.step("writing the report")
@@ -103,8 +115,8 @@ def write_demo(
             even,
             truth_section,
             sensed,
-            deploy(FILES),
-            environment(wall_time),
+            _deploy(),
+            environment_section(wall_time),
         ]
         lead: list[Block] = [
             Text(
@@ -125,7 +137,7 @@ def write_demo(
             check_table(headline, source.real),
         ]
         foot = f"Made by jaxtwin {__version__}: `jaxtwin demo`."
-        _write(part, page_html(f"The twin of {RIG}", lead, sections, foot), sections, numbers)
+        write_page(part, page_html(f"The twin of {RIG}", lead, sections, foot), sections, numbers)
         fixed.save(part / "fit-ambient-15.toml")
         own.save(part / "fit-ambient-per-recording.toml")
         many.save(part / "sensitivity.nc")
@@ -141,11 +153,44 @@ def _headline(published: dict[str, float], fixed: Fit, own: Fit) -> dict[str, fl
     }
 
 
-def _write(folder: Path, page: str, sections: list[Section], numbers: dict[str, Any]) -> None:
-    (folder / PAGE).write_text(page, encoding="utf-8")
-    text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False)
-    (folder / "numbers.json").write_text(text + "\n", encoding="utf-8")
-    for section in sections:
-        for block in section.blocks:
-            if isinstance(block, Picture):
-                (folder / f"{block.name}.png").write_bytes(block.png)
+def _document(source: Source) -> Section:
+    """What was recorded, and where the paper's numbers disagree with each other."""
+    return Section(
+        "2 Document: recordings and datasheets",
+        (
+            Text(source.note),
+            *recordings_blocks(
+                source.experiments,
+                "Recorded temperatures and the duty cycle of both cells (the paper's Fig. 6).",
+            ),
+            Table(
+                "Tables 1 to 4 of the paper are bundled with jaxtwin as data. Where their numbers "
+                "disagree with each other or with the authors' model file:",
+                ("table", "entry", "note"),
+                [
+                    (str(number), str(row.get("symbol", row.get("property"))), str(row["note"]))
+                    for number in (1, 2, 3, 4)
+                    for row in table(number).rows
+                    if row["note"]
+                ],
+            ),
+        ),
+    )
+
+
+def _deploy() -> Section:
+    """Step 5 of the paper: what takes the matched twin."""
+    return Section(
+        "5 Deploy: what to go on with",
+        (
+            Text(
+                "The matched twin is a file of parameters in the form of a rig file's own table. "
+                "Every command takes it, and so does `jaxtwin.read_parameters`:"
+            ),
+            Text(
+                "`jaxtwin simulate paper-2024 --parameters fit-ambient-per-recording.toml --duty "
+                "0:0.5,500:0.78 --duration 1000 --out run.nc`"
+            ),
+            files_table(FILES),
+        ),
+    )

@@ -1,13 +1,16 @@
-"""A folder that is there as a whole or not at all."""
+"""The folder of a report, which is written as a whole or not at all."""
 
+import json
 import os
 import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from .._errors import JaxtwinError
+from ._blocks import Picture, Section
 from ._page import GENERATOR
 
 PAGE = "index.html"
@@ -56,6 +59,27 @@ def new_folder(folder: Path) -> Iterator[Path]:
             old.rename(place)
         for left in (part, old):
             shutil.rmtree(left, ignore_errors=True)
+
+
+def write_page(
+    folder: Path, page: str, sections: Sequence[Section], numbers: Mapping[str, Any]
+) -> None:
+    """Writes the page, its numbers as `numbers.json`, and each of its pictures as a file.
+
+    **Arguments:**
+
+    - `folder`: exists.
+    - `page`: HTML.
+    - `sections`: of the page.
+    - `numbers`: in plain types; infinite and missing numbers are None.
+    """
+    (folder / PAGE).write_text(page, encoding="utf-8")
+    text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False)
+    (folder / "numbers.json").write_text(text + "\n", encoding="utf-8")
+    for section in sections:
+        for block in section.blocks:
+            if isinstance(block, Picture):
+                (folder / f"{block.name}.png").write_bytes(block.png)
 
 
 def _replaceable(folder: Path) -> bool:

@@ -1,4 +1,6 @@
-"""How even the plate is: what the rig was built to control."""
+"""How evenly warm the plate is, which is what a multizone rig is built to control."""
+
+import numpy as np
 
 from ..matching import Fit
 from ..plots import plot_plate_beside, plot_uniformity, to_png
@@ -6,32 +8,37 @@ from ..simulation import Run
 from ._blocks import Picture, Section, Table, Text
 from ._corrections import shows_sawtooth
 
-MAP_TIMES = (100.0, 500.0, 1000.0)
-"""Of the maps, s; those that a recording does not reach are left out."""
+MAP_PARTS = (0.1, 0.5, 1.0)
+"""Times of the maps, as parts of a recording."""
 
 
-def uniformity(fit: Fit) -> tuple[Section, dict[str, dict[str, float]]]:
-    """Spread over the channels and the plate as a picture, recorded beside simulated.
+def uniformity_section(fit: Fit, *, level: int = 2) -> tuple[Section, dict[str, dict[str, float]]]:
+    """Range and standard deviation over the channels and the plate, recorded beside simulated.
+
+    **Arguments:**
+
+    - `fit`: of a rig with two channels or more.
+    - `level`: of the section.
 
     **Returns:** the section, and its numbers for each recording.
     """
     runs = list(fit.runs.values())
     numbers = {name: _numbers(run) for name, run in fit.runs.items()}
-    channels = "what all channels share does not count"
-    if shows_sawtooth(runs):
-        channels += ", so the camera's sawtooth drops out"
-    times = [time for time in MAP_TIMES if all(run.time[0] <= time <= run.time[-1] for run in runs)]
+    words = (
+        "The range over the channels (highest minus lowest temperature) and their standard "
+        "deviation measure how far the plate is from being evenly warm."
+    )
+    if fit.twin.rig.camera is not None:
+        words += " What all channels share does not change them"
+        words += ", so the camera's sawtooth drops out." if shows_sawtooth(runs) else "."
+    together = _seen_together(runs)
     section = Section(
         "Uniformity",
         (
-            Text(
-                "The rig was built to make a plate evenly warm. How far it is from that is the "
-                "range over the channels of a recording, highest less lowest, and their standard "
-                f"deviation; {channels}."
-            ),
+            Text(words),
             Table(
-                "Over time, K. The plate's own range is that of all its elements, of which the "
-                "channels of one recording see a third.",
+                "Means over time, K. The range of the plate is that of all its elements, of which "
+                "the channels see a part.",
                 (
                     "recording",
                     "mean range",
@@ -48,20 +55,38 @@ def uniformity(fit: Fit) -> tuple[Section, dict[str, dict[str, float]]]:
             Picture(
                 "uniformity",
                 to_png(plot_uniformity(runs)),
-                "Range and standard deviation over the channels, recorded and by the twin "
-                "matched with one ambient per recording.",
+                "Range and standard deviation over the channels, recorded and simulated.",
             ),
             Picture(
                 "plate-beside",
-                to_png(plot_plate_beside(fit.twin.rig, runs, times or [float(runs[0].time[-1])])),
-                "The plate, between its nodes, as the twin has it; what its camera would read; "
-                "what was recorded; the difference of the two. Together the recordings cover the "
-                "plate.",
+                to_png(plot_plate_beside(fit.twin.rig, together, _map_times(together))),
+                "From top to bottom: the simulated plate between its nodes, its simulated "
+                "readings, the recorded ones, and their difference. Recordings: "
+                f"{', '.join(run.experiment.name for run in together)}.",
             ),
         ),
-        level=3,
+        level=level,
     )
     return section, numbers
+
+
+def _seen_together(runs: list[Run]) -> list[Run]:
+    """The first run, and those with the same drive that show other places of the plate."""
+    first, *others = runs
+    chosen, seen = [first], set(first.channels)
+    for run in others:
+        same = np.array_equal(run.experiment.duty, first.experiment.duty)
+        if same and not seen & set(run.channels):
+            chosen.append(run)
+            seen |= set(run.channels)
+    return chosen
+
+
+def _map_times(runs: list[Run]) -> list[float]:
+    """Sampled times of the first run that all runs reach, s."""
+    start = max(float(run.time[0]) for run in runs)
+    end = min(float(run.time[-1]) for run in runs)
+    return [start + round(part * (end - start), 1) for part in MAP_PARTS]
 
 
 def _numbers(run: Run) -> dict[str, float]:

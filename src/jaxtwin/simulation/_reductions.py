@@ -192,9 +192,21 @@ class Reductions:
         return xarray.Dataset(variables, coords={"draw": draws, "channel": list(self.channels)})
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each draw and channel, its index, and a column for each quantity; those of the
-        plate stand in each row of their draw."""
-        return self.to_xarray().to_dataframe()
+        """A row for each draw and channel, its index, and a column for each quantity.
+
+        A quantity with one value a draw, such as those of the plate, stands in each row of its
+        draw. A user's own quantity with several values a draw has a column for each of them, such
+        as `rise[0]` and `rise[1]`.
+        """
+        table = self.to_xarray()
+        for name, values in self.own.items():
+            if values.ndim > 1:
+                columns = {
+                    f"{name}[{', '.join(map(str, place))}]": ("draw", values[:, *place])
+                    for place in np.ndindex(*values.shape[1:])
+                }
+                table = table.drop_vars(name).assign(columns)
+        return table.to_dataframe()
 
     def __repr__(self) -> str:
         kept = [name for name in REDUCTIONS if getattr(self, name) is not None]

@@ -17,6 +17,7 @@ from ..physics import Netlist, ThermoelectricElement, Twin
 from ..physics._loss import CALM, STEFAN_BOLTZMANN
 from ..rig import Rig, Value
 from ..rig._plate import AMBIENT, FILM_REFERENCE
+from ..simulation._own_twin import FittedTwins, own_twin
 
 _RAMP = 1e-6
 """How long a step of the drive takes, s: sources of SPICE are made of straight lines."""
@@ -25,7 +26,9 @@ _LONGEST_STEP = 1.0
 """Of the solver, s. The tolerance asks for shorter ones where anything happens."""
 
 
-def to_spice(twin: Twin, experiment: Experiment, *, output: str = "temperatures.txt") -> str:
+def to_spice(
+    twin: Twin | FittedTwins, experiment: Experiment, *, output: str = "temperatures.txt"
+) -> str:
     """The text of a netlist that `ngspice -b` runs.
 
     A node's voltage is its temperature above that of the surroundings at the start, because
@@ -42,7 +45,8 @@ def to_spice(twin: Twin, experiment: Experiment, *, output: str = "temperatures.
 
     **Arguments:**
 
-    - `twin`: with one value for each parameter.
+    - `twin`: with one value for each parameter; or a fit, which gives the experiment's own values,
+      see `Fit.twin_for`.
     - `experiment`: its duty cycles drive the twin; a recorded ambient takes the place of the rig's.
     - `output`: the file that ngspice will write, a path without blanks.
 
@@ -51,6 +55,7 @@ def to_spice(twin: Twin, experiment: Experiment, *, output: str = "temperatures.
     **Raises:** `SimulationError` where the experiment drives another number of cells;
     `ParameterError` where a parameter holds more than one value.
     """
+    twin = own_twin(twin, experiment)
     cells = len(twin.netlist.cells)
     if experiment.n_cells != cells:
         raise SimulationError(

@@ -3,7 +3,10 @@
 The processes need not know of each other: none waits for another, and none fails with another.
 """
 
+import multiprocessing
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 
 from .._arguments import whole_number
 from .._errors import SimulationError
@@ -42,9 +45,9 @@ def assigned_part(process: tuple[int, int] | None = None) -> tuple[int, int]:
 def init_distributed(
     coordinator: str | None, processes: int | None, number: int | None
 ) -> tuple[int, int]:
-    """Initialises `jax.distributed`, asks it for this process's number, and shuts it down again.
+    """Asks `jax.distributed` for the number of this process.
 
-    A sweep needs no more than that number. The connection is closed at once, because JAX ends
+    A sweep needs no more than that number. A child process asks for it and ends, because JAX ends
     every process of a cluster when one of them is lost.
 
     **Arguments:**
@@ -57,16 +60,23 @@ def init_distributed(
 
     **Raises:** `SimulationError` where the processes cannot connect to the coordinator.
     """
-    import jax
-    from jax._src.distributed import global_state  # jax.process_index() would start the backends
-
     if processes is not None and number is not None:
         assigned_part((number, processes))
     try:
-        jax.distributed.initialize(coordinator, processes, number)
-        part = global_state.process_id, global_state.num_processes
-        jax.distributed.shutdown()
-    except (RuntimeError, ValueError) as problem:
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as child:
+            return child.submit(_number_in_cluster, coordinator, processes, number).result()
+    except (RuntimeError, ValueError, BrokenProcessPool) as problem:
         reason = str(problem).splitlines()[0]
         raise SimulationError(f"{coordinator or 'cluster'}: {reason}") from None
+
+
+def _number_in_cluster(
+    coordinator: str | None, processes: int | None, number: int | None
+) -> tuple[int, int]:
+    import jax
+
+    jax.config.update("jax_platforms", "cpu")  # the numbers need no accelerator
+    jax.distributed.initialize(coordinator, processes, number)
+    part = jax.process_index(), jax.process_count()
+    jax.distributed.shutdown()
     return part

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from jaxtyping import Float
 
+from .._by_recording import ByRecording
 from .._display import html_table, picture
 from .._measures import fit_text, mean_fit_percent
 from ..matching import Fit
@@ -108,7 +109,7 @@ class Validation:
     @property
     def runs(self) -> dict[str, Run]:
         """Recording -> its predicted part."""
-        return {one.name: one.run for one in self.predictions}
+        return ByRecording({part.name: part.run for part in self.predictions})
 
     def summary(self) -> str:
         """The numbers as a table of text, a row for each channel."""

@@ -13,7 +13,7 @@ from ..plots import plot_comparison, plot_dc_sweep, plot_plate_map, to_png
 from ..rig import bundled_modules, load_module
 from ..simulation import Run
 from ._blocks import Numbers, Picture, Section, Text
-from ._source import Source
+from ._demo_source import Source
 
 REPORTED = 69.2
 """Mean fit that the paper's values reach on its own circuit, %, by an independent implementation

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._measures import mean_fit_percent
-from .._number_text import interval_text, short_number
+from .._number_text import interval_text
 from .._progress import Progress
 from ..data import synthetic_truth
 from ..matching import Fit, FittedParameter, Iteration, match
@@ -17,7 +17,9 @@ from ..rig import Rig, read_parameters
 from ..simulation import Run
 from ._blocks import Numbers, Picture, Section, Table, Text
 from ._corrections import shows_sawtooth
-from ._source import Source, recorded, synthetic_source
+from ._demo_source import Source, synthetic_source
+from ._parameters import fit_numbers, parameter_table
+from ._recordings import recorded
 
 STARTS = 3
 AMBIENT, START = "T_amb", "T_start"
@@ -25,12 +27,6 @@ AMBIENT, START = "T_amb", "T_start"
 EDGES = ("R_Tey", "R_Tex1", "R_Tey1", "R_Tey2", "R_Tey3")
 """Edges of the plate to the air: in the synthetic truth 6 % of what the faces lose, and partly in
 parallel with them, so that noise of 0.1 K hides them."""
-
-
-REMARKS = (
-    "Not determined: the recordings do not tell it. At bound: they would rather have it beyond. "
-    "Correlated: another parameter can stand in for it."
-)
 
 
 def match_fixed(
@@ -57,7 +53,7 @@ def match_fixed(
                 f"and start held at 15 °C: the paper's own terms. {STARTS} starts, the first at "
                 "the table's initial values, by Levenberg-Marquardt with exact derivatives."
             ),
-            _numbers(fit, f"mean fit (published values: {before:.1f} %)"),
+            fit_numbers(fit, f"mean fit (published values: {before:.1f} %)"),
             Picture(
                 "history",
                 to_png(plot_history(fit)),
@@ -71,7 +67,7 @@ def match_fixed(
                 "Between their bounds, on logarithmic scales: initial, published and matched, with "
                 "the 95 % interval as far as the bounds reach.",
             ),
-            _table_4(fit, "The paper's Table 4 with our column."),
+            parameter_table(fit, "The paper's Table 4 beside the matched values."),
             Table(
                 "Where each start ended.",
                 ("start", "RMSE, K", "iterations", "why it stopped"),
@@ -112,7 +108,7 @@ def match_own(
                 + "With an ambient temperature matched for each of them, the same sixteen "
                 "parameters fit better:"
             ),
-            _numbers(fit, f"mean fit (ambient 15 °C: {fixed.mean_fit_percent:.1f} %)"),
+            fit_numbers(fit, f"mean fit (ambient 15 °C: {fixed.mean_fit_percent:.1f} %)"),
             Picture(
                 "response",
                 to_png(plot_comparison(runs)),
@@ -133,7 +129,7 @@ def match_own(
                     for name, run in fit.runs.items()
                 ],
             ),
-            _table_4(fit, "The shared parameters of this match."),
+            parameter_table(fit, "The shared parameters of this match."),
         ),
         level=3,
     )
@@ -219,46 +215,6 @@ def _deviation(row: FittedParameter, truth: float) -> float:
     if row.is_logarithmic:
         return math.log(row.value / truth) / row.relative_standard_error
     return (row.value - truth) / row.standard_error
-
-
-def _numbers(fit: Fit, label: str) -> Numbers:
-    free = [row for row in fit.parameters.values() if row.free]
-    return Numbers(
-        (
-            (f"{fit.mean_fit_percent:.1f} %", label),
-            (f"{fit.rmse:.2f} K", "RMSE"),
-            (f"{sum(row.at_bound for row in free)} of {len(free)}", "parameters on a bound"),
-            (f"{fit.wall_time:.1f} s", f"wall time, {_steps(fit)} iterations, with compilation"),
-        )
-    )
-
-
-def _steps(fit: Fit) -> int:
-    return sum(end.iterations for end in fit.optima)
-
-
-def _table_4(fit: Fit, caption: str) -> Table:
-    rows = []
-    for row in fit.parameters.values():
-        if not row.free or row.scope == "recording":
-            continue
-        rows.append(
-            (
-                row.name,
-                row.description,
-                short_number(row.initial),
-                "-" if row.published is None else short_number(row.published),
-                ("!" if row.warnings else "") + short_number(row.value),
-                interval_text(row.interval),
-                short_number(row.lower),
-                short_number(row.upper),
-                row.unit,
-                ("!" if row.warnings else "") + ", ".join(row.warnings),
-            )
-        )
-    interval = "95 % interval"
-    head = ("parameter", "", "initial", "published", "ours", interval, "min", "max", "unit", "")
-    return Table(f"{caption} {REMARKS}", head, rows)
 
 
 def _what_is_left(source: Source, runs: list[Run]) -> str:

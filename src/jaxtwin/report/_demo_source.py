@@ -5,9 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-import numpy as np
-from jaxtyping import Float
-
 from .._errors import RecordingError
 from ..data import synthetic_recordings
 from ..io import Experiment, find_recordings, read_recording
@@ -63,13 +60,3 @@ def find_source(folder: Path | None) -> Source:
 def synthetic_source(note: str = "") -> Source:
     """The synthetic recordings that come with jaxtwin."""
     return Source(tuple(read_recording(path) for path in synthetic_recordings()), False, note)
-
-
-def recorded(experiment: Experiment) -> Float[np.ndarray, "times channels"]:
-    """The temperatures of a recording, degC.
-
-    **Raises:** `RecordingError` where it holds none.
-    """
-    if experiment.temperatures is None:
-        raise RecordingError(f"{experiment.name}: holds no temperatures")
-    return experiment.temperatures

@@ -1,0 +1,15 @@
+"""Results by the name of their recording."""
+
+from typing import Any, TypeVar
+
+from ._errors import RecordingError
+
+T = TypeVar("T")
+
+
+class ByRecording(dict[str, T]):
+    """Recording -> result; an unknown name is a `RecordingError` that lists the known ones."""
+
+    def __missing__(self, name: Any) -> T:
+        known = ", ".join(self) or "none"
+        raise RecordingError(f"recording: expected one of {known}; got {name!r}")

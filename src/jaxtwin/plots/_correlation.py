@@ -1,0 +1,60 @@
+"""How the errors of matched values depend on each other."""
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+
+from ..matching import Fit
+from ._style import INK, MUTED, styled, symbol
+
+SHOWN = 0.5
+"""Correlations above this in size are written out."""
+
+
+@styled
+def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
+    """Correlation of the errors of all matched values.
+
+    Near 1 or -1 the recordings do not tell two values apart. A cell is empty where a value was held
+    at a bound or nothing determines it.
+
+    **Arguments:**
+
+    - `fit`: the result of `jaxtwin.match`.
+    - `ax`: axes to draw into, or None for a figure of their own.
+
+    **Returns:** the axes.
+    """
+    correlation = np.where(
+        np.isfinite(fit.uncertainty.correlation), fit.uncertainty.correlation, np.nan
+    )
+    count = len(correlation)
+    if ax is None:
+        size = (2.4 + 0.42 * count, 1.6 + 0.36 * count)
+        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    image = ax.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
+    for row, column in np.argwhere(np.abs(np.nan_to_num(correlation)) > SHOWN):
+        value = correlation[row, column]
+        if row != column:
+            ax.annotate(
+                f"{value:.2f}".replace("0.", "."), (column, row), ha="center", va="center",
+                fontsize=7.5, color="white" if abs(value) > 0.55 else INK,
+            )  # fmt: skip
+    labels = [_label(label) for label in fit.uncertainty.labels]
+    ax.set_xticks(range(count), labels, rotation=90)
+    ax.set_yticks(range(count), labels)
+    ax.tick_params(length=0)
+    ax.grid(visible=False)
+    ax.spines[:].set_visible(False)
+    ax.set_title("Correlation of the matched values")
+    bar = ax.figure.colorbar(image, ax=ax, fraction=0.03, pad=0.01, ticks=[-1, 0, 1])
+    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    bar.ax.tick_params(length=0, colors=MUTED)
+    return ax
+
+
+def _label(label: str) -> str:
+    """The symbol of a parameter, and the recording that it belongs to."""
+    name, _, recording = label.partition("[")
+    where = f", {recording.removesuffix(']')}" if recording else ""
+    return symbol(name) + where.replace("$", r"\$")

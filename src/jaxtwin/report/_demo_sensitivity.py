@@ -1,0 +1,88 @@
+"""Step 4 of the paper, its second half: which parameters matter, with few draws and with many."""
+
+from collections.abc import Sequence
+
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+
+from .._progress import Progress
+from ..matching import Fit
+from ..plots import plot_tornado, styled, to_png
+from ..sensitivity_analysis import Sensitivity
+from ._blocks import Picture, Section, Text
+from ._sensitivity import (
+    draw,
+    drawing_numbers,
+    grouped,
+    matrix_picture,
+    named,
+    strongest_table,
+)
+
+FEW = 50
+"""Draws in the paper."""
+
+
+def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitivity, Sensitivity]:
+    """Draws around the matched values: as many as in the paper, and many.
+
+    **Returns:** the section, the small analysis and the large one.
+    """
+    few, many = (draw(fit, count, progress) for count in (FEW, draws))
+    section = Section(
+        "Sensitivity: which parameters matter",
+        (
+            Text(
+                "Every parameter is drawn from a normal distribution around its matched value, "
+                "with a standard deviation of 25 % and kept positive, and each draw is simulated "
+                "through all recordings. The index is the Pearson correlation of a parameter with "
+                "a channel's mean squared error, as in the paper; lines are its 95 % interval. "
+                + told_text(few, many)
+            ),
+            drawing_numbers(many, fit),
+            Picture(
+                "tornado",
+                to_png(_side_by_side((few, many))),
+                f"{FEW} draws as in the paper (its Fig. 16), and {grouped(draws)}.",
+            ),
+            matrix_picture(many),
+            strongest_table(many),
+        ),
+        level=3,
+    )
+    return section, few, many
+
+
+def told_text(few: Sensitivity, many: Sensitivity) -> str:
+    """Which parameters' correlations with the mean cost can be told from chance, by name and sign,
+    with few draws and with many, and where the two disagree."""
+    early, late = few.significant(), many.significant()
+    changed = [name for name in early if name not in late or late[name] != early[name]]
+    first = (
+        "Parameters whose correlation with the mean of all channels can be told from chance, with "
+        f"its sign: of {grouped(len(few.samples))} draws, {named(early)}; of "
+        f"{grouped(len(many.samples))} draws, {named(late)}."
+    )
+    sentences = [first]
+    if changed:
+        sentences.append(f"The many draws do not confirm {', '.join(changed)}.")
+    sentences.append(
+        "Costs have heavy tails, on which Pearson's correlation rests. By Spearman's rank "
+        f"correlation, for which every draw counts alike, of {grouped(len(many.samples))} draws: "
+        f"{named(many.significant(ranks=True))}."
+    )
+    return " ".join(sentences)
+
+
+@styled
+def _side_by_side(analyses: Sequence[Sensitivity]) -> Figure:
+    figure = pyplot.figure(
+        figsize=(11.4, 1.4 + 0.29 * len(analyses[0].names)), layout="constrained"
+    )
+    panels = figure.subplots(1, len(analyses))
+    for axes, analysis in zip(panels, analyses, strict=True):
+        plot_tornado(analysis, ax=axes)
+    widest = max(axes.get_xlim()[1] for axes in panels)
+    for axes in panels:
+        axes.set_xlim(-widest, widest)
+    return figure

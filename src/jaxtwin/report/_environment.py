@@ -1,0 +1,31 @@
+"""What a report was computed on, and the files beside it."""
+
+from ..doctor import examine
+from ._blocks import Section, Table, Text
+
+
+def files_table(files: dict[str, str]) -> Table:
+    """The files beside the page.
+
+    **Arguments:**
+
+    - `files`: name -> what it holds.
+    """
+    return Table("Files beside this page.", ("file", "what it holds"), list(files.items()))
+
+
+def environment_section(wall_time: float) -> Section:
+    """Versions, devices and settings.
+
+    **Arguments:**
+
+    - `wall_time`: of the whole report so far, s.
+    """
+    tables = tuple(
+        Table(section[0].upper() + section[1:] + ".", ("", ""), list(entries.items()))
+        for section, entries in examine().items()
+    )
+    return Section(
+        "Environment",
+        (Text(f"This report took {wall_time:.0f} s. `jaxtwin doctor` prints this list:"), *tables),
+    )

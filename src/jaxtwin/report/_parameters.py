@@ -1,0 +1,156 @@
+"""The matched parameters of a report: values, intervals, priors, correlations."""
+
+import re
+
+from .._number_text import interval_text, short_number
+from ..matching import Fit, FittedParameter
+from ..matching._summary import prior_text
+from ..plots import plot_correlation, plot_history, plot_parameters, to_png
+from ._blocks import Block, Numbers, Picture, Section, Table, Text
+
+MEANINGS = {
+    "at bound": "the optimum is at a bound",
+    "near bound": "the optimum is near a bound",
+    "sd from prior": "the recordings contradict the prior",
+    "prior only": "the recordings say less than the prior",
+    "not determined": "the recordings hardly constrain the parameter, and it has no prior",
+    "no effect": "no sample of the recordings depends on the parameter",
+    "correlated": "another parameter can replace it",
+}
+"""What the warnings of a match mean."""
+
+
+def parameters_section(fit: Fit, title: str) -> Section:
+    """The parameters with intervals and priors, and how they depend on each other."""
+    blocks: list[Block] = [
+        parameter_table(fit, "The free parameters."),
+        Picture(
+            "parameters",
+            to_png(plot_parameters(fit)),
+            "Matched values between their bounds, with the 95 % interval as far as the bounds "
+            "reach.",
+        ),
+    ]
+    if (own := own_values_table(fit)) is not None:
+        blocks.append(own)
+    blocks += [
+        Picture("history", to_png(plot_history(fit)), "RMSE and parameters over the iterations."),
+        *_correlation(fit),
+    ]
+    return Section(title, tuple(blocks))
+
+
+def fit_numbers(fit: Fit, label: str = "mean fit") -> Numbers:
+    """The numbers of a match that are asked for first."""
+    free = [row for row in fit.parameters.values() if row.free]
+    steps = sum(end.iterations for end in fit.optima)
+    return Numbers(
+        (
+            (f"{fit.mean_fit_percent:.1f} %", label),
+            (f"{fit.rmse:.2f} K" if fit.rmse >= 0.1 else f"{fit.rmse:.3f} K", "RMSE"),
+            (f"{sum(row.at_bound for row in free)} of {len(free)}", "parameters on a bound"),
+            (f"{fit.wall_time:.1f} s", f"wall time, {steps} iterations, with compilation"),
+        )
+    )
+
+
+def parameter_table(fit: Fit, caption: str) -> Table:
+    """The parameters that all recordings share; published values and priors where there are any.
+
+    **Arguments:**
+
+    - `fit`: the match.
+    - `caption`: a sentence, which the meanings of the warnings follow.
+    """
+    rows = [row for row in fit.parameters.values() if row.free and row.scope != "recording"]
+    has_published = any(row.published is not None for row in rows)
+    has_prior = any(row.prior_spread is not None for row in rows)
+    head = ("parameter", "", "initial", *["published"] * has_published, "matched")
+    head += ("95 % interval", *["prior"] * has_prior, "min", "max", "unit", "")
+    cells = [_cells(row, has_published, has_prior) for row in rows]
+    return Table(" ".join([caption, *_meanings(rows)]), head, cells)
+
+
+def own_values_table(fit: Fit) -> Table | None:
+    """The values that belong to single recordings, with their standard errors; None without any."""
+    rows = [row for row in fit.parameters.values() if row.free and row.scope == "recording"]
+    if not rows:
+        return None
+    errors = fit.uncertainty.standard_errors
+    head = ("recording", *(f"{row.name}, {row.unit or '1'}" for row in rows))
+    return Table(
+        "The values that belong to single recordings, ± their standard errors.",
+        head,
+        [
+            (
+                name,
+                *(f"{values[row.name]:.4g} ± {errors[f'{row.name}[{name}]']:.2g}" for row in rows),
+            )
+            for name, values in fit.recording_values.items()
+        ],
+    )
+
+
+def _cells(row: FittedParameter, has_published: bool, has_prior: bool) -> tuple[str, ...]:
+    mark = "!" if row.warnings else ""
+    published = "-" if row.published is None else short_number(row.published)
+    return (
+        row.name,
+        row.description,
+        short_number(row.initial),
+        *[published] * has_published,
+        mark + short_number(row.value),
+        interval_text(row.interval),
+        *[prior_text(row)] * has_prior,
+        short_number(row.lower),
+        short_number(row.upper),
+        row.unit,
+        mark + ", ".join(row.warnings),
+    )
+
+
+def _meanings(rows: list[FittedParameter]) -> list[str]:
+    """A sentence for each kind of warning that occurs."""
+    warnings = {re.sub(r"^[-+.\d]+ ", "", warning) for row in rows for warning in row.warnings}
+    return [
+        f"{kind[0].upper()}{kind[1:]}: {meaning}."
+        for kind, meaning in MEANINGS.items()
+        if kind in warnings
+    ]
+
+
+def _correlation(fit: Fit) -> list[Block]:
+    known = fit.uncertainty
+    if len(known.labels) < 2:
+        return []
+    count = len(known.unidentifiable)
+    words = (
+        f"Of {len(known.singular_values)} independent combinations of the parameters, the "
+        f"recordings determine {len(known.singular_values) - count} better than the prior does."
+    )
+    blocks: list[Block] = [
+        Text(words),
+        Picture(
+            "correlation",
+            to_png(plot_correlation(fit)),
+            "Correlation of the errors of the matched values. Two values with a correlation near "
+            "1 or −1 cannot be told apart by these recordings.",
+        ),
+    ]
+    if known.unidentifiable:
+        blocks.append(
+            Table(
+                "Combinations that the recordings determine less than the prior does. The ratio "
+                "is the prior's standard deviation over the one that the recordings alone would "
+                "give.",
+                ("combination", "ratio"),
+                [
+                    (
+                        " ".join(f"{w:+.2f} {label}" for label, w in direction.weights.items()),
+                        f"{direction.prior_to_data_ratio:.2g}",
+                    )
+                    for direction in known.unidentifiable
+                ],
+            )
+        )
+    return blocks

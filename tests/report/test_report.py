@@ -1,0 +1,183 @@
+"""The report of any fit: with a camera or with thermocouples, from Python and from the shell."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_results import fit, recordings
+from typer.testing import CliRunner
+
+from jaxtwin import Experiment, Fit, JaxtwinError, MatchError, Twin, load_rig, match, simulate
+from jaxtwin.cli import app
+from jaxtwin.io import write_recording
+from jaxtwin.report._agreement import residuals_section
+from jaxtwin.report._blocks import Table
+from jaxtwin.report._parameters import own_values_table, parameter_table
+from jaxtwin.report._uniformity import _seen_together
+
+SECTIONS = (
+    "The rig",
+    "The recordings",
+    "Recorded and simulated temperatures",
+    "Parameters",
+    "Residuals",
+    "Uniformity",
+    "How to use the matched twin",
+    "Environment",
+)
+PICTURES = {
+    "correlation",
+    "history",
+    "netlist",
+    "parameters",
+    "plate-beside",
+    "recordings",
+    "residual-tests",
+    "residuals",
+    "response",
+    "uniformity",
+}
+
+
+def test_a_fit_becomes_a_page_with_its_numbers_beside_it(tmp_path: Path):
+    page = fit().report(tmp_path / "report")
+    html = page.read_text(encoding="utf-8")
+    for title in SECTIONS:
+        assert f">{title}</h2>" in html
+    assert {path.stem for path in page.parent.glob("*.png")} == PICTURES
+    assert html.count("data:image/png") == len(PICTURES)
+    assert "Sensitivity" not in html
+    numbers = json.loads((page.parent / "numbers.json").read_text())
+    assert f"<dd>{numbers['fit']['mean_fit_percent']:.1f} %</dd>" in html
+    assert numbers["network"]["plate_resistances"] == 83
+    saved = Fit.load(page.parent / "fit.toml", experiments=recordings())
+    assert saved["R_E"].value == fit()["R_E"].value
+
+
+def test_a_rig_with_thermocouples_has_a_report_with_priors_and_sensitivity(tmp_path: Path):
+    """One recording, one channel, one parameter with a prior; no word of a camera."""
+    rig = load_rig(strip(tmp_path))
+    drive = Experiment.schedule("0:0.4", duration=60.0, step=2.0, cells=1, name="day")
+    exact = simulate(Twin(rig, {"h": 22.0}), drive).temperatures
+    noise = 0.05 * np.random.default_rng(0).standard_normal(exact.shape)
+    day = replace(drive, channels=("near",), temperatures=exact + noise)
+    matched = match(Twin(rig), day)
+    (row,) = parameter_table(matched, "Values.").rows
+    assert row[0] == "h"
+    assert "15 (factor 2.01)" in row
+    page = matched.report(tmp_path / "report", draws=50)
+    html = page.read_text(encoding="utf-8")
+    assert "camera" not in html.lower()
+    assert ">Sensitivity</h2>" in html
+    assert ">Uniformity</h2>" not in html  # of a single channel there is none
+    assert (page.parent / "sensitivity.nc").exists()
+    assert (page.parent / "tornado.png").exists()
+
+
+def test_own_values_stand_beside_their_standard_errors():
+    table = own_values_table(fit())
+    assert table is not None
+    assert table.head == ("recording", "T_amb, degC")
+    error = fit().uncertainty.standard_errors["T_amb[synthetic-B]"]
+    value = fit().recording_values["synthetic-B"]["T_amb"]
+    assert table.rows[1] == ("synthetic-B", f"{value:.4g} ± {error:.2g}")
+
+
+def test_the_tests_of_residuals_are_those_of_the_runs():
+    (table,) = [b for b in residuals_section(fit(), "Residuals").blocks if isinstance(b, Table)]
+    run = fit().runs["synthetic-A"]
+    residual = np.asarray(run.experiment.temperatures)[:, 0] - run.temperatures[:, 0]
+    assert table.rows[0][:4] == (
+        "synthetic-A",
+        run.channels[0],
+        f"{residual.std():.3f}",
+        f"{residual.mean():+.3f}",
+    )
+
+
+def test_recordings_of_other_places_under_the_same_drive_are_one_picture_of_the_plate():
+    first, second = fit().runs.values()
+    assert _seen_together([first, second]) == [first, second]
+    assert _seen_together([first, first]) == [first]
+    driven = replace(second.experiment, duty=second.experiment.duty + 0.1)
+    assert _seen_together([first, replace(second, experiment=driven)]) == [first]
+
+
+def test_the_command_writes_the_same_page(tmp_path: Path):
+    fit().save(tmp_path / "fit.toml")
+    names = []
+    for experiment in recordings():
+        names.append(str(tmp_path / f"{experiment.name}.nc"))
+        write_recording(experiment, names[-1])
+    out = tmp_path / "report"
+    words = ["report", str(tmp_path / "fit.toml"), *names, "--out", str(out)]
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert result.output.strip().endswith("index.html")
+    assert (out / "response.png").exists()
+
+
+def test_a_fit_without_its_recordings_and_a_folder_of_somebody_are_refused(tmp_path: Path):
+    fit().save(tmp_path / "fit.toml")
+    with pytest.raises(MatchError, match="loaded without"):
+        Fit.load(tmp_path / "fit.toml").report(tmp_path / "report")
+    with pytest.raises(JaxtwinError, match="no report of jaxtwin"):
+        fit().report(tmp_path)
+    assert not (tmp_path / "report").exists()
+
+
+def strip(folder: Path) -> Path:
+    """A rig file of one cell and one thermocouple."""
+    path = folder / "strip.toml"
+    path.write_text(
+        """
+format = 1
+name = "strip"
+
+[plate]
+columns = ["4 cm", "4 cm"]
+rows = ["2 cm"]
+thickness = "2 mm"
+density = "2700 kg/m^3"
+specific_heat = "900 J/(kg K)"
+conductivity = "180 W/(m K)"
+film_coefficient = "h"
+
+[[cells]]
+name = "P1"
+module = "TEC1-12706"
+side_capacitance = "17 J/K"
+contacts = { V11 = "0.6 K/W" }
+sink_resistance = "0.5 K/W"
+
+[driver]
+supply_voltage = "12 V"
+on_resistance = "0.1 ohm"
+counts = 255
+polarity = 1
+averaging = "on-off"
+
+[sensors]
+noise = "0.05 K"
+
+[[channels]]
+name = "near"
+nodes = ["V11"]
+
+[ambient]
+temperature = "20 degC"
+
+[initial]
+temperature = "20 degC"
+
+[parameters.h]
+value = 15.0
+unit = "W/(m^2 K)"
+bounds = [2.0, 100.0]
+prior = { spread = 0.7 }
+free = true
+""",
+        encoding="utf-8",
+    )
+    return path
