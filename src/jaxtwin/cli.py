@@ -16,6 +16,7 @@ import typer
 from . import __version__
 from ._errors import JaxtwinError, SafetyStop
 from .commands import (
+    _backup,
     _conform,
     _data,
     _dc_sweep,
@@ -153,6 +154,7 @@ _add(
     _conform.conform,
     "jaxtwin conform dual-cell --link /dev/ttyACM0",
 )
+_add("backup", LIVE, _backup.backup, "jaxtwin backup session.db copy.db")
 _add("export", LIVE, _export.export, "jaxtwin export session.db run.nc --start 10 --end 1000")
 app.add_typer(data, name="data", rich_help_panel=MACHINE)
 data.command("list", epilog=_example("jaxtwin data list"))(_data.list_recordings)

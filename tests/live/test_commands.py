@@ -16,6 +16,7 @@ from jaxtwin import LinkError, RecordingError
 from jaxtwin.cli import run
 from jaxtwin.io import Session, read_recording
 from jaxtwin.live import (
+    Event,
     Greeting,
     Hello,
     Reading,
@@ -58,6 +59,27 @@ def test_a_recording_is_exported_as_it_is_read(
     # Readings at 0.5 ... 1.4 s lie within half a step of 1 s: mean of 20.05 ... 20.14 degC.
     assert read.temperatures is not None
     assert read.temperatures[1, 0] == pytest.approx(20.095)
+
+
+def test_an_export_replaces_nothing_unasked(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.csv"
+    out.write_text("precious")
+    assert run(["export", str(recording), str(out)]) == 2
+    assert out.read_text() == "precious"
+    assert run(["export", str(recording), str(out), "--overwrite"]) == 0
+    assert out.read_text() != "precious"
+
+
+def test_what_a_device_says_does_not_reach_the_terminal_as_commands(
+    recording: Path, rig: Rig, clock: HandClock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock.turn(100)
+    with Recorder(recording, rig, append=True, clock=clock) as recorder:
+        recorder.write([Event("l", clock.now(), "\x1b]0;owned\x07", "\x1b[2J")])
+    assert run(["watch", str(recording), "--speed", "100000"]) == 0
+    assert "\x1b]0" not in capsys.readouterr().out
+    assert run(["no\x1b[2J"]) == 2
+    assert "\x1b" not in capsys.readouterr().err
 
 
 LINK = ["--link", "socket://127.0.0.1:1"]

@@ -1,5 +1,6 @@
 """Driving: the schedule is sent, and the cells go off whatever happens."""
 
+import contextlib
 import json
 import signal
 import subprocess
@@ -20,13 +21,16 @@ from jaxtwin.live import (
     Duty,
     Faults,
     InProcess,
+    Moment,
     Order,
+    OutputStage,
     Recorder,
     SystemClock,
     TcpServer,
     VirtualRig,
     drive,
     encode,
+    operate,
     serve,
 )
 from jaxtwin.live._output_stage import Answer
@@ -217,6 +221,73 @@ with connect(rig, sys.argv[1]) as bench:
     plan = jt.Experiment.schedule("0:0.5", duration=1000, cells=2)
     drive(bench, rig, plan, progress=lambda *_: print("on", flush=True))
 """
+
+
+def test_a_trip_stays_until_a_reset_on_purpose(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    device = VirtualRig(twin)
+    device.stage.trip("watchdog")
+    with pytest.raises(SafetyStop, match=r"switched off by itself \(watchdog\); look why") as no:
+        drive(virtual_bench(rig, device, clock), rig, plan("0:0.5", 2))
+    assert no.value.kind == "device-trip"
+    assert (
+        drive(virtual_bench(rig, device, clock), rig, plan("0:0.5", 2), reset=True) == "completed"
+    )
+    assert (device.pwm, device.stage.trip_reason, device.stage.owner) == (OFF, "", "")
+
+
+def test_an_interlock_leaves_the_device_tripped(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    assert rig.limits is not None
+    cautious = replace(rig, limits=replace(rig.limits, cell_temperature=273.15 + 40))
+    device = VirtualRig(twin)
+    with pytest.raises(SafetyStop, match="inside, says the twin; its limit is 40; the cells are"):
+        drive(virtual_bench(rig, device, clock), cautious, plan("0:1", 1000))
+    assert device.stage.trip_reason == "stop"
+
+
+def test_two_drives_do_not_share_a_rig(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    device = VirtualRig(twin)
+    second = virtual_bench(rig, device, clock)
+    refused = []
+
+    def meanwhile(time: float, pwm: tuple[int, ...]) -> None:
+        if time > 3 and not refused:
+            with pytest.raises(SafetyStop, match=r"another host, .* commands the cells") as stop:
+                drive(second, rig, plan("0:1", 10))
+            refused.append(stop.value.kind)
+            assert device.pwm == (128, 128)
+
+    # The second one's waiting takes time, in which the first one sends nothing.
+    device.stage = OutputStage(2, 255, 60.0)
+    first = virtual_bench(rig, device, clock)
+    with contextlib.suppress(SafetyStop):
+        drive(first, rig, plan("0:0.5", 6), progress=meanwhile)
+    assert refused == ["commander"]
+
+
+def test_nothing_but_duties_reaches_a_device(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    for wrong in ((float("nan"), 0.0), (2.0, 0.0), (0.5,), (0.5, 0.5, 0.5)):
+        device = VirtualRig(twin)
+        with pytest.raises(JaxtwinError, match="allowed are 2 numbers from -1 to 1"):
+            operate(virtual_bench(rig, device, clock), twin, lambda moment, duty=wrong: duty)
+        assert device.pwm == OFF
+
+
+def test_a_controller_sees_what_is_measured_and_ends_the_run(
+    rig: Rig, twin: Twin, clock: HandClock
+) -> None:
+    device, seen = VirtualRig(twin, speed=10), []
+
+    def thermostat(moment: Moment) -> tuple[float, float] | None:
+        seen.append(moment)
+        on = moment.temperatures.max() < 20.0
+        return (1.0 * on, 0.0) if moment.time < 120 else None
+
+    assert operate(virtual_bench(rig, device, clock), twin, thermostat) == "completed"
+    assert device.pwm == OFF
+    hottest = [float(moment.temperatures.max()) for moment in seen]
+    assert 19.5 < max(hottest) < 24.0
+    assert {tuple(moment.duty) for moment in seen} == {(0.0, 0.0), (1.0, 0.0)}
+    assert {moment.ambient for moment in seen} == {16.0}
 
 
 def test_after_the_death_of_the_driving_process_the_cells_go_off(twin: Twin) -> None:

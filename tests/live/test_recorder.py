@@ -147,6 +147,21 @@ def test_a_step_of_the_system_clock_is_noted_and_changes_no_time(
     assert rows == [(START + 600 * 10**9, "system clock -3600.000000 s")]
 
 
+def test_a_suspend_is_noted_at_once(
+    rig: Rig, file: Path, clock: HandClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asleep = [0]
+    monkeypatch.setattr(clock, "utc", lambda: clock.time + asleep[0])
+    with Recorder(file, rig, clock=clock) as recorder:
+        for second in range(10):
+            asleep[0] = 900 * 10**9 * (second > 4)  # the monotonic clock slept as well
+            clock.turn(1.0)
+            recorder.write([])
+    with Session(file) as session:
+        query = "SELECT detail FROM events WHERE kind = 'host-clock'"
+        assert session.database.execute(query).fetchall() == [("system clock +900.000000 s",)]
+
+
 def test_a_file_that_is_there_is_not_overwritten(rig: Rig, file: Path) -> None:
     file.write_text("precious")
     with pytest.raises(RecordingError, match="is there already"):

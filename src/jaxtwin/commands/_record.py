@@ -1,16 +1,23 @@
 """`jaxtwin record`: a live rig into a file."""
 
 import contextlib
+import json as json_text
 import time
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from ._alarm_command import AlarmCommand
+from ._heartbeat import Heartbeat
 from ._options import BaudOption, JsonOption, LinkOption, RigArgument
 from ._output import check_json, check_output, say, write_json
+from ._recorded_days import RecordedDays
 from ._show_progress import show_progress
 from ._signals import stop_signals
+
+ALARMED = 4
+"""Exit code where there was an alarm."""
 
 
 def record(
@@ -19,47 +26,84 @@ def record(
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The recording, .db.")],
     append: Annotated[bool, typer.Option("--append", help="Go on with a recording.")] = False,
     frames: Annotated[bool, typer.Option("--frames", help="Keep camera frames too.")] = False,
+    daily: Annotated[
+        bool,
+        typer.Option("--daily", help="A file for each day (UTC), FILE-2026-01-31.db, checksummed."),
+    ] = False,
     duration: Annotated[
         float | None, typer.Option(min=0, metavar="S", help="Until then, not until Ctrl-C.")
     ] = None,
     publish: Annotated[
         str | None, typer.Option(metavar="URL", help="mqtt://HOST/TOPIC: readings as JSON.")
     ] = None,
+    alarm: Annotated[
+        str | None,
+        typer.Option(metavar="COMMAND", help="Run at an alarm; JAXTWIN_ALARM says which."),
+    ] = None,
+    silence: Annotated[
+        float, typer.Option(min=0.1, metavar="S", help="Alarm after so long without data.")
+    ] = 10.0,
+    health: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="JSON, new every second.")
+    ] = None,
     baud: BaudOption = 115_200,
     json: JsonOption = None,
 ) -> None:
-    """Record a live rig until Ctrl-C."""
+    """Record a live rig until Ctrl-C.
+
+    Temperatures above the rig's limit, silence, failed channels, lost links and a disk that is
+    nearly full are alarms: a line in the log, an event in the recording and on MQTT, and the
+    command that --alarm names. The exit code is 4 where there was one.
+    """
     from ..io import Session
-    from ..live import Recorder, connect, opener, report
+    from ..live import Alarms, Event, connect, opener, report
     from ..rig import load_rig
 
     check_output(out, ".db")
     check_json(json)
+    check_output(health, option="--health")
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)
         for url in link:  # what cannot be a link is refused before there is a file
             opener(url, baud=baud)
+        names = [channel.name for channel in loaded.channels]
         publisher = None
         if publish is not None:
             from ..live import Publisher
 
-            names = [channel.name for channel in loaded.channels]
             publisher = Publisher(publish, names, [cell.name for cell in loaded.cells])
             stack.callback(publisher.close)
-        recorder = stack.enter_context(Recorder(out, loaded, append=append, keep_frames=frames))
-        bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
-        progress.step(f"recording into {out} until Ctrl-C")
+        days = stack.enter_context(
+            RecordedDays(out, loaded, daily=daily, append=append, keep_frames=frames)
+        )
+        command = stack.enter_context(AlarmCommand(alarm))
+        bench = stack.enter_context(connect(loaded, *link, journal=days.recorder, baud=baud))
+        limit = loaded.maximum_temperature
+        hottest = None if limit is None else limit - 273.15
+        alarms = Alarms(names, hottest, silence, out, bench.clock.now())
+        heartbeat = Heartbeat(health)
+        heartbeat.ready()
+        progress.step(f"recording into {days.file} until Ctrl-C")
         begin = time.monotonic()
         while not stop.is_set() and (duration is None or time.monotonic() - begin < duration):
             records = bench.poll()
+            for new in alarms.check(records, bench.clock.now()):
+                bench.note(Event("", bench.clock.now(), "alarm", f"{new.kind}: {new.detail}"))
+                command.ring(new)
             if publisher is not None:
                 publisher.publish(records)
-            states = " and ".join(bench.states.values())
-            progress.update(f"{recorder.written} records, link {states}")
-    with Session(out) as session:
+            days.turn(bench)
+            states = {name: str(state) for name, state in bench.states.items()}
+            heartbeat.beat({"records": days.recorder.written, "links": states})
+            progress.update(
+                f"{days.recorder.written} records, link {' and '.join(states.values())}"
+            )
+    with Session(days.file) as session:
         content = report(session)
-    say(_table(out, content), json)
+    say(_table(days.file, content), json)
     write_json(json, content)
+    if command.rung:
+        raise typer.Exit(ALARMED)
 
 
 def _table(file: Path, content: dict[str, Any]) -> str:
@@ -71,4 +115,9 @@ def _table(file: Path, content: dict[str, Any]) -> str:
     ]
     lines += [f"  lost: {count} of {stream}" for stream, count in content["lost"].items()]
     lines += [f"  {kind}: {count}" for kind, count in content["events"].items()]
+    lines += [
+        f"  driven by {drive['operator'] or drive['owner']}: {json_text.dumps(drive['plan'])}, "
+        f"{drive['status']} {drive['reason']}".rstrip()
+        for drive in content["drives"]
+    ]
     return "\n".join(lines)

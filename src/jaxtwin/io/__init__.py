@@ -1,5 +1,6 @@
 """Recordings: found or fetched, read, checked and written."""
 
+from ._backup import backup_session
 from ._clock_map import ClockMap
 from ._experiment import Experiment
 from ._fetch import fetch_recordings
@@ -18,6 +19,7 @@ __all__ = [
     "PublishedRecording",
     "Series",
     "Session",
+    "backup_session",
     "fetch_recordings",
     "find_recordings",
     "read_recording",

@@ -1,6 +1,7 @@
 # The public names of jaxtwin.live. `__init__.py` reads this file at run time and imports a name
 # when it is first used: the command line takes its commands from here without loading JAX.
 
+from ._alarms import Alarms as Alarms
 from ._bench import Bench as Bench
 from ._bench import View as View
 from ._bench import connect as connect

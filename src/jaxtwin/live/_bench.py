@@ -16,7 +16,7 @@ from ._messages import VERSION, Ask, Duty, Order
 from ._mqtt_address import without_password
 from ._opener import opener
 from ._receiver import Receiver
-from ._records import Command, LinkState, Record
+from ._records import Command, Greeting, LinkState, Record
 from ._time import Clock, SystemClock
 from ._transport import Opener
 
@@ -150,6 +150,18 @@ class Bench:
         return {
             name: why for name, receiver in self._receivers.items() if (why := receiver.refused)
         }
+
+    def record_into(self, journal: Journal) -> None:
+        """Goes on in another journal, which is told first who is there."""
+        now = self.clock.now()
+        journal.write(
+            [
+                Greeting(name, now, receiver.hello)
+                for name, receiver in self._receivers.items()
+                if receiver.hello is not None
+            ]
+        )
+        self._journal = journal
 
     def view(self, capacity: int = 10_000) -> View:
         """A view of all records from now on, of which at most `capacity` wait."""

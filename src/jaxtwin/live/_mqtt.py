@@ -157,8 +157,10 @@ class Publisher:
             case LinkChange():
                 return "events", {"link": record.link, "state": str(record.state)}
             case Event() | Gap():
-                kind = record.kind if isinstance(record, Event) else "gap"
-                return "events", {"link": record.link, "kind": kind}
+                if isinstance(record, Gap):
+                    return "events", {"link": record.link, "kind": "gap"}
+                what = {"kind": record.kind, "detail": record.detail}
+                return "events", {"link": record.link, **what}
             case Greeting():
                 return "events", {"link": record.link, "rig": record.hello.rig}
         return "", {}

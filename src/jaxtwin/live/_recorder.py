@@ -33,6 +33,9 @@ BETWEEN_RUNS = 10**9
 """Where the host's clock was set back, a run begins so long after the end of the one before, ns: in
 a recording the order of times is the order of runs."""
 
+STEP_SECONDS = 1.0
+"""A step of the system's clock by more than this, or a suspend, is noted at once."""
+
 WAL_BYTES = 64 * 2**20  # to which the journal shrinks again after a long reader held it
 
 # A number that no reader can hold back: SQLite's default is 1000 pages, 4 MB.
@@ -68,7 +71,7 @@ class Recorder:
         self.written = 0
         """Records kept so far."""
         self._clock: Clock = clock or SystemClock()
-        self._synced = self._compared = 0
+        self._synced = self._compared = self._apart = 0
         self._ended = False
         metadata = metadata_of(rig)
         existed = self.file.exists()
@@ -137,10 +140,12 @@ class Recorder:
         sync = seconds(now - self._synced) >= SYNC_SECONDS
         if not records and not sync:
             return
-        if seconds(now - self._compared) >= COMPARE_SECONDS:
-            apart = seconds(self._clock.utc() - now)
-            records = [*records, Event("", now, "host-clock", f"system clock {apart:+.6f} s")]
-            self._compared = now
+        apart = self._clock.utc() - now
+        stepped = abs(seconds(apart - self._apart)) > STEP_SECONDS  # set by hand, or a suspend
+        if stepped or seconds(now - self._compared) >= COMPARE_SECONDS:
+            detail = f"system clock {seconds(apart):+.6f} s"
+            records = [*records, Event("", now, "host-clock", detail)]
+            self._compared, self._apart = now, apart
         try:
             self._transact(records, now if sync else None)
         except sqlite3.Error as error:
@@ -226,6 +231,7 @@ class Recorder:
         execute("COMMIT")
         execute("PRAGMA synchronous = NORMAL")
         self._synced = self._compared = now
+        self._apart = self._clock.utc() - now
         return run
 
     def _break(self, alive: int, ended: str | None, now: int) -> tuple[str, str]:

@@ -1,5 +1,6 @@
 """What a recording holds and what it lacks: counts, losses, jitter, gaps, clocks."""
 
+import json
 from dataclasses import asdict, dataclass
 from typing import Any, final
 
@@ -40,7 +41,8 @@ def report(session: Session) -> dict[str, Any]:
     """Counts of everything in a recording, as plain data for people and for JSON.
 
     **Returns:** `streams` (`StreamReport`s as dictionaries), `lost` by stream, `events` by kind,
-    `runs` with their begin, end and how they ended.
+    `runs` with their begin, end and how they ended, `drives` with who asked for what and how it
+    ended.
     """
     execute = session.database.execute
     streams = []
@@ -69,12 +71,20 @@ def report(session: Session) -> dict[str, Any]:
             )
     lost = dict(execute("SELECT stream, sum(count) FROM gaps GROUP BY stream").fetchall())
     events = dict(execute("SELECT kind, count(*) FROM events GROUP BY kind").fetchall())
+    documents: dict[str, dict[str, Any]] = {}
+    for uid, content in execute("SELECT uid, content FROM documents ORDER BY id"):
+        documents.setdefault(uid, {}).update(json.loads(content))
+    drives = [
+        {key: found.get(key, "") for key in ("operator", "owner", "plan", "status", "reason")}
+        for found in documents.values()
+    ]
     runs = execute("SELECT started, alive, ended FROM runs ORDER BY id").fetchall()
     return {
         "rig": session.metadata["rig"],
         "streams": [asdict(stream) for stream in streams],
         "lost": lost,
         "events": events,
+        "drives": drives,
         "runs": [
             {"started": started * 1e-9, "alive": alive * 1e-9, "ended": ended or "broke off"}
             for started, alive, ended in runs

@@ -1,0 +1,60 @@
+"""The user's own command at an alarm: a mail, a siren, a message."""
+
+import contextlib
+import logging
+import os
+import subprocess
+from types import TracebackType
+from typing import TYPE_CHECKING, final
+
+if TYPE_CHECKING:
+    from ..live import Trip
+
+END_SECONDS = 10.0
+"""How long commands may still take when recording ends, s."""
+
+log = logging.getLogger("jaxtwin.live")
+
+
+@final
+class AlarmCommand:
+    """Runs a command for each alarm; recording does not wait for it. A context manager.
+
+    **Arguments:**
+
+    - `command`: for the shell, with `JAXTWIN_ALARM` (one word) and `JAXTWIN_ALARM_DETAIL` in its
+        environment; `None`: alarms are logged only.
+    """
+
+    def __init__(self, command: str | None):
+        self.rung = False
+        """Whether there was an alarm."""
+        self._command = command
+        self._running: list[subprocess.Popen[bytes]] = []
+
+    def __enter__(self) -> "AlarmCommand":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
+    ) -> None:
+        for process in self._running:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(END_SECONDS)
+
+    def ring(self, alarm: "Trip") -> None:
+        """Logs an alarm and runs the command."""
+        self.rung = True
+        log.warning("alarm: %s", alarm.detail)
+        self._running = [process for process in self._running if process.poll() is None]
+        if self._command is None:
+            return
+        words = {"JAXTWIN_ALARM": alarm.kind, "JAXTWIN_ALARM_DETAIL": alarm.detail}
+        self._running.append(
+            subprocess.Popen(
+                self._command, shell=True, env={**os.environ, **words}, stdin=subprocess.DEVNULL
+            )
+        )

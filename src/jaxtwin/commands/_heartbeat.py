@@ -1,0 +1,56 @@
+"""Signs of life for whoever supervises a command: systemd's watchdog, and a file."""
+
+import contextlib
+import json
+import os
+import socket
+import time
+from pathlib import Path
+from typing import Any, final
+
+from .._errors import JaxtwinError
+from .._whole_file import write_whole_file
+
+EVERY = 1.0
+"""Between two signs of life, s."""
+
+
+@final
+class Heartbeat:
+    """Tells systemd (`NOTIFY_SOCKET`, `Type=notify`) and a health file that the command is alive.
+
+    **Arguments:**
+
+    - `file`: JSON with the time and what is known, replaced as a whole once a second; or `None`.
+    """
+
+    def __init__(self, file: Path | None):
+        self._file = file
+        self._last = 0.0
+        self._address = os.environ.get("NOTIFY_SOCKET", "")
+
+    def ready(self) -> None:
+        """The command does what it is for."""
+        self._notify("READY=1")
+
+    def beat(self, content: dict[str, Any]) -> None:
+        """Called in every turn; says something once a second."""
+        if time.monotonic() - self._last < EVERY:
+            return
+        self._last = time.monotonic()
+        self._notify("WATCHDOG=1")
+        if self._file is not None:
+            text = json.dumps({"time": time.time(), **content})
+            # A full disk is the recorder's to tell.
+            with contextlib.suppress(JaxtwinError):
+                write_whole_file(self._file, text.encode(), JaxtwinError)
+
+    def _notify(self, text: str) -> None:
+        if not self._address:
+            return
+        address = self._address.replace("@", "\0", 1)  # an abstract socket
+        with (
+            contextlib.suppress(OSError),
+            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor,
+        ):
+            supervisor.sendto(text.encode(), address)

@@ -1,0 +1,57 @@
+"""A copy of a recording while it grows, with a checksum beside it."""
+
+import hashlib
+import os
+import sqlite3
+from pathlib import Path
+
+from .._errors import RecordingError
+from ._session import Session
+
+PAGES = 1000  # at a time: the recorder gets its turn in between
+
+
+def backup_session(file: str | Path, copy: str | Path) -> str:
+    """Copies a recording as it is at one moment, also while it is recorded into.
+
+    A plain copy of the file misses what is still in its journal. SQLite's online backup does not,
+    and neither stops nor is stopped by the recorder.
+
+    **Arguments:**
+
+    - `file`: the recording.
+    - `copy`: where to. A file that is there is refused.
+
+    **Returns:** the SHA-256 of the copy, which stands beside it in `COPY.sha256` too, as
+    `sha256sum --check` reads it.
+
+    **Raises:** `RecordingError` where the file is no recording, or the copy cannot be written.
+    """
+    target = Path(copy)
+    beside = target.with_name(target.name + ".sha256")
+    for path in (target, beside):
+        if path.exists():
+            raise RecordingError(f"{path}: is there already; name another")
+    partial = target.with_name(target.name + ".part")
+    try:
+        with Session(file) as session:
+            # The copy is one file: what the journal of the source holds is in it.
+            database = sqlite3.connect(partial)
+            try:
+                session.database.backup(database, pages=PAGES)
+                database.execute("PRAGMA journal_mode = DELETE")
+                (sound,) = database.execute("PRAGMA integrity_check").fetchone()
+            finally:
+                database.close()
+        if sound != "ok":
+            raise RecordingError(f"{file}: is damaged: {sound}")
+        with partial.open("rb+") as stream:
+            checksum = hashlib.file_digest(stream, "sha256").hexdigest()
+            os.fsync(stream.fileno())
+        beside.write_text(f"{checksum}  {target.name}\n", encoding="utf-8")
+        partial.replace(target)
+    except (sqlite3.Error, OSError) as error:
+        raise RecordingError(f"{target}: cannot be written: {error}") from None
+    finally:
+        partial.unlink(missing_ok=True)
+    return checksum

@@ -1,0 +1,89 @@
+"""A device's clock: one wrong stamp makes nobody deaf, and a step is another start."""
+
+from dataclasses import replace
+
+import pytest
+from hand_clock import START
+
+from jaxtwin import LinkError
+from jaxtwin.live import Data, Event, Gap, Greeting, Hello, LinkChange, LinkState, Sample, encode
+from jaxtwin.live._device_time import AGREE, DeviceTime
+from jaxtwin.live._identity import Identity
+from jaxtwin.live._link import Arrived
+from jaxtwin.live._receiver import Receiver
+from jaxtwin.rig import Rig
+
+HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
+
+
+@pytest.fixture
+def receiver(rig: Rig) -> Receiver:
+    made = Receiver("link", Identity.of(rig))
+    made.changed(LinkChange("link", START, LinkState.CONNECTING, ""))
+    return made
+
+
+def heard(receiver: Receiver, stamps: list[int], first: int = 0) -> list:
+    """Samples ten times a second with these stamps, µs."""
+    records: list = list(receiver.receive(Arrived("link", START, encode(HELLO))))
+    for number, stamp in enumerate(stamps, first):
+        data = encode(Data(number, stamp, (0, 0)))
+        records += receiver.receive(Arrived("link", START + number * 10**8, data))
+    return records
+
+
+def of(records: list, kind: type) -> list:
+    return [record for record in records if isinstance(record, kind)]
+
+
+@pytest.mark.parametrize("far", [2**62, 3_600_000_000, 61_000_000])
+def test_a_stamp_of_the_far_future_loses_itself_and_nothing_else(
+    receiver: Receiver, far: int
+) -> None:
+    records = heard(receiver, [0, 100_000, far, 300_000, 400_000])
+    assert [sample.seq for sample in of(records, Sample)] == [0, 1, 3, 4]
+    assert [(gap.first, gap.count) for gap in of(records, Gap)] == [(2, 1)]
+    (nonsense,) = [event for event in of(records, Event) if event.kind == "nonsense"]
+    assert f"device time {far}" in nonsense.detail
+
+
+def test_a_clock_that_has_stepped_is_another_start_of_the_device(receiver: Receiver) -> None:
+    later = [3_600_000_000 + number * 100_000 for number in range(30)]
+    records = heard(receiver, [0, 100_000, *later])
+    greetings = of(records, Greeting)
+    assert [greeting.hello.boot for greeting in greetings] == ["b1", "b1.1"]
+    samples = of(records, Sample)
+    assert [(s.boot, s.seq) for s in samples[:3]] == [("b1", 0), ("b1", 1), ("b1.1", AGREE + 1)]
+    assert len(samples) == 2 + 30 - (AGREE - 1)
+    assert [(gap.first, gap.count) for gap in of(records, Gap)] == [(2, AGREE - 1)]
+    # It greets again, and is the same.
+    assert receiver.receive(Arrived("link", START + 4 * 10**9, encode(HELLO))) == []
+
+
+def test_the_host_may_see_bytes_late_and_a_crystal_may_be_wrong() -> None:
+    time = DeviceTime(1.0)
+    assert not time.check(0, START)
+    assert not time.check(59_000_000, START + 10**6)
+    assert not time.check(1000_500_000, START + 1000 * 10**9)
+    with pytest.raises(LinkError, match="of which the host saw 1000 s"):
+        time.check(1100_000_000, START + 1000 * 10**9)
+
+
+def test_a_virtual_rig_runs_as_fast_as_it_says() -> None:
+    time = DeviceTime(20.0)
+    for second in range(100):
+        assert not time.check(second * 20_000_000, START + second * 10**9)
+
+
+def test_why_a_line_was_nonsense_is_recorded_and_logged_once(
+    receiver: Receiver, caplog: pytest.LogCaptureFixture
+) -> None:
+    heard(receiver, [])
+    wrong = replace(Data(0, 0, (300, 0)))
+    records = []
+    for number in range(5):
+        data = encode(replace(wrong, seq=number, device_us=number))
+        records += receiver.receive(Arrived("link", START, data))
+    details = {event.detail for event in of(records, Event) if event.kind == "nonsense"}
+    assert details == {"1: counts (300, 0) outside -255 to 255"}
+    assert caplog.messages == ["link: counts (300, 0) outside -255 to 255"]

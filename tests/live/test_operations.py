@@ -1,0 +1,181 @@
+"""What a recording that nobody watches needs: alarms, copies, files by day, signs of life."""
+
+import hashlib
+import json
+import shutil
+import socket
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
+
+from jaxtwin import RecordingError
+from jaxtwin.cli import run
+from jaxtwin.commands._heartbeat import Heartbeat
+from jaxtwin.commands._recorded_days import RecordedDays
+from jaxtwin.io import Session, backup_session
+from jaxtwin.live import (
+    Alarms,
+    Data,
+    Greeting,
+    Hello,
+    LinkChange,
+    LinkState,
+    Reading,
+    Record,
+    Recorder,
+    Sample,
+    encode,
+)
+from jaxtwin.rig import Rig
+
+HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
+
+
+def at(seconds: float) -> int:
+    return START + round(seconds * 1e9)
+
+
+def reading(seconds: float, *values: float, recalibrating: bool = False) -> Reading:
+    return Reading("l", "b", at(seconds), 0, 0, np.array(values), recalibrating, None)
+
+
+def sample(seconds: float, trip: str = "") -> Sample:
+    return Sample("l", "b", at(seconds), 0, 0, (0, 0), None, trip=trip)
+
+
+@pytest.fixture
+def alarms(tmp_path: Path) -> Alarms:
+    return Alarms(("T11", "T12"), 90.0, 10.0, tmp_path / "s.db", START)
+
+
+@pytest.mark.parametrize(
+    ("record", "kind", "detail"),
+    [
+        (reading(1, 20.0, 91.0), "over-temperature", "T12 is at 91.0 degC"),
+        (reading(1, float("nan"), 20.0), "channel-fault", "T11 failed"),
+        (sample(1, "watchdog"), "device-trip", "the device is off: watchdog"),
+        (LinkChange("l", at(1), LinkState.DOWN, "gone"), "link-down", "l is down: gone"),
+    ],
+)
+def test_an_alarm_says_what_is_wrong(
+    alarms: Alarms, record: Record, kind: str, detail: str
+) -> None:
+    assert [tuple(alarm) for alarm in alarms.check([record], at(1))] == [(kind, detail)]
+
+
+def test_an_alarm_is_raised_once_and_again_after_it_was_over(alarms: Alarms) -> None:
+    raised = [
+        second
+        for second in range(60)
+        if alarms.check(
+            [sample(second), reading(second, 95.0 if second < 20 or second >= 40 else 20.0)],
+            at(second),
+        )
+    ]
+    assert raised == [0, 40]
+
+
+def test_silence_and_recalibrations_without_end_are_alarms(alarms: Alarms) -> None:
+    kinds = []
+    for second in range(12):
+        records: list[Record] = [reading(second, 20.0, 20.0, recalibrating=True)]
+        kinds += [alarm.kind for alarm in alarms.check(records, at(second))]
+    assert sorted(kinds) == ["stale-controller", "stale-temperature"]
+
+
+def test_a_disk_that_is_nearly_full_is_an_alarm(
+    alarms: Alarms, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage("/")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=50_000_000))
+    (alarm,) = alarms.check([], at(1))
+    assert alarm.kind == "disk"
+    assert alarm.detail.startswith("50 MB are free at ")
+
+
+def test_a_backup_holds_all_that_was_seen_while_recording_goes_on(rig: Rig, tmp_path: Path) -> None:
+    file, copy = tmp_path / "session.db", tmp_path / "copy.db"
+    with Recorder(file, rig) as recorder:
+        recorder.write([Greeting("l", START, HELLO)])
+        for number in range(50):
+            recorder.write([Sample("l", "b1", at(number), number, number, (0, 0), None)])
+        checksum = backup_session(file, copy)
+        recorder.write([Sample("l", "b1", at(50), 50, 50, (0, 0), None)])
+    assert hashlib.sha256(copy.read_bytes()).hexdigest() == checksum
+    subprocess.run(["sha256sum", "--check", "copy.db.sha256"], cwd=tmp_path, check=True)
+    # One file, that needs no journal.
+    moved = tmp_path / "elsewhere.db"
+    copy.rename(moved)
+    with Session(moved) as session:
+        assert session.database.execute("SELECT count(*) FROM samples").fetchone() == (50,)
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_backup_replaces_nothing_and_copies_recordings_only(rig: Rig, tmp_path: Path) -> None:
+    file, copy = tmp_path / "session.db", tmp_path / "copy.db"
+    Recorder(file, rig).close()
+    copy.write_text("precious")
+    with pytest.raises(RecordingError, match="is there already"):
+        backup_session(file, copy)
+    assert copy.read_text() == "precious"
+    with pytest.raises(RecordingError, match="is no recording"):
+        backup_session(copy, tmp_path / "other.db")
+    assert run(["backup", str(file), str(tmp_path / "third.db")]) == 0
+
+
+def test_a_new_day_is_a_new_file_and_the_old_one_has_its_checksum(
+    rig: Rig, tmp_path: Path, clock: HandClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    today = ["2026-01-31"]
+    monkeypatch.setattr(RecordedDays, "_today", lambda self: today[0])
+    reads = [encode(HELLO), *[encode(Data(n, n * 1000, (0, 0))) for n in range(10)]]
+    opener = lambda: ScriptedTransport(*reads)  # noqa: E731
+    options = {"daily": True, "append": False, "keep_frames": False}
+    with RecordedDays(tmp_path / "s.db", rig, **options) as days:
+        bench = stepped_bench(rig, {"link": opener}, clock, journal=days.recorder)
+        for turn in range(15):
+            if turn == 6:
+                today[0] = "2026-02-01"
+            bench.poll()
+            days.turn(bench)
+    counts = {}
+    for file in sorted(tmp_path.glob("s-*.db")):
+        with Session(file) as session:
+            rows = session.database.execute("SELECT count(*), min(seq), max(seq) FROM samples")
+            counts[file.name] = rows.fetchone()
+    (first, one), (second, two) = counts.items()
+    assert (first, second) == ("s-2026-01-31.db", "s-2026-02-01.db")
+    assert one[0] + two[0] == 10
+    assert two[1] == one[2] + 1
+    subprocess.run(["sha256sum", "--check", f"{first}.sha256"], cwd=tmp_path, check=True)
+
+
+def test_systemd_and_a_file_hear_that_it_is_alive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address = tmp_path / "notify"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:
+        supervisor.bind(str(address))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(address))
+        heartbeat = Heartbeat(tmp_path / "health.json")
+        heartbeat.ready()
+        heartbeat.beat({"records": 7})
+        heartbeat.beat({"records": 8})  # within the same second
+        assert [supervisor.recv(100), supervisor.recv(100)] == [b"READY=1", b"WATCHDOG=1"]
+    health = json.loads((tmp_path / "health.json").read_text())
+    assert health["records"] == 7
+
+
+def test_an_alarm_runs_the_command_and_shows_in_the_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = tmp_path / "told"
+    command = ["record", "dual-cell", "--link", "socket://127.0.0.1:1", "--duration", "1.5"]
+    command += ["--silence", "0.5", "--alarm", f'echo "$JAXTWIN_ALARM" >> "{told}"']
+    command += ["--out", str(tmp_path / "s.db")]
+    assert run(command) == 4
+    assert "alarm: 3" in capsys.readouterr().out
+    assert set(told.read_text().split()) == {"link-down", "stale-controller", "stale-temperature"}
