@@ -25,7 +25,7 @@ with atheris.instrument_imports(include=["jaxtwin.live"]):  # pyright: ignore
     from jaxtwin.live._records import LinkChange
 
 IDENTITY = Identity.of(jt.load_rig("dual-cell"))
-HELLO = encode(Hello(2, "dual-cell", "fuzz", cells=("P1", "P2"), camera=(80, 60)))
+HELLO = encode(Hello(2, "dual-cell", "fuzz", ("P1", "P2"), camera=(80, 60), watchdog=2.0))
 NOW = 1_700_000_000_000_000_000
 
 

@@ -110,8 +110,6 @@ class FaultyTransport:
         if hazard.begins is not None and "begin" not in scene.memory and hazard.begins(scene):
             scene.memory["begin"] = scene.time
         data = self._inner.read()
-        if any(scene.device.pwm):
-            scene.memory["on"] = scene.time
         if hazard.spoken is None or not scene.on:
             return data
         frames, self._rest, _ = deframe(self._rest, data)
@@ -119,6 +117,11 @@ class FaultyTransport:
         return b"".join(part if isinstance(part, bytes) else encode(part) for part in said)
 
     def write(self, data: bytes) -> None:
+        self._scene.memory["hears"] = True
+        self._write(data)
+        self._scene.memory["hears"] = False
+
+    def _write(self, data: bytes) -> None:
         scene, hazard = self._scene, self._hazard
         if hazard.heard is None or not scene.on:
             self._inner.write(data)
@@ -149,6 +152,7 @@ def run_hazard(hazard: Hazard, twins: Sequence[Twin], seed: int) -> Ran:
     clock = HandClock()
     device = VirtualRig(twin, seed=seed, camera_hz=random.uniform(4, 9))
     scene = Scene(device, clock, random, onset=random.uniform(4, 12))
+    _watch_the_cells(scene)
     opener = lambda: FaultyTransport(scene, hazard)  # noqa: E731
     bench = stepped_bench(twin.rig, {"rig": opener}, clock, step=random.uniform(0.02, 0.1))
     scene.bench = bench
@@ -156,7 +160,7 @@ def run_hazard(hazard: Hazard, twins: Sequence[Twin], seed: int) -> Ran:
     schedule = f"0:{duty[0]:.2f}/{duty[1]:.2f},{scene.onset + 0.7:.2f}:{duty[2]:.2f}/-{duty[3]:.2f}"
     plan = follow(Experiment.schedule(schedule, duration=120, cells=2))
 
-    def source(moment: Moment) -> np.ndarray | None:
+    def source(moment: Moment) -> Sequence[float] | np.ndarray | None:
         failing = scene.memory.get("controller")
         return plan(moment) if failing is None else failing(moment)
 
@@ -173,9 +177,22 @@ def run_hazard(hazard: Hazard, twins: Sequence[Twin], seed: int) -> Ran:
     while any(device.pwm) and scene.since < 200:
         clock.turn(0.05)
         device.due(clock.now())
-        scene.memory["on"] = scene.time
     begin = scene.memory.get("begin", scene.onset)
-    return Ran(max(0.0, scene.memory.get("on", begin) - begin), reason, detail)
+    off_at = scene.time if any(device.pwm) else scene.memory.get("off", begin)
+    return Ran(max(0.0, off_at - begin), reason, detail)
+
+
+def _watch_the_cells(scene: Scene) -> None:
+    """Notes when the cells are switched off: by a command now, or at the device's own time."""
+    drive = scene.device.twin.drive
+
+    def noted(duty: np.ndarray, ambient: float | None = None) -> None:
+        drive(duty, ambient)
+        if not np.any(duty):
+            hears = scene.memory.get("hears", False)
+            scene.memory["off"] = scene.time if hears else scene.device.twin.time
+
+    scene.device.twin.drive = noted  # pyright: ignore[reportAttributeAccessIssue]
 
 
 # ---------------------------------------------------------------------------- what cameras do
@@ -362,7 +379,7 @@ NEXT = 0.6
 """With the next frame, at four a second, and two turns of a slow host, s."""
 
 SILENCE = 3.6
-CHANGE = 2.2
+CHANGE = 2.4
 """A command that changes comes 0.7 s after the onset, and may take a second to show."""
 
 WATCHDOG = 2.6

@@ -1,4 +1,7 @@
-"""A controller of protocol version 2 (docs/protocol.md) on a TCP port: MicroPython or CPython."""
+"""A controller of protocol version 2 (docs/protocol.md) on a TCP port: MicroPython or CPython.
+
+Its tests run it under CPython. Under MicroPython, connect to the network first, then `serve(7000)`.
+"""
 
 import binascii
 import os
@@ -11,6 +14,17 @@ RIG, CELLS, COUNTS, WATCHDOG_S, PERIOD_S = "dual-cell", ("P1", "P2"), 255, 2, 0.
 BOOT = binascii.hexlify(os.urandom(4)).decode()  # another one at every start
 LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-"
 KEYS = {"duty": ["n", "owner", "pwm"], "hello": ["version"]}
+
+
+try:
+    ticks, passed = time.ticks_ms, time.ticks_diff  # MicroPython, which begins anew at 2^30
+except AttributeError:
+
+    def ticks():
+        return int(time.monotonic() * 1000)
+
+    def passed(now, before):
+        return now - before
 
 
 def set_pins(pwm):
@@ -32,7 +46,7 @@ class Device:
         set_pins(self.pwm)
 
     def say(self, text):
-        self.out += b"%s*%08X\n" % (text.encode(), binascii.crc32(text.encode()) & 0xFFFFFFFF)
+        self.out += f"{text}*{checksum(text.encode())}\n".encode()
 
     def tell(self, kind, now, rest):
         self.say(f"{kind} seq={self.numbers[kind]} t={int(now * 1e6)}{rest}")
@@ -51,7 +65,7 @@ class Device:
 
     def obey(self, line, now):
         text, star, crc = line.rstrip(b"\r").rpartition(b"*")
-        if not star or crc != b"%08X" % (binascii.crc32(text) & 0xFFFFFFFF):
+        if not star or crc != checksum(text).encode():
             return
         word, *rest = text.decode().split(" ")
         fields = dict(part.split("=", 1) for part in rest)
@@ -94,6 +108,10 @@ class Device:
         self.tell("data", now, " pwm=" + ",".join(map(str, self.pwm)) + state)
 
 
+def checksum(text):
+    return f"{binascii.crc32(text) & 0xFFFFFFFF:08X}"
+
+
 def whole(text, least):
     number = int(text) if text.lstrip("-").isdigit() and text.count("-") < 2 else None
     if number is None or not least <= number < 2**32:
@@ -102,15 +120,16 @@ def whole(text, least):
 
 
 def serve(port):
-    device, hosts, begin, sent = Device(), {}, time.time(), 0.0
+    device, hosts, last, now, sent = Device(), {}, ticks(), 0.0, 0.0
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     listener.bind(("127.0.0.1", port))  # "0.0.0.0" to be seen from outside: see docs/protocol.md
     listener.listen(4)
-    print(f"socket://127.0.0.1:{listener.getsockname()[1]}", flush=True)
+    print(f"listening on port {port}")
     while True:
         ready = select.select([listener, *hosts], [], [], PERIOD_S / 5)[0]
-        now = time.time() - begin
+        now += passed(ticks(), last) / 1000
+        last = ticks()
         for host in ready:
             if host is listener:
                 hosts[listener.accept()[0]] = b""

@@ -1,6 +1,7 @@
 """The conformance kit: it finds nothing wrong with what is right, and each fault that is put in."""
 
 import shutil
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -100,11 +101,13 @@ def test_a_greeting_that_does_not_fit_ends_it(rig: Rig, twin: Twin, clock: HandC
 @pytest.fixture
 def python_device() -> Iterator[str]:
     """The example in Python, in a process of its own: its address."""
-    with subprocess.Popen(
-        [sys.executable, str(DEVICE), "0"], stdout=subprocess.PIPE, text=True
-    ) as process:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, "-u", str(DEVICE), str(port)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        yield process.stdout.readline().strip()
+        assert process.stdout.readline() == f"listening on port {port}\n"
+        yield f"socket://127.0.0.1:{port}"
         process.kill()
 
 

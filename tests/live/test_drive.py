@@ -284,8 +284,8 @@ def test_a_controller_sees_what_is_measured_and_ends_the_run(
 
     assert operate(virtual_bench(rig, device, clock), twin, thermostat) == "completed"
     assert device.pwm == OFF
-    hottest = [float(moment.temperatures.max()) for moment in seen]
-    assert 19.5 < max(hottest) < 24.0
+    # The driver lags by seven seconds: it overshoots, and does not run away.
+    assert 20.0 < max(float(moment.temperatures.max()) for moment in seen) < 30.0
     assert {tuple(moment.duty) for moment in seen} == {(0.0, 0.0), (1.0, 0.0)}
     assert {moment.ambient for moment in seen} == {16.0}
 

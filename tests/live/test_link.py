@@ -12,7 +12,7 @@ from hand_clock import HandClock, ScriptedTransport
 from serial.rfc2217 import PortManager
 
 from jaxtwin import JaxtwinError
-from jaxtwin.live import LinkChange, LinkState, opener
+from jaxtwin.live import LinkChange, LinkState, PtyServer, opener
 from jaxtwin.live._link import FIRST_RETRY, LONGEST_RETRY, Arrived, Inbox, Link
 from jaxtwin.live._transport import SocketTransport
 
@@ -176,6 +176,16 @@ def test_a_serial_port_reads_back_what_loop_sends() -> None:
     transport.write(b"beat t=1")
     assert transport.read() + transport.read() == b"beat t=1"
     transport.close()
+
+
+def test_a_serial_port_is_opened_by_one_program_at_a_time() -> None:
+    server = PtyServer()
+    first = opener(server.url)()
+    with pytest.raises(OSError, match="exclusively lock"):
+        opener(server.url)()
+    first.close()
+    opener(server.url)().close()
+    server.close()
 
 
 @pytest.mark.parametrize(

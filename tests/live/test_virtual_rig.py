@@ -87,6 +87,10 @@ def test_the_same_seed_sends_the_same_bytes(twin: Twin) -> None:
     assert sent[0] != sent[2]
 
 
+def test_each_start_has_another_name_whatever_the_seed(twin: Twin) -> None:
+    assert VirtualRig(twin, seed=1).hello.boot != VirtualRig(twin, seed=1).hello.boot
+
+
 def test_rates_are_those_that_were_asked_for(twin: Twin) -> None:
     device = VirtualRig(twin, speed=10, camera_hz=4, controller_hz=5)
     kinds = Counter(
@@ -106,6 +110,21 @@ def test_without_commands_its_own_watchdog_switches_the_cells_off(twin: Twin) ->
     sent = heard(device, clock, 0.5)
     assert device.pwm == (0, 0)
     assert "watchdog" in {getattr(parse(f), "why", "") for f in deframe(b"", sent).frames}
+
+
+def test_it_trips_by_itself_above_the_limit(rig: Rig) -> None:
+    assert rig.limits is not None
+    cautious = replace(rig, limits=replace(rig.limits, temperature=273.15 + 10))
+    device, clock = VirtualRig(Twin(cautious), speed=10), HandClock()
+    sent = b""
+    for number in range(60):
+        device.receive(encode(Duty(number, (255, 255), "me")))
+        sent += heard(device, clock, 0.5)
+    assert device.stage.trip_reason == "over-temperature"
+    whys = [getattr(parse(f), "why", "") for f in deframe(b"", sent).frames]
+    assert whys.count("over-temperature") == 1
+    # Ten kelvin above the limit.
+    assert 19 < device.twin.temperatures.max() < 30
 
 
 def test_a_command_beyond_full_duty_is_refused(twin: Twin) -> None:

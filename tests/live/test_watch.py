@@ -45,6 +45,18 @@ def test_a_screen_shows_values_duty_links_and_losses_within_80_by_24(twin: Twin)
     assert len(text.splitlines()) <= 24
 
 
+def test_a_channel_that_has_failed_is_shown_as_failed(twin: Twin) -> None:
+    screen = Screen(twin)
+    values = np.full(15, 30.0)
+    values[0] = np.nan
+    screen.update([Reading("link", "b", START, 0, 0, values, False, None, {0: "open"})])
+    text = shown(screen)
+    assert "nan" in text
+    assert "?" in text
+    screen.update([Reading("link", "b", START, 0, 0, np.full(15, np.nan), False, None)])
+    assert "all channels have failed" in shown(screen)
+
+
 def test_the_twin_stands_beside_the_measurement(twin: Twin) -> None:
     screen = Screen(twin)
     screen.update([Reading("link", "b", START, 0, 0, np.full(15, 30.0), False, None)])

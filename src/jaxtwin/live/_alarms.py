@@ -74,7 +74,7 @@ class Alarms:
         values = reading.temperatures
         failed = np.flatnonzero(np.isnan(values))
         if len(failed):
-            names = ", ".join(self._channels[place] for place in failed)
+            names = ", ".join(self._channels[int(place)] for place in failed)
             return [Trip("channel-fault", f"{names} failed")]
         hottest = int(np.argmax(values))
         if self._hottest is None or values[hottest] <= self._hottest:

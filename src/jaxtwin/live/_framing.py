@@ -11,6 +11,7 @@ CRC-32 (the one of zlib, Ethernet and PNG) also for lines: with 16 bits one of 6
 lines would pass.
 """
 
+import re
 import zlib
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ PACKET_BYTES = 65_536
 """A longer packet, encoded, is garbage; 160 x 120 pixels of 16 bits take 38.6 kB."""
 
 _CHECKSUM = 4  # bytes of a CRC-32
+_NO_TEXT = re.compile(rb"[^\x20-\x7e\r]")
 _ZERO, _NEWLINE = b"\x00", b"\n"
 
 
@@ -74,7 +76,9 @@ def delines(rest: bytes, data: bytes) -> tuple[list[str], bytes]:
     **Returns:** the lines, and the rest for the next call, at most `LINE_BYTES`.
     """
     *lines, rest = (rest + data).split(_NEWLINE)
-    found = [_line(line.rpartition(_ZERO)[2][-LINE_BYTES:] + _NEWLINE, 0) for line in lines]
+    # What stands before a byte that no line holds belongs to another one.
+    ends = [_NO_TEXT.split(line)[-1][-LINE_BYTES:] for line in lines]
+    found = [_line(end + _NEWLINE, 0) for end in ends]
     texts = [item[0] for item in found if item is not None]
     return [text for text in texts if isinstance(text, str)], rest[-LINE_BYTES:]
 

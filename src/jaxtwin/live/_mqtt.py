@@ -9,6 +9,7 @@ has just been switched on. Needs the extra `mqtt` (paho-mqtt).
 import contextlib
 import json
 import logging
+import math
 import queue
 import threading
 from collections.abc import Sequence
@@ -150,7 +151,11 @@ class Publisher:
     def _message(self, record: Record) -> tuple[str, dict[str, Any]]:
         match record:
             case Reading():
-                values = [round(value, 3) for value in record.temperatures.tolist()]
+                # JSON has no word for what a channel that has failed reads.
+                values = [
+                    None if math.isnan(value) else round(value, 3)
+                    for value in record.temperatures.tolist()
+                ]
                 return "readings", dict(zip(self._channels, values, strict=True))
             case Sample():
                 return "duty", dict(zip(self._cells, record.pwm, strict=True))

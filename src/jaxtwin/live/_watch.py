@@ -77,7 +77,9 @@ class Screen:
         values = self._follower.measured
         if values is None:
             return Text("\n" * (HEIGHT // 2) + "waiting for temperatures".center(WIDTH))
-        low, high = float(values.min()), float(values.max())
+        if np.isnan(values).all():
+            return Text("\n" * (HEIGHT // 2) + "all channels have failed".center(WIDTH))
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
         labels = _labels(self._map, [f"{value:.1f}" for value in values])
         text = Text()
         for row in range(HEIGHT):
@@ -85,6 +87,9 @@ class Screen:
                 channel = self._map[row, column]
                 if channel < 0:
                     text.append(" ")
+                    continue
+                if np.isnan(values[channel]):  # it has failed
+                    text.append(labels.get((row, column), "?"), "bold red")
                     continue
                 part = (float(values[channel]) - low) / max(high - low, 0.5)
                 ink = "black" if part > 0.6 else "white"
