@@ -244,6 +244,16 @@ def test_an_interlock_leaves_the_device_tripped(rig: Rig, twin: Twin, clock: Han
     assert device.stage.trip_reason == "stop"
 
 
+def test_what_waited_before_the_start_is_no_silence(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    device = VirtualRig(twin)
+    bench = virtual_bench(rig, device, clock)
+    for _ in range(200):  # more than the bench takes at once
+        clock.turn(0.02)
+        bench.step_links()
+    clock.turn(3.5)  # this process compiles
+    assert drive(bench, rig, plan("0:0.5", 2)) == "completed"
+
+
 def test_two_drives_do_not_share_a_rig(rig: Rig, twin: Twin, clock: HandClock) -> None:
     device = VirtualRig(twin)
     second = virtual_bench(rig, device, clock)

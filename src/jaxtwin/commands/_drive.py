@@ -50,7 +50,7 @@ def drive(
     The exit code is 0 after the whole schedule, 3 where an interlock stopped it, 130 after Ctrl-C.
     """
     from ..io import Experiment
-    from ..live import Recorder, connect, opener
+    from ..live import Guard, Recorder, connect, opener
     from ..live import drive as run_plan
     from ..rig import load_rig
 
@@ -59,6 +59,8 @@ def drive(
         loaded = load_rig(rig)
         twin = open_twin(loaded, set_name, parameters)
         plan = Experiment.schedule(duty, duration=duration, cells=len(loaded.cells))
+        # Compiled now: a rig that is connected sends, and nobody would listen.
+        Guard(twin, "", silence=silence)
         for url in link:  # what cannot be a link is refused before there is a file
             opener(url, baud=baud)
         recorder = stack.enter_context(Recorder(out, loaded)) if out else None

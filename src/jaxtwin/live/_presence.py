@@ -33,11 +33,11 @@ class Presence:
     def see(self, record: Record) -> Trip | None:
         match record:
             case Sample():
-                self._sample = record.arrival
+                self._sample = max(self._sample, record.arrival)
             case Reading():
                 self._recalibrating = record.recalibrating
                 if not record.recalibrating:
-                    self._reading = record.arrival
+                    self._reading = max(self._reading, record.arrival)
             case LinkChange(state=LinkState.DOWN):
                 return Trip("link-down", f"link {record.link} is down: {record.detail}")
             case Greeting() if self._boots.get(record.link) != record.hello.boot:

@@ -12,6 +12,10 @@ from ._time import seconds
 PATIENCE = 30.0
 """How long a rig may take to be there, s."""
 
+FRESH = 1.5
+"""How old the newest sample and reading may be at the first command, s. What waited while this
+process was busy, compiling say, says nothing of the rig as it is now."""
+
 RESET_AGAIN = 0.5
 """Between two resets, s, while the device reports a trip."""
 
@@ -65,7 +69,9 @@ def wait_until_ready(
                 case Reading() if not record.recalibrating:
                     reading = record
         live = set(bench.states.values()) == {LinkState.LIVE}
-        if live and sample is not None and reading is not None:
+        if live and _is_fresh(sample, bench) and _is_fresh(reading, bench):
+            assert sample is not None
+            assert reading is not None
             if not sample.trip and sample.owner in ("", bench.owner):
                 return Ready(rate, boots, [sample, reading])
             if sample.owner not in ("", bench.owner):
@@ -87,6 +93,10 @@ def wait_until_ready(
             raise SafetyStop(
                 f"not started: after {PATIENCE:g} s: {_missing(bench, sample, reading)}"
             )
+
+
+def _is_fresh(record: Sample | Reading | None, bench: Bench) -> bool:
+    return record is not None and seconds(bench.clock.now() - record.arrival) <= FRESH
 
 
 def _missing(bench: Bench, sample: Sample | None, reading: Reading | None) -> str:
