@@ -3,7 +3,8 @@
 The rule, and nothing else: nothing is filled in.
 
 - The grid is `start + k step`.
-- A temperature, or the ambient, is the mean of all readings within half a step of the grid time.
+- A temperature, or the ambient, is the mean of all readings within half a step of the grid time,
+    where these are of one run of the recorder.
 - The duty is the one in force in the middle of the step that it is held for, so that a switch is
     off by half a step at most. It is in force from its sample until the next one, or until
     `longest` after it.
@@ -12,7 +13,7 @@ The rule, and nothing else: nothing is filled in.
 """
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 
 def bin_means(
@@ -39,6 +40,32 @@ def bin_means(
     )
     sums = sums.astype(np.float64)  # of nothing, bincount makes whole numbers
     return np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0)
+
+
+def bin_means_by_run(
+    time: Float[np.ndarray, " samples"],
+    values: Float[np.ndarray, "samples columns"],
+    run: Int[np.ndarray, " samples"],
+    grid: Float[np.ndarray, " grid"],
+    step: float,
+) -> Float[np.ndarray, "grid columns"]:
+    """The same, with NaN where two runs of a recorder meet: no mean is taken over both.
+
+    **Arguments:**
+
+    - `time`, `values`, `grid`, `step`: as for `bin_means`.
+    - `run`: the number of the run that each sample is of.
+    """
+    means = np.full((len(grid), values.shape[1]), np.nan)
+    found = np.zeros(len(grid), np.int64)
+    for number in np.unique(run):
+        own = run == number
+        part = bin_means(time[own], values[own], grid, step)
+        there = ~np.isnan(part).all(axis=1)
+        found += there
+        means[there] = part[there]
+    means[found > 1] = np.nan
+    return means
 
 
 def held(

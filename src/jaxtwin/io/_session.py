@@ -13,7 +13,7 @@ from .._errors import RecordingError
 from ._clock_map import ClockMap
 from ._experiment import Experiment
 from ._lock import is_locked
-from ._resample import bin_means, held
+from ._resample import bin_means_by_run, held
 from ._session_file import Columns, is_session, read_metadata
 
 if TYPE_CHECKING:
@@ -212,12 +212,14 @@ class Session:
             )
         grid = zero + first + step * np.arange(int((last - first) / step + 1e-9) + 1)
 
-        means = _bin_means_by_run(readings, grid, step)
+        means = bin_means_by_run(readings.time, readings.values, readings.run, grid, step)
         longest = max(step, LONGEST_HOLD * float(np.median(np.diff(duty.time))))
         drive, there = held(duty.time, duty.values, grid + step / 2, longest)
         surroundings: Any = None
         if len(ambient.time):
-            surroundings = _bin_means_by_run(ambient, grid, step)[there, 0]
+            surroundings = bin_means_by_run(ambient.time, ambient.values, ambient.run, grid, step)[
+                there, 0
+            ]
             if np.isnan(surroundings).all():
                 surroundings = None
         try:
@@ -256,23 +258,6 @@ class Session:
         # Two starts of a device may overlap by their clocks' uncertainty.
         order = np.argsort(time, kind="stable")
         return Series(time[order], values[order, 2:], columns, run[order])
-
-
-def _bin_means_by_run(
-    series: Series, grid: Float[np.ndarray, " grid"], step: float
-) -> Float[np.ndarray, "grid columns"]:
-    """Means of each step; one in which two runs of the recorder meet has none."""
-    runs = np.unique(series.run)
-    means = np.full((len(grid), series.values.shape[1]), np.nan)
-    found = np.zeros(len(grid), np.int64)
-    for run in runs:
-        own = series.run == run
-        part = bin_means(series.time[own], series.values[own], grid, step)
-        there = ~np.isnan(part).all(axis=1)
-        found += there
-        means[there] = part[there]
-    means[found > 1] = np.nan
-    return means
 
 
 def _longest_gap(time: Float[np.ndarray, " samples"]) -> str:

@@ -3,7 +3,6 @@
 
 from ._alarms import Alarms as Alarms
 from ._bench import Bench as Bench
-from ._bench import View as View
 from ._bench import connect as connect
 from ._codec import encode as encode
 from ._codec import parse as parse
@@ -59,6 +58,7 @@ from ._time import Clock as Clock
 from ._time import SystemClock as SystemClock
 from ._transport import Transport as Transport
 from ._trip import Trip as Trip
+from ._view import View as View
 from ._virtual_rig import VirtualRig as VirtualRig
 from ._watch import Screen as Screen
 

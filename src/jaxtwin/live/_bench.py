@@ -2,7 +2,6 @@
 
 import queue
 import secrets
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Literal, Protocol, final, runtime_checkable
 
@@ -19,6 +18,7 @@ from ._receiver import Receiver
 from ._records import Command, Greeting, LinkState, Record
 from ._time import Clock, SystemClock
 from ._transport import Opener
+from ._view import View
 
 BATCH = 128
 """Reads that are journalled together at most."""
@@ -38,34 +38,6 @@ class Journal(Protocol):
     def write(self, records: Sequence[Record]) -> None:
         """Keeps them, or raises: then nobody sees them."""
         ...
-
-
-@final
-class View:
-    """What one onlooker has not seen yet.
-
-    An onlooker that is too slow loses the oldest records, here alone: the journal never waits.
-    """
-
-    def __init__(self, capacity: int):
-        self._waiting: deque[Record] = deque(maxlen=capacity)
-        self.dropped = 0
-
-    def put(self, records: Sequence[Record]) -> None:
-        """Called by the bench, after journalling."""
-        room = (self._waiting.maxlen or 0) - len(self._waiting)
-        self.dropped += max(0, len(records) - room)
-        self._waiting.extend(records)
-
-    def take(self) -> list[Record]:
-        """All that wait, the oldest first. May be called from another thread."""
-        taken: list[Record] = []
-        while self._waiting:
-            try:
-                taken.append(self._waiting.popleft())
-            except IndexError:  # the bench dropped it in between
-                break
-        return taken
 
 
 @final

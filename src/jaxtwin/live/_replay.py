@@ -12,7 +12,6 @@ import numpy as np
 
 from ..io import Session
 from ..io._session_file import Columns
-from ._bench import View
 from ._messages import Hello
 from ._records import (
     Command,
@@ -27,6 +26,7 @@ from ._records import (
     Sample,
 )
 from ._time import Clock, SystemClock
+from ._view import View
 
 Rows = Generator[Record, None, None]
 

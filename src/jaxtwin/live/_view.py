@@ -1,0 +1,35 @@
+"""What an onlooker of a bench has not seen yet."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import final
+
+from ._records import Record
+
+
+@final
+class View:
+    """What one onlooker has not seen yet.
+
+    An onlooker that is too slow loses the oldest records, here alone: the journal never waits.
+    """
+
+    def __init__(self, capacity: int):
+        self._waiting: deque[Record] = deque(maxlen=capacity)
+        self.dropped = 0
+
+    def put(self, records: Sequence[Record]) -> None:
+        """Called by the bench, after journalling."""
+        room = (self._waiting.maxlen or 0) - len(self._waiting)
+        self.dropped += max(0, len(records) - room)
+        self._waiting.extend(records)
+
+    def take(self) -> list[Record]:
+        """All that wait, the oldest first. May be called from another thread."""
+        taken: list[Record] = []
+        while self._waiting:
+            try:
+                taken.append(self._waiting.popleft())
+            except IndexError:  # the bench dropped it in between
+                break
+        return taken
