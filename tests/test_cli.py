@@ -52,6 +52,8 @@ COMMANDS = [
     ["record"],
     ["drive"],
     ["watch"],
+    ["conform"],
+    ["backup"],
     ["export"],
     ["data"],
     ["data", "list"],
