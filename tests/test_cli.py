@@ -1,5 +1,6 @@
 """The command line: what it prints, what it writes, and how it refuses."""
 
+import importlib
 import inspect
 import json
 import math
@@ -22,14 +23,16 @@ from jaxtwin import (
     Twin,
     bundled_rigs,
     load_rig,
+    match,
     read_parameters,
     read_recording,
+    sensitivity,
+    sweep,
     validate,
     write_recording,
 )
 from jaxtwin.cli import app, run
 from jaxtwin.commands import _rigs
-from jaxtwin.commands._demo import demo
 from jaxtwin.commands._sources import find_recording, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
 from jaxtwin.matching import FittedParameters
@@ -439,9 +442,21 @@ def test_a_tilde_behind_an_equals_sign_is_the_home_folder(tmp_path, monkeypatch)
     assert (tmp_path / "home" / "sweep" / "TEC1-12706.nc").exists()
 
 
-def test_the_demo_has_as_many_draws_as_that_of_python():
-    command, function = (inspect.signature(each).parameters["draws"] for each in (demo, write_demo))
-    assert command.default == function.default == 10_000
+@pytest.mark.parametrize(
+    ("command", "function", "expected"),
+    [
+        ("demo", write_demo, {"draws": 10_000}),
+        ("match", match, {"starts": 1, "seed": 0, "max_iterations": 200}),
+        ("sensitivity", sensitivity, {"draws": 50, "spread": 0.25, "seed": 0}),
+        ("sweep", sweep, {"spread": 0.25, "seed": 0}),
+    ],
+)
+def test_what_is_not_said_means_the_same_as_in_python(command, function, expected):
+    """The paper's 50 draws of plus or minus a quarter among it."""
+    module = importlib.import_module(f"jaxtwin.commands._{command}")
+    for each in (getattr(module, command), function):
+        parameters = inspect.signature(each).parameters
+        assert {name: parameters[name].default for name in expected} == expected
 
 
 def test_every_command_is_tested_for_help():

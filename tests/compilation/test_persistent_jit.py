@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
 from jaxtwin._compilation import _fingerprint, _persistent_jit, clear_programs, persistent_jit
 
@@ -39,12 +40,18 @@ def applied(function: Any, x: Any) -> Any:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", str(tmp_path))
     of_jax = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    jax.config.update("jax_compilation_cache_dir", None)
+    use_cache_of_jax(None)
     known = (*_fingerprint.KNOWN_CODE, __name__.partition(".")[0])
     monkeypatch.setattr(_fingerprint, "KNOWN_CODE", known)
     traced.clear()
     yield tmp_path
-    jax.config.update("jax_compilation_cache_dir", of_jax)
+    use_cache_of_jax(of_jax)
+
+
+def use_cache_of_jax(folder: str | None) -> None:
+    """A cache that JAX has opened stays in use, whatever its folder is, until it is reset."""
+    jax.config.update("jax_compilation_cache_dir", folder)
+    reset_cache()
 
 
 def another_process() -> Any:
