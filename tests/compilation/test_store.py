@@ -53,8 +53,8 @@ def test_another_process_that_makes_room_at_the_same_time_stops_nobody(folder, m
     """What was there when the folder was read is gone when it is its turn to go."""
     monkeypatch.setattr(_store, "LARGEST_CACHE", 200)
     monkeypatch.setattr(_store, "_programs", lambda _: [(0.0, folder / "gone", 100)])
-    save("new", bytes(100))
-    assert load("new") == bytes(100)
+    save(folder, "new", bytes(100))
+    assert load(folder, "new") == bytes(100)
 
 
 def test_turned_off_it_keeps_nothing(folder, monkeypatch):
