@@ -140,7 +140,7 @@ WRONG = {
     ),
     "another rig's recording": (
         ["validate", "single-cell", "synthetic-A", "--split", "500"],
-        "found 2 cells, allowed are the 1 of single-cell",
+        "expected the 1 of single-cell.*, got 2 cells",
     ),
     "unknown command": (["simulat"], "No such command 'simulat'"),
     "unknown option": (["rigs", "--jsn", "x"], "No such option: --jsn"),
@@ -150,7 +150,7 @@ WRONG = {
     "no drive": (["simulate", "paper-2024", "--out", "r.nc"], "either --recording or --duty"),
     "wrong ending": (
         ["simulate", "paper-2024", "--duty", "0:1", "--out", "r.txt"],
-        "found the ending '.txt', allowed is .nc or .csv",
+        "expected .nc or .csv.*, got the ending '.txt'",
     ),
     "no folder": (
         ["simulate", "paper-2024", "--duty", "0:1", "--out", "none/r.nc"],
@@ -175,7 +175,7 @@ WRONG = {
     ),
     "recording of another rig": (
         ["match", "paper-2024", "other.csv", "--out", "fit.toml"],
-        "found 1 cells, allowed are the 2 of paper-2024",
+        "expected the 2 of paper-2024.*, got 1 cells",
     ),
     "parameter unknown": (
         ["match", "paper-2024", "synthetic-A", "--fixed", "R_x", "--out", "fit.toml"],

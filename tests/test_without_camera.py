@@ -218,7 +218,7 @@ def test_the_commands_take_the_rig(file: Path, recording: Experiment, tmp_path: 
         (
             "[sensors]",
             CAMERA + "\n[sensors]",
-            "camera: found both, allowed is either",
+            "camera: expected either.*, got both",
         ),
         ('noise = "0.05 K"', "", "sensors.noise: missing"),
         ('x = "6 cm"', 'x = "16 cm"', r"channels\[middle\].x: found '16 cm', .* 0 to 12 cm"),

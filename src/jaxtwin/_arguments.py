@@ -19,18 +19,18 @@ Kind = TypeVar("Kind")
 Failure = type[JaxtwinError]
 
 
-def of_kind(where: str, value: object, kind: type[Kind], allowed: str, error: Failure) -> Kind:
+def of_kind(where: str, value: object, kind: type[Kind], expected: str, error: Failure) -> Kind:
     """A value that is of a class.
 
     **Arguments:**
 
     - `where`: function and argument, for the message.
-    - `allowed`: what is allowed, in words.
+    - `expected`: what is expected, in words, for the message.
 
     **Raises:** `error` where it is of another.
     """
     if not isinstance(value, kind):
-        _refuse(where, value, allowed, error)
+        _refuse(where, value, expected, error)
     return value
 
 
@@ -56,12 +56,12 @@ def finite_number(where: str, value: Any, error: Failure) -> float:
     """
     import numpy as np  # which the command line's help shall not wait for
 
-    allowed = "a finite number"
+    expected = "a finite number"
     if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
-        _refuse(where, value, allowed, error)
+        _refuse(where, value, expected, error)
     number = float(value)
     if not math.isfinite(number):
-        _refuse(where, value, allowed, error)
+        _refuse(where, value, expected, error)
     return number
 
 
@@ -70,29 +70,29 @@ def names_of(where: str, value: Any, error: Failure) -> tuple[str, ...]:
 
     **Raises:** `error` for anything else.
     """
-    allowed = "one name or several"
+    expected = "one name or several"
     if isinstance(value, str):
         return (value,)
     if not isinstance(value, Iterable):
-        _refuse(where, value, allowed, error)
+        _refuse(where, value, expected, error)
     names = tuple(value)
     for name in names:
         if not isinstance(name, str):
-            _refuse(where, name, allowed, error)
+            _refuse(where, name, expected, error)
     return tuple(dict.fromkeys(names))
 
 
-def mapping_of(where: str, value: Any, allowed: str, error: Failure) -> Mapping[str, Any]:
+def mapping_of(where: str, value: Any, expected: str, error: Failure) -> Mapping[str, Any]:
     """A mapping whose keys are names.
 
     **Raises:** `error` for anything else.
     """
     # A table of pandas is no Mapping, but has what is needed of one.
     if not (isinstance(value, Mapping) or (hasattr(value, "keys") and hasattr(value, "items"))):
-        _refuse(where, value, allowed, error)
+        _refuse(where, value, expected, error)
     for name in value:
         if not isinstance(name, str):
-            _refuse(where, name, allowed, error)
+            _refuse(where, name, expected, error)
     return value
 
 
@@ -125,6 +125,6 @@ def check_callable(where: str, value: object, error: Failure) -> None:
         _refuse(where, value, "a function or None", error)
 
 
-def _refuse(where: str, value: object, allowed: str, error: Failure) -> NoReturn:
+def _refuse(where: str, value: object, expected: str, error: Failure) -> NoReturn:
     shown = " ".join(reprlib.repr(value).split())
-    raise error(f"{where}: found {shown}, allowed is {allowed}") from None
+    raise error(f"{where}: expected {expected}, got {shown}") from None

@@ -1,7 +1,7 @@
 """The exceptions of jaxtwin.
 
-Each message names the file (where there is one), the field or line, what was found there and what
-is allowed. Catch `JaxtwinError` to catch them all.
+Each message names the file (where there is one) and the field or line, and has the form "expected
+..., got ...". Where it is not obvious what to do, the message ends with that. Catch `JaxtwinError` to catch them all.
 """
 
 

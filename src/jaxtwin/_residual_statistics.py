@@ -39,7 +39,7 @@ def ljung_box(residuals: Float[np.ndarray, " times"]) -> LjungBox:
 
     samples = int(np.count_nonzero(~np.isnan(residuals)))
     if samples < 10:
-        raise ValueError(f"found {samples} samples, allowed are at least 10")
+        raise ValueError(f"expected at least 10 samples, got {samples}")
     lags = min(LAGS, samples // 5)
     sums, pairs = _products(residuals, lags)
     rho = sums[1:] / sums[0] if sums[0] > 0 else np.zeros(lags)

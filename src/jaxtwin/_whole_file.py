@@ -24,9 +24,7 @@ def check_ending(
     """
     ending = Path(path).suffix
     if ending.lower() not in endings:
-        raise error(
-            f"{os.fspath(path)}: ending: found {ending!r}, allowed is {' or '.join(endings)}"
-        )
+        raise error(f"{os.fspath(path)}: ending: expected {' or '.join(endings)}, got {ending!r}")
     return ending.lower()
 
 

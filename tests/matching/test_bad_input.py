@@ -45,7 +45,7 @@ def test_readings_that_never_change_without_a_drive_tell_nothing():
 
 @pytest.mark.parametrize(("left", "samples"), [(2.0, 1), (4.0, 2), (6.0, 3)])
 def test_masks_must_leave_more_samples_than_unknowns(left: float, samples: int):
-    words = f"found {samples} samples for 3 unknowns, the others are masked, allowed is at least"
+    words = f"expected at least.*, got {samples} samples for 3 unknowns, the others are masked"
     with pytest.raises(MatchError, match=words):
         match(Twin("single-cell"), recording(WARMING), free=FREE, masks={"x": [(left, 58.0)]})
 
@@ -54,7 +54,7 @@ def test_masks_must_leave_more_samples_than_unknowns(left: float, samples: int):
 def test_a_parameter_with_several_values_is_refused(name: str):
     """Whether it is held or matched."""
     twin = Twin("single-cell").with_parameters({name: [1.5, 2.0]})
-    with pytest.raises(ParameterError, match=f"parameter {name}: found 2 values, allowed is one"):
+    with pytest.raises(ParameterError, match=f"parameter {name}: expected one.*, got 2 values"):
         match(twin, recording(WARMING), free=FREE)
 
 
@@ -63,6 +63,6 @@ def test_a_prior_spread_whose_square_is_no_number_is_refused(spread: float):
     rig = Twin("single-cell").rig
     table = {**rig.parameters, "C_load": replace(rig.parameters["C_load"], prior_spread=spread)}
     with pytest.raises(
-        MatchError, match=r"C_load: found the prior spread 1e.*, allowed is 1e-100 "
+        MatchError, match=r"C_load: expected 1e-100 .*, got the prior spread 1e.*"
     ):
         match(Twin(replace(rig, parameters=table)), recording(WARMING), free=FREE)

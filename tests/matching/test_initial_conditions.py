@@ -50,7 +50,7 @@ def test_values_that_the_minute_does_not_tell_stay_where_they_were(calm: dict[st
 def test_a_recording_of_another_rig_or_of_nothing_is_refused():
     drive = Experiment.schedule("0:0", duration=80, channels=("T",))
     cell = Experiment(drive.time, drive.duty, channels=("T",), temperatures=np.zeros((81, 1)))
-    with pytest.raises(SimulationError, match="found 1 cells, allowed are the 2 of dual-cell"):
+    with pytest.raises(SimulationError, match="expected the 2 of dual-cell.*, got 1 cells"):
         estimate_initial_conditions(Twin("dual-cell"), cell)
     both = Experiment(drive.time, np.zeros((81, 2)), channels=("T",), temperatures=np.zeros(81))
     with pytest.raises(SimulationError, match="channels: found T, allowed by dual-cell"):

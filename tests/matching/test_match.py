@@ -150,7 +150,7 @@ def test_scopes_can_be_changed(start: Twin):
         (
             {"free": ["R_E"], "bounds": {"R_pc": (0.1, 1.0)}},
             MatchError,
-            "bounds: found R_pc, .* allowed are R_E",
+            "bounds: expected R_E.*, got R_pc, .*",
         ),
         ({"shared": ["R_E"], "fixed": ["R_E"]}, MatchError, "both shared and fixed"),
         ({"shared": ["T_amb"], "per_recording": ["T_amb"]}, MatchError, "both shared and per_rec"),

@@ -246,7 +246,7 @@ def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_line
 
 @pytest.mark.parametrize("points", [0, 1, 2])
 def test_a_profile_has_three_points_at_least(calm: Fit, points: int):
-    with pytest.raises(MatchError, match=f"points: found {points}, allowed is .* at least 3"):
+    with pytest.raises(MatchError, match=f"points: expected .* at least 3.*, got {points}"):
         profile(calm, "h_A", points=points)
 
 
@@ -316,7 +316,7 @@ def test_sets_of_unequal_shape_are_refused(start: Twin):
     ("options", "words"),
     [
         ({"events": {"day": [400.0]}}, "events: day: found 400 s.*0 to 300"),
-        ({"events": {"night": [10.0]}}, "events: found the recording 'night', allowed are day"),
+        ({"events": {"night": [10.0]}}, "events: expected day.*, got the recording 'night'"),
         ({"masks": {"day": [(10.0, 400.0)]}}, "masks: day.*0 to 300"),
         ({"masks": {"day": [(0.0, 300.0)]}}, "no sample left"),
         ({"robust": 0.0}, "robust: found 0.0"),

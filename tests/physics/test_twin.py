@@ -130,7 +130,7 @@ def test_what_is_no_finite_number_is_refused(twin, value):
 
 
 def test_unknown_cell_is_refused(twin):
-    with pytest.raises(ParameterError, match="found cell 'P3', allowed are P1, P2"):
+    with pytest.raises(ParameterError, match="expected P1, P2.*, got cell 'P3'"):
         twin.module("P3")
 
 

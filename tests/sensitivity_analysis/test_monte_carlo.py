@@ -83,7 +83,7 @@ def test_labels_and_saved_file(result: jt.Sensitivity, tmp_path):
 
 @pytest.mark.parametrize("name", ["sens.csv", "sens.xlsx", "sens"])
 def test_an_ending_of_another_format_is_refused(result: jt.Sensitivity, tmp_path, name):
-    with pytest.raises(RecordingError, match=r"ending: found '.*', allowed is \.nc"):
+    with pytest.raises(RecordingError, match=r"ending: expected \.nc.*, got '.*'"):
         result.save(tmp_path / name)
     assert not list(tmp_path.iterdir())
 

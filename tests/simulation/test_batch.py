@@ -110,21 +110,21 @@ def test_a_driver_without_delay_or_ahead_of_its_command_is_a_failed_draw(dual_ce
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"parameters": {}}, "parameters: found none, allowed is name -> draws"),
+        ({"parameters": {}}, "parameters: expected name -> draws.*, got none"),
         ({"parameters": {"R_X": [1.0]}}, "unknown parameter 'R_X', allowed are C_esp, "),
         (
             {"parameters": {"R_E": []}},
-            r"parameter R_E: found draws of shape \(0,\), allowed is one",
+            r"parameter R_E: expected one.*, got draws of shape \(0,\)",
         ),
         ({"parameters": {"R_E": [[1.0]]}}, r"parameter R_E: found draws of shape \(1, 1\)"),
-        ({"parameters": {"R_E": ["a lot"]}}, r"parameter R_E: found \['a lot'\], allowed are num"),
+        ({"parameters": {"R_E": ["a lot"]}}, r"parameter R_E: expected num.*, got \['a lot'\]"),
         ({"parameters": {"R_E": [2.0, np.nan]}}, "parameter R_E: found nan at draw 1, allowed are"),
         (
             {"parameters": {"R_E": [2.0], "R_ph": [0.1, 0.2]}},
-            r"found unequal numbers of draws \(R_E 1, R_ph 2\), allowed is the same number",
+            r"expected the same number.*, got unequal numbers of draws \(R_E 1, R_ph 2\)",
         ),
-        ({"chunk_size": -5}, "chunk_size: found -5, allowed is a whole number above 0"),
-        ({"workers": 0}, "workers: found 0, allowed is a whole number above 0"),
+        ({"chunk_size": -5}, "chunk_size: expected a whole number above 0.*, got -5"),
+        ({"workers": 0}, "workers: expected a whole number above 0.*, got 0"),
         ({"reductions": ["cost"]}, 'reductions: found "cost", allowed only for experiments with'),
     ],
 )

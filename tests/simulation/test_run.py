@@ -80,9 +80,9 @@ def test_channels_and_nodes_by_name(run):
     np.testing.assert_array_equal(run.channel("T11"), run.temperatures[:, 1])
     np.testing.assert_allclose(run.node("V11"), run.channel("T11"), atol=1e-9)
     np.testing.assert_array_equal(run.time, TIME)
-    with pytest.raises(SimulationError, match="found channel 'T12', allowed are TBM, T11"):
+    with pytest.raises(SimulationError, match="expected TBM, T11.*, got channel 'T12'"):
         run.channel("T12")
-    with pytest.raises(SimulationError, match="found node 'V99', allowed are V11, V12"):
+    with pytest.raises(SimulationError, match="expected V11, V12.*, got node 'V99'"):
         run.node("V99")
 
 
@@ -126,7 +126,7 @@ def test_a_table_of_what_the_camera_reads_is_a_recording(run, tmp_path):
 
 @pytest.mark.parametrize("name", ["run.xlsx", "run", "run.nc.gz"])
 def test_an_ending_of_another_format_is_refused(run, tmp_path, name):
-    with pytest.raises(RecordingError, match=r"ending: found '.*', allowed is \.nc or \.csv"):
+    with pytest.raises(RecordingError, match=r"ending: expected \.nc or \.csv.*, got '.*'"):
         run.save(tmp_path / name)
     assert not list(tmp_path.iterdir())
 

@@ -157,7 +157,7 @@ def test_a_run_of_more_steps_than_memory_holds_is_refused(twin):
 @pytest.mark.parametrize("cells", [1, 3])
 def test_wrong_number_of_cells_is_refused(twin, cells):
     experiment = Experiment(TIME, np.zeros((61, cells)), name="zone-A")
-    message = f"zone-A: duty: found {cells} cells, allowed are the 2 of paper-2024"
+    message = f"zone-A: duty: expected the 2 of paper-2024.*, got {cells} cells"
     with pytest.raises(SimulationError, match=message):
         twin.simulate(experiment)
 
@@ -209,7 +209,7 @@ def test_a_driver_ahead_of_its_command_is_refused(name, what):
 
 def test_several_values_of_a_parameter_are_refused(twin):
     """Draws go to `simulate_batch`."""
-    with pytest.raises(ParameterError, match=r"parameter R_E: found 3 values, allowed is one"):
+    with pytest.raises(ParameterError, match=r"parameter R_E: expected one.*, got 3 values"):
         twin.with_parameters({"R_E": np.array([1.9, 2.0, 2.1])}).simulate(EXPERIMENT)
 
 

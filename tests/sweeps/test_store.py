@@ -224,13 +224,13 @@ def test_a_chunk_that_another_process_is_at_is_left_to_it(tmp_path, twin, experi
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"draws": 0}, "draws: found 0, allowed is a whole number above 0"),
+        ({"draws": 0}, "draws: expected a whole number above 0.*, got 0"),
         ({"chunk_size": 0}, "chunk_size: found 0"),
         ({"seed": -1}, "seed: found -1"),
-        ({"spread": 0.0}, "spread: found 0.0, allowed is between 0 and 1"),
+        ({"spread": 0.0}, "spread: expected between 0 and 1.*, got 0.0"),
         ({"reductions": ["mean"]}, "reductions: found mean"),
         ({"reductions": ["cost"]}, "only for experiments with recorded temperatures"),
-        ({"process": (2, 2)}, "process: found 2 of 2, allowed are 0 to 1 of 2"),
+        ({"process": (2, 2)}, "process: expected 0 to 1 of 2.*, got 2 of 2"),
         ({"parameters": ["R_X"]}, "found R_X"),
     ],
 )

@@ -170,7 +170,7 @@ def test_predictions_that_cannot_be_made_say_why(truth: Twin, days: list[Experim
     with pytest.raises(MatchError, match="warm_up = 230 s: found 11 samples after it"):
         validate(truth, days[0], warm_up=230.0)
     with pytest.raises(
-        MatchError, match=r"warm_up = 0\.5 s: found 1 samples, allowed are at least"
+        MatchError, match=r"warm_up = 0\.5 s: expected at least.*, got 1 samples"
     ):
         validate(truth, days[0], warm_up=0.5)
     with pytest.raises(MatchError, match="leave one out: found 1"):
@@ -179,7 +179,7 @@ def test_predictions_that_cannot_be_made_say_why(truth: Twin, days: list[Experim
         validate(truth, Experiment.schedule("0:0.5", duration=240, channels=("T",)))
     time = np.arange(100.0)
     two_cells = Experiment(time, np.zeros((100, 2)), channels=("T",), temperatures=time[:, None])
-    with pytest.raises(SimulationError, match="found 2 cells, allowed are the 1 of single-cell"):
+    with pytest.raises(SimulationError, match="expected the 1 of single-cell.*, got 2 cells"):
         validate(truth, [days[0], two_cells])
 
 

@@ -28,7 +28,7 @@ def dc_sweep(
 
     check_json(json)
     if out is not None and out.exists() and not out.is_dir():
-        raise typer.BadParameter(f"--out {out}: is a file, allowed is a folder")
+        raise typer.BadParameter(f"--out {out}: expected a folder, got a file")
     sheet = load_module(module)
     T_hot = sheet.hot_side_temperature
     constants = ThermoelectricModule.from_datasheet(module)

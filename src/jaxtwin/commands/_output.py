@@ -31,10 +31,10 @@ def check_output(path: Path | None, *endings: str, option: str = "--out") -> Non
     if endings and path.suffix.lower() not in endings:
         allowed = " or ".join(endings)
         raise typer.BadParameter(
-            f"{option} {path}: found the ending {path.suffix!r}, allowed is {allowed}"
+            f"{option} {path}: expected a name that ends with {allowed}, got {path.suffix!r}"
         )
     if path.is_dir():
-        raise typer.BadParameter(f"{option} {path}: is a folder, allowed is a file")
+        raise typer.BadParameter(f"{option} {path}: expected a file, got a folder")
     folder = path.absolute().parent
     if not folder.is_dir():
         raise typer.BadParameter(f"{option} {path}: there is no folder {folder}")

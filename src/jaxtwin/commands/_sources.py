@@ -32,9 +32,9 @@ def open_twin(
     values: dict[str, float] = {}
     if set_name is not None:
         if set_name not in rig.parameter_sets:
-            allowed = ", ".join(rig.parameter_sets) or "none"
+            known = ", ".join(rig.parameter_sets) or "none"
             raise ParameterError(
-                f"{rig.source}: found no parameter set {set_name!r}, there are: {allowed}"
+                f"{rig.source}: parameter set: expected one of {known}, got {set_name!r}"
             )
         values |= rig.parameter_sets[set_name]
     if parameters is not None:

@@ -123,7 +123,7 @@ def _part(
         raise typer.BadParameter("give either --process or --coordinator")
     number, slash, count = process.partition("/")
     if not (slash and number.isdecimal() and count.isdecimal()):
-        raise typer.BadParameter(f"--process: found {process!r}, allowed is P/N such as 0/2")
+        raise typer.BadParameter(f"--process: expected P/N such as 0/2, got {process!r}")
     return int(number), int(count)
 
 

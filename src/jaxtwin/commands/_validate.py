@@ -62,9 +62,9 @@ def validate(
         raise typer.BadParameter("give --parameters, or match with --split or --leave-one-out")
     for option, value in (("--split", split), ("--warm-up", warm_up)):
         if value is not None and not math.isfinite(value):
-            raise typer.BadParameter(f"{option} {value:g}: allowed are finite numbers")
+            raise typer.BadParameter(f"{option}: expected a finite number, got {value:g}")
     if out is not None and out.exists() and not out.is_dir():
-        raise typer.BadParameter(f"--out {out}: is a file, allowed is a folder")
+        raise typer.BadParameter(f"--out {out}: expected a folder, got a file")
     check_json(json)
     with show_progress() as progress:
         progress.step("reading")

@@ -59,7 +59,7 @@ def table(number: int) -> Table:
     `JaxtwinError` if the paper has no such table.
     """
     if number not in _numbers:
-        raise JaxtwinError(f"table {number}: the paper has tables 1, 2, 3 and 4")
+        raise JaxtwinError(f"table: expected 1, 2, 3 or 4, got {number}")
     file = resources.files("jaxtwin").joinpath("data", "tables", f"table{number}.toml")
     content = tomllib.loads(file.read_text(encoding="utf-8"))
     rows = tuple({**_plain(row), "note": row.get("note", "")} for row in content["rows"])

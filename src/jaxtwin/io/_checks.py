@@ -28,16 +28,18 @@ def checked_time(time: ArrayLike) -> Float[np.ndarray, "times"]:
     """Time `(times,)`, s: finite and strictly increasing, at least two samples."""
     times = _numbers(time, "time")
     if times.ndim != 1:
-        raise RecordingError(f"time has shape {times.shape}; allowed is (times,)")
+        raise RecordingError(f"time: expected shape (times,), got {times.shape}")
     if times.size < 2:
-        raise RecordingError(f"the recording is empty: {times.size} samples; at least 2 are needed")
+        raise RecordingError(
+            f"the recording is empty: expected at least 2 samples, got {times.size}"
+        )
     _check_finite(times, "time", times)
     (late,) = np.nonzero(np.diff(times) <= 0)
     if late.size:
         k = late[0]
         raise WrongSampleError(
-            f"time does not increase at sample {k + 1}: {times[k + 1]:g} s after {times[k]:g} s; "
-            "each time must be later than the one before",
+            f"time: expected increasing times, got {times[k + 1]:g} s at sample {k + 1} after "
+            f"{times[k]:g} s",
             int(k) + 1,
         )
     return times
@@ -52,8 +54,8 @@ def checked_duty(
         values = values[:, None]
     if values.ndim != 2 or values.shape[0] != time.size or values.shape[1] == 0:
         raise RecordingError(
-            f"duty has shape {np.shape(values)}; allowed is (times, cells) with {time.size} times "
-            "and at least one cell"
+            f"duty: expected shape (times, cells) with {time.size} times and at least one cell, "
+            f"got {np.shape(values)}"
         )
     for cell, column in enumerate(values.T):
         _check_finite(column, f"duty of cell {cell + 1}", time)
@@ -61,8 +63,8 @@ def checked_duty(
     if outside.size:
         k, cell = outside[0]
         raise WrongSampleError(
-            f"duty of cell {cell + 1} is {values[k, cell]:g} at {_sample(k, time)}; "
-            "allowed is -1 to 1",
+            f"duty of cell {cell + 1}: expected -1 to 1, got {values[k, cell]:g} at "
+            f"{_sample(k, time)}",
             int(k),
         )
     return _held(np.clip(values, -1, 1))
@@ -91,8 +93,8 @@ def duty_from_counts(
     if outside.size:
         k, cell = outside[0]
         raise WrongSampleError(
-            f"PWM of cell {cell + 1} is {pwm[k, cell]:g} at sample {k} (counted from 0); "
-            f"allowed is {-counts} to {counts} counts",
+            f"PWM of cell {cell + 1}: expected {-counts} to {counts} counts, got {pwm[k, cell]:g} "
+            f"at sample {k} (counted from 0)",
             int(k),
         )
     return polarity * pwm / counts
@@ -101,21 +103,26 @@ def duty_from_counts(
 def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:
     """Channel names, each once. A single string is one name."""
     if not isinstance(channels, Iterable):
-        raise RecordingError(f"channels: found {channels!r}, allowed is one name or several")
+        raise RecordingError(f"channels: expected one name or several, got {channels!r}")
     names = (channels,) if isinstance(channels, str) else tuple(channels)
     # NumPy's and pandas' own kinds of text print in another way.
     names = tuple(str(name) if isinstance(name, str) else name for name in names)
     for name in names:
         if not isinstance(name, str) or not is_channel_name(name):
             raise RecordingError(
-                f"channel name {name!r}: allowed are letters, digits and, between them, '_-.' "
-                "and blanks"
+                "channel name: expected letters, digits and, between them, '_-.' and blanks, got "
+                f"{name!r}"
             )
         if name == "ambient":
-            raise RecordingError("channel name 'ambient' is taken: give it as the argument ambient")
+            raise RecordingError(
+                "channel name: expected another name than 'ambient'; pass the ambient "
+                "temperature as ambient=..."
+            )
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise RecordingError(f"channel {', '.join(twice)} occurs more than once; allowed is once")
+        raise RecordingError(
+            f"channels: expected each name once, got {', '.join(twice)} more than once"
+        )
     return names
 
 
@@ -133,16 +140,15 @@ def checked_temperatures(
         values = values[:, None]
     if values.shape != (time.size, len(channels)) or not channels:
         raise RecordingError(
-            f"temperatures have shape {values.shape}; allowed is (times, channels) with "
-            f"{time.size} times and one column for each channel name, of which there are "
-            f"{len(channels)}"
+            f"temperatures: expected shape (times, channels) with {time.size} times and "
+            f"{len(channels)} channels, one for each channel name, got {values.shape}"
         )
     for name, column in zip(channels, values.T, strict=True):
         _check_temperature(column, f"temperature {name}", time)
     if np.isnan(values).all():
         raise RecordingError(
-            "temperatures: found no sample that is not missing (NaN), allowed is at least one; "
-            "pass None where nothing was recorded"
+            "temperatures: expected at least one sample, got missing ones (NaN) only; pass None "
+            "if nothing was recorded"
         )
     return values
 
@@ -161,12 +167,12 @@ def checked_ambient(
     values = _numbers(ambient, "ambient", may_lack=True)
     if values.shape not in ((), time.shape):
         raise RecordingError(
-            f"ambient has shape {values.shape}; allowed is one number or ({time.size},)"
+            f"ambient: expected one number or shape ({time.size},), got shape {values.shape}"
         )
     there = ~np.isnan(values)
     if not there.any():
         raise RecordingError(
-            "ambient is nan throughout; allowed are temperatures, or None where it is not known"
+            "ambient: expected temperatures, got nan at all times; pass None if it is not known"
         )
     if not there.all():
         values = _held(np.interp(time, time[there], values[there]))
@@ -180,16 +186,18 @@ def _numbers(values: Any, field: str, may_lack: bool = False) -> np.ndarray:
     """The field as real numbers; NaN for what is masked, None or NA, where it `may_lack` some."""
     if np.ma.is_masked(values):  # the mask would be lost and what it hides come to light
         if not may_lack:
-            raise RecordingError(f"{field} has masked values; allowed are finite numbers")
+            raise RecordingError(f"{field}: expected finite numbers, got masked values")
         values = np.ma.filled(np.ma.asarray(values, np.float64), np.nan)
     try:
         array = np.asarray(values)
     except ValueError:  # rows of different lengths
-        raise RecordingError(f"{field} is no array of numbers: its rows differ in length") from None
+        raise RecordingError(
+            f"{field}: expected an array of numbers, got rows of different lengths"
+        ) from None
     if array.dtype == object:
         array = _without_none(array)
     if array.size and array.dtype.kind not in "iuf":
-        raise RecordingError(f"{field} holds {array.dtype.name} values; allowed are real numbers")
+        raise RecordingError(f"{field}: expected real numbers, got {array.dtype.name} values")
     return _held(array)
 
 
@@ -219,7 +227,7 @@ def _check_finite(values: np.ndarray, field: str, time: np.ndarray) -> None:
     if wrong.size:
         k = wrong[0]
         raise WrongSampleError(
-            f"{field} is {values[k]} at {_sample(k, time)}; allowed are finite numbers", int(k)
+            f"{field}: expected finite numbers, got {values[k]} at {_sample(k, time)}", int(k)
         )
 
 
@@ -230,8 +238,8 @@ def _check_temperature(values: np.ndarray, field: str, time: np.ndarray) -> None
     if wrong.size:
         k = wrong[0]
         raise WrongSampleError(
-            f"{field} is {values[k]:g} degC at {_sample(k, time)}; "
-            f"allowed is {ABSOLUTE_ZERO} degC and above",
+            f"{field}: expected {ABSOLUTE_ZERO} degC and above, got {values[k]:g} degC at "
+            f"{_sample(k, time)}",
             int(k),
         )
 

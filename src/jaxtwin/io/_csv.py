@@ -17,10 +17,11 @@ from ._checks import ABSOLUTE_ZERO, WrongSampleError, duty_from_counts
 from ._delimited import TIME, Column, read_columns
 from ._experiment import Experiment
 
-ALLOWED = (
-    "allowed are, separated by commas, time_s, duty_P1 (-1 to 1) or pwm_P1 (counts) for each cell, "
-    "NAME_degC or NAME_K for each channel, and ambient_degC or ambient_K"
+EXPECTED = (
+    "expected time_s, duty_P1 (-1 to 1) or pwm_P1 (counts) for each cell, NAME_degC or NAME_K for "
+    "each channel, and ambient_degC or ambient_K, separated by commas"
 )
+"""The columns of a file, for messages."""
 
 SECONDS = {"s": 1.0, "ms": 1e3, "min": 1 / 60, "h": 1 / 3600}
 """How many of each unit of time a second has."""
@@ -28,7 +29,7 @@ SECONDS = {"s": 1.0, "ms": 1e3, "min": 1 / 60, "h": 1 / 3600}
 
 def parse_csv(content: bytes, *, name: str, counts: int, polarity: int) -> Experiment:
     """The experiment in a .csv file; for the arguments see `read_recording`."""
-    columns, lines = read_columns(content, ALLOWED)
+    columns, lines = read_columns(content, EXPECTED)
     try:
         return _experiment(columns, name, counts, polarity)
     except WrongSampleError as error:
@@ -45,7 +46,9 @@ def _experiment(columns: list[Column], name: str, counts: int, polarity: int) ->
         elif cell := re.fullmatch(r"(duty|pwm)_P([1-9]\d{0,3})(_%)?", column.name):
             kind, number = cell[1], int(cell[2])
             if number in duty:
-                raise RecordingError(f"has two columns for the drive of cell P{number}")
+                raise RecordingError(
+                    f"columns: expected one for the drive of cell P{number}, got two"
+                )
             values = column.complete()
             if kind == "pwm":
                 values = duty_from_counts(values[:, None], counts, polarity)[:, 0]
@@ -53,17 +56,17 @@ def _experiment(columns: list[Column], name: str, counts: int, polarity: int) ->
         elif channel := re.fullmatch(r"(.+)_(degC|K)", column.name):
             label, unit = channel.groups()
             if label in temperatures:
-                raise RecordingError(f"has two columns for the temperature {label}")
+                raise RecordingError(f"columns: expected one for the temperature {label}, got two")
             temperatures[label] = column
         else:
-            raise RecordingError(f"column {column.title!r} is not known; {ALLOWED}")
+            raise RecordingError(f"columns: {EXPECTED}, got {column.title!r}")
     if len(times) != 1:
         found = "no column time_s" if not times else "two columns for the time"
-        raise RecordingError(f"has {found}; {ALLOWED}")
+        raise RecordingError(f"columns: {EXPECTED}, got {found}")
     if sorted(duty) != list(range(1, len(duty) + 1)) or not duty:
         found = ", ".join(f"P{number}" for number in sorted(duty)) or "none"
         raise RecordingError(
-            f"has drives of the cells {found}; allowed are P1, P2, ... without gap"
+            f"columns: expected drives of the cells P1, P2, ... without a gap, got {found}"
         )
     ambient = temperatures.pop("ambient", None)
     # Blank in every line: named for what a simulation shall return, but not recorded.

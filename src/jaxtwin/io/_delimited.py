@@ -61,19 +61,19 @@ class Column:
         if missing.size:
             k = missing[0]
             raise RecordingError(
-                f"line {self.lines[k]}, column {self.title}: found {self.fields[k]!r}, allowed is "
-                "a number in every line: only temperatures may be missing"
+                f"line {self.lines[k]}, column {self.title}: expected a number in every line, "
+                f"because only temperatures may be missing, got {self.fields[k]!r}"
             )
         return self.values
 
 
-def read_columns(content: bytes, allowed: str) -> tuple[list[Column], list[int]]:
+def read_columns(content: bytes, expected: str) -> tuple[list[Column], list[int]]:
     """The columns in the order of the file, and the lines of their samples.
 
     **Arguments:**
 
     - `content`: the whole file.
-    - `allowed`: which columns there may be, in words, for messages.
+    - `expected`: which columns are expected, in words, for messages.
 
     **Raises:** `RecordingError` that names the line, and the column where it is in one.
     """
@@ -90,33 +90,34 @@ def read_columns(content: bytes, allowed: str) -> tuple[list[Column], list[int]]
                 continue
             if not titles:
                 titles = row
-                _check_titles(titles, separator, allowed)
+                _check_titles(titles, separator, expected)
                 continue
             if len(row) != len(titles):
                 raise RecordingError(
-                    f"line {reader.line_num} has {len(row)} fields; the columns are {len(titles)}"
+                    f"line {reader.line_num}: expected {len(titles)} fields, one for each column, "
+                    f"got {len(row)}"
                 )
             rows.append(row)
             lines.append(reader.line_num)
     except csv.Error as error:
         raise RecordingError(f"line {reader.line_num} is no line of a .csv file: {error}") from None
     if not rows:
-        raise RecordingError("is empty: it holds no samples; at least 2 are needed")
+        raise RecordingError("is empty: expected at least 2 samples, got none")
     columns = []
     comma = separator != "," and any("," in field for row in rows for field in row)
     for number, (title, fields) in enumerate(zip(titles, zip(*rows, strict=True), strict=True)):
         if not title and (number == 0 or not any(fields)):
             continue
         if not title:
-            raise RecordingError(f"column {number + 1} has no name; {allowed}")
+            raise RecordingError(f"columns: {expected}, got no name for column {number + 1}")
         values = np.array([_number(field, comma) for field in fields])
         (wrong,) = np.nonzero(np.isinf(values))
         if wrong.size:
             k = wrong[0]
             form = "21,5, with a decimal comma as elsewhere in the file" if comma else "21.5"
             raise RecordingError(
-                f"line {lines[k]}, column {title}: found {fields[k][:40]!r}; allowed are finite "
-                f"numbers such as {form}, or nothing where a temperature is missing"
+                f"line {lines[k]}, column {title}: expected a finite number such as {form}, or "
+                f"nothing where a temperature is missing, got {fields[k][:40]!r}"
             )
         columns.append(Column(title, _name(title), values, lines, list(fields)))
     return columns, lines
@@ -142,15 +143,17 @@ def _separator(text: str) -> str:
     return max(",", ";", "\t", key=names.count)
 
 
-def _check_titles(titles: list[str], separator: str, allowed: str) -> None:
+def _check_titles(titles: list[str], separator: str, expected: str) -> None:
     if not any(TIME.fullmatch(_name(title)) for title in titles):
         found = separator.join(titles)
         raise RecordingError(
-            f"is no recording: its first line {found[:60]!r} must name the columns; {allowed}"
+            f"is no recording: its first line must name the columns, {expected}, got {found[:60]!r}"
         )
     twice = sorted({title for title in titles if title and titles.count(title) > 1})
     if twice:
-        raise RecordingError(f"column {', '.join(twice)} occurs more than once; allowed is once")
+        raise RecordingError(
+            f"columns: expected each name once, got {', '.join(twice)} more than once"
+        )
 
 
 def _name(title: str) -> str:

@@ -57,7 +57,7 @@ class Experiment:
 
     **Raises:**
 
-    `RecordingError` that names the sample and what is allowed: a time or duty cycle that is missing
+    `RecordingError` that names the sample and what was expected: a time or duty cycle that is missing
     or not finite, time that does not increase, a duty cycle outside -1 to 1, temperatures below
     absolute zero or without any sample, shapes that do not belong together, channel names that
     occur twice.
@@ -200,8 +200,8 @@ class Experiment:
         part = (self.time >= start) & (self.time < end)
         if np.count_nonzero(part) < 2:
             raise RecordingError(
-                f"between {start:g} s and {end:g} s are {np.count_nonzero(part)} samples of "
-                f"{self!r}; at least 2 are needed"
+                f"between: expected at least 2 samples of {self!r} between {start:g} s and "
+                f"{end:g} s, got {np.count_nonzero(part)}"
             )
         ambient = self.ambient[part] if isinstance(self.ambient, np.ndarray) else self.ambient
         return Experiment(
@@ -232,7 +232,9 @@ class Experiment:
         unknown = [name for name in names if name not in self.channels]
         if unknown or not names:
             known = ", ".join(self.channels) or "none"
-            raise RecordingError(f"no channel {', '.join(unknown) or 'named'}; there are: {known}")
+            raise RecordingError(
+                f"channels: expected some of {known}, got {', '.join(unknown) or 'none'}"
+            )
         columns = [self.channels.index(name) for name in names]
         return Experiment(
             self.time,

@@ -35,7 +35,8 @@ def parse_mat(
     if simout.shape[1] == ONE_CELL_COLUMNS:
         if zone is not None:
             raise RecordingError(
-                f"zone = {zone!r} applies to two-cell recordings; 'simout' has 4 columns: one cell"
+                "zone: expected none for a recording of one cell ('simout' has 4 columns), got "
+                f"{zone!r}"
             )
         time, pwm, temperatures = simout[:, 2], simout[:, :1], simout[:, 1:2]
         channels = ONE_CELL_CHANNELS
@@ -56,8 +57,8 @@ def _simout(content: bytes) -> Float[np.ndarray, "times columns"]:
     simout = read_matrix(content, "simout")
     if simout.ndim != 2 or simout.shape[1] not in (TWO_CELL_COLUMNS, ONE_CELL_COLUMNS):
         raise RecordingError(
-            f"variable 'simout' has shape {simout.shape}; allowed are {TWO_CELL_COLUMNS} columns "
-            f"(two cells) or {ONE_CELL_COLUMNS} (one cell), with a row for each time"
+            f"variable 'simout': expected {TWO_CELL_COLUMNS} columns (two cells) or "
+            f"{ONE_CELL_COLUMNS} (one cell), with a row for each time, got shape {simout.shape}"
         )
     return simout
 
@@ -68,12 +69,12 @@ def _zone(name: str, zone: str | None) -> str:
         found = {letter.upper() for letter in re.findall(pattern, name, re.IGNORECASE)}
         if len(found) != 1:
             raise RecordingError(
-                "the file's name does not say which zone of the plate it holds ('...SecA...'); "
+                "zone: expected a file name with the zone of the plate ('...SecA...'), got none; "
                 "pass zone='A', 'B' or 'C'"
             )
         return found.pop()
     if zone.upper() not in ZONES:
-        raise RecordingError(f"zone = {zone!r}: allowed are 'A', 'B' and 'C'")
+        raise RecordingError(f"zone: expected 'A', 'B' or 'C', got {zone!r}")
     return zone.upper()
 
 
@@ -84,6 +85,6 @@ def _check_range(temperatures: np.ndarray) -> None:
     if wrong.size:
         k, column = wrong[0]
         raise RecordingError(
-            f"temperature {temperatures[k, column]:g} degC in row {k + 1} of 'simout'; allowed is "
-            f"{low:g} to {high:g} degC"
+            f"temperature: expected {low:g} to {high:g} degC, got {temperatures[k, column]:g} "
+            f"degC in row {k + 1} of 'simout'"
         )

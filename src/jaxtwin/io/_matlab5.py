@@ -68,9 +68,11 @@ def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
     except (ValueError, struct.error, zlib.error):
         raise RecordingError("is a MATLAB file that is damaged or cut off") from None
     if found is None:
-        raise RecordingError(f"holds no variable {name!r}")
+        raise RecordingError(f"expected a variable {name!r}, got none")
     if matrix is None:
-        raise RecordingError(f"variable {name!r} is no matrix of real numbers")
+        raise RecordingError(
+            f"variable {name!r}: expected a matrix of real numbers, got something else"
+        )
     return matrix
 
 

@@ -90,19 +90,19 @@ def _variable(
 ) -> np.ndarray:
     """A variable with these dimensions in this order, in s, 1 or degC."""
     if name not in data:
-        raise RecordingError(f"holds no variable {name!r}; needed are 'time' and 'duty'")
+        raise RecordingError(f"expected the variables 'time' and 'duty', got no {name!r}")
     variable = data[name]
     unknown = set(variable.dims) - set(dims)
     if unknown:
         raise RecordingError(
-            f"variable {name!r} has dimensions {variable.dims}; allowed are {dims}"
+            f"variable {name!r}: expected the dimensions {dims}, got {variable.dims}"
         )
     unit = str(variable.attrs.get("units", "")).strip()
     if unit not in units:
-        raise RecordingError(f"variable {name!r} has the unit {unit!r}; allowed is {units[0]!r}")
+        raise RecordingError(f"variable {name!r}: expected the unit {units[0]!r}, got {unit!r}")
     values = variable.transpose(*(dim for dim in dims if dim in variable.dims)).values
     if values.dtype.kind not in "iuf":
-        raise RecordingError(f"variable {name!r} holds no real numbers but {values.dtype.name}")
+        raise RecordingError(f"variable {name!r}: expected real numbers, got {values.dtype.name}")
     return values + ABSOLUTE_ZERO if unit in KELVIN else values
 
 
@@ -110,5 +110,5 @@ def _check_cells(cells: list[str]) -> None:
     expected = [f"P{number + 1}" for number in range(len(cells))]
     if cells != expected:
         raise RecordingError(
-            f"coordinate 'cell' names {', '.join(cells)}; allowed is {', '.join(expected)}"
+            f"coordinate 'cell': expected {', '.join(expected)}, got {', '.join(cells)}"
         )

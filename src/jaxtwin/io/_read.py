@@ -50,19 +50,21 @@ def read_recording(
 
     **Raises:**
 
-    `RecordingError` that names the file, what is wrong and what is allowed.
+    `RecordingError` that names the file, what is wrong and what was expected.
     """
     file = path_of("read_recording: path", path, RecordingError)
     whole_number("counts", counts, 1, RecordingError)
     if polarity not in (1, -1):
-        raise RecordingError(f"polarity: found {polarity!r}, allowed are 1 and -1")
+        raise RecordingError(f"polarity: expected 1 or -1, got {polarity!r}")
     if is_session(file):
         return _session_experiment(file, zone)
     content = _content(file)
     kind = _kind(file, content)
     try:
         if zone is not None and kind != "mat":
-            raise RecordingError(f"zone = {zone!r} applies to two-cell .mat recordings only")
+            raise RecordingError(
+                f"zone: expected none, as only two-cell .mat recordings have one, got {zone!r}"
+            )
         if kind == "mat":
             experiment = parse_mat(
                 content, name=file.stem, zone=zone, counts=counts, polarity=polarity
@@ -85,15 +87,18 @@ def check_no_gap(experiment: Experiment) -> None:
     start, end = gaps[0]
     number = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps, the first"
     raise RecordingError(
-        f"{number} from {start:g} s to {end:g} s; allowed are steps up to {GAP_FACTOR:g} times the "
-        "median step. Split the recording there, or add the missing times, their duty, and empty "
-        "temperatures; of a .db file 'jaxtwin export' writes the part between --start and --end"
+        f"expected steps of at most {GAP_FACTOR:g} times the median step, got {number} from "
+        f"{start:g} s to {end:g} s; split the recording there, or add the missing times, their "
+        "duty, and empty temperatures; of a .db file 'jaxtwin export' writes the part between "
+        "--start and --end"
     )
 
 
 def _session_experiment(file: Path, zone: str | None) -> Experiment:
     if zone is not None:
-        raise RecordingError(f"{file}: zone = {zone!r} applies to two-cell .mat recordings only")
+        raise RecordingError(
+            f"{file}: zone: expected none, as only two-cell .mat recordings have one, got {zone!r}"
+        )
     with Session(file) as session:
         experiment = session.experiment()
     try:
@@ -110,7 +115,7 @@ def _content(file: Path) -> bytes:
         raise RecordingError(f"{file}: cannot be read: {error.strerror}") from None
     if not content:
         raise RecordingError(
-            f"{file}: is empty (0 bytes); allowed are .mat, .csv and .nc recordings"
+            f"{file}: expected a .mat, .csv or .nc recording, got an empty file (0 bytes)"
         )
     return content
 

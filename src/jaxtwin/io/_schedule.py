@@ -35,24 +35,25 @@ def schedule_samples(
         finite_number(f"schedule: {name}", number, RecordingError)
     whole_number("schedule: cells", cells, 1, RecordingError)
     if not duration > 0:
-        raise RecordingError(f"duration {duration:g} s: allowed are positive numbers")
+        raise RecordingError(f"duration: expected a number above 0, in s, got {duration:g}")
     if not 0 < step <= duration:
         raise RecordingError(
-            f"step {step:g} s: allowed is above 0 up to the duration {duration:g} s"
+            f"step: expected a number above 0 up to the duration {duration:g} s, got {step:g} s"
         )
     if duration / step > MOST_SAMPLES:
         raise RecordingError(
-            f"step {step:g} s gives more than {MOST_SAMPLES} samples in {duration:g} s"
+            f"step: expected at most {MOST_SAMPLES} samples in {duration:g} s, got more with "
+            f"{step:g} s; use a longer step"
         )
     if cells > MOST_CELLS:
-        raise RecordingError(f"{cells} cells: allowed are at most {MOST_CELLS}")
+        raise RecordingError(f"cells: expected at most {MOST_CELLS}, got {cells}")
     entries = [_entry(part, cells) for part in text.split(",")]
     switches = np.array([time for time, _ in entries])
     if np.any(np.diff(switches) <= 0):
-        raise RecordingError(f"schedule {text!r}: its times must increase")
+        raise RecordingError(f"schedule {text!r}: expected increasing times")
     if switches[0] < 0 or switches[-1] >= duration:
         raise RecordingError(
-            f"schedule {text!r}: its times must lie from 0 s to before the end at {duration:g} s"
+            f"schedule {text!r}: expected times from 0 s to before the end at {duration:g} s"
         )
 
     grid = step * np.arange(math.floor(duration / step * (1 + 1e-9)) + 1)
@@ -79,16 +80,18 @@ def _entry(text: str, cells: int) -> tuple[float, Float[np.ndarray, "cells"]]:
         duty = np.array([float(part) for part in duty_text.split("/")])
     except ValueError:
         raise RecordingError(
-            f"schedule entry {text.strip()!r}: allowed is 'time:duty' such as '500:0.78', or a "
-            "duty for each cell such as '500:0.78/0.5'"
+            "schedule entry: expected 'time:duty' such as '500:0.78', or a duty for each cell "
+            f"such as '500:0.78/0.5', got {text.strip()!r}"
         ) from None
     if not math.isfinite(time):
-        raise RecordingError(f"schedule entry {text.strip()!r}: the time must be a finite number")
+        raise RecordingError(
+            f"schedule entry {text.strip()!r}: expected a finite number as the time"
+        )
     if not np.all(np.abs(duty) <= 1):
-        raise RecordingError(f"schedule entry {text.strip()!r}: a duty cycle must lie in -1 to 1")
+        raise RecordingError(f"schedule entry {text.strip()!r}: expected duty cycles from -1 to 1")
     if len(duty) not in (1, cells):
         raise RecordingError(
-            f"schedule entry {text.strip()!r} has {len(duty)} duty cycles; allowed is one for all "
-            f"cells, or one for each of the {cells}"
+            f"schedule entry {text.strip()!r}: expected one duty cycle for all cells, or one for "
+            f"each of the {cells}, got {len(duty)}"
         )
     return time, np.broadcast_to(duty, (cells,))

@@ -195,9 +195,9 @@ class Session:
             self.database.execute("COMMIT")
         if not len(readings.time) or not len(duty.time):
             missing = "temperatures" if len(duty.time) else "controller samples"
-            raise RecordingError(f"{self.file}: holds no {missing}; an experiment needs both")
+            raise RecordingError(f"{self.file}: expected samples and a drive, got no {missing}")
         if step <= 0:
-            raise RecordingError(f"step {step:g} s: allowed are positive numbers")
+            raise RecordingError(f"step: expected a number above 0, in s, got {step:g}")
         zero = max(readings.time[0], duty.time[0])
         last = min(readings.time[-1], duty.time[-1]) - zero
         first = 0.0 if start is None else start
@@ -252,8 +252,8 @@ class Session:
             rates.add(device.clock.rate)
         if len(rates) > 1:
             raise RecordingError(
-                f"{self.file}: its devices ran at {sorted(rates)} times real time; "
-                "allowed is one rate"
+                f"{self.file}: expected devices that ran at one rate, got {sorted(rates)} times "
+                "real time"
             )
         # Two starts of a device may overlap by their clocks' uncertainty.
         order = np.argsort(time, kind="stable")

@@ -79,7 +79,7 @@ def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
         if application != APPLICATION:
             raise RecordingError(f"{file}: is an SQLite database, but no recording of a live rig")
         if form != FORMAT:
-            raise RecordingError(f"{file}: format {form}; allowed is {FORMAT}")
+            raise RecordingError(f"{file}: format: expected {FORMAT}, got {form}")
         rows = database.execute("SELECT key, value FROM session").fetchall()
         metadata = {key: json.loads(value) for key, value in rows}
     except sqlite3.DatabaseError as error:

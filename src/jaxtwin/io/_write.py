@@ -41,7 +41,7 @@ def write_recording(experiment: Experiment, path: str | Path) -> Path:
     file = path_of("write_recording: path", path, RecordingError)
     ending = file.suffix.lower()
     if ending not in (".csv", ".nc"):
-        raise RecordingError(f"{file}: recordings are written as .csv or .nc, not as {ending!r}")
+        raise RecordingError(f"{file}: ending: expected .csv or .nc, got {ending!r}")
     try:
         check_no_gap(experiment)
     except RecordingError as error:

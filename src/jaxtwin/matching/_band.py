@@ -140,11 +140,11 @@ def prediction_band(
 
     of_kind("prediction_band: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     if recording is not None and recording not in fit.recordings:
-        raise MatchError(f"recording: found {recording!r}, allowed are {', '.join(fit.recordings)}")
-    if not 0 < finite_number("prediction_band: level", level, MatchError) < 1:
         raise MatchError(
-            f"prediction_band: level: found {level!r}, allowed is a level between 0 and 1"
+            f"recording: expected one of {', '.join(fit.recordings)}, got {recording!r}"
         )
+    if not 0 < finite_number("prediction_band: level", level, MatchError) < 1:
+        raise MatchError(f"prediction_band: level: expected a level between 0 and 1, got {level!r}")
     unknowns, covariance = fit.problem.unknowns, np.nan_to_num(fit.uncertainty.vector_covariance)
     rows = unknowns.shared + unknowns.per_recording
     if recording is None and experiment is not None and experiment.fingerprint in fit.fingerprints:

@@ -502,8 +502,9 @@ class Fit:
     def _compared(self) -> tuple[Comparison, ...]:
         if self.comparisons is None:
             raise MatchError(
-                f"fit of {self.twin.rig.name}: found no recordings, it was loaded without them; "
-                f"Fit.load(path, experiments=...) takes {', '.join(self.recordings)}"
+                f"fit of {self.twin.rig.name}: expected its recordings, got none, as it was "
+                f"loaded without them; pass {', '.join(self.recordings)} to Fit.load(path, "
+                "experiments=...)"
             )
         return self.comparisons
 

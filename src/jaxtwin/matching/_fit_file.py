@@ -189,7 +189,7 @@ def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarra
     """
     counts = [max(count, 0) for count, _ in stretches]
     if sum(counts) != times * channels:
-        raise ValueError(f"found weights of {sum(counts)} samples, allowed is {times * channels}")
+        raise ValueError(f"expected weights of {times * channels} samples, got {sum(counts)}")
     return np.repeat([weight for _, weight in stretches], counts).reshape(channels, times).T
 
 

@@ -106,8 +106,8 @@ def estimate_initial_conditions(
     count = int(np.count_nonzero(experiment.sampled[early].any(axis=1)))
     if count < max(2, len(names)):
         raise MatchError(
-            f"{label}: warm_up = {warm_up:g} s: found {count} samples, allowed are at least "
-            f"{max(2, len(names))} for {', '.join(names)}"
+            f"{label}: warm_up = {warm_up:g} s: expected at least {max(2, len(names))} samples to "
+            f"estimate {', '.join(names)}, got {count}; use a longer warm-up"
         )
     part = experiment.between(None, experiment.time[0] + warm_up)
     first = float(np.nanmean(_first_readings(part)))

@@ -44,8 +44,8 @@ def load_fit(
         _refuse(
             source,
             "fit",
-            "missing, allowed is a file that Fit.save wrote; the values of a parameter file go to "
-            "Twin(rig, path)",
+            "expected a file that Fit.save wrote, got one without this table; pass a parameter "
+            "file to Twin(rig, path)",
         )
     rig = _rig(source, data["fit"], rig)
     read_parameters(path, rig)  # refuses damaged rows
@@ -58,7 +58,7 @@ def load_fit(
         for row in unknowns.per_recording:
             if row.name not in data.get("recordings", {}).get(name, {}):
                 field = f"recordings.{name}.{row.name}"
-                _refuse(source, field, "missing, allowed is the value of each recording")
+                _refuse(source, field, "expected the value of each recording, got none")
     vector = np.array(
         [to_entry(row, values[0][row.name]) for row in unknowns.shared]
         + [to_entry(row, one[row.name]) for one in values for row in unknowns.per_recording]
@@ -131,14 +131,15 @@ def _rig(source: str, table: dict[str, Any], given: Rig | str | os.PathLike[str]
     """The rig of the fit, checked to be the one that was matched."""
     for key in ("rig", "rig_file", "rig_fingerprint"):
         if not isinstance(table.get(key), str):
-            _refuse(source, f"fit.{key}", f"found {table.get(key)!r}, allowed is text")
+            _refuse(source, f"fit.{key}", f"expected text, got {table.get(key)!r}")
     if given is None:
         given = rig_to_load(table["rig"], table["rig_file"])
         if given == table["rig_file"] and not Path(given).exists():
             _refuse(
                 source,
                 "fit.rig_file",
-                f"found {given!r}, which is not there; pass Fit.load(path, rig=...)",
+                f"expected the rig file {given!r}, which is not there; pass Fit.load(path, "
+                "rig=...)",
             )
     rig = given if isinstance(given, Rig) else load_rig(given)
     if rig.fingerprint != table["rig_fingerprint"]:
@@ -159,13 +160,11 @@ def _row(source: str, name: str, data: dict[str, Any], rig: Rig) -> dict[str, An
     more = own.get(name) if isinstance(own, dict) else None
     field, parameter = f"parameters.{name}", rig.parameters[name]
     if not isinstance(row, dict):
-        _refuse(source, field, f"found {row!r}, allowed is a row for each parameter of {rig.name}")
+        _refuse(source, field, f"expected a row for each parameter of {rig.name}, got {row!r}")
     if not isinstance(more, dict):
-        _refuse(source, f"fit.{field}", f"found {more!r}, allowed is what the match found")
+        _refuse(source, f"fit.{field}", f"expected the results of the match, got {more!r}")
     if row.get("unit") != parameter.unit:
-        _refuse(
-            source, f"{field}.unit", f"found {row.get('unit')!r}, allowed is {parameter.unit!r}"
-        )
+        _refuse(source, f"{field}.unit", f"expected {parameter.unit!r}, got {row.get('unit')!r}")
     lower, upper = row.get("bounds", (-math.inf, math.inf))
     free, prior = row.get("free", False), row.get("prior")
     known = prior if free is True and isinstance(prior, dict) else {}
@@ -189,7 +188,7 @@ def _row(source: str, name: str, data: dict[str, Any], rig: Rig) -> dict[str, An
 def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]]) -> StoredFit:
     """The checked table [fit]."""
     if table.get("format") != FORMAT:
-        _refuse(source, "fit.format", f"found {table.get('format')!r}, allowed is {FORMAT}")
+        _refuse(source, "fit.format", f"expected {FORMAT}, got {table.get('format')!r}")
     try:
         # As JSON: strict about types, and lists may stand for tuples.
         text = json.dumps(table | {"parameters": rows}, default=str)
@@ -198,11 +197,11 @@ def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]])
         first = problem.errors(include_url=False)[0]
         field = ".".join(map(str, ("fit", *first["loc"])))
         if first["type"] == "missing":
-            _refuse(source, field, "missing, every saved fit has it")
-        allowed = first["msg"].removeprefix("Input should be ")
-        _refuse(source, field, f"found {reprlib.repr(first['input'])}, allowed is {allowed}")
+            _refuse(source, field, "expected this table, which every saved fit has, got none")
+        expected = first["msg"].removeprefix("Input should be ")
+        _refuse(source, field, f"expected {expected}, got {reprlib.repr(first['input'])}")
     if not stored.recordings:
-        _refuse(source, "fit.recordings", "found none, allowed is a table for each recording")
+        _refuse(source, "fit.recordings", "expected a table for each recording, got none")
     kinds = {"noise": stored.noise, "assumed_noise": stored.assumed_noise}
     numbers = {"rmse": stored.rmse, "cost": stored.cost, "camera_error": stored.camera_error}
     numbers |= {
@@ -213,13 +212,11 @@ def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]])
     }
     for field, number in numbers.items():
         if not 0 <= number < math.inf:
-            _refuse(
-                source, f"fit.{field}", f"found {number}, allowed is a finite number, 0 or above"
-            )
+            _refuse(source, f"fit.{field}", f"expected a finite number, 0 or above, got {number}")
     for name, row in stored.parameters.items():
         if not math.isfinite(row.initial):
             field = f"fit.parameters.{name}.initial"
-            _refuse(source, field, f"found {row.initial}, allowed is a finite number")
+            _refuse(source, field, f"expected a finite number, got {row.initial}")
     return stored
 
 
@@ -257,16 +254,16 @@ def _uncertainty(
         _refuse(
             source,
             "fit.unknowns.labels",
-            f"found {', '.join(found.labels)}, allowed are the free parameters and recordings of "
-            f"the file, {', '.join(labels)}",
+            f"expected the free parameters and recordings of the file, {', '.join(labels)}, got "
+            f"{', '.join(found.labels)}",
         )
     for name in ("covariance", "inverse_hessian"):
         matrix = getattr(found, name)
         if len(matrix) != size or any(len(row) != size for row in matrix):
-            _refuse(source, f"fit.unknowns.{name}", f"allowed are {size} rows of {size} numbers")
+            _refuse(source, f"fit.unknowns.{name}", f"expected {size} rows of {size} numbers")
     for name in ("prior_to_data_ratio", "between_recordings"):
         if len(getattr(found, name)) != size:
-            _refuse(source, f"fit.unknowns.{name}", f"allowed are {size} numbers")
+            _refuse(source, f"fit.unknowns.{name}", f"expected {size} numbers")
     vector_covariance, prior_to_data_ratio = (
         np.array(found.covariance),
         np.array(found.prior_to_data_ratio),
@@ -313,9 +310,9 @@ def _recordings(
         if one.fingerprint not in by_content:
             there = ", ".join(e.name or "one without a name" for e in given) or "none"
             raise MatchError(
-                f"experiments: found {there}, of which none has the contents of {name!r} "
-                f"(fingerprint {one.fingerprint[:12]}...) that was matched; allowed are those of "
-                "the fit, read as they were then"
+                f"experiments: expected the recordings of the fit, got {there}, of which none has "
+                f"the contents of {name!r} (fingerprint {one.fingerprint[:12]}...) that was "
+                "matched; read them as they were read then"
             )
         found.append(by_content[one.fingerprint])
     return tuple(found)

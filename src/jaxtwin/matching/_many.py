@@ -64,10 +64,10 @@ def match_many(
     whole_number("max_iterations", max_iterations, 1, MatchError)
     check_callable("on_progress", on_progress, MatchError)
     if isinstance(sets, str | bytes | Experiment) or not isinstance(sets, Iterable):
-        raise MatchError(f"sets: found {sets!r}, allowed is one or several sets of recordings")
+        raise MatchError(f"sets: expected one or several sets of recordings, got {sets!r}")
     listed = [as_experiments("match_many: sets", members, MatchError) for members in sets]
     if not listed:
-        raise MatchError("sets: found none, allowed is one or several sets of recordings")
+        raise MatchError("sets: expected one or several sets of recordings, got none")
     recordings = [named_recordings(twin, members) for members in listed]
     unknowns = choose_unknowns(
         twin,

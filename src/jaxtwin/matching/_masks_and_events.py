@@ -29,18 +29,20 @@ def span_weights(
         for span in (spans or {}).get(name, ()):
             if len(span) not in (2, 3):
                 raise MatchError(
-                    f"masks: {name}: found {span!r}, allowed is (from, to) or (from, to, weight)"
+                    f"masks: {name}: expected (from, to) or (from, to, weight), got {span!r}"
                 )
             start, end, value = (*span, 0.0)[:3]
             first, last = experiment.time[0], experiment.time[-1]
             if not (first <= start < end <= last and 0 <= value <= 1):
                 raise MatchError(
-                    f"masks: {name}: found {span!r}, allowed are spans inside {first:g} to "
-                    f"{last:g} s with a weight of 0 to 1"
+                    f"masks: {name}: expected spans inside {first:g} to {last:g} s with a weight "
+                    f"of 0 to 1, got {span!r}"
                 )
             weight[(experiment.time >= start) & (experiment.time <= end)] *= value
         if not weight.any():
-            raise MatchError(f"masks: {name}: found no sample left, allowed is at least one")
+            raise MatchError(
+                f"masks: {name}: expected at least one sample outside the masks, got none"
+            )
         weights.append(weight)
     return weights
 
@@ -59,8 +61,8 @@ def given_events(
         for event in events.get(name, ()):
             if not first < event <= last:
                 raise MatchError(
-                    f"events: {name}: found {event:g} s, allowed are times inside the recording, "
-                    f"{first:g} to {last:g} s"
+                    f"events: {name}: expected times inside the recording, {first:g} to {last:g} "
+                    f"s, got {event:g} s"
                 )
         times.append(tuple(sorted(float(event) for event in events.get(name, ()))))
     return times
@@ -72,5 +74,5 @@ def _check_names(
     unknown = [name for name in given if name not in recordings]
     if unknown:
         raise MatchError(
-            f"{what}: found the recording {unknown[0]!r}, allowed are {', '.join(recordings)}"
+            f"{what}: expected some of the recordings {', '.join(recordings)}, got {unknown[0]!r}"
         )

@@ -160,11 +160,11 @@ def checked_solver(
     """
     if solver is None:
         return default_solver(problem)
-    allowed = (
+    expected = (
         "an optimistix least-squares solver, such as optimistix.LevenbergMarquardt(1e-8, 1e-8) or "
         "jaxtwin.matching.BoundedLevenbergMarquardt(), or None"
     )
-    return of_kind("solver", solver, optx.AbstractLeastSquaresSolver, allowed, MatchError)
+    return of_kind("solver", solver, optx.AbstractLeastSquaresSolver, expected, MatchError)
 
 
 def _start_vectors(

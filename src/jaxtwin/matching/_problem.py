@@ -73,34 +73,33 @@ def make_match_problem(
     - the others: as in `match`.
 
     **Raises:** `MatchError` where fewer samples count than there are unknowns, nothing moves in any
-    recording, or events, masks or the loss are not allowed.
+    recording, or events, masks or the loss are wrong.
     """
     weights = tuple(span_weights(recordings, masks))
     samples = sum(int(np.count_nonzero(weight)) for weight in weights)
     if samples <= unknowns.size:
         masked = ", the others are masked" if masks else ""
         raise MatchError(
-            f"found {samples} samples for {unknowns.size} unknowns{masked}, allowed is at least "
-            "one more than unknowns, because the rest of the residuals tells the noise"
+            f"expected more samples than the {unknowns.size} unknowns, because the noise is "
+            f"estimated from the residuals, got {samples} samples{masked}"
         )
     experiments = tuple(recordings.values())
     if not any(map(_is_excited, experiments, weights)):
         raise MatchError(
-            f"{', '.join(recordings)}: found no excitation, every duty cycle is 0 and no reading "
-            "ever changes; allowed is at least one recording in which something happens"
+            f"{', '.join(recordings)}: expected a recording with some excitation, got none: every "
+            "duty cycle is 0 and no reading ever changes; add a recording in which a cell is "
+            "driven"
         )
     error = twin.rig.common_error
     if events is not None and error is None:
         raise MatchError(
-            f"{twin.rig.name}: events: found {events!r}, allowed only where the rig file has a "
-            "table [camera.common_error]"
+            f"{twin.rig.name}: events: expected None, as the rig file has no table "
+            f"[camera.common_error], got {events!r}; add the table"
         )
     if not (events is None or isinstance(events, Mapping) or events in ("detect", "none")):
-        raise MatchError(
-            f'events: found {events!r}, allowed is "detect", "none" or recording -> times'
-        )
+        raise MatchError(f'events: expected "detect", "none" or recording -> times, got {events!r}')
     if robust is not None and not finite_number("robust", robust, MatchError) > 0:
-        raise MatchError(f"robust: found {robust!r}, allowed is a number above 0 or None")
+        raise MatchError(f"robust: expected a number above 0 or None, got {robust!r}")
     none = tuple(() for _ in recordings)
     if isinstance(events, Mapping):
         times = tuple(given_events(recordings, events))
@@ -145,17 +144,17 @@ def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str,
     """
     check_twin("twin", twin, MatchError)
     if not experiments:
-        raise MatchError("experiments: found none, allowed is one or several recordings")
+        raise MatchError("experiments: expected one or several recordings, got none")
     names: list[str] = []
     for number, experiment in enumerate(experiments, start=1):
         name = experiment.name or f"recording {number}"
         if experiment.temperatures is None or not experiment.channels:
-            raise MatchError(f"{name}: found no recorded temperatures, allowed is a recording")
+            raise MatchError(f"{name}: expected recorded temperatures, got none")
         checked_channels(twin, experiment)
         if experiment.unsampled:
             raise MatchError(
-                f"{name}: channel {experiment.unsampled[0]}: found no sample that is not missing, "
-                "allowed is at least one; leave the channel out by select()"
+                f"{name}: channel {experiment.unsampled[0]}: expected at least one sample, got "
+                "missing ones only; leave the channel out with Experiment.select"
             )
         names.append(name)
     # Two recordings of one name must not share a row of a table.

@@ -140,7 +140,9 @@ def profile(
     problem = replace(fit.problem, experiments=fit.experiments)  # not those of a bare file
     shared = [row.name for row in unknowns.shared]
     if name not in shared:
-        raise ParameterError(f"profile: found {name!r}, allowed are {', '.join(shared)}")
+        raise ParameterError(
+            f"profile: expected one of the parameters {', '.join(shared)}, got {name!r}"
+        )
     if values is None:
         whole_number("profile: points", points, LEAST, MatchError)
     check_callable("profile: on_progress", on_progress, MatchError)
@@ -157,8 +159,8 @@ def profile(
         given = np.sort(np.asarray(values, dtype=float))
         if given.size == 0 or not np.all((given >= row.lower) & (given <= row.upper)):
             raise MatchError(
-                f"profile: {name}: found values {given.tolist()}, allowed are {row.lower:g} to "
-                f"{row.upper:g} {row.unit}"
+                f"profile: {name}: expected values from {row.lower:g} to {row.upper:g} "
+                f"{row.unit}, got {given.tolist()}"
             )
         at = np.log(given) if row.is_logarithmic else given
     objective = make_objective(problem, fit.noise_model)

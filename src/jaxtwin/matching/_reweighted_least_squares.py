@@ -94,8 +94,8 @@ def _check_alike(objectives: Sequence[Objective]) -> None:
     for number, other in enumerate(others, start=1):
         if other != first:
             raise MatchError(
-                f"sets: found set {number} with recordings of other shapes than set 0, allowed are "
-                "equally many recordings, alike in how many channels they have and in whether the "
-                "ambient temperature is recorded, and nearly alike in how many samples they have "
-                "and how often their inputs change"
+                "sets: expected equally many recordings, alike in how many channels they have "
+                "and in whether the ambient temperature is recorded, and nearly alike in how "
+                f"many samples they have and how often their inputs change, got set {number} with "
+                "recordings of other shapes than set 0"
             )

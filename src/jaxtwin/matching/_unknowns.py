@@ -222,8 +222,8 @@ def choose_unknowns(
         unknown = sorted(names - set(table))
         if unknown:
             raise ParameterError(
-                f"{twin.rig.name}: {group}: unknown parameter {', '.join(unknown)}, allowed are "
-                f"{', '.join(table)}"
+                f"{twin.rig.name}: {group}: expected some of the parameters {', '.join(table)}, "
+                f"got {', '.join(unknown)}"
             )
     opposites = (
         ("free", "fixed"),
@@ -234,7 +234,7 @@ def choose_unknowns(
     for one, other in opposites:
         both = sorted(groups[one] & groups[other])
         if both:
-            raise MatchError(f"{', '.join(both)}: found in both {one} and {other}, allowed is one")
+            raise MatchError(f"{', '.join(both)}: expected in either {one} or {other}, got in both")
     chosen = {
         name: row
         for name, row in table.items()
@@ -249,7 +249,8 @@ def choose_unknowns(
     held = sorted(set(bounds) - set(chosen))
     if held:
         raise MatchError(
-            f"bounds: found {', '.join(held)}, which is not free, allowed are {', '.join(chosen)}"
+            f"bounds: expected some of the free parameters {', '.join(chosen)}, got "
+            f"{', '.join(held)}; free it or leave its bounds out"
         )
     rows = []
     for name, row in chosen.items():
@@ -267,29 +268,29 @@ def choose_unknowns(
 def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Parameter:
     """A parameter that starts at a value inside bounds under which its prior means the same."""
     lower, upper = _pair(row.name, bounds)
-    found = f"{row.name}: found bounds {lower:g} to {upper:g} {row.unit}".rstrip()
+    given = f"{lower:g} to {upper:g} {row.unit}".rstrip()
     if not lower <= value <= upper or lower == upper:
         raise MatchError(
-            f"{row.name}: found the start value {value:g} {row.unit}, allowed by its bounds is "
-            f"{lower:g} to {upper:g}; move the start or the bounds"
+            f"{row.name}: expected a start within its bounds, {lower:g} to {upper:g}, got "
+            f"{value:g} {row.unit}; move the start or the bounds"
         )
     if row.prior_value is not None and not lower <= row.prior_value <= upper:
         raise MatchError(
-            f"{found}, allowed are bounds that contain what is expected beforehand, "
-            f"{row.prior_value:g}"
+            f"{row.name}: expected bounds that contain the centre of the prior, "
+            f"{row.prior_value:g}, got {given}"
         )
     if row.prior_spread is not None and not NARROWEST <= row.prior_spread <= 1 / NARROWEST:
         raise MatchError(
-            f"{row.name}: found the prior spread {row.prior_spread:g}, allowed is {NARROWEST:g} to "
-            f"{1 / NARROWEST:g}; hold what is known, leave the prior out where nothing is"
+            f"{row.name}: expected a prior spread of {NARROWEST:g} to {1 / NARROWEST:g}, got "
+            f"{row.prior_spread:g}; hold a parameter that is known, and leave the prior out where "
+            "nothing is known"
         )
     bounded = replace(row, value=value, lower=lower, upper=upper)
     if row.prior_spread is not None and bounded.is_logarithmic != row.is_logarithmic:
-        allowed = "above 0" if row.is_logarithmic else "with a lower one of 0 or less"
+        kept = "above 0" if row.is_logarithmic else "with a lower one of 0 or less"
         kind = "relative" if row.is_logarithmic else f"in {row.unit or 'its unit'}"
         raise MatchError(
-            f"{found}, allowed are bounds {allowed}, because the spread of what is expected "
-            f"beforehand is {kind}"
+            f"{row.name}: expected bounds {kept}, because the prior's spread is {kind}, got {given}"
         )
     return bounded
 
@@ -302,7 +303,7 @@ def _pair(name: str, bounds: object) -> tuple[float, float]:
         pair = np.array(None)
     if pair.dtype.kind not in "iuf" or pair.shape != (2,) or not pair[0] < pair[1]:
         raise MatchError(
-            f"{name}: bounds: found {bounds!r}, allowed are (lower, upper), numbers in that order"
+            f"{name}: bounds: expected (lower, upper), numbers in that order, got {bounds!r}"
         )
     return float(pair[0]), float(pair[1])
 

@@ -45,13 +45,13 @@ def frame_to_channels(
     frames = np.asarray(frames)
     if frames.dtype.kind not in "iuf" or frames.ndim < 2:
         raise RigError(
-            f"frames: found {frames.dtype} values of shape {frames.shape}, allowed are numbers "
-            "(..., height, width)"
+            f"frames: expected numbers of shape (..., height, width), got {frames.dtype} values "
+            f"of shape {frames.shape}"
         )
     if frames.shape[-2:] != (camera.height, camera.width):
         raise RigError(
-            f"{rig.source}: camera.resolution: found frames of {frames.shape[-1]} x "
-            f"{frames.shape[-2]} pixels, allowed is {camera.width} x {camera.height}"
+            f"{rig.source}: camera.resolution: expected frames of {camera.width} x "
+            f"{camera.height} pixels, got {frames.shape[-1]} x {frames.shape[-2]}"
         )
     return np.einsum("...hw,chw->...c", np.asarray(frames, float), pixel_weights(rig))
 
@@ -74,7 +74,7 @@ def pixel_weights(rig: Rig) -> Float[np.ndarray, "channels height width"]:
 
 def _camera(rig: Rig) -> Camera:
     if rig.camera is None:
-        raise RigError(f"{rig.source}: camera: found none, allowed are frames of rigs with one")
+        raise RigError(f"{rig.source}: camera: expected a rig with a camera, got one without")
     return rig.camera
 
 

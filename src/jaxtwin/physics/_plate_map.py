@@ -46,10 +46,10 @@ def plate_map(
     elements = len(plate.element_names)
     values = np.asarray(temperatures)
     if values.dtype.kind not in "iuf":
-        raise ParameterError(f"temperatures: found {values.dtype} values, allowed are numbers")
+        raise ParameterError(f"temperatures: expected numbers, got {values.dtype} values")
     if values.ndim < 1 or values.shape[-1] != elements:
         raise ParameterError(
-            f"temperatures: found shape {values.shape}, allowed for {rig.name} is (..., {elements})"
+            f"temperatures: expected shape (..., {elements}) for {rig.name}, got {values.shape}"
         )
     whole_number("points", points, 1, ParameterError)
     size = plate.width / points

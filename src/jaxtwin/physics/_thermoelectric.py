@@ -82,8 +82,8 @@ class ThermoelectricModule(eqx.Module):
         V_max, I_max, dT_max, T_h = (_above_zero(field, n) for field, n in numbers.items())
         if dT_max >= T_h:
             raise ParameterError(
-                f"maximum_temperature_difference: found {dT_max} K, allowed is below the "
-                f"hot_side_temperature of {T_h} K"
+                "maximum_temperature_difference: expected a value below the hot_side_temperature "
+                f"of {T_h} K, got {dT_max} K"
             )
         return cls(
             seebeck_coefficient=V_max / T_h,
@@ -172,8 +172,8 @@ class ThermoelectricModule(eqx.Module):
         dT = np.ravel(np.asarray(delta_T, float))
         if not np.isfinite([*I, *dT, T_hot]).all() or (dT >= T_hot).any():
             raise ParameterError(
-                f"dc_sweep: found T_hot = {T_hot} K, differences {dT} K and currents {I} A, "
-                "allowed are finite numbers and differences below T_hot"
+                "dc_sweep: expected finite numbers and differences below T_hot, got T_hot = "
+                f"{T_hot} K, differences {dT} K and currents {I} A"
             )
         with own_settings():
             cold = jnp.broadcast_to(T_hot - dT[:, None], (dT.size, I.size))
@@ -185,5 +185,5 @@ class ThermoelectricModule(eqx.Module):
 
 def _above_zero(field: str, value: float | int | None) -> float:
     if value is None or not 0 < value < np.inf:
-        raise ParameterError(f"{field}: found {value}, allowed is a number above 0")
+        raise ParameterError(f"{field}: expected a number above 0, got {value}")
     return float(value)

@@ -98,8 +98,8 @@ class Twin(eqx.Module):
         for name, value in self.parameters.items():
             if np.ndim(value) > 0:
                 raise ParameterError(
-                    f"{self.rig.name}: parameter {name}: found {np.size(value)} values, allowed is "
-                    "one"
+                    f"{self.rig.name}: parameter {name}: expected one value, got "
+                    f"{np.size(value)}; pass several to simulate_batch"
                 )
             numbers[name] = float(self.rig.parameters[name].to_si(np.float64(value)))
         return numbers
@@ -129,7 +129,7 @@ class Twin(eqx.Module):
                     float(element.thermal_resistance.evaluate(values)),
                 )
         names = ", ".join(element.name for element in self.netlist.cells)
-        raise ParameterError(f"{self.rig.name}: found cell {cell!r}, allowed are {names}")
+        raise ParameterError(f"{self.rig.name}: expected one of the cells {names}, got {cell!r}")
 
     def simulate(
         self,
@@ -160,16 +160,17 @@ class Twin(eqx.Module):
         if isinstance(experiment, str):
             if duration is None:
                 raise SimulationError(
-                    f"{self.rig.name}: simulate: found the schedule {experiment!r} and no "
-                    f"duration, allowed is simulate({experiment!r}, duration=600.0), in s"
+                    f"{self.rig.name}: simulate: expected a duration beside the schedule "
+                    f"{experiment!r}, got none; call simulate({experiment!r}, duration=600.0), in "
+                    "s"
                 )
             cells = len(self.netlist.cells)
             experiment = Experiment.schedule(experiment, duration=duration, cells=cells)
         elif duration is not None:
             raise SimulationError(
-                f"{self.rig.name}: simulate: found the duration {duration!r} beside an experiment, "
-                "allowed is one beside a schedule in words; Experiment.between shortens an "
-                "experiment"
+                f"{self.rig.name}: simulate: expected a duration only beside a schedule in words, "
+                f"got {duration!r} beside an experiment; shorten the experiment with "
+                "Experiment.between"
             )
         return simulate(
             self,
@@ -221,6 +222,6 @@ def _checked(rig: Rig, name: str, value: Any) -> Any:
         array = np.array(None)
     if array.dtype.kind not in "fiu" or array.size == 0 or not np.isfinite(array).all():
         raise ParameterError(
-            f"{rig.name}: parameter {name}: found {value!r}, allowed are finite numbers"
+            f"{rig.name}: parameter {name}: expected finite numbers, got {value!r}"
         )
     return value if isinstance(value, jax.Array) else array.astype(float)

@@ -135,8 +135,8 @@ def wiring_of(rig: Rig, lumped: bool = False) -> Wiring:
     elements = len(rig.plate.element_names)
     if elements > MOST_ELEMENTS:
         raise RigError(
-            f"{rig.source}: plate: found {elements} elements, allowed in a twin are up to "
-            f"{MOST_ELEMENTS}; make the grid coarser"
+            f"{rig.source}: plate: expected at most {MOST_ELEMENTS} elements in a twin, got "
+            f"{elements}; make the grid coarser"
         )
     netlist = build_netlist(rig)
     if lumped:

@@ -40,7 +40,7 @@ def plot_bands(
     for name, edge in (("low", low), ("high", high)):
         if np.shape(edge) != run.temperatures.shape:
             raise SimulationError(
-                f"{name}: found shape {np.shape(edge)}, allowed is {run.temperatures.shape}"
+                f"{name}: expected shape {run.temperatures.shape}, got {np.shape(edge)}"
             )
     count = len(run.channels)
     columns = min(count, PANELS)

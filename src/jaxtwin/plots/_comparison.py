@@ -127,5 +127,5 @@ def plot_residuals(
 def _recorded(run: Run) -> Float[np.ndarray, "times channels"]:
     if run.experiment.temperatures is None:
         label = run.experiment.name or "the experiment"
-        raise SimulationError(f"{label} holds no recorded temperatures to compare with")
+        raise SimulationError(f"{label}: expected recorded temperatures to compare with, got none")
     return run.experiment.temperatures

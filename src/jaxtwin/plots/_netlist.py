@@ -59,8 +59,8 @@ def plot_netlist(
         colors, label, text = "YlOrRd", "temperature, °C", "{:.1f}"
     if np.shape(shown) != (len(nodes),):
         raise ParameterError(
-            f"temperatures: found shape {np.shape(shown)}, allowed is one for each of the "
-            f"{len(nodes)} nodes of {twin.rig.name}"
+            f"temperatures: expected one for each of the {len(nodes)} nodes of {twin.rig.name}, "
+            f"got shape {np.shape(shown)}"
         )
     figure = None
     if ax is None:

@@ -51,8 +51,8 @@ def plot_plate_map(
     shape = (len(titles), len(rig.plate.element_names))
     if np.shape(temperatures) != shape:
         raise ParameterError(
-            f"temperatures: found shape {np.shape(temperatures)}, allowed for {shape[0]} titles "
-            f"and the elements of {rig.name} is {shape}"
+            f"temperatures: expected shape {shape} for {shape[0]} titles and the elements of "
+            f"{rig.name}, got {np.shape(temperatures)}"
         )
     panels = len(titles) + 1
     rows = -(-panels // columns)

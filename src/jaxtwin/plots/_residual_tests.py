@@ -45,13 +45,15 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
     for row, run in zip(grid, runs, strict=True):
         if run.experiment.temperatures is None:
             label = run.experiment.name or "the experiment"
-            raise SimulationError(f"{label} holds no recorded temperatures to compare with")
+            raise SimulationError(
+                f"{label}: expected recorded temperatures to compare with, got none"
+            )
         counts = np.count_nonzero(run.experiment.sampled, axis=0)
         if counts.min() < LEAST:
             label = run.experiment.name or "the experiment"
             raise SimulationError(
-                f"{label}: channel {run.channels[int(counts.argmin())]}: found {counts.min()} "
-                f"samples, allowed are at least {LEAST} for a test"
+                f"{label}: channel {run.channels[int(counts.argmin())]}: expected at least "
+                f"{LEAST} samples for a test, got {counts.min()}"
             )
         residuals = run.experiment.temperatures - run.temperatures
         for number, (channel, series) in enumerate(zip(run.channels, residuals.T, strict=True)):

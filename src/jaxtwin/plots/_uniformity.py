@@ -158,7 +158,7 @@ def _samples(run: Run, times: Sequence[float]) -> list[int]:
     for time in times:
         if not run.time[0] <= time <= run.time[-1]:
             raise SimulationError(
-                f"times: found {time:g} s, allowed is {run.time[0]:g} to {run.time[-1]:g} s"
+                f"times: expected {run.time[0]:g} to {run.time[-1]:g} s, got {time:g} s"
             )
     return [int(np.argmin(np.abs(run.time - time))) for time in times]
 
@@ -166,7 +166,9 @@ def _samples(run: Run, times: Sequence[float]) -> list[int]:
 def _at(run: Run, times: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """What the twin reads and what was recorded, each (times, channels), degC."""
     if run.experiment.temperatures is None:
-        raise SimulationError("the experiment holds no recorded temperatures to compare with")
+        raise SimulationError(
+            "experiment: expected recorded temperatures to compare with, got none"
+        )
     samples = _samples(run, times)
     return run.temperatures[samples], run.experiment.temperatures[samples]
 

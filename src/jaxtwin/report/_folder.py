@@ -23,8 +23,8 @@ def check_folder(folder: Path) -> None:
     """
     if folder.exists() and not _replaceable(folder):
         raise JaxtwinError(
-            f"{folder}: holds something that is no report of jaxtwin; allowed is a new or empty "
-            "folder, or an older report, which is replaced"
+            f"{folder}: expected a new or empty folder, or an older report of jaxtwin, got "
+            "something else; choose another folder"
         )
     parent = folder.absolute().parent
     if not (parent.is_dir() and os.access(parent, os.W_OK)):

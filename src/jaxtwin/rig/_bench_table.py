@@ -30,11 +30,11 @@ def build_driver(table: DriverTable, fields: Fields) -> Driver:
     if table.averaging == "voltage" and table.off_phase != "brake":
         fields.refuse(
             "driver.off_phase",
-            f'found {table.off_phase!r}, allowed with averaging = "voltage" is "brake"',
+            f'expected "brake" with averaging = "voltage", got {table.off_phase!r}',
         )
     if table.delay is not None and table.lag is None:
         # Without a ramp the temperatures would not be smooth in the delay.
-        fields.refuse("driver.delay", "found without a lag, allowed is a delay beside a lag")
+        fields.refuse("driver.delay", "expected a lag beside the delay, got none; give driver.lag")
     lag, delay = (
         None if text is None else fields.value(f"driver.{name}", text, DURATION)
         for name, text in (("lag", table.lag), ("delay", table.delay))
@@ -92,7 +92,7 @@ def build_camera(table: CameraTable, fields: Fields) -> Camera:
         if not 0 <= view[0] < view[1] <= size:
             fields.refuse(
                 f"camera.view.{axis}",
-                f"found {view}, allowed is a range of pixels inside the frame, 0 to {size}",
+                f"expected a range of pixels inside the frame, 0 to {size}, got {view}",
             )
     return Camera(
         width=width,
@@ -128,8 +128,8 @@ def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
         # Recordings have a column for each channel, and one for the ambient temperature.
         fields.refuse(
             f"{at}.name",
-            f"found {table.name!r}, allowed are letters, digits and, between them, '_-.' and "
-            f"blanks, and not {AMBIENT!r}",
+            f"expected letters, digits and, between them, '_-.' and blanks, and not {AMBIENT!r}, "
+            f"got {table.name!r}",
         )
     gain = fields.value(f"{at}.gain", table.gain, FACTOR)
     if table.nodes is not None and table.x is None and table.y is None:
@@ -138,9 +138,9 @@ def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
         fields.check_unique(f"{at}.nodes", table.nodes)
         return Channel(table.name, tuple(table.nodes), None, None, gain)
     if table.nodes is not None or table.x is None or table.y is None:
-        fields.refuse(at, "allowed is either nodes or x with y")
+        fields.refuse(at, "expected either nodes or x with y; give one of them")
     if len(table.x) != len(table.y):
-        fields.refuse(at, "allowed is a place in both x and y, or a range in both")
+        fields.refuse(at, "expected a position in both x and y, or a range in both")
     if len(table.x) == 1:
         place = _place(f"{at}.x", table.x[0], plate.width, fields)
         element = _element_at(plate, place, _place(f"{at}.y", table.y[0], plate.height, fields))
@@ -154,7 +154,7 @@ def _place(field: str, text: str, size: float, fields: Fields) -> float:
     place = fields.constant(field, text, COORDINATE)
     if place > size * (1 + _ROUNDING):
         fields.refuse(
-            field, f"found {text!r}, allowed is a place on the plate, 0 to {100 * size:g} cm"
+            field, f"expected a position on the plate, 0 to {100 * size:g} cm, got {text!r}"
         )
     return place
 
@@ -172,6 +172,6 @@ def _range(field: str, texts: list[str], size: float, fields: Fields) -> tuple[f
     first, last = (fields.constant(field, text, COORDINATE) for text in texts)
     if not first < last <= size * (1 + _ROUNDING):
         fields.refuse(
-            field, f"found {texts}, allowed is a range inside the plate, 0 to {100 * size:g} cm"
+            field, f"expected a range inside the plate, 0 to {100 * size:g} cm, got {texts}"
         )
     return first, min(last, size)

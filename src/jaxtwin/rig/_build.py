@@ -33,7 +33,7 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     fields.check_unique("channels", [channel.name for channel in table.channels])
     if (table.camera is None) == (table.sensors is None):
         found = "neither a camera nor sensors" if table.camera is None else "both"
-        fields.refuse("camera", f"found {found}, allowed is either [camera] or [sensors]")
+        fields.refuse("camera", f"expected either [camera] or [sensors], got {found}")
     plate = build_plate(table.plate, table.circuit is not None, fields)
     ambient, initial = (
         fields.value(f"{name}.temperature", text, TEMPERATURE)

@@ -44,7 +44,7 @@ def read_toml(
         content = place.read_bytes()
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or problem
-        refuse(source, "", f"cannot be read ({reason}), allowed is a TOML file", error)
+        refuse(source, "", f"expected a TOML file, which cannot be read: {reason}", error)
     return parse_toml(content, source, error), source
 
 
@@ -57,7 +57,12 @@ def parse_toml(content: bytes, source: str, error: type[JaxtwinError] = RigError
         return tomllib.loads(content.decode("utf-8"))
     except UnicodeDecodeError as problem:
         line = content[: problem.start].count(b"\n") + 1
-        refuse(source, f"line {line}", "the text is not UTF-8, allowed is TOML in UTF-8", error)
+        refuse(
+            source,
+            f"line {line}",
+            "expected TOML in UTF-8, got another encoding; save the file as UTF-8",
+            error,
+        )
     except tomllib.TOMLDecodeError as problem:
         lines = content.count(b"\n") + 1
         where = str(problem).replace("at end of document", f"at line {lines}, the last one")

@@ -30,7 +30,9 @@ def build_cell(table: CellTable, plate: Plate, fields: Fields) -> Cell:
     for element in table.contacts:
         fields.check_element(f"{at}.contacts", element, plate.element_names)
     if (table.sink_capacitance is None) != (table.sink_air_resistance is None):
-        fields.refuse(at, "allowed is both or neither of sink_capacitance and sink_air_resistance")
+        fields.refuse(
+            at, "expected both or neither of sink_capacitance and sink_air_resistance, got one"
+        )
 
     def optional(name: str, kind: Kind) -> Value | None:
         text = getattr(table, name)
@@ -41,7 +43,7 @@ def build_cell(table: CellTable, plate: Plate, fields: Fields) -> Cell:
         if given is not None:
             return given
         if table.module is None:
-            fields.refuse(f"{at}.{name}", "missing, allowed is a value or the name of a module")
+            fields.refuse(f"{at}.{name}", "expected a value, got none; give it, or name a module")
         return Value(getattr(load_module(table.module), name))
 
     return Cell(
@@ -70,7 +72,7 @@ def _side_capacitance(table: CellTable, fields: Fields) -> Value:
     if whole is not None and mass is None and specific_heat is None:
         return fields.value(f"{at}.side_capacitance", whole, HEAT_CAPACITY)
     if whole is not None or mass is None or specific_heat is None:
-        fields.refuse(at, "allowed is either side_capacitance or side_mass with side_specific_heat")
+        fields.refuse(at, "expected either side_capacitance or side_mass with side_specific_heat")
     return fields.value(f"{at}.side_mass", mass, MASS) * fields.value(
         f"{at}.side_specific_heat", specific_heat, SPECIFIC_HEAT
     )

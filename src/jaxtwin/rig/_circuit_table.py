@@ -34,13 +34,13 @@ def build_circuit(
 def _ends(field: str, text: str, elements: tuple[str, ...], fields: Fields) -> tuple[str, str]:
     ends = text.split("-")
     if len(ends) != 2:
-        fields.refuse(field, f'found {text!r}, allowed is two nodes such as "V11-V12"')
+        fields.refuse(field, f'expected two nodes such as "V11-V12", got {text!r}')
     first, second = (end.strip() for end in ends)
     for end in (first, second):
         if end != AMBIENT:
             fields.check_element(field, end, elements)
     if first == second:
-        fields.refuse(field, f"found {text!r}, allowed are links between two different nodes")
+        fields.refuse(field, f"expected two different nodes, got {text!r}")
     return first, second
 
 
@@ -58,5 +58,6 @@ def _check_grounded(pairs: list[tuple[str, str]], nodes: tuple[str, ...], fields
     for node in nodes:
         if node not in reached:
             fields.refuse(
-                "circuit.links", f'{node} has no path to "{AMBIENT}", allowed are nodes with one'
+                "circuit.links",
+                f'expected a path from each node to "{AMBIENT}", got none from {node}; add a link',
             )

@@ -41,18 +41,18 @@ class Fields:
         if is_quantity(text):
             return Value(self.constant(field, text, kind))
         if not text.isidentifier():
-            self.refuse(field, f"found {text!r}, allowed is {kind} or the name of a parameter")
+            self.refuse(field, f"expected {kind} or the name of a parameter, got {text!r}")
         self.check_known(field, "parameter", text, self._parameters)
         parameter = self._parameters[text]
         try:
             unit_scale(parameter.unit, kind)
         except ValueError as problem:
-            self.refuse(field, f"found parameter {text!r}, {problem}, allowed is {kind}")
+            self.refuse(field, f"expected {kind}, got the parameter {text!r}, {problem}")
         for which, number in self._numbers(parameter):
             problem = range_problem(parameter.to_si(number), kind)
             if problem:
                 found = f"{number:g} {parameter.unit}".strip()
-                self.refuse(field, f"the {which} of {text!r} is {found}, allowed is {problem}")
+                self.refuse(field, f"expected {problem}, got {found} as the {which} of {text!r}")
         self._used.add(text)
         return Value(1.0, ((text, 1.0),))
 
@@ -64,10 +64,10 @@ class Fields:
         try:
             number = parse_quantity(text, kind)
         except ValueError as problem:
-            self.refuse(field, f"found {text!r}, {problem}, allowed is {kind}")
+            self.refuse(field, f"expected {kind}, got {text!r}, {problem}")
         problem = range_problem(number, kind)
         if problem:
-            self.refuse(field, f"found {text!r}, allowed is {problem}")
+            self.refuse(field, f"expected {problem}, got {text!r}")
         return number
 
     def check_known(self, field: str, what: str, name: str, known: Iterable[str]) -> None:
@@ -80,14 +80,15 @@ class Fields:
         if name not in elements:
             self.refuse(
                 field,
-                f"found {name!r}, allowed are the plate's elements {elements[0]} to {elements[-1]}",
+                f"expected one of the plate's elements {elements[0]} to {elements[-1]}, got "
+                f"{name!r}",
             )
 
     def check_unique(self, field: str, names: list[str]) -> None:
         """Refuses a name that stands twice."""
         for name in names:
             if names.count(name) > 1:
-                self.refuse(field, f"found {name!r} twice, allowed is each name once")
+                self.refuse(field, f"expected each name once, got {name!r} twice")
 
     def check_all_used(self) -> None:
         """Refuses a parameter that nothing uses: it would be matched without any effect."""
@@ -95,7 +96,8 @@ class Fields:
             if name not in self._used:
                 self.refuse(
                     f"parameters.{name}",
-                    "nothing uses it, allowed are parameters that a field of the rig names",
+                    "expected a parameter that a field of the rig names, got one that nothing "
+                    "uses; remove it or use it",
                 )
 
     def _numbers(self, parameter: Parameter) -> Iterator[tuple[str, float]]:

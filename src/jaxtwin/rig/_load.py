@@ -18,8 +18,8 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
 
     **Returns:** the rig, everything in SI units but the parameter table, which keeps its own.
 
-    **Raises:** `RigError` for the first mistake, naming file, field, what was found and what is
-    allowed.
+    **Raises:** `RigError` for the first mistake, naming file, field, what was expected and what
+    was found.
     """
     from ._build import build_rig  # with pydantic, which only readers of a rig should pay for
 

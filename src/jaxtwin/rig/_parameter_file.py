@@ -113,11 +113,11 @@ def read_parameters(
     data, source = read_toml(path, ParameterError)
     table = data.get("parameters")
     if not isinstance(table, dict):
-        _refuse(source, "parameters", "missing, allowed is a table [parameters]")
+        _refuse(source, "parameters", "expected a table [parameters], got none")
     recordings = data.get("recordings", {})
     own = recordings.get(recording, {}) if isinstance(recordings, dict) else None
     if not isinstance(own, dict):
-        _refuse(source, "recordings", "allowed are tables [recordings.NAME]")
+        _refuse(source, "recordings", "expected tables [recordings.NAME]")
     values = {}
     for name, row in table.items():
         values[name] = _value(source, f"parameters.{name}", name, row, rig)
@@ -141,7 +141,7 @@ def recording_parameters(path: str | os.PathLike[str]) -> dict[str, tuple[str, .
     if not isinstance(recordings, dict) or not all(
         isinstance(own, dict) for own in recordings.values()
     ):
-        _refuse(source, "recordings", "allowed are tables [recordings.NAME]")
+        _refuse(source, "recordings", "expected tables [recordings.NAME]")
     return {name: tuple(own) for name, own in recordings.items()}
 
 
@@ -150,17 +150,15 @@ def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
         _refuse(source, field, unknown(f"parameter of {rig.name}", name, rig.parameters))
     parameter = rig.parameters[name]
     if not isinstance(row, dict) or not isinstance(row.get("unit"), str):
-        _refuse(
-            source, field, f'found {reprlib.repr(row)}, allowed is {{ value = 1.0, unit = "..." }}'
-        )
+        _refuse(source, field, f'expected {{ value = 1.0, unit = "..." }}, got {reprlib.repr(row)}')
     try:
         scale, offset = unit_scale(row["unit"], parameter.unit)
     except ValueError as problem:
-        _refuse(source, field, f"{problem}, allowed is {parameter.unit!r} or the like")
+        _refuse(source, field, f"expected a unit like {parameter.unit!r}, but {problem}")
 
     def number(value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            _refuse(source, field, f"found {reprlib.repr(value)}, allowed is a number")
+            _refuse(source, field, f"expected a number, got {reprlib.repr(value)}")
         with suppress(OverflowError):
             value = float(value)
         if (scale, offset) == (parameter.scale, parameter.offset):
@@ -169,11 +167,11 @@ def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
 
     bounds = row.get("bounds", [])
     if not isinstance(bounds, list) or len(bounds) not in (0, 2):
-        _refuse(source, field, f"found bounds {reprlib.repr(bounds)}, allowed is [lower, upper]")
+        _refuse(source, field, f"expected bounds as [lower, upper], got {reprlib.repr(bounds)}")
     if bounds:
         lower, upper = (number(bound) for bound in bounds)
         if parameter.lower > 0 >= lower:
-            _refuse(source, field, f"found the lower bound {lower:g}, allowed is above 0")
+            _refuse(source, field, f"expected a lower bound above 0, got {lower:g}")
         parameter = replace(parameter, lower=lower, upper=upper)
     return _bounded(source, field, number(row.get("value")), parameter)
 
@@ -184,7 +182,7 @@ def _bounded(source: str, field: str, value: float, parameter: Parameter) -> flo
     if any(math.isclose(value, bound, rel_tol=1e-12) for bound in (lower, upper)):
         value = min(max(value, lower), upper)
     if not (lower <= value <= upper and math.isfinite(value)):
-        _refuse(source, field, f"found {value:g}, allowed is {lower:g} to {upper:g}")
+        _refuse(source, field, f"expected {lower:g} to {upper:g}, got {value:g}")
     return value
 
 

@@ -35,7 +35,7 @@ def build_parameter_sets(
                 refuse(
                     source,
                     field,
-                    f"found {value:g}, allowed by its bounds is {lower:g} to {upper:g}",
+                    f"expected a value within its bounds, {lower:g} to {upper:g}, got {value:g}",
                 )
     return {name: dict(values) for name, values in table.parameter_sets.items()}
 
@@ -43,25 +43,29 @@ def build_parameter_sets(
 def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
     field = f"parameters.{name}"
     if not (name.isidentifier() and name.isascii()):
-        refuse(source, field, "allowed are names of letters, digits and _ that start with no digit")
+        refuse(
+            source,
+            field,
+            "expected a name of letters, digits and _ that does not start with a digit",
+        )
     try:
         scale, offset = unit_scale(row.unit)
     except ValueError as problem:
         refuse(
-            source, f"{field}.unit", f'found {row.unit!r}, {problem}, allowed is for example "K/W"'
+            source, f"{field}.unit", f'expected a unit such as "K/W", got {row.unit!r}, {problem}'
         )
     lower, upper = row.bounds or (-math.inf, math.inf)
     if not lower < upper:
         refuse(
             source,
             f"{field}.bounds",
-            f"found [{lower:g}, {upper:g}], allowed is lower before upper",
+            f"expected [lower, upper] with lower below upper, got [{lower:g}, {upper:g}]",
         )
     if not lower <= row.value <= upper:
         refuse(
             source,
             f"{field}.value",
-            f"found {row.value:g}, allowed by its bounds is {lower:g} to {upper:g}",
+            f"expected a value within its bounds, {lower:g} to {upper:g}, got {row.value:g}",
         )
     prior_spread = prior_value = None
     if row.prior is not None:
@@ -71,7 +75,7 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
             refuse(
                 source,
                 f"{field}.prior.value",
-                f"found {prior_value:g}, allowed by its bounds is {lower:g} to {upper:g}",
+                f"expected a value within its bounds, {lower:g} to {upper:g}, got {prior_value:g}",
             )
     return Parameter(
         name=name,

@@ -39,7 +39,8 @@ def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
     if has_circuit:
         if given:
             fields.refuse(
-                f"plate.{given[0]}", "found beside [circuit], allowed is only one of the two"
+                f"plate.{given[0]}",
+                "expected either this or [circuit], got both; remove one of them",
             )
         # The circuit does not follow from the thickness, so a parameter would have no effect.
         thickness = Value(fields.constant("plate.thickness", table.thickness, LENGTH))
@@ -47,7 +48,8 @@ def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
     missing = [name for name in _MATERIAL if name not in given]
     if missing:
         fields.refuse(
-            f"plate.{missing[0]}", f"missing, allowed is [circuit] or all of {', '.join(_MATERIAL)}"
+            f"plate.{missing[0]}",
+            f"expected [circuit] or all of {', '.join(_MATERIAL)}, got neither",
         )
     density, specific_heat, conductivity = (
         fields.value(f"plate.{name}", getattr(table, name), _MATERIAL[name])
@@ -86,5 +88,7 @@ def _each(
     if isinstance(given, str):
         return (fields.value(field, given, kind),) * len(sizes)
     if len(given) != len(sizes):
-        fields.refuse(field, f"found {len(given)} values, the plate needs {len(sizes)}")
+        fields.refuse(
+            field, f"expected {len(sizes)} values, as many as the plate has, got {len(given)}"
+        )
     return tuple(fields.value(f"{field}[{i}]", text, kind) for i, text in enumerate(given, 1))

@@ -1,4 +1,4 @@
-"""How a mistake in a rig file is told: file, field, what was found and what is allowed."""
+"""Messages about mistakes in rig files: file, field, what was expected, what was found."""
 
 import difflib
 from collections.abc import Iterable

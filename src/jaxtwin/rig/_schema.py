@@ -14,22 +14,22 @@ from ._problems import unknown
 
 def _text(value: Any) -> Any:
     if not isinstance(value, str) or not value.strip() or not value.strip().isprintable():
-        raise ValueError(f"found {reprlib.repr(value)}, allowed is text on one line")
+        raise ValueError(f"expected text on one line, got {reprlib.repr(value)}")
     return value.strip()
 
 
 def _quantity(value: Any) -> Any:
     if not isinstance(value, str):
         raise ValueError(
-            f"found {reprlib.repr(value)}, allowed is text: a number with its unit, "
-            "or the name of a parameter"
+            "expected text, a number with its unit or the name of a parameter, got "
+            f"{reprlib.repr(value)}"
         )
     return value.strip()
 
 
 def _place(value: Any) -> Any:
     if isinstance(value, list) and len(value) != 2:
-        raise ValueError(f"found {len(value)} entries, allowed is one place or a range of two")
+        raise ValueError(f"expected one position or a range of two, got {len(value)} entries")
     return [_quantity(item) for item in value] if isinstance(value, list) else [_quantity(value)]
 
 
@@ -54,7 +54,7 @@ class Table(BaseModel):
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if not isinstance(data, dict):
-            raise ValueError(f"found {reprlib.repr(data)}, allowed is a table")
+            raise ValueError(f"expected a table, got {reprlib.repr(data)}")
         for key in data:
             if key not in cls.model_fields:
                 raise ValueError(unknown("key", key, cls.model_fields))

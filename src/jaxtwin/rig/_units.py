@@ -85,7 +85,7 @@ def parse_quantity(text: str, kind: Kind) -> float:
 
 
 def range_problem(number: float, kind: Kind) -> str | None:
-    """What is allowed instead, where a number in SI units is out of the range of its kind."""
+    """What was expected, where a number in SI units is out of the range of its kind; else None."""
     if kind.least != "positive" and number == 0:
         return None
     if kind.least == "any":

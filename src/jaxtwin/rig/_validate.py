@@ -48,6 +48,6 @@ def _message(error: Any) -> str:
         limits = error["ctx"]
         bound = "at least" if error["type"] == "too_short" else "at most"
         count = limits.get("min_length", limits.get("max_length"))
-        return f"found {limits['actual_length']} entries, allowed is {bound} {count}"
-    allowed = error["msg"].removeprefix("Input should be ")
-    return f"found {reprlib.repr(error['input'])}, allowed is {allowed}"
+        return f"expected {bound} {count} entries, got {limits['actual_length']}"
+    expected = error["msg"].removeprefix("Input should be ")
+    return f"expected {expected}, got {reprlib.repr(error['input'])}"

@@ -34,8 +34,7 @@ def paired_twins(
     if experiments is None:
         if not isinstance(twin, Fit):
             raise SimulationError(
-                f"{study}: experiments: found none, allowed is one or several; only a fit brings "
-                "its own"
+                f"{study}: experiments: expected one or several, got none; only a fit has its own"
             )
         experiments = twin.experiments
     recordings = as_experiments(f"{study}: experiments", experiments, SimulationError)
@@ -51,11 +50,11 @@ def paired_twins(
         check_twin(f"{study}: twin", candidate, SimulationError)
     if not recordings or len(twins) != len(recordings):
         raise SimulationError(
-            f"{study}: found {len(twins)} twins for {len(recordings)} experiments, allowed is one "
-            "for all or one each"
+            f"{study}: expected one twin for all experiments or one for each, got {len(twins)} "
+            f"twins for {len(recordings)} experiments"
         )
     if any(twin.rig != twins[0].rig for twin in twins):
-        raise SimulationError(f"{study}: found twins of several rigs, allowed is one rig")
+        raise SimulationError(f"{study}: expected twins of one rig, got twins of several")
     return twins, recordings
 
 
@@ -76,15 +75,16 @@ def central_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, fl
     unknown = [name for name in names if name not in table]
     if unknown or not names:
         raise ParameterError(
-            f"{twin.rig.name}: parameters: found {', '.join(unknown) or 'none'}, allowed are "
-            f"{', '.join(table)}"
+            f"{twin.rig.name}: parameters: expected some of {', '.join(table)}, got "
+            f"{', '.join(unknown) or 'none'}"
         )
     values = {name: float(twin.parameters[name]) for name in names}
     for name, value in values.items():
         if value == 0:
             raise ParameterError(
-                f"{twin.rig.name}: parameter {name}: found 0, allowed is any other value; "
-                "draws have a standard deviation relative to it"
+                f"{twin.rig.name}: parameter {name}: expected a value other than 0, because draws "
+                "have a standard deviation relative to it, got 0; leave it out with "
+                "parameters=[...]"
             )
     return values
 

@@ -33,7 +33,7 @@ def checked_seed(where: str, seed: int) -> int:
     """
     number = whole_number(where, seed, 0, SimulationError)
     if number > LARGEST_SEED:
-        raise SimulationError(f"{where}: found {number}, allowed is up to 2**128 - 1")
+        raise SimulationError(f"{where}: expected a whole number up to 2**128 - 1, got {number}")
     return number
 
 
@@ -44,7 +44,7 @@ def checked_spread(where: str, spread: float | int) -> float:
     """
     number = finite_number(where, spread, SimulationError)
     if not 0 < number < 1:
-        raise SimulationError(f"{where}: found {spread}, allowed is between 0 and 1")
+        raise SimulationError(f"{where}: expected a number between 0 and 1, got {spread}")
     return number
 
 

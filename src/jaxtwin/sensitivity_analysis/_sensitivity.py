@@ -203,7 +203,7 @@ class Sensitivity:
     def _row(self, channel: str) -> int:
         if channel not in self.channels:
             raise ParameterError(
-                f"found channel {channel!r}, allowed are {', '.join(self.channels)}"
+                f"channel: expected one of {', '.join(self.channels)}, got {channel!r}"
             )
         return self.channels.index(channel)
 

@@ -71,21 +71,21 @@ def checked_method(
         ),
         ("adjoint", adjoint, diffrax.AbstractAdjoint, "a diffrax adjoint or None"),
     )
-    for name, value, kind, allowed in kinds:
+    for name, value, kind, expected in kinds:
         if value is not None:
-            of_kind(name, value, kind, allowed, SimulationError)
+            of_kind(name, value, kind, expected, SimulationError)
     if dt0 is not None and finite_number("dt0", dt0, SimulationError) <= 0:
-        raise SimulationError(f"dt0: found {dt0!r} s, allowed is above 0 or None")
+        raise SimulationError(f"dt0: expected a number above 0, in s, or None, got {dt0!r}")
     if stepsize_controller is not None:
         if not isinstance(stepsize_controller, diffrax.AbstractAdaptiveStepSizeController):
             raise SimulationError(
-                f"stepsize_controller: found {type(stepsize_controller).__name__}, allowed are "
-                "adaptive controllers, or None: others step over input changes"
+                "stepsize_controller: expected an adaptive controller or None, got "
+                f"{type(stepsize_controller).__name__}; others step over input changes"
             )
     elif dt0 is not None and not isinstance(solver, diffrax.AbstractAdaptiveSolver):
         raise SimulationError(
-            f"dt0: found {dt0!r}, allowed is None for {type(solver).__name__}, which has no error "
-            "estimate and takes the steps of the default solver"
+            f"dt0: expected None for {type(solver).__name__}, which has no error estimate and "
+            f"takes the steps of the default solver, got {dt0!r}"
         )
     return DiffraxMethod(solver, stepsize_controller, None if dt0 is None else float(dt0), adjoint)
 

@@ -44,23 +44,23 @@ def checked_initial(twin: Twin, initial: Initial) -> CheckedInitial:
     if isinstance(initial, str) and initial == "steady":
         return "steady"
     nodes = len(twin.netlist.nodes)
-    allowed = f'None, "steady", a number or an array of {nodes} node temperatures in degC'
+    expected = f'None, "steady", a number or an array of {nodes} node temperatures in degC'
     if isinstance(initial, str):
-        raise SimulationError(f"initial: found {initial!r}, allowed is {allowed}")
+        raise SimulationError(f"initial: expected {expected}, got {initial!r}")
     try:
         values = np.asarray(initial)
     except ValueError:  # rows of different lengths
         values = np.array(None)
     if values.dtype.kind not in "iuf":
-        raise SimulationError(f"initial: found {initial!r}, allowed is {allowed}")
+        raise SimulationError(f"initial: expected {expected}, got {initial!r}")
     if values.shape not in ((), (nodes,)) or not np.isfinite(values).all():
         raise SimulationError(
-            f"initial: found shape {values.shape} with {values.tolist()}, allowed is {allowed}"
+            f"initial: expected {expected}, got shape {values.shape} with {values.tolist()}"
         )
     kelvin = np.atleast_1d(values.astype(float)) + 273.15
     if kelvin.min() < 0:
         raise SimulationError(
-            f"initial: found {kelvin.min() - 273.15:g} degC, allowed is -273.15 degC and above"
+            f"initial: expected -273.15 degC and above, got {kelvin.min() - 273.15:g} degC"
         )
     return kelvin
 

@@ -277,7 +277,7 @@ def checked_reductions(
         wanted = {name: _checked_reduction(name, name) for name in names}
     if not wanted:
         raise SimulationError(
-            f"reductions: found none, allowed are {', '.join(REDUCTIONS)}, or functions by name"
+            f"reductions: expected some of {', '.join(REDUCTIONS)}, or functions by name, got none"
         )
     if any(reduction.needs_recording for reduction in wanted.values()):
         for experiment in experiments:
@@ -286,19 +286,20 @@ def checked_reductions(
 
 
 def _checked_reduction(name: str, asked: str | ReductionFunction) -> Reduction:
-    allowed = ", ".join(REDUCTIONS)
+    known = ", ".join(REDUCTIONS)
     if isinstance(asked, str):
         if asked not in REDUCTIONS or asked != name:
-            raise SimulationError(f"reductions: found {asked}, allowed are {allowed}")
+            raise SimulationError(f"reductions: expected some of {known}, got {asked}")
         return REDUCTIONS[asked]
     if not callable(asked):
         raise SimulationError(
-            f"reductions: {name}: found {asked!r}, allowed are {allowed}, or a JAX function of a "
-            "trajectory (times, channels)"
+            f"reductions: {name}: expected one of {known}, or a JAX function of a trajectory "
+            f"(times, channels), got {asked!r}"
         )
     if name in REDUCTIONS or name == "failed":
         raise SimulationError(
-            f"reductions: found a function by the name {name!r}, which is taken; give it another"
+            f"reductions: expected another name for a function than {name!r}, which is taken; "
+            "rename it"
         )
     return Reduction("trajectory", asked)
 
@@ -306,10 +307,11 @@ def _checked_reduction(name: str, asked: str | ReductionFunction) -> Reduction:
 def _check_recorded(experiment: Experiment) -> None:
     if experiment.temperatures is None:
         raise SimulationError(
-            'reductions: found "cost", allowed only for experiments with recorded temperatures'
+            'reductions: expected recorded temperatures for "cost", got none; use another reduction'
         )
     if unsampled := experiment.unsampled:
         raise SimulationError(
-            f'reductions: found "cost" for {experiment.name or "an experiment"}, whose channel '
-            f"{unsampled[0]} has no sample, allowed are channels with one; leave it out by select()"
+            'reductions: expected a sample in each channel for "cost", got none in channel '
+            f"{unsampled[0]} of {experiment.name or 'an experiment'}; leave the channel out with "
+            "Experiment.select"
         )

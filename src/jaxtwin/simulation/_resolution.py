@@ -51,8 +51,8 @@ def unresolved_network(twin: Twin) -> SimulationError:
 
     link = min(netlist.links, key=time_constant)
     return SimulationError(
-        f"{twin.rig.name}: resistance {link.a} - {link.b}: found {link.resistance(values):g} K/W, "
-        f"with which a node settles within {time_constant(link):.2g} s, allowed are rates that "
-        f"differ by a factor of at most {LARGEST_SPAN:g} within the run, which float64 can "
-        "tell apart; raise the resistance, or make one node of the two"
+        f"{twin.rig.name}: resistance {link.a} - {link.b}: expected rates that differ by a factor "
+        f"of at most {LARGEST_SPAN:g} within the run, which float64 can tell apart, got "
+        f"{link.resistance(values):g} K/W, with which a node settles within "
+        f"{time_constant(link):.2g} s; raise the resistance, or make one node of the two"
     )

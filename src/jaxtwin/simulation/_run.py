@@ -101,7 +101,9 @@ class Run:
     @property
     def _recorded(self) -> Float[np.ndarray, "times channels"]:
         if self.experiment.temperatures is None:
-            raise SimulationError("the experiment holds no recorded temperatures to compare with")
+            raise SimulationError(
+                "experiment: expected recorded temperatures to compare with, got none"
+            )
         return self.experiment.temperatures
 
     def to_xarray(self) -> "xarray.Dataset":
@@ -199,5 +201,5 @@ class Run:
 
 def _position(name: str, names: tuple[str, ...], kind: str) -> int:
     if name not in names:
-        raise SimulationError(f"found {kind} {name!r}, allowed are {', '.join(names)}")
+        raise SimulationError(f"{kind}: expected one of {', '.join(names)}, got {name!r}")
     return names.index(name)

@@ -178,14 +178,14 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
     label = experiment.name or "the experiment"
     if experiment.n_cells != cells:
         raise SimulationError(
-            f"{label}: duty: found {experiment.n_cells} cells, allowed are the {cells} of "
-            f"{twin.rig.name}"
+            f"{label}: duty: expected the {cells} cells of {twin.rig.name}, got "
+            f"{experiment.n_cells}"
         )
     unknown = [name for name in experiment.channels if name not in twin.channels]
     if unknown:
         raise SimulationError(
-            f"{label}: channels: found {', '.join(unknown)}, allowed by {twin.rig.name} are "
-            f"{', '.join(twin.channels)}"
+            f"{label}: channels: expected those of {twin.rig.name}, {', '.join(twin.channels)}, "
+            f"got {', '.join(unknown)}"
         )
     return experiment.channels or twin.channels
 
@@ -207,8 +207,8 @@ def chosen_method(
     given = [name for name, value in options.items() if value is not None]
     if given:
         raise SimulationError(
-            f"{', '.join(given)}: found without a solver, allowed is beside one; the default "
-            "solver chooses its steps itself"
+            f"{', '.join(given)}: expected a solver beside it, got none; pass solver=..., as the "
+            "default solver chooses its own steps"
         )
     return None
 
@@ -220,8 +220,8 @@ def _check_values(twin: Twin) -> None:
         found = value.evaluate(values)
         if found <= 0:
             raise ParameterError(
-                f"{twin.rig.name}: {what} ({value}): found {found:g} in SI units, allowed are "
-                "values above 0"
+                f"{twin.rig.name}: {what} ({value}): expected a value above 0, got {found:g} in "
+                "SI units"
             )
 
 

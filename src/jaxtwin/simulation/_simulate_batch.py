@@ -128,8 +128,8 @@ def simulate_batch(
     check_callable("on_progress", on_progress, SimulationError)
     if checked_precision(precision) == "float32" and method is not None:
         raise SimulationError(
-            'precision: found "float32" beside a solver, allowed is "float64" there; only the '
-            "default solver computes in float32"
+            'precision: expected "float64" beside a solver, got "float32"; only the default '
+            "solver computes in float32"
         )
     batch = DrawSolver(
         twin=twin,
@@ -162,19 +162,20 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, ArrayLike]) -> dict[str,
     rig = twin.rig
     mapping_of(f"{rig.name}: parameters", parameters, "name -> draws", ParameterError)
     if not len(parameters):
-        raise ParameterError(f"{rig.name}: parameters: found none, allowed is name -> draws")
+        raise ParameterError(f"{rig.name}: parameters: expected name -> draws, got none")
     draws: dict[str, np.ndarray] = {}
     held = [name for name in rig.parameters if name not in parameters]
     several = [name for name in held if np.ndim(twin.parameters[name])]
     if several:
         raise ParameterError(
-            f"{rig.name}: parameter {several[0]}: found several values in the twin, allowed is one "
-            "where it is not drawn"
+            f"{rig.name}: parameter {several[0]}: expected one value in the twin, as it is not "
+            "drawn, got several"
         )
     for name, values in parameters.items():
         if name not in rig.parameters:
             raise ParameterError(
-                f"{rig.name}: unknown parameter {name!r}, allowed are {', '.join(rig.parameters)}"
+                f"{rig.name}: expected some of the parameters {', '.join(rig.parameters)}, got "
+                f"{name!r}"
             )
         try:
             array = np.asarray(values)
@@ -183,25 +184,25 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, ArrayLike]) -> dict[str,
             array = array.astype(float)
         except (TypeError, ValueError):
             raise ParameterError(
-                f"{rig.name}: parameter {name}: found {values!r}, allowed are numbers"
+                f"{rig.name}: parameter {name}: expected numbers, got {values!r}"
             ) from None
         if array.ndim != 1 or array.size == 0:
             raise ParameterError(
-                f"{rig.name}: parameter {name}: found draws of shape {array.shape}, allowed is one "
-                "row of at least one draw"
+                f"{rig.name}: parameter {name}: expected draws of shape (draws,), at least one, "
+                f"got shape {array.shape}"
             )
         if not np.isfinite(array).all():
             raise ParameterError(
-                f"{rig.name}: parameter {name}: found {array[~np.isfinite(array)][0]} at draw "
-                f"{int(np.flatnonzero(~np.isfinite(array))[0])}, allowed are finite numbers"
+                f"{rig.name}: parameter {name}: expected finite numbers, got "
+                f"{array[~np.isfinite(array)][0]} at draw "
+                f"{int(np.flatnonzero(~np.isfinite(array))[0])}"
             )
         draws[name] = array
     lengths = {name: len(array) for name, array in draws.items()}
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ParameterError(
-            f"{rig.name}: parameters: found unequal numbers of draws ({found}), allowed is the "
-            "same number for each"
+            f"{rig.name}: parameters: expected the same number of draws for each, got {found}"
         )
     return draws
 
@@ -209,5 +210,5 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, ArrayLike]) -> dict[str,
 def checked_precision(precision: Precision) -> Precision:
     """**Raises:** `SimulationError` where it is none."""
     if not (isinstance(precision, str) and precision in ("float64", "float32")):
-        raise SimulationError(f'precision: found {precision!r}, allowed is "float64" or "float32"')
+        raise SimulationError(f'precision: expected "float64" or "float32", got {precision!r}')
     return precision

@@ -128,9 +128,10 @@ def build_time_grid(
     least = experiment.duration / largest_step
     if least > MOST_STEPS * parts:
         raise SimulationError(
-            f"{experiment.name or 'the experiment'}: found {experiment.duration:g} s, which takes "
-            f"{least:.2g} steps of at most {largest_step:g} s; allowed are "
-            f"{MOST_STEPS * largest_step * parts:g} s"
+            f"{experiment.name or 'the experiment'}: expected at most "
+            f"{MOST_STEPS * largest_step * parts:g} s, got {experiment.duration:g} s, which takes "
+            f"{least:.2g} steps of at most {largest_step:g} s; simulate it in parts, with "
+            "Experiment.between"
         )
     spans = [
         _graded(float(time[stop] - time[start]), first_step, growth, largest_step, settling, parts)

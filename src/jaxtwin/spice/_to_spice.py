@@ -59,8 +59,8 @@ def to_spice(
     cells = len(twin.netlist.cells)
     if experiment.n_cells != cells:
         raise SimulationError(
-            f"{experiment.name or 'the experiment'}: duty: found {experiment.n_cells} cells, "
-            f"allowed are the {cells} of {twin.rig.name}"
+            f"{experiment.name or 'the experiment'}: duty: expected the {cells} cells of "
+            f"{twin.rig.name}, got {experiment.n_cells}"
         )
     values = twin.numbers_si
     time = experiment.time - experiment.time[0]

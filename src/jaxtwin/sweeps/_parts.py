@@ -32,12 +32,12 @@ def assigned_part(process: tuple[int, int] | None = None) -> tuple[int, int]:
             return jax.process_index(), jax.process_count()
         return 0, 1
     if not isinstance(process, Sequence) or len(process) != 2:
-        raise SimulationError(f"process: found {process!r}, allowed is (number, how many)")
+        raise SimulationError(f"process: expected (number, processes), got {process!r}")
     number, count = (whole_number("process", part, None, SimulationError) for part in process)
     if not 0 <= number < count:
         raise SimulationError(
-            f"process: found {number} of {count}, allowed are 0 to {max(count, 1) - 1} of "
-            f"{max(count, 1)}"
+            f"process: expected 0 to {max(count, 1) - 1} of {max(count, 1)}, got {number} of "
+            f"{count}"
         )
     return number, count
 

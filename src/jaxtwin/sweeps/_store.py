@@ -103,7 +103,8 @@ def read_identity(folder: Path) -> dict[str, Any]:
             raise TypeError
     except (OSError, ValueError, TypeError, KeyError):
         raise SimulationError(
-            f"{folder}: is not the folder of a sweep, allowed is one, an empty or a new folder"
+            f"{folder}: expected the folder of a sweep, an empty or a new one, got another; "
+            "choose another folder"
         ) from None
     return identity
 
@@ -158,8 +159,8 @@ def _refuse_other(folder: Path, found: dict[str, Any], asked: dict[str, Any]) ->
         if found.get(key) != asked.get(key):
             before, now = _difference(found.get(key), asked.get(key))
             raise SimulationError(
-                f"{folder}: holds another sweep: {key}: found {before}, asked for {now}; a sweep "
-                "goes on as it began, allowed is the same one or another folder"
+                f"{folder}: holds another sweep: {key}: expected {before}, as the sweep began, "
+                f"got {now}; ask for the same or use another folder"
             )
 
 

@@ -103,8 +103,8 @@ def validate_split(
         before, after = (_samples(one, part) for part in (one.time < at, one.time >= at))
         if min(before, after) < LEAST:
             raise MatchError(
-                f"{name}: split at {at:g} s: found {before} samples before and {after} from there "
-                f"on, allowed are at least {LEAST} each in every channel; the recording goes from "
+                f"{name}: split at {at:g} s: expected at least {LEAST} samples in every channel "
+                f"before and after it, got {before} and {after}; the recording goes from "
                 f"{one.time[0]:g} to {one.time[-1]:g} s"
             )
     fit = match(
@@ -148,7 +148,7 @@ def leave_one_out(
     check_callable("leave_one_out: on_progress", on_progress, MatchError)
     names = named_recordings(twin, several)
     if len(several) < 2:
-        raise MatchError(f"leave one out: found {len(several)} recordings, allowed are two or more")
+        raise MatchError(f"leave_one_out: expected two recordings or more, got {len(several)}")
     made = []
     for out, name in enumerate(names):
         others = [one for number, one in enumerate(several) if number != out]
@@ -170,8 +170,8 @@ def _predict(
     left = _samples(recording, recording.time >= start)
     if left < LEAST:
         raise MatchError(
-            f"{name}: warm_up = {warm_up:g} s: found {left} samples after it, allowed are at least "
-            f"{LEAST} in every channel"
+            f"{name}: warm_up = {warm_up:g} s: expected at least {LEAST} samples after it in "
+            f"every channel, got {left}; use a shorter warm-up"
         )
     found = estimate_initial_conditions(fitted, recording, warm_up, own)
     run = _from(simulate(found.twin, recording), start)
