@@ -38,12 +38,12 @@ json.dump(found, sys.stdout)
 
 TWIN = "twin: expected a Twin, as Twin\\(rig\\) makes it.*, got .*"
 EXPERIMENT = "expected an Experiment, as read_recording.*, got .*"
-LEAST_SQUARES = "allowed is an optimistix least-squares solver, such as optimistix.Levenberg"
+LEAST_SQUARES = "expected an optimistix least-squares solver, such as optimistix.Levenberg"
 FIT = "fit: expected a Fit, as match gives it.*, got .*"
 RIG = "rig: expected a Rig, as load_rig reads it.*, got .*"
 PATH = "expected (the path of a file or a folder|a path whose names are not too long).*, got .*"
-WHOLE = "expected a whole number .*, got .*"
-FINITE = "expected a finite number.*, got .*"
+WHOLE = "expected a whole number"
+FINITE = "expected a finite number"
 NAMES = "expected one name or several.*, got .*"
 FUNCTION = "expected a function or None.*, got .*"
 
@@ -67,7 +67,7 @@ CASES = {
     "simulate(twin, np.zeros((3, 2)))": ("SimulationError", "experiment: " + EXPERIMENT),
     "simulate_batch(twin, None, draws)": ("SimulationError", "experiment: " + EXPERIMENT),
     "Experiment([0, 1], [0, 1], name=3)": ("RecordingError", "name: expected text.*, got 3"),
-    "Experiment([0, 1], [0, 1], channels=3)": ("RecordingError", "channels: found 3, allowed is"),
+    "Experiment([0, 1], [0, 1], channels=3)": ("RecordingError", "channels: expected .* got 3"),
     "Experiment.schedule(None, duration=9)": ("RecordingError", "text: expected te.*, got None"),
     "Experiment.schedule('0:1', duration='9')": ("RecordingError", "duration: " + FINITE),
     "Experiment.schedule('0:1', duration=True)": ("RecordingError", "duration: " + FINITE),
@@ -81,8 +81,8 @@ CASES = {
     "match(twin, ['synthetic-A'])": ("MatchError", "match: experiments: " + EXPERIMENT),
     "match_many(twin, 7)": ("MatchError", "sets: expected one or several sets.*, got 7"),
     "match_many(twin, [7])": ("MatchError", "match_many: sets: " + EXPERIMENT),
-    "match_many(twin, [])": ("MatchError", "sets: found none"),
-    "sensitivity(twin, {})": ("SimulationError", "sensitivity: found 0 twins for 0"),
+    "match_many(twin, [])": ("MatchError", "sets: .* got none"),
+    "sensitivity(twin, {})": ("SimulationError", "sensitivity: .* got 0 twins for 0"),
     "sensitivity(twin, 7)": ("SimulationError", "sensitivity: experiments: " + EXPERIMENT),
     "sweep(twin, 'a', 'folder', draws=3)": ("SimulationError", "sweep: experiments: " + EXPERIMENT),
     "validate(twin, 7)": ("MatchError", "experiments: " + EXPERIMENT),
@@ -93,7 +93,7 @@ CASES = {
     "plate_map(twin, np.zeros(24))": ("ParameterError", "plate_map: " + RIG),
     "plate_map(rig, ['a'])": ("ParameterError", "temperatures: expected numb.*, got .* values"),
     "frame_to_channels(None, np.zeros((4, 4)))": ("RigError", "frame_to_channels: " + RIG),
-    "frame_to_channels(rig, 3)": ("RigError", "frames: found .* of shape \\(\\), allowed are"),
+    "frame_to_channels(rig, 3)": ("RigError", "frames: expected .* of shape \\(\\)"),
     "read_parameters('fit.toml', twin)": ("ParameterError", "read_parameters: " + RIG),
     "write_recording(twin, 'run.csv')": ("RecordingError", EXPERIMENT),
     "load_rig(None)": ("RigError", "load_rig: " + PATH),
@@ -110,66 +110,75 @@ CASES = {
     "Twin(rig, [1])": ("ParameterError", "parameters: expected name -> value.*, got .*"),
     "twin.with_parameters(5)": ("ParameterError", "parameters: expected name -> value.*, got 5"),
     "Twin(rig, {3: 1.0})": ("ParameterError", "parameters: expected name -> value.*, got 3"),
-    "Twin(rig, {'R_ph': [[1], [1, 2]]})": ("ParameterError", "allowed are finite numbers"),
+    "Twin(rig, {'R_ph': [[1], [1, 2]]})": ("ParameterError", "expected finite numbers"),
     "Twin(rig, {'R_ph': []})": ("ParameterError", "R_ph: expected finite numbers.*, got \\[\\]"),
-    "simulate_batch(twin, drive, 'R_ph')": ("ParameterError", "allowed is name -> draws"),
-    "simulate_batch(twin, drive, {'R_ph': [True]})": ("ParameterError", "allowed are numbers"),
-    "simulate_batch(twin, drive, {'R_ph': ['1']})": ("ParameterError", "allowed are numbers"),
-    "simulate_batch(twin, drive, {'R_ph': np.ones(2) + 0j})": ("ParameterError", "are numbers"),
+    "simulate_batch(twin, drive, 'R_ph')": ("ParameterError", "expected name -> draws"),
+    "simulate_batch(twin, drive, {'R_ph': [True]})": ("ParameterError", "expected numbers"),
+    "simulate_batch(twin, drive, {'R_ph': ['1']})": ("ParameterError", "expected numbers"),
+    "simulate_batch(twin, drive, {'R_ph': np.ones(2) + 0j})": (
+        "ParameterError",
+        "expected numbers",
+    ),
     "simulate_batch(twin, drive, draws, reductions=3)": ("SimulationError", "reductions: " + NAMES),
     "simulate_batch(twin, drive, draws, reductions=[[1]])": ("SimulationError", NAMES),
-    "simulate_batch(twin, drive, draws, precision=[])": ("SimulationError", "precision: found"),
+    "simulate_batch(twin, drive, draws, precision=[])": ("SimulationError", "precision: expected"),
     "simulate_batch(twin, drive, draws, chunk_size=True)": ("SimulationError", WHOLE + "above 0"),
     "simulate_batch(twin, drive, draws, on_progress=3)": ("SimulationError", FUNCTION),
-    "simulate(twin, drive, initial=True)": ("SimulationError", "initial: found True, allowed is"),
-    "simulate(twin, drive, initial={})": ("SimulationError", "initial: found {}, allowed is"),
-    "simulate(twin, drive, initial=['a'])": ("SimulationError", "initial: found"),
-    "simulate(twin, drive, initial=[[1], [1, 2]])": ("SimulationError", "initial: found"),
+    "simulate(twin, drive, initial=True)": ("SimulationError", "initial: expected .* got True"),
+    "simulate(twin, drive, initial={})": ("SimulationError", "initial: expected .* got {}"),
+    "simulate(twin, drive, initial=['a'])": ("SimulationError", "initial: expected"),
+    "simulate(twin, drive, initial=[[1], [1, 2]])": ("SimulationError", "initial: expected"),
     "simulate(twin, drive, initial=-300)": (
         "SimulationError",
         "initial: expected -273.15 degC and above.*, got -300 degC",
     ),
-    "simulate(twin, drive, solver='Kvaerno5')": ("SimulationError", "allowed is a diffrax solver"),
+    "simulate(twin, drive, solver='Kvaerno5')": ("SimulationError", "expected a diffrax solver"),
     "simulate(twin, drive, solver=diffrax.Kvaerno5(), dt0=np.nan)": (
         "SimulationError",
         "dt0: " + FINITE,
     ),
     "simulate(twin, drive, solver=diffrax.Kvaerno5(), dt0=-1.0)": (
         "SimulationError",
-        "dt0: expected above 0 or None.*, got -1.0 s",
+        "dt0: expected a number above 0.* got -1.0",
     ),
     "match(twin, seen, free=3)": ("MatchError", "free: " + NAMES),
     "match(twin, seen, fixed=[None])": ("MatchError", "fixed: " + NAMES),
     "match(twin, seen, per_recording=4)": ("MatchError", "per_recording: " + NAMES),
     "match(twin, seen, bounds=[1])": ("MatchError", "bounds: expected name -> .*, got .*"),
-    "match(twin, seen, bounds={'R_ph': 3})": ("MatchError", "allowed are \\(lower, upper\\)"),
-    "match(twin, seen, bounds={'R_ph': ('a', 'b')})": ("MatchError", "R_ph: bounds: found"),
-    "match(twin, seen, bounds={'R_ph': (None, 3)})": ("MatchError", "R_ph: bounds: found"),
-    "match(twin, seen, bounds={'R_ph': (np.nan, 3)})": ("MatchError", "R_ph: bounds: found"),
-    "match(twin, seen, bounds={'R_ph': ((1, 2), 3)})": ("MatchError", "R_ph: bounds: found"),
+    "match(twin, seen, bounds={'R_ph': 3})": ("MatchError", "expected \\(lower, upper\\)"),
+    "match(twin, seen, bounds={'R_ph': ('a', 'b')})": ("MatchError", "R_ph: bounds: expected"),
+    "match(twin, seen, bounds={'R_ph': (None, 3)})": ("MatchError", "R_ph: bounds: expected"),
+    "match(twin, seen, bounds={'R_ph': (np.nan, 3)})": ("MatchError", "R_ph: bounds: expected"),
+    "match(twin, seen, bounds={'R_ph': ((1, 2), 3)})": ("MatchError", "R_ph: bounds: expected"),
     "match(twin, seen, robust='huber')": ("MatchError", "robust: " + FINITE),
     "match(twin, seen, robust=True)": ("MatchError", "robust: " + FINITE),
     "match(twin, seen, starts='2')": ("MatchError", "starts: " + WHOLE + "above 0"),
     "match(twin, seen, seed=-1)": ("MatchError", "seed: " + WHOLE + "of at least 0"),
-    "match(twin, seen, solver='lm')": ("MatchError", "solver: found 'lm', " + LEAST_SQUARES),
+    "match(twin, seen, solver='lm')": ("MatchError", "solver: " + LEAST_SQUARES + ".* got 'lm'"),
     "match(twin, seen, solver=optimistix.BFGS(1e-6, 1e-6))": ("MatchError", LEAST_SQUARES),
-    "match_many(twin, [seen], solver=3)": ("MatchError", "solver: found 3, " + LEAST_SQUARES),
+    "match_many(twin, [seen], solver=3)": ("MatchError", "solver: " + LEAST_SQUARES + ".* got 3"),
     "match(twin, seen, on_progress=3)": ("MatchError", "on_progress: " + FUNCTION),
     "sensitivity(twin, seen, draws=5.5)": ("SimulationError", "draws: " + WHOLE + "of at least 3"),
     "sensitivity(twin, seen, spread='a')": ("SimulationError", "spread: " + FINITE),
     "sensitivity(twin, seen, spread=1)": ("SimulationError", "spread: .* between 0 and 1"),
     "sensitivity(twin, seen, seed=None)": ("SimulationError", "seed: " + WHOLE + "of at least 0"),
-    "sensitivity(twin, seen, seed=2**200)": ("SimulationError", "seed: found .* up to 2\\*\\*128"),
+    "sensitivity(twin, seen, seed=2**200)": (
+        "SimulationError",
+        "seed: expected .* up to 2\\*\\*128",
+    ),
     "sensitivity(twin, seen, parameters=3)": ("ParameterError", "parameters: " + NAMES),
     "sensitivity(twin, seen, on_progress=3)": ("SimulationError", "on_progress: " + FUNCTION),
     "sweep(twin, seen, 'folder', draws=True)": (
         "SimulationError",
         "sweep: draws: " + WHOLE + "above 0",
     ),
-    "sweep(twin, seen, 'folder', draws=3, process=3)": ("SimulationError", "process: found 3, all"),
+    "sweep(twin, seen, 'folder', draws=3, process=3)": (
+        "SimulationError",
+        "process: expected .* got 3",
+    ),
     "sweep(twin, seen, 'folder', draws=3, process=(0.5, 2))": (
         "SimulationError",
-        "process: found 0.5, all",
+        "process: expected .* got 0.5",
     ),
     "validate(twin, seen, warm_up='a')": ("MatchError", "validate: warm_up: " + FINITE),
     "validate(twin, seen, own=3)": ("MatchError", "validate: own: " + NAMES),

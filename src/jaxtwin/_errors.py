@@ -1,7 +1,8 @@
 """The exceptions of jaxtwin.
 
 Each message names the file (where there is one) and the field or line, and has the form "expected
-..., got ...". Where it is not obvious what to do, the message ends with that. Catch `JaxtwinError` to catch them all.
+..., got ...". Where it is not obvious what to do, the message ends with that.
+Catch `JaxtwinError` to catch them all.
 """
 
 

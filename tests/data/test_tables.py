@@ -106,5 +106,5 @@ def test_table_4_copper_row_repeats_another_row():
 
 
 def test_unknown_table_is_an_error_that_lists_the_tables():
-    with pytest.raises(JaxtwinError, match="table 5: the paper has tables 1, 2, 3 and 4"):
+    with pytest.raises(JaxtwinError, match="table: expected 1, 2, 3 or 4, got 5"):
         table(5)

@@ -94,7 +94,7 @@ def test_one_number_that_is_not_finite_is_found_wherever_it_stands(fields, data,
 def test_two_times_in_the_wrong_order_are_found(fields, data):
     k = data.draw(st.integers(0, len(fields["time"]) - 2))
     fields["time"][[k, k + 1]] = fields["time"][[k + 1, k]]
-    with pytest.raises(RecordingError, match="does not increase at sample"):
+    with pytest.raises(RecordingError, match="expected increasing times"):
         Experiment(**fields)
 
 

@@ -94,18 +94,30 @@ def test_other_variables_are_left_alone(save, experiment):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda data: data.drop_vars("duty"), "no variable 'duty'; needed are 'time' and 'duty'"),
-        (lambda data: data.drop_vars("time"), "no variable 'time'"),
-        (lambda data: data.drop_vars("channel"), "of which there are 0"),
-        (lambda data: data.rename(cell="module"), r"'duty' has dimensions \('time', 'module'\)"),
-        (lambda data: data.assign_coords(cell=["P2", "P1"]), "names P2, P1; allowed is P1, P2"),
-        (lambda data: data.assign(ambient=data.duty), "variable 'ambient' has dimensions"),
-        (lambda data: data.assign_coords(channel=["a", "b", "a"]), "channel a occurs more than"),
+        (lambda data: data.drop_vars("duty"), "'time' and 'duty', got no 'duty'"),
+        (lambda data: data.drop_vars("time"), "got no 'time'"),
+        (lambda data: data.drop_vars("channel"), "and 0 channels"),
+        (
+            lambda data: data.rename(cell="module"),
+            r"'duty': expected the dimensions .* got \('time', 'module'\)",
+        ),
+        (lambda data: data.assign_coords(cell=["P2", "P1"]), "expected P1, P2, got P2, P1"),
+        (
+            lambda data: data.assign(ambient=data.duty),
+            "variable 'ambient': expected the dimensions",
+        ),
+        (
+            lambda data: data.assign_coords(channel=["a", "b", "a"]),
+            "each name once, got a more than",
+        ),
         (lambda data: data.where(data.time < 5), "duty of cell 1 is nan at sample 5"),
         (lambda data: data.isel(time=[0, 1, 2, 3, 30, 31]), "a gap from 3.1 s to 30.1 s"),
-        (lambda data: data.isel(time=[1, 0]), "time does not increase"),
+        (lambda data: data.isel(time=[1, 0]), "time: expected increasing times"),
         (lambda data: data.isel(time=[1]), "empty: 1 samples"),
-        (lambda data: data.assign(duty=data.duty.astype(str)), "'duty' has the unit ''|no real"),
+        (
+            lambda data: data.assign(duty=data.duty.astype(str)),
+            "'duty': expected the unit .* got ''|expected real",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(save, experiment, change, said):
@@ -116,7 +128,7 @@ def test_what_is_wrong_is_named(save, experiment, change, said):
 
 
 @pytest.mark.parametrize(
-    ("variable", "unit", "allowed"),
+    ("variable", "unit", "expected"),
     [
         ("time", "ms", "'s'"),
         ("duty", "percent", "'1'"),
@@ -128,7 +140,7 @@ def test_what_is_wrong_is_named(save, experiment, change, said):
 def test_units_are_checked(save, experiment, variable, unit, allowed):
     data = experiment.to_xarray()
     data[variable].attrs["units"] = unit
-    said = f"variable '{variable}' has the unit '{unit}'; allowed is {allowed}"
+    said = f"variable '{variable}': expected the unit {expected}, got '{unit}'"
     with pytest.raises(RecordingError, match=said):
         read_recording(save(data))
 

@@ -84,7 +84,7 @@ def test_a_time_that_no_grid_can_hold_is_refused_with_where_it_is(rig: Rig, file
         recorder.write(minute(clock, "b2", 40.0))
     with Session(file) as session:
         with pytest.raises(
-            RecordingError, match=r"allowed are 1e\+07.*nothing was recorded from 9"
+            RecordingError, match=r"expected at most 1e\+07.*nothing was recorded from 9"
         ):
             session.experiment()
         assert session.experiment(end=9.0).duration == pytest.approx(9.0, abs=1.0)

@@ -93,7 +93,7 @@ LINK = ["--link", "socket://127.0.0.1:1"]
         (["virtual-rig", "dual-cell", "--faults", "burn=1"], "fault 'burn=1': allowed are"),
         (["record", "dual-cell", "--link", "x://y", "--out", "s.db"], "allowed are a serial port"),
         (["record", "dual-cell", *LINK, "--out", "no/s.db"], "there is no folder"),
-        (["record", "dual-cell", *LINK, "--out", "s.csv"], "found the ending '.csv'"),
+        (["record", "dual-cell", *LINK, "--out", "s.csv"], "got '.csv'"),
         (["drive", "dual-cell", *LINK, "--duty", "0:2", "--out", "s.db"], "0:2"),
         (["drive", "dual-cell", "--link", "x://y", "--duty", "0:1", "--out", "s.db"], "x://y"),
         (["watch", "missing.db"], "missing.db: no such recording"),

@@ -133,5 +133,5 @@ def test_sets_that_need_other_programs_are_refused():
 
 
 def test_at_least_one_iteration_is_asked_for(benches: list[Experiment]):
-    with pytest.raises(MatchError, match="max_iterations: expected a whole number.*, got 0"):
+    with pytest.raises(MatchError, match="max_iterations: expected a whole number above 0, got 0"):
         matched(benches[0], max_iterations=0)

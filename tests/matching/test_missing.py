@@ -151,9 +151,9 @@ def test_no_two_channels_at_the_same_time_have_nothing_alone(start: Twin, whole:
 def test_only_samples_that_are_there_are_counted(start: Twin, whole: Experiment):
     holes = np.ones((51, 3), bool)
     holes[[0, 1], [0, 0]] = False
-    with pytest.raises(MatchError, match=r"channel TAM: found no sample .* select"):
+    with pytest.raises(MatchError, match=r"channel TAM: expected at least one sample.* select"):
         match(start, with_holes(whole, holes), free=FREE)
-    with pytest.raises(MatchError, match="found 2 samples for 3 unknowns"):
+    with pytest.raises(MatchError, match=r"more samples than the 3 unknowns.* got 2 samples"):
         match(start, with_holes(whole, holes).select(["T11"]), free=FREE)
 
 
@@ -171,5 +171,5 @@ def test_a_recordings_own_values_come_from_the_samples_that_are_there(
     )
     assert gappy == pytest.approx(complete, abs=0.3)
     holes[:19] = True
-    with pytest.raises(MatchError, match="expected at least 2.*, got 1 samples"):
+    with pytest.raises(MatchError, match=r"expected at least 2 samples.* got 1"):
         estimate_initial_conditions(start, with_holes(whole, holes))

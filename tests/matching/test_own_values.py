@@ -99,5 +99,5 @@ def test_a_scope_frees_what_it_names_and_what_is_fixed_has_none():
     )
     free = {row.name: row.scope for row in found.parameters.values() if row.free}
     assert free == {"C_load": "shared", "R_loss": "recording"}
-    with pytest.raises(MatchError, match="found in both shared and fixed"):
+    with pytest.raises(MatchError, match="expected in either shared or fixed, got in both"):
         match(Twin("single-cell"), monday, fixed=["R_loss"], shared=["R_loss"])

@@ -246,7 +246,7 @@ def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_line
 
 @pytest.mark.parametrize("points", [0, 1, 2])
 def test_a_profile_has_three_points_at_least(calm: Fit, points: int):
-    with pytest.raises(MatchError, match=f"points: expected .* at least 3.*, got {points}"):
+    with pytest.raises(MatchError, match=f"points: expected .* at least 3, got {points}"):
         profile(calm, "h_A", points=points)
 
 
@@ -308,22 +308,22 @@ def test_sets_of_unequal_shape_are_refused(start: Twin):
     one, other = recording(0, False, "a"), recording(1, False, "b")
     with pytest.raises(MatchError, match="set 1 with recordings of other shapes"):
         match_many(start, [[one, other], [one]], free=FREE)
-    with pytest.raises(MatchError, match="sets: found none"):
+    with pytest.raises(MatchError, match=r"sets: .* got none"):
         match_many(start, [])
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"events": {"day": [400.0]}}, "events: day: found 400 s.*0 to 300"),
-        ({"events": {"night": [10.0]}}, "events: expected day.*, got the recording 'night'"),
+        ({"events": {"day": [400.0]}}, "events: day: .*0 to 300 s, got 400 s"),
+        ({"events": {"night": [10.0]}}, "events: expected some of the recordings day, got 'night'"),
         ({"masks": {"day": [(10.0, 400.0)]}}, "masks: day.*0 to 300"),
         ({"masks": {"day": [(0.0, 300.0)]}}, "no sample left"),
-        ({"robust": 0.0}, "robust: found 0.0"),
+        ({"robust": 0.0}, "robust: .* got 0.0"),
         ({"bounds": {"h_A": (15.5, 40.0)}}, "h_A"),
         (
             {"bounds": {"h_A": (0.0, 40.0)}},
-            "h_A: found bounds 0 to 40 .* are bounds above 0",
+            "h_A: expected bounds above 0.* got 0 to 40",
         ),
     ],
 )
@@ -336,7 +336,7 @@ def test_bounds_do_not_change_what_a_prior_means(start: Twin):
     """Below 0 allowed, a prior's spread is in the parameter's unit; above, it is relative."""
     table = start.rig.parameters
     below = replace(start.rig, parameters={**table, "h_A": replace(table["h_A"], lower=-1.0)})
-    words = "h_A: found bounds 1 to 40 .*allowed are bounds with a lower one of 0 or less"
+    words = "h_A: expected bounds with a lower one of 0 or less.* got 1 to 40"
     with pytest.raises(MatchError, match=words):
         choose_unknowns(Twin(below), 1, free=["h_A"], bounds={"h_A": (1.0, 40.0)})
 

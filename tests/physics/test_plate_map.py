@@ -58,8 +58,8 @@ def test_a_plate_of_one_element_has_one_temperature():
 @pytest.mark.parametrize(
     ("values", "points", "words"),
     [
-        (np.zeros(23), 10, r"found shape \(23,\).*\(..., 24\)"),
-        (np.zeros(24), 0, "points: found 0"),
+        (np.zeros(23), 10, r"expected shape \(..., 24\).* got \(23,\)"),
+        (np.zeros(24), 0, "points: expected .* got 0"),
     ],
 )
 def test_wrong_shapes_are_refused(values, points, words):

@@ -58,7 +58,9 @@ def test_a_plate_of_more_elements_than_a_twin_can_have_is_refused():
     """Before tables of all pairs of 40 000 nodes fill the memory."""
     rig = load_rig("dual-cell")
     plate = dataclasses.replace(rig.plate, columns=(1e-3,) * 200, rows=(1e-3,) * 200)
-    with pytest.raises(RigError, match=r"dual-cell.toml .*found 40000 elements, .* up to 4000"):
+    with pytest.raises(
+        RigError, match=r"dual-cell.toml .*at most 4000 elements in a twin, got 40000"
+    ):
         Twin(dataclasses.replace(rig, plate=plate)).channels  # noqa: B018 - asks for the network
 
 
@@ -98,9 +100,11 @@ def test_a_schedule_in_words_needs_a_duration(twin):
     run = twin.simulate("0:0.3/0.2,5:0.5", duration=10.0)
     same = Experiment.schedule("0:0.3/0.2,5:0.5", duration=10.0, cells=2)
     assert run.experiment == same
-    with pytest.raises(SimulationError, match=r"found the schedule '0:0.3' and no duration"):
+    with pytest.raises(
+        SimulationError, match=r"expected a duration beside the schedule '0:0.3', got none"
+    ):
         twin.simulate("0:0.3")
-    with pytest.raises(SimulationError, match=r"the duration 10.0 beside an experiment"):
+    with pytest.raises(SimulationError, match=r"got 10.0 beside an experiment"):
         twin.simulate(same, duration=10.0)
 
 
@@ -125,12 +129,14 @@ def test_unknown_parameter_of_a_changed_twin_is_refused(twin):
     ids=repr,
 )
 def test_what_is_no_finite_number_is_refused(twin, value):
-    with pytest.raises(ParameterError, match=r"dual-cell: parameter R_E: found .* finite numbers"):
+    with pytest.raises(
+        ParameterError, match=r"dual-cell: parameter R_E: expected finite numbers, got"
+    ):
         twin.with_parameters({"R_E": value})
 
 
 def test_unknown_cell_is_refused(twin):
-    with pytest.raises(ParameterError, match="expected P1, P2.*, got cell 'P3'"):
+    with pytest.raises(ParameterError, match="expected one of the cells P1, P2, got 'P3'"):
         twin.module("P3")
 
 

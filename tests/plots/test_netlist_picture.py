@@ -211,5 +211,5 @@ def test_axes_that_are_given_are_drawn_into_and_settings_left_alone():
 
 
 def test_temperatures_of_the_plate_alone_are_refused():
-    with pytest.raises(ParameterError, match=r"found shape \(24,\), .* 30 nodes of dual-cell"):
+    with pytest.raises(ParameterError, match=r"30 nodes of dual-cell, got shape \(24,\)"):
         plot_netlist(Twin("dual-cell"), np.full(24, 20.0))

@@ -85,7 +85,10 @@ def test_missing_samples_are_gaps():
     assert not [patch for patch in axes.patches if patch.get_gid() == "masked"]
     low, high = run.temperatures - 1, run.temperatures + 1
     assert "no sample" in texts(plots.plot_bands(run, low, high).axes[1])
-    with pytest.raises(SimulationError, match=f"channel {run.channels[1]}: found 0 samples"):
+    with pytest.raises(
+        SimulationError,
+        match=f"channel {run.channels[1]}: expected at least 10 samples for a test, got 0",
+    ):
         plots.plot_residual_tests([run])
     plots.plot_residual_tests(
         [

@@ -107,7 +107,7 @@ MISTAKES = {
         "parameters.R_E",
         "1e-05 to 10",
     ),
-    "nan": ('[parameters]\nR_E = { value = nan, unit = "ohm" }', "parameters.R_E", "found nan"),
+    "nan": ('[parameters]\nR_E = { value = nan, unit = "ohm" }', "parameters.R_E", "got nan"),
     "negative bounds": (
         '[parameters]\nR_E = { value = -1.0, unit = "ohm", bounds = [-2.0, 2.0] }',
         "parameters.R_E",
@@ -121,7 +121,7 @@ MISTAKES = {
     "recording out of bounds": (
         '[parameters]\nT_amb = { value = 15.0, unit = "degC" }\n[recordings.A]\nT_amb = 99',
         "recordings.A.T_amb",
-        "found 99",
+        "got 99",
     ),
     "recording with an unknown name": (
         '[parameters]\nT_amb = { value = 15.0, unit = "degC" }\n[recordings.A]\nT_start = 15',

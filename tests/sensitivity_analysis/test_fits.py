@@ -61,5 +61,7 @@ def test_a_sweep_of_a_fit_is_that_of_its_twins(matched):
 
 
 def test_a_twin_brings_no_experiments():
-    with pytest.raises(SimulationError, match="sensitivity: experiments: found none"):
+    with pytest.raises(
+        SimulationError, match="sensitivity: experiments: expected one or several, got none"
+    ):
         sensitivity(fit().twin)

@@ -111,21 +111,24 @@ def test_a_driver_without_delay_or_ahead_of_its_command_is_a_failed_draw(dual_ce
     ("asked", "message"),
     [
         ({"parameters": {}}, "parameters: expected name -> draws.*, got none"),
-        ({"parameters": {"R_X": [1.0]}}, "unknown parameter 'R_X', allowed are C_esp, "),
+        ({"parameters": {"R_X": [1.0]}}, "expected some of the parameters C_esp, .* got 'R_X'"),
         (
             {"parameters": {"R_E": []}},
-            r"parameter R_E: expected one.*, got draws of shape \(0,\)",
+            r"parameter R_E: at least one, got shape \(0,\)",
         ),
-        ({"parameters": {"R_E": [[1.0]]}}, r"parameter R_E: found draws of shape \(1, 1\)"),
+        ({"parameters": {"R_E": [[1.0]]}}, r"parameter R_E: .* got shape \(1, 1\)"),
         ({"parameters": {"R_E": ["a lot"]}}, r"parameter R_E: expected num.*, got \['a lot'\]"),
-        ({"parameters": {"R_E": [2.0, np.nan]}}, "parameter R_E: found nan at draw 1, allowed are"),
+        (
+            {"parameters": {"R_E": [2.0, np.nan]}},
+            "parameter R_E: expected finite numbers, got nan at draw 1",
+        ),
         (
             {"parameters": {"R_E": [2.0], "R_ph": [0.1, 0.2]}},
-            r"expected the same number.*, got unequal numbers of draws \(R_E 1, R_ph 2\)",
+            r"expected the same number of draws for each, got R_E 1, R_ph 2",
         ),
         ({"chunk_size": -5}, "chunk_size: expected a whole number above 0.*, got -5"),
         ({"workers": 0}, "workers: expected a whole number above 0.*, got 0"),
-        ({"reductions": ["cost"]}, 'reductions: found "cost", allowed only for experiments with'),
+        ({"reductions": ["cost"]}, 'reductions: expected recorded temperatures for "cost"'),
     ],
 )
 def test_bad_input_is_refused_before_any_work(twin, asked, message):
@@ -137,7 +140,7 @@ def test_bad_input_is_refused_before_any_work(twin, asked, message):
 
 def test_several_values_of_a_parameter_that_is_not_drawn_are_refused(twin):
     several = twin.with_parameters({"R_pc": np.array([0.4, 0.5])})
-    with pytest.raises(JaxtwinError, match=r"parameter R_pc: found several values in the twin"):
+    with pytest.raises(JaxtwinError, match=r"parameter R_pc: expected one value in the twin"):
         simulate_batch(several, Experiment(TIME, DUTY), DRAWS)
 
 
@@ -211,7 +214,7 @@ def test_a_cost_needs_a_sample_in_every_channel(twin, experiment):
     bare = Experiment(
         experiment.time, experiment.duty, channels=experiment.channels, temperatures=recorded
     )
-    with pytest.raises(JaxtwinError, match=r"has no sample, .* select"):
+    with pytest.raises(JaxtwinError, match=r"got none in channel .* select"):
         simulate_batch(twin, bare, DRAWS, reductions=["cost"])
     simulate_batch(twin, bare, DRAWS, reductions=["final"])
 

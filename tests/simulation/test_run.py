@@ -80,16 +80,16 @@ def test_channels_and_nodes_by_name(run):
     np.testing.assert_array_equal(run.channel("T11"), run.temperatures[:, 1])
     np.testing.assert_allclose(run.node("V11"), run.channel("T11"), atol=1e-9)
     np.testing.assert_array_equal(run.time, TIME)
-    with pytest.raises(SimulationError, match="expected TBM, T11.*, got channel 'T12'"):
+    with pytest.raises(SimulationError, match=r"channel: expected one of TBM, T11.* got 'T12'"):
         run.channel("T12")
-    with pytest.raises(SimulationError, match="expected V11, V12.*, got node 'V99'"):
+    with pytest.raises(SimulationError, match=r"node: expected one of V11, V12.* got 'V99'"):
         run.node("V99")
 
 
 def test_run_without_a_recording_has_no_fit():
     bare = Twin("paper-2024").simulate(Experiment(TIME, np.zeros((31, 2))))
     for measure in ("fit_percent", "rmse"):
-        with pytest.raises(SimulationError, match="no recorded temperatures"):
+        with pytest.raises(SimulationError, match="expected recorded temperatures"):
             getattr(bare, measure)
     assert "recorded" not in bare.to_xarray()
     assert "ambient" not in bare.to_xarray()

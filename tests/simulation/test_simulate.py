@@ -150,23 +150,23 @@ def test_mirror_images_of_the_circuit_stay_equal(from_rig):
 def test_a_run_of_more_steps_than_memory_holds_is_refused(twin):
     """A year in one piece is the most; a century would be a hundred million steps."""
     century = Experiment([0.0, 3.2e9], np.zeros((2, 2)), name="century")
-    with pytest.raises(SimulationError, match=r"century: found 3.2e\+09 s.*allowed are 3.2e\+07 s"):
+    with pytest.raises(
+        SimulationError, match=r"century: expected at most 3.2e\+07 s, got 3.2e\+09 s"
+    ):
         twin.simulate(century)
 
 
 @pytest.mark.parametrize("cells", [1, 3])
 def test_wrong_number_of_cells_is_refused(twin, cells):
     experiment = Experiment(TIME, np.zeros((61, cells)), name="zone-A")
-    message = f"zone-A: duty: expected the 2 of paper-2024.*, got {cells} cells"
+    message = f"zone-A: duty: expected the 2 cells of paper-2024, got {cells}"
     with pytest.raises(SimulationError, match=message):
         twin.simulate(experiment)
 
 
 def test_unknown_channels_are_refused(twin):
     experiment = Experiment(TIME, DUTY, channels=("T11", "T31"))
-    with pytest.raises(
-        SimulationError, match=r"the experiment: channels: found T31, allowed .*T11"
-    ):
+    with pytest.raises(SimulationError, match=r"the experiment: channels: .*T11.* got T31"):
         twin.simulate(experiment)
 
 
@@ -176,7 +176,7 @@ def test_unknown_channels_are_refused(twin):
     ids=["word", "two", "matrix", "nan", "inf", "nans"],
 )
 def test_impossible_start_is_refused(twin, initial):
-    with pytest.raises(SimulationError, match=r'initial: found .*, allowed is None, "steady"'):
+    with pytest.raises(SimulationError, match=r'initial: expected None, "steady".* got'):
         twin.simulate(EXPERIMENT, initial=initial)
 
 
@@ -193,7 +193,7 @@ def test_impossible_start_is_refused(twin, initial):
 )
 def test_resistance_or_heat_capacity_not_above_zero_is_refused(twin, name, what, value):
     """Some of them would give finite temperatures, which mean nothing."""
-    message = rf"paper-2024: {what} \({name}\): found {value:g} in SI units, allowed .* above 0"
+    message = rf"paper-2024: {what} \({name}\): expected a value above 0, got {value:g} in SI units"
     with pytest.raises(ParameterError, match=message):
         twin.with_parameters({name: value}).simulate(EXPERIMENT)
 
@@ -201,7 +201,7 @@ def test_resistance_or_heat_capacity_not_above_zero_is_refused(twin, name, what,
 @pytest.mark.parametrize(("name", "what"), [("t_lag", "lag"), ("t_delay", "delay")])
 def test_a_driver_ahead_of_its_command_is_refused(name, what):
     message = (
-        rf"dual-cell: {what} of the driver \({name}\): found -3 in SI units, allowed .* above 0"
+        rf"dual-cell: {what} of the driver \({name}\): expected a value above 0, got -3 in SI units"
     )
     with pytest.raises(ParameterError, match=message):
         Twin("dual-cell", {name: -3.0}).simulate(EXPERIMENT)
@@ -209,7 +209,7 @@ def test_a_driver_ahead_of_its_command_is_refused(name, what):
 
 def test_several_values_of_a_parameter_are_refused(twin):
     """Draws go to `simulate_batch`."""
-    with pytest.raises(ParameterError, match=r"parameter R_E: expected one.*, got 3 values"):
+    with pytest.raises(ParameterError, match=r"parameter R_E: expected one value, got 3"):
         twin.with_parameters({"R_E": np.array([1.9, 2.0, 2.1])}).simulate(EXPERIMENT)
 
 

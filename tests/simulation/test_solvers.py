@@ -120,7 +120,9 @@ def test_solver_that_gives_up_is_an_error(twins):
 
 
 def test_controller_that_steps_over_input_changes_is_refused(twins):
-    with pytest.raises(SimulationError, match=r"stepsize_controller: found ConstantStepSize"):
+    with pytest.raises(
+        SimulationError, match=r"stepsize_controller: expected .* got ConstantStepSize"
+    ):
         twins["startup"].simulate(
             STEPS,
             solver=diffrax.Tsit5(),
@@ -133,12 +135,12 @@ def test_controller_that_steps_over_input_changes_is_refused(twins):
     "options", [{"dt0": 0.1}, {"stepsize_controller": diffrax.ConstantStepSize()}]
 )
 def test_steps_without_a_solver_are_refused(twins, options):
-    with pytest.raises(SimulationError, match=r"expected beside one.*, got without a solver"):
+    with pytest.raises(SimulationError, match=r"expected a solver beside it, got none"):
         twins["startup"].simulate(STEPS, **options)
 
 
 def test_first_step_of_a_solver_without_an_error_estimate_is_refused(twins):
-    with pytest.raises(SimulationError, match=r"dt0: expected None for Euler.*, got 0.1"):
+    with pytest.raises(SimulationError, match=r"dt0: expected None for Euler.* got 0.1"):
         twins["startup"].simulate(STEPS, solver=diffrax.Euler(), dt0=0.1)
 
 

@@ -54,7 +54,7 @@ def test_the_plate_is_its_elements_without_cells_and_sinks():
 
 
 def test_without_a_recording_there_is_nothing_beside():
-    with pytest.raises(SimulationError, match="no recorded temperatures"):
+    with pytest.raises(SimulationError, match="expected recorded temperatures"):
         run(recorded=False).recorded_uniformity  # noqa: B018
     assert "recorded_range" not in run(recorded=False).to_xarray()
 

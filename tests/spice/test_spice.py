@@ -154,13 +154,13 @@ def test_recorded_ambient_takes_the_place_of_the_rig_s():
 
 
 def test_another_number_of_cells_is_refused():
-    with pytest.raises(SimulationError, match="expected the 2 of paper-2024.*, got 1 cells"):
+    with pytest.raises(SimulationError, match="expected the 2 cells of paper-2024, got 1"):
         to_spice(Twin("paper-2024"), Experiment.schedule("0:1", duration=10.0))
 
 
 def test_several_draws_are_refused():
     twin = Twin("paper-2024", {"R_E": np.array([1.0, 2.0])})
-    with pytest.raises(ParameterError, match="parameter R_E: expected one.*, got 2 values"):
+    with pytest.raises(ParameterError, match="parameter R_E: expected one value, got 2"):
         to_spice(twin, STEPS)
 
 

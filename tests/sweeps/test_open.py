@@ -64,5 +64,5 @@ def test_only_what_is_looked_at_is_read(tmp_path, twin, experiment, engine):
 
 
 def test_a_folder_without_a_sweep_is_refused(tmp_path):
-    with pytest.raises(SimulationError, match="is not the folder of a sweep"):
+    with pytest.raises(SimulationError, match="expected the folder of a sweep"):
         open_sweep(tmp_path)

@@ -116,7 +116,7 @@ def test_another_sweep_is_refused_before_any_work(stored, tmp_path, twin, experi
     sweep(twin, experiment, tmp_path, **ASKED)
     before = stored(tmp_path)
     engine.given.clear()
-    with pytest.raises(SimulationError, match=f"holds another sweep: {key}: found .*, asked for"):
+    with pytest.raises(SimulationError, match=f"holds another sweep: {key}: expected .*, got"):
         sweep(twin, experiment, tmp_path, **ASKED | OTHERS[key])
     assert engine.given == []
     assert stored(tmp_path) == before
@@ -134,7 +134,7 @@ def test_other_values_rigs_recordings_and_formats_are_refused(
 
     # A parameter that is not drawn counts too.
     refused(
-        "parameters: found T_amb = 15.0, asked for T_amb = 16.0",
+        "parameters: expected T_amb = 15.0, as the sweep began, got T_amb = 16.0",
         twin.with_parameters({"T_amb": 16.0}),
     )
     longer = Experiment.schedule("0:0.5,10:0.8", duration=31.0, cells=2, channels=("T11", "TAM"))
@@ -162,14 +162,14 @@ def test_words_about_a_rig_do_not_count(tmp_path, twin, experiment, engine):
 
 def test_a_foreign_folder_is_refused_and_left_alone(stored, tmp_path, twin, experiment, engine):
     (tmp_path / "thesis.txt").write_text("years of work")
-    with pytest.raises(SimulationError, match="is not the folder of a sweep"):
+    with pytest.raises(SimulationError, match="expected the folder of a sweep"):
         sweep(twin, experiment, tmp_path, **ASKED)
     assert stored(tmp_path) == {"thesis.txt": b"years of work"}
-    with pytest.raises(SimulationError, match="is not the folder of a sweep"):
+    with pytest.raises(SimulationError, match="expected the folder of a sweep"):
         sweep(twin, experiment, tmp_path / "thesis.txt", **ASKED)
     other = tmp_path / "other.zarr"
     zarr.create_group(other, attributes={"title": "somebody's"})
-    with pytest.raises(SimulationError, match="is not the folder of a sweep"):
+    with pytest.raises(SimulationError, match="expected the folder of a sweep"):
         sweep(twin, experiment, other, **ASKED)
     assert engine.given == []
 
@@ -178,7 +178,7 @@ def test_a_foreign_folder_is_refused_and_left_alone(stored, tmp_path, twin, expe
 def test_a_damaged_head_is_a_folder_without_a_sweep(tmp_path_factory, content):
     folder = tmp_path_factory.mktemp("damaged")
     (folder / "zarr.json").write_bytes(content)
-    with pytest.raises(SimulationError, match="is not the folder of a sweep"):
+    with pytest.raises(SimulationError, match="expected the folder of a sweep"):
         read_identity(folder)
 
 
@@ -225,13 +225,13 @@ def test_a_chunk_that_another_process_is_at_is_left_to_it(tmp_path, twin, experi
     ("asked", "message"),
     [
         ({"draws": 0}, "draws: expected a whole number above 0.*, got 0"),
-        ({"chunk_size": 0}, "chunk_size: found 0"),
-        ({"seed": -1}, "seed: found -1"),
-        ({"spread": 0.0}, "spread: expected between 0 and 1.*, got 0.0"),
-        ({"reductions": ["mean"]}, "reductions: found mean"),
-        ({"reductions": ["cost"]}, "only for experiments with recorded temperatures"),
+        ({"chunk_size": 0}, "chunk_size: expected .* got 0"),
+        ({"seed": -1}, "seed: expected .* got -1"),
+        ({"spread": 0.0}, "spread: expected a number between 0 and 1, got 0.0"),
+        ({"reductions": ["mean"]}, "reductions: expected .* got mean"),
+        ({"reductions": ["cost"]}, "expected recorded temperatures"),
         ({"process": (2, 2)}, "process: expected 0 to 1 of 2.*, got 2 of 2"),
-        ({"parameters": ["R_X"]}, "found R_X"),
+        ({"parameters": ["R_X"]}, "got R_X"),
     ],
 )
 def test_bad_input_is_refused_before_a_folder_is_made(

@@ -163,23 +163,23 @@ def test_numbers_are_plain_and_complete(truth: Twin, days: list[Experiment]):
 
 
 def test_predictions_that_cannot_be_made_say_why(truth: Twin, days: list[Experiment]):
-    with pytest.raises(MatchError, match=r"monday: split at 5 s: found 5 samples.*0 to 240 s"):
+    with pytest.raises(MatchError, match=r"monday: split at 5 s: .* got 5 .*0 to 240 s"):
         validate_split(truth, days[0], 5.0)
-    with pytest.raises(MatchError, match="split at 230 s: found 230 samples before and 11"):
+    with pytest.raises(MatchError, match=r"split at 230 s: .* got 230 and 11"):
         validate_split(truth, days[0], 230.0)
-    with pytest.raises(MatchError, match="warm_up = 230 s: found 11 samples after it"):
+    with pytest.raises(MatchError, match=r"warm_up = 230 s: .* got 11"):
         validate(truth, days[0], warm_up=230.0)
     with pytest.raises(
-        MatchError, match=r"warm_up = 0\.5 s: expected at least.*, got 1 samples"
+        MatchError, match=r"warm_up = 0\.5 s: expected at least .* samples .* got 1"
     ):
         validate(truth, days[0], warm_up=0.5)
-    with pytest.raises(MatchError, match="leave one out: found 1"):
+    with pytest.raises(MatchError, match="leave_one_out: expected two recordings or more, got 1"):
         leave_one_out(truth, days[:1])
-    with pytest.raises(MatchError, match="no recorded temperatures"):
+    with pytest.raises(MatchError, match="expected recorded temperatures"):
         validate(truth, Experiment.schedule("0:0.5", duration=240, channels=("T",)))
     time = np.arange(100.0)
     two_cells = Experiment(time, np.zeros((100, 2)), channels=("T",), temperatures=time[:, None])
-    with pytest.raises(SimulationError, match="expected the 1 of single-cell.*, got 2 cells"):
+    with pytest.raises(SimulationError, match="expected the 1 cells of single-cell, got 2"):
         validate(truth, [days[0], two_cells])
 
 

@@ -68,7 +68,7 @@ def test_autocorrelation_is_over_the_pairs_that_are_there():
 def test_lags_without_any_pair_do_not_count():
     series = np.where(np.arange(100) % 2, np.nan, np.random.default_rng(7).standard_normal(100))
     assert whiteness(series).lags == 5  # of ten, the even ones
-    with pytest.raises(ValueError, match="found 9 samples"):
+    with pytest.raises(ValueError, match="expected at least 10 samples, got 9"):
         whiteness(np.append(np.full(50, np.nan), np.arange(9.0)))
 
 
@@ -91,5 +91,5 @@ def test_quantiles_are_those_of_the_normal_distribution():
 
 
 def test_too_few_samples_are_refused():
-    with pytest.raises(ValueError, match="found 9 samples"):
+    with pytest.raises(ValueError, match="expected at least 10 samples, got 9"):
         whiteness(np.zeros(9))

@@ -57,10 +57,10 @@ class Experiment:
 
     **Raises:**
 
-    `RecordingError` that names the sample and what was expected: a time or duty cycle that is missing
-    or not finite, time that does not increase, a duty cycle outside -1 to 1, temperatures below
-    absolute zero or without any sample, shapes that do not belong together, channel names that
-    occur twice.
+    `RecordingError` that names the sample and what was expected: a time or duty cycle that is
+    missing or not finite, time that does not increase, a duty cycle outside -1 to 1, temperatures
+    below absolute zero or without any sample, shapes that do not belong together, channel names
+    that occur twice.
     """
 
     time: Float[np.ndarray, "times"]

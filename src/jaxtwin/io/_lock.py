@@ -20,8 +20,8 @@ def lock(file: Path) -> int:
     """
     if file.exists() and (names := file.stat().st_nlink) > 1:
         raise RecordingError(
-            f"{file}: has {names} names (hard links); allowed is a file with one, since a lock "
-            "follows a name"
+            f"{file}: expected a file with one name, because a lock follows a name, got {names} "
+            "(hard links); copy the file"
         )
     beside = _beside(file)
     try:

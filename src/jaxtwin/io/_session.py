@@ -206,9 +206,9 @@ class Session:
             raise RecordingError(f"{self.file}: holds nothing from {first:g} s to {last:g} s")
         if (last - first) / step > MOST_STEPS:
             raise RecordingError(
-                f"{self.file}: from {first:g} s to {last:g} s are {(last - first) / step:.2g} "
-                f"steps of {step:g} s; allowed are {MOST_STEPS:g}. Take a part with start and "
-                f"end: {_longest_gap(readings.time - zero)}"
+                f"{self.file}: expected at most {MOST_STEPS:g} steps of {step:g} s, got "
+                f"{(last - first) / step:.2g} from {first:g} s to {last:g} s; take a part with "
+                f"start and end: {_longest_gap(readings.time - zero)}"
             )
         grid = zero + first + step * np.arange(int((last - first) / step + 1e-9) + 1)
 

@@ -78,7 +78,7 @@ def build_limits(table: LimitsTable, fields: Fields) -> Limits:
     if limits.lowest is not None and limits.lowest >= limits.temperature:
         fields.refuse("limits.lowest", "found a temperature above limits.temperature")
     if limits.rate is not None and limits.rate <= 0:
-        fields.refuse("limits.rate", f"found {table.rate!r}, allowed are rates above 0")
+        fields.refuse("limits.rate", f"expected a rate above 0, got {table.rate!r}")
     return limits
 
 
