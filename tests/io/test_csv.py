@@ -130,18 +130,21 @@ def test_the_header_that_is_written(tmp_path, experiment):
     [
         ("\n", "is empty: expected at least 2 samples"),
         ("time_s,duty_P1\n", "is empty: expected at least 2 samples"),
-        ("time_s,duty_P1\n0,0\n", "empty: 1 samples"),
-        ("# Recordings\n\nA page of text.\n", "is no recording: its first line 'A page of text.'"),
+        ("time_s,duty_P1\n0,0\n", "empty: expected at least 2 samples, got 1"),
+        ("# Recordings\n\nA page of text.\n", "is no recording: .* got 'A page of text.'"),
         ("0,0.5,20\n1,0.5,21\n", "must name the columns"),
         ("time,duty_P1\n0,0\n1,0\n", "expected time_s, duty_P1"),
-        ("time_s,duty_P1,T11\n0,0,20\n1,0,20\n", "column 'T11' is not known"),
-        ("time_s,duty_P1,T11_degF\n0,0,20\n1,0,20\n", "column 'T11_degF' is not known"),
+        ("time_s,duty_P1,T11\n0,0,20\n1,0,20\n", "columns: expected time_s, .* got 'T11'"),
+        (
+            "time_s,duty_P1,T11_degF\n0,0,20\n1,0,20\n",
+            "columns: expected time_s, .* got 'T11_degF'",
+        ),
         ("time_s,duty_P1,duty_P1\n0,0,0\n1,0,0\n", "each name once, got duty_P1 more than once"),
-        ("time_s,duty_P1,pwm_P1\n0,0,0\n1,0,0\n", "two columns for the drive of cell P1"),
-        ("time_s,duty_P1,T_K,T_degC\n0,0,300,0\n1,0,300,0\n", "two columns for the temperature T"),
+        ("time_s,duty_P1,pwm_P1\n0,0,0\n1,0,0\n", "one for the drive of cell P1, got two"),
+        ("time_s,duty_P1,T_K,T_degC\n0,0,300,0\n1,0,300,0\n", "one for the temperature T, got two"),
         ("time_s,duty_P1,duty_P3\n0,0,0\n1,0,0\n", "cells P1, P2, ... without a gap, got P1, P3"),
-        ("time_s,T11_degC\n0,20\n1,20\n", "drives of the cells none"),
-        ("time_s,duty_left\n0,0\n1,0\n", "column 'duty_left' is not known"),
+        ("time_s,T11_degC\n0,20\n1,20\n", "drives of the cells P1, .* got none"),
+        ("time_s,duty_left\n0,0\n1,0\n", "columns: expected time_s, .* got 'duty_left'"),
         (
             GOOD.replace("-1", "nan"),
             "line 4, column duty_P1: .* only temperatures may be missing, got 'nan'",
@@ -151,18 +154,18 @@ def test_the_header_that_is_written(tmp_path, experiment):
             "line 3, column time_s: expected a number in every line.* got ''",
         ),
         (GOOD.replace("21", "inf"), "line 3, column T11_degC: .* got 'inf'"),
-        (GOOD.replace("21", "-300"), "line 3: temperature T11 is -300 degC"),
+        (GOOD.replace("21", "-300"), "line 3: temperature T11: .* got -300 degC"),
         (GOOD.replace("21", "2_1"), "line 3, column T11_degC: .* got '2_1'"),
         ("#\n\n" + GOOD.replace("-1", "off"), "line 6, column duty_P1: .* got 'off'"),
         (GOOD.replace(",21", ""), "line 3: expected 3 fields, one for each column, got 2"),
-        (GOOD.replace("21", "21,3"), "line 3 has 4 fields"),
+        (GOOD.replace("21", "21,3"), "line 3: expected 3 fields, one for each column, got 4"),
         (GOOD.replace("21", '"21'), "line 4 is no line of a .csv file"),
-        (GOOD.replace("-1", "-1.2"), "line 4: duty of cell 1 is -1.2 at sample 2"),
+        (GOOD.replace("-1", "-1.2"), "line 4: duty of cell 1: .* got -1.2 at sample 2"),
         (
             GOOD.replace("2,", "1,", 1).replace("\n1,", "\n2,", 1),
             "line 4: time: expected increasing times",
         ),
-        ("time_s,pwm_P1\n0,0\n1,300\n", "line 3: PWM of cell 1 is 300 at sample 1"),
+        ("time_s,pwm_P1\n0,0\n1,300\n", "line 3: PWM of cell 1: .* got 300 at sample 1"),
         ("time_s,Time [s],duty_P1\n0,0,0\n1,1,0\n", "got two columns for the time"),
         ("time_s,duty_P1,\n0,0,a\n1,0,b\n", "got no name for column 3"),
         (
@@ -170,8 +173,8 @@ def test_the_header_that_is_written(tmp_path, experiment):
             "line 3, column T_degC: .*decimal.* got '2.5'",
         ),
         ("time_s;duty_P1;T_degC\n0;0;1.002,5\n1;0;2\n", "line 2, column T_degC: .* got '1.002,5'"),
-        ("time_s,duty_P1,_degC\n0,0,\n1,0,\n", "column '_degC' is not known"),
-        (GOOD + "30,0,22\n31,0,22\n", "a gap from 2 s to 30 s; .* 3 times the median step"),
+        ("time_s,duty_P1,_degC\n0,0,\n1,0,\n", "columns: expected time_s, .* got '_degC'"),
+        (GOOD + "30,0,22\n31,0,22\n", "3 times the median step, got a gap from 2 s to 30 s"),
         (b"\x00\xff\xfe binary", "no text"),
     ],
 )
@@ -181,5 +184,5 @@ def test_what_is_wrong_is_named_with_its_line(read, text, said):
 
 
 def test_a_zone_belongs_to_other_files(read):
-    with pytest.raises(RecordingError, match=r"zone = 'A' applies to two-cell \.mat"):
+    with pytest.raises(RecordingError, match=r"zone: expected none, .* two-cell \.mat .* got 'A'"):
         read(GOOD, zone="A")

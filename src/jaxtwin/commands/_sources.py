@@ -71,7 +71,9 @@ def open_twins(
     fit = open_fit(rig, parameters)
     if fit is not None:
         return fit
-    return [open_twin(rig, set_name, parameters, one.name or None) for one in experiments]
+    return [
+        open_twin(rig, set_name, parameters, experiment.name or None) for experiment in experiments
+    ]
 
 
 def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":
@@ -108,7 +110,10 @@ def find_recording(name: str) -> Path:
     known = {file.stem: file for file in synthetic_recordings()}
     if name in known:
         return known[name]
-    published = {Path(one.name).stem: one.name for one in TWO_CELL + SINGLE_CELL}
+    published = {
+        Path(published_file.name).stem: published_file.name
+        for published_file in TWO_CELL + SINGLE_CELL
+    }
     if path.parent == Path() and path.stem in published and path.suffix in ("", ".mat"):
         return find_recordings(names=[published[path.stem]])[0]
     raise RecordingError(

@@ -352,16 +352,16 @@ class Fit:
             "fit_percent": fits,
             "optima": [
                 {
-                    "start": one.start,
-                    "cost": _plain(one.cost),
-                    "apart_K": _plain(one.apart),
-                    "rmse_K": _plain(one.rmse),
-                    "iterations": one.iterations,
-                    "status": one.status,
-                    "converged": one.converged,
-                    "parameters": {name: _plain(v) for name, v in one.parameters.items()},
+                    "start": optimum.start,
+                    "cost": _plain(optimum.cost),
+                    "apart_K": _plain(optimum.apart),
+                    "rmse_K": _plain(optimum.rmse),
+                    "iterations": optimum.iterations,
+                    "status": optimum.status,
+                    "converged": optimum.converged,
+                    "parameters": {name: _plain(v) for name, v in optimum.parameters.items()},
                 }
-                for one in self.optima
+                for optimum in self.optima
             ],
         }
 
@@ -549,7 +549,7 @@ def fitted_table(
 
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
-        return [_plain(one) for one in value]
+        return [_plain(entry) for entry in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -195,7 +195,7 @@ def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarra
 
 def _recording(fit: Fit, number: int) -> dict[str, Any]:
     name, noise_model = fit.recordings[number], fit.noise_model
-    percent = {c: value for (one, c), value in fit.fit_percent.items() if one == name}
+    percent = {c: value for (recording, c), value in fit.fit_percent.items() if recording == name}
     return {
         "fingerprint": fit.fingerprints[number],
         "channels": fit.channels[number],
@@ -224,7 +224,7 @@ def _table(name: str, entries: Mapping[str, Any]) -> str:
         if plain is None:
             continue
         if isinstance(plain, list) and plain and isinstance(plain[0], list | dict):
-            rows = "".join(f"    {_inline(one)},\n" for one in plain)
+            rows = "".join(f"    {_inline(entry)},\n" for entry in plain)
             lines.append(f"{_key(key)} = [\n{rows}]")
         else:
             lines.append(f"{_key(key)} = {_inline(plain)}")
@@ -238,15 +238,15 @@ def _plain(value: Any) -> Any:
     if is_dataclass(value):
         return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Mapping):
-        return {key: _plain(one) for key, one in value.items()}
+        return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(one) for one in value]
+        return [_plain(entry) for entry in value]
     return value
 
 
 def _inline(value: Any) -> str:
     if isinstance(value, dict):
-        kept = {key: one for key, one in value.items() if one is not None}
+        kept = {key: entry for key, entry in value.items() if entry is not None}
         return f"{{ {', '.join(f'{_key(k)} = {_inline(v)}' for k, v in kept.items())} }}"
     if isinstance(value, list):
         return f"[{', '.join(map(_inline, value))}]"

@@ -61,20 +61,24 @@ def load_fit(
                 _refuse(source, field, "expected the value of each recording, got none")
     vector = np.array(
         [to_entry(row, values[0][row.name]) for row in unknowns.shared]
-        + [to_entry(row, one[row.name]) for one in values for row in unknowns.per_recording]
+        + [
+            to_entry(row, own_values[row.name])
+            for own_values in values
+            for row in unknowns.per_recording
+        ]
     )
     known = _uncertainty(source, stored, unknowns, vector)
     several = list(stored.recordings.values())
     sample_weights, channel, common_mode = (
-        tuple(_weights(source, name, kind, one) for name, one in stored.recordings.items())
+        tuple(_weights(source, name, kind, record) for name, record in stored.recordings.items())
         for kind in ("sample_weights", "channel_weights", "common_mode_weights")
     )
     noise_model = NoiseModel(
         channel=stored.assumed_noise[0],
         common_mode=stored.assumed_noise[1],
-        events=tuple(one.events for one in several),
+        events=tuple(record.events for record in several),
         channel_weights=channel,
-        common_mode_weights=tuple(one[:, 0] for one in common_mode),
+        common_mode_weights=tuple(weights[:, 0] for weights in common_mode),
     )
     start = Twin(rig, {name: row.initial for name, row in stored.parameters.items()})
     matched = _recordings(stored, experiments)
@@ -88,19 +92,21 @@ def load_fit(
         common_error=rig.common_error,
         robust=stored.robust,
     )
-    own = [{row.name: one[row.name] for row in unknowns.per_recording} for one in values]
+    own = [
+        {row.name: own_values[row.name] for row in unknowns.per_recording} for own_values in values
+    ]
     shared = {row.name: values[0][row.name] for row in unknowns.shared}
     fit = Fit(
         twin=start.with_parameters({**shared, **own[0]}),
         recordings=names,
-        fingerprints=tuple(one.fingerprint for one in several),
-        channels=tuple(one.channels for one in several),
+        fingerprints=tuple(record.fingerprint for record in several),
+        channels=tuple(record.channels for record in several),
         parameters=FittedParameters(stored.parameters),
         recording_values=dict(zip(names, own, strict=True)),
         fit_percent={
             (name, channel): percent
-            for name, one in stored.recordings.items()
-            for channel, percent in one.fit_percent.items()
+            for name, record in stored.recordings.items()
+            for channel, percent in record.fit_percent.items()
         },
         rmse=stored.rmse,
         status=stored.status,
@@ -123,7 +129,9 @@ def load_fit(
     if matched is None:
         return fit
     pairs = enumerate(zip(fit.twins.values(), matched, strict=True))
-    comparisons = tuple(_comparison(fit, number, twin, one) for number, (twin, one) in pairs)
+    comparisons = tuple(
+        _comparison(fit, number, twin, experiment) for number, (twin, experiment) in pairs
+    )
     return replace(fit, comparisons=comparisons)
 
 
@@ -288,11 +296,11 @@ def _uncertainty(
 
 
 def _weights(
-    source: str, name: str, kind: str, one: StoredRecording
+    source: str, name: str, kind: str, record: StoredRecording
 ) -> Float[np.ndarray, "times columns"]:
-    columns = 1 if kind == "common_mode_weights" else len(one.channels)
+    columns = 1 if kind == "common_mode_weights" else len(record.channels)
     try:
-        return unrolled(getattr(one, kind), one.samples, columns)
+        return unrolled(getattr(record, kind), record.samples, columns)
     except ValueError as problem:
         _refuse(source, f"fit.recordings.{name}.{kind}", str(problem))
 
@@ -304,17 +312,17 @@ def _recordings(
     if experiments is None:
         return None
     given = [experiments] if isinstance(experiments, Experiment) else list(experiments)
-    by_content = {one.fingerprint: one for one in given}
+    by_content = {experiment.fingerprint: experiment for experiment in given}
     found = []
-    for name, one in stored.recordings.items():
-        if one.fingerprint not in by_content:
+    for name, record in stored.recordings.items():
+        if record.fingerprint not in by_content:
             there = ", ".join(e.name or "one without a name" for e in given) or "none"
             raise MatchError(
                 f"experiments: expected the recordings of the fit, got {there}, of which none has "
-                f"the contents of {name!r} (fingerprint {one.fingerprint[:12]}...) that was "
+                f"the contents of {name!r} (fingerprint {record.fingerprint[:12]}...) that was "
                 "matched; read them as they were read then"
             )
-        found.append(by_content[one.fingerprint])
+        found.append(by_content[record.fingerprint])
     return tuple(found)
 
 

@@ -188,7 +188,7 @@ def profile(
         report_step,
     )
     prior = 0.5 * ((at - objective.prior_means[entry]) * objective.prior_weights[entry]) ** 2
-    rise = np.array([one.cost for one in results]) + prior - fit.cost
+    rise = np.array([result.cost for result in results]) + prior - fit.cost
     excess = 2 * _adjustment(fit, entry) * rise
     shown = np.exp(at) if row.is_logarithmic else at
     return Profile(name, row.unit, shown, excess, _interval(shown, excess, row.lower, row.upper))

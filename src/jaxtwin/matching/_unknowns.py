@@ -231,10 +231,12 @@ def choose_unknowns(
         ("per_recording", "fixed"),
         ("shared", "per_recording"),
     )
-    for one, other in opposites:
-        both = sorted(groups[one] & groups[other])
+    for group, other in opposites:
+        both = sorted(groups[group] & groups[other])
         if both:
-            raise MatchError(f"{', '.join(both)}: expected in either {one} or {other}, got in both")
+            raise MatchError(
+                f"{', '.join(both)}: expected in either {group} or {other}, got in both"
+            )
     chosen = {
         name: row
         for name, row in table.items()

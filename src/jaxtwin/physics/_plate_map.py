@@ -66,4 +66,4 @@ def _shares(
 ) -> Float[np.ndarray, "points elements"]:
     """How much each element of a row counts at each point; rows sum to 1."""
     centres = np.cumsum(sizes) - np.array(sizes) / 2
-    return np.stack([np.interp(at, centres, one) for one in np.eye(len(sizes))], axis=1)
+    return np.stack([np.interp(at, centres, unit) for unit in np.eye(len(sizes))], axis=1)

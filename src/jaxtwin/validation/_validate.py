@@ -65,8 +65,8 @@ def validate(
     names = named_recordings(twin, several)
     check_callable("validate: on_progress", on_progress, MatchError)
     made = []
-    for name, one in zip(names, several, strict=True):
-        made.append(_predict(name, fitted, one, warm_up, own, None))
+    for name, recording in zip(names, several, strict=True):
+        made.append(_predict(name, fitted, recording, warm_up, own, None))
         _tell(on_progress, made[-1])
     kind = f"predicted after the first {warm_up:g} s"
     return Validation(twin.rig.name, kind, tuple(made))
@@ -99,23 +99,25 @@ def validate_split(
     several = as_experiments("validate_split: experiments", experiments, MatchError)
     names = named_recordings(twin, several)
     check_callable("validate_split: on_progress", on_progress, MatchError)
-    for name, one in zip(names, several, strict=True):
-        before, after = (_samples(one, part) for part in (one.time < at, one.time >= at))
+    for name, recording in zip(names, several, strict=True):
+        before, after = (
+            _samples(recording, part) for part in (recording.time < at, recording.time >= at)
+        )
         if min(before, after) < LEAST:
             raise MatchError(
                 f"{name}: split at {at:g} s: expected at least {LEAST} samples in every channel "
                 f"before and after it, got {before} and {after}; the recording goes from "
-                f"{one.time[0]:g} to {one.time[-1]:g} s"
+                f"{recording.time[0]:g} to {recording.time[-1]:g} s"
             )
     fit = match(
         twin,
-        [one.between(None, at) for one in several],
+        [recording.between(None, at) for recording in several],
         on_progress=on_progress,
         **_before(at, several, options),
     )
     made = []
-    for name, one in zip(names, several, strict=True):
-        run = _from(simulate(fit.twins[name], one), at)
+    for name, recording in zip(names, several, strict=True):
+        run = _from(simulate(fit.twins[name], recording), at)
         made.append(Prediction(name, run, fit.twins[name], fit.recording_values[name], (), fit))
         _tell(on_progress, made[-1])
     return Validation(twin.rig.name, f"matched before {at:g} s, predicted from there", tuple(made))
@@ -151,7 +153,7 @@ def leave_one_out(
         raise MatchError(f"leave_one_out: expected two recordings or more, got {len(several)}")
     made = []
     for out, name in enumerate(names):
-        others = [one for number, one in enumerate(several) if number != out]
+        others = [recording for number, recording in enumerate(several) if number != out]
         fit = match(twin, others, on_progress=on_progress, **_without(name, options))
         made.append(_predict(name, fit, several[out], warm_up, None, fit))
         _tell(on_progress, made[-1])
@@ -203,7 +205,7 @@ def _from(run: Run, start: float) -> Run:
 
 def _before(at: float, recordings: Sequence[Experiment], options: dict[str, Any]) -> dict[str, Any]:
     """Options of a match that sees recordings up to a time only."""
-    last = max(float(one.time[one.time < at][-1]) for one in recordings)
+    last = max(float(recording.time[recording.time < at][-1]) for recording in recordings)
     kept = dict(options)
     if isinstance(events := options.get("events"), Mapping):
         kept["events"] = {n: [e for e in times if e <= last] for n, times in events.items()}

@@ -90,9 +90,9 @@ class Validation:
     def fit_percent(self) -> dict[tuple[str, str], float]:
         """(recording, channel) -> NRMSE fit of the predicted part, %."""
         return {
-            (one.name, channel): value
-            for one in self.predictions
-            for channel, value in one.run.fit_percent.items()
+            (prediction.name, channel): value
+            for prediction in self.predictions
+            for channel, value in prediction.run.fit_percent.items()
         }
 
     @property
@@ -103,7 +103,7 @@ class Validation:
     @property
     def rmse(self) -> float:
         """Over all predicted samples, K."""
-        errors = np.concatenate([one.residuals.ravel() for one in self.predictions])
+        errors = np.concatenate([prediction.residuals.ravel() for prediction in self.predictions])
         return float(np.sqrt(np.nanmean(errors**2)))
 
     @property
@@ -124,17 +124,17 @@ class Validation:
                 "white?",
             )
         ]
-        for one in self.predictions:
-            for column, (channel, fit) in enumerate(one.run.fit_percent.items()):
-                error, test = one.residuals[:, column], one.whiteness[channel]
+        for prediction in self.predictions:
+            for column, (channel, fit) in enumerate(prediction.run.fit_percent.items()):
+                error, test = prediction.residuals[:, column], prediction.whiteness[channel]
                 rows.append(
                     (
-                        one.name,
+                        prediction.name,
                         channel,
                         fit_text(fit),
                         f"{np.sqrt(np.nanmean(error**2)):.3f}",
                         f"{np.nanmean(error):+.3f}",
-                        f"{test.autocorrelation_time * one.sample_time:.0f}",
+                        f"{test.autocorrelation_time * prediction.sample_time:.0f}",
                         _verdict(test),
                     )
                 )
@@ -148,10 +148,14 @@ class Validation:
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
             for row in rows
         ]
-        for one in self.predictions:
-            text = ", ".join(f"{name} = {value:.4g}" for name, value in one.estimated.items())
-            lines += [f"{one.name}, estimated before {one.run.time[0]:g} s: {text}"] * bool(text)
-            lines += [f"{one.name}: {warning}" for warning in one.warnings]
+        for prediction in self.predictions:
+            text = ", ".join(
+                f"{name} = {value:.4g}" for name, value in prediction.estimated.items()
+            )
+            lines += [
+                f"{prediction.name}, estimated before {prediction.run.time[0]:g} s: {text}"
+            ] * bool(text)
+            lines += [f"{prediction.name}: {warning}" for warning in prediction.warnings]
         return "\n".join(lines)
 
     def plot(self) -> "Figure":
@@ -169,17 +173,17 @@ class Validation:
         import pandas
 
         rows = {
-            (one.name, channel): {
+            (prediction.name, channel): {
                 "fit_percent": fit,
                 "rmse": float(np.sqrt(np.nanmean(error**2))),
                 "mean_error": float(np.nanmean(error)),
-                "p_value": one.whiteness[channel].p_value,
-                "autocorrelation_time": one.whiteness[channel].autocorrelation_time
-                * one.sample_time,
+                "p_value": prediction.whiteness[channel].p_value,
+                "autocorrelation_time": prediction.whiteness[channel].autocorrelation_time
+                * prediction.sample_time,
             }
-            for one in self.predictions
+            for prediction in self.predictions
             for (channel, fit), error in zip(
-                one.run.fit_percent.items(), one.residuals.T, strict=True
+                prediction.run.fit_percent.items(), prediction.residuals.T, strict=True
             )
         }
         table = pandas.DataFrame.from_dict(rows, orient="index")
@@ -192,14 +196,16 @@ class Validation:
             "kind": self.kind,
             "mean_fit_percent": _plain(self.mean_fit_percent),
             "rmse_K": _plain(self.rmse),
-            "recordings": {one.name: _prediction(one) for one in self.predictions},
+            "recordings": {
+                prediction.name: _prediction(prediction) for prediction in self.predictions
+            },
         }
 
     def _repr_html_(self) -> str:
         rows = [
-            (one.name, channel, fit_text(fit), f"{run.rmse:.3f}")
-            for one in self.predictions
-            for run in [one.run]
+            (prediction.name, channel, fit_text(fit), f"{run.rmse:.3f}")
+            for prediction in self.predictions
+            for run in [prediction.run]
             for channel, fit in run.fit_percent.items()
         ]
         head = ("recording", "channel", "fit, %", "RMSE of the recording, K")
@@ -217,10 +223,10 @@ def _verdict(test: Whiteness) -> str:
     return f"{'yes' if test.is_white else 'no'} ({p})"
 
 
-def _prediction(one: Prediction) -> dict[str, Any]:
+def _prediction(prediction: Prediction) -> dict[str, Any]:
     channels = {}
-    for column, (channel, fit) in enumerate(one.run.fit_percent.items()):
-        error, test = one.residuals[:, column], one.whiteness[channel]
+    for column, (channel, fit) in enumerate(prediction.run.fit_percent.items()):
+        error, test = prediction.residuals[:, column], prediction.whiteness[channel]
         channels[channel] = {
             "fit_percent": _plain(fit),
             "rmse_K": float(np.sqrt(np.nanmean(error**2))),
@@ -231,11 +237,11 @@ def _prediction(one: Prediction) -> dict[str, Any]:
             "autocorrelation_time_samples": test.autocorrelation_time,
         }
     return {
-        "from_s": float(one.run.time[0]),
-        "to_s": float(one.run.time[-1]),
-        "rmse_K": one.run.rmse,
-        "estimated": dict(one.estimated),
-        "warnings": list(one.warnings),
+        "from_s": float(prediction.run.time[0]),
+        "to_s": float(prediction.run.time[-1]),
+        "rmse_K": prediction.run.rmse,
+        "estimated": dict(prediction.estimated),
+        "warnings": list(prediction.warnings),
         "channels": channels,
     }
 
