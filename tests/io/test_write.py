@@ -18,7 +18,9 @@ def test_only_the_two_formats_that_it_knows(tmp_path, experiment, name):
 
 def test_what_could_not_be_read_back_is_not_written(tmp_path):
     experiment = Experiment([0, 1, 2, 9], np.zeros(4), channels=["T"], temperatures=np.zeros(4))
-    with pytest.raises(RecordingError, match=r"run\.csv: not written: expected steps .* got a gap from 2 s to 9 s"):
+    with pytest.raises(
+        RecordingError, match=r"run\.csv: not written: expected steps .* got a gap from 2 s to 9 s"
+    ):
         write_recording(experiment, tmp_path / "run.csv")
     assert list(tmp_path.iterdir()) == []
 

@@ -8,7 +8,13 @@ from ..matching import Fit
 from ._style import INK, MUTED, styled, symbol
 
 SHOWN = 0.5
-"""Correlations above this in size are written out."""
+"""Correlations above this in size are written out, where cells are large enough for numbers."""
+
+CELL, WIDEST = 0.42, 11.0
+"""Width of a cell, and of all cells together, inches; many cells become smaller."""
+
+LEAST_FOR_NUMBERS = 0.3
+"""Width of a cell that a number fits into, inches."""
 
 
 @styled
@@ -29,13 +35,14 @@ def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
         np.isfinite(fit.uncertainty.correlation), fit.uncertainty.correlation, np.nan
     )
     count = len(correlation)
+    cell = min(CELL, WIDEST / count)
     if ax is None:
-        size = (2.4 + 0.42 * count, 1.6 + 0.36 * count)
+        size = (2.4 + cell * count, 1.6 + 0.86 * cell * count)
         ax = pyplot.figure(figsize=size, layout="constrained").subplots()
     image = ax.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
     for row, column in np.argwhere(np.abs(np.nan_to_num(correlation)) > SHOWN):
         value = correlation[row, column]
-        if row != column:
+        if row != column and cell > LEAST_FOR_NUMBERS:
             ax.annotate(
                 f"{value:.2f}".replace("0.", "."), (column, row), ha="center", va="center",
                 fontsize=7.5, color="white" if abs(value) > 0.55 else INK,
@@ -43,7 +50,7 @@ def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
     labels = [_label(label) for label in fit.uncertainty.labels]
     ax.set_xticks(range(count), labels, rotation=90)
     ax.set_yticks(range(count), labels)
-    ax.tick_params(length=0)
+    ax.tick_params(length=0, labelsize=min(9.0, 30 * cell))
     ax.grid(visible=False)
     ax.spines[:].set_visible(False)
     ax.set_title("Correlation of the matched values")

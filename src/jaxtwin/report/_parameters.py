@@ -23,7 +23,7 @@ MEANINGS = {
 def parameters_section(fit: Fit, title: str) -> Section:
     """The parameters with intervals and priors, and how they depend on each other."""
     blocks: list[Block] = [
-        parameter_table(fit, "The free parameters."),
+        parameter_table(fit, "The free parameters that all recordings share."),
         Picture(
             "parameters",
             to_png(plot_parameters(fit)),
@@ -126,7 +126,8 @@ def _correlation(fit: Fit) -> list[Block]:
     count = len(known.unidentifiable)
     words = (
         f"Of {len(known.singular_values)} independent combinations of the parameters, the "
-        f"recordings determine {len(known.singular_values) - count} better than the prior does."
+        f"recordings determine {len(known.singular_values) - count} better than what was known "
+        "before them."
     )
     blocks: list[Block] = [
         Text(words),
