@@ -76,7 +76,7 @@ def test_between_keeps_its_end_out_and_its_times():
 
 
 def test_between_with_too_little_left_says_how_much():
-    with pytest.raises(RecordingError, match=r"between 3 s and inf s are 1 samples .* at least 2"):
+    with pytest.raises(RecordingError, match=r"at least 2 samples .* between 3 s and inf s, got 1"):
         Experiment(TIME, DUTY).between(3)
 
 

@@ -86,7 +86,7 @@ def test_one_number_that_is_not_finite_is_found_wherever_it_stands(fields, data,
     if np.isnan(wrong) and field not in ("time", "duty"):
         wrong = np.inf  # temperatures may miss samples
     fields[field].flat[data.draw(st.integers(0, fields[field].size - 1))] = wrong
-    with pytest.raises(RecordingError, match=f"{field.rstrip('s')}.* is {wrong} at sample"):
+    with pytest.raises(RecordingError, match=f"{field.rstrip('s')}.* got {wrong} at sample"):
         Experiment(**fields)
 
 

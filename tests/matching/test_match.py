@@ -143,8 +143,8 @@ def test_scopes_can_be_changed(start: Twin):
     [
         ({"free": []}, MatchError, "no free parameter"),
         ({"free": ["R_X"]}, ParameterError, "expected some of the parameters .* got R_X"),
-        ({"free": ["R_E"], "fixed": ["R_E"]}, MatchError, "both free and fixed"),
-        ({"free": ["R_E"], "bounds": {"R_E": (3.0, 4.0)}}, MatchError, "1.96.*3 to 4"),
+        ({"free": ["R_E"], "fixed": ["R_E"]}, MatchError, "in either free or fixed, got in both"),
+        ({"free": ["R_E"], "bounds": {"R_E": (3.0, 4.0)}}, MatchError, "3 to 4, got 1.96"),
         ({"free": ["R_E"], "bounds": {"R_E": (float("nan"), 4.0)}}, MatchError, "R_E"),
         ({"free": ["R_E"], "starts": 0}, MatchError, "starts"),
         (
@@ -152,8 +152,16 @@ def test_scopes_can_be_changed(start: Twin):
             MatchError,
             "bounds: expected some of the free parameters R_E.*, got R_pc",
         ),
-        ({"shared": ["R_E"], "fixed": ["R_E"]}, MatchError, "both shared and fixed"),
-        ({"shared": ["T_amb"], "per_recording": ["T_amb"]}, MatchError, "both shared and per_rec"),
+        (
+            {"shared": ["R_E"], "fixed": ["R_E"]},
+            MatchError,
+            "in either shared or fixed, got in both",
+        ),
+        (
+            {"shared": ["T_amb"], "per_recording": ["T_amb"]},
+            MatchError,
+            "in either shared or per_recording, got in both",
+        ),
     ],
 )
 def test_bad_requests_say_what_is_allowed(start, options, error, words):
@@ -169,7 +177,7 @@ def test_recordings_must_be_of_this_rig_and_long_enough(start: Twin):
     with pytest.raises(MatchError, match="expected recorded temperatures"):
         match(start, bare)
     short = whole.between(0, 5).select(["T11"])
-    with pytest.raises(MatchError, match="2 samples for 3 unknowns"):
+    with pytest.raises(MatchError, match=r"the 3 unknowns.* got 2 samples"):
         match(start, short, free=FREE)
     other = Experiment(
         whole.time, whole.duty[:, :1], channels=whole.channels, temperatures=whole.temperatures

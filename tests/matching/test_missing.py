@@ -151,7 +151,7 @@ def test_no_two_channels_at_the_same_time_have_nothing_alone(start: Twin, whole:
 def test_only_samples_that_are_there_are_counted(start: Twin, whole: Experiment):
     holes = np.ones((51, 3), bool)
     holes[[0, 1], [0, 0]] = False
-    with pytest.raises(MatchError, match=r"channel TAM: expected at least one sample.* select"):
+    with pytest.raises(MatchError, match=r"channel TAM: expected at least one sample.*select"):
         match(start, with_holes(whole, holes), free=FREE)
     with pytest.raises(MatchError, match=r"more samples than the 3 unknowns.* got 2 samples"):
         match(start, with_holes(whole, holes).select(["T11"]), free=FREE)

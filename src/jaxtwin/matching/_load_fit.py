@@ -205,7 +205,7 @@ def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]])
         first = problem.errors(include_url=False)[0]
         field = ".".join(map(str, ("fit", *first["loc"])))
         if first["type"] == "missing":
-            _refuse(source, field, "expected this table, which every saved fit has, got none")
+            _refuse(source, field, "expected what every saved fit has here, got none")
         expected = first["msg"].removeprefix("Input should be ")
         _refuse(source, field, f"expected {expected}, got {reprlib.repr(first['input'])}")
     if not stored.recordings:
