@@ -134,7 +134,7 @@ def test_residuals_and_their_mean_are_recorded_less_simulated():
 @pytest.mark.parametrize("plot", [plots.plot_comparison, plots.plot_residuals])
 def test_runs_without_a_recording_cannot_be_compared(plot):
     run = fit().twin.simulate(Experiment.schedule("0:0.5", duration=10.0, cells=2))
-    with pytest.raises(SimulationError, match="no recorded temperatures"):
+    with pytest.raises(SimulationError, match="expected recorded temperatures"):
         plot([run])
 
 

@@ -90,5 +90,5 @@ def test_rows_of_panels_hold_all_maps():
 
 @pytest.mark.parametrize("shape", [(1, 30), (2, 24)])
 def test_other_shapes_than_maps_of_the_plate_are_refused(shape):
-    with pytest.raises(ParameterError, match=r"elements of dual-cell is \(1, 24\)"):
+    with pytest.raises(ParameterError, match=r"expected shape \(1, 24\) .* dual-cell, got"):
         plot_plate_map(load_rig("dual-cell"), np.full(shape, 20.0), ("500 s",))

@@ -163,9 +163,9 @@ def test_a_band_is_drawn_and_says_how_much_lies_inside():
 def test_what_cannot_be_drawn_says_why():
     run, rig = fit().runs["synthetic-A"], fit().twin.rig
     bare = fit().twin.simulate(Experiment.schedule("0:0.5", duration=10.0, cells=2))
-    with pytest.raises(SimulationError, match="no recorded"):
+    with pytest.raises(SimulationError, match="expected recorded"):
         plots.plot_residual_tests([bare])
-    with pytest.raises(SimulationError, match="no recorded"):
+    with pytest.raises(SimulationError, match="expected recorded"):
         plots.plot_plate_beside(rig, [bare], [5.0])
     with pytest.raises(SimulationError, match="expected 0 to 59 s, got 99 s"):
         plots.plot_plate_beside(rig, [run], [99.0])

@@ -114,7 +114,7 @@ def test_a_driver_without_delay_or_ahead_of_its_command_is_a_failed_draw(dual_ce
         ({"parameters": {"R_X": [1.0]}}, "expected some of the parameters C_esp, .* got 'R_X'"),
         (
             {"parameters": {"R_E": []}},
-            r"parameter R_E: at least one, got shape \(0,\)",
+            r"parameter R_E: .* at least one, got shape \(0,\)",
         ),
         ({"parameters": {"R_E": [[1.0]]}}, r"parameter R_E: .* got shape \(1, 1\)"),
         ({"parameters": {"R_E": ["a lot"]}}, r"parameter R_E: expected num.*, got \['a lot'\]"),
