@@ -1,4 +1,4 @@
-"""A word on the screen about work that takes long, for the person who waits for it."""
+"""Messages about work that takes long, for the person who waits for it."""
 
 import sys
 import threading

@@ -182,5 +182,5 @@ def test_recordings_must_be_of_this_rig_and_long_enough(start: Twin):
     other = Experiment(
         whole.time, whole.duty[:, :1], channels=whole.channels, temperatures=whole.temperatures
     )
-    with pytest.raises(SimulationError, match="1 cells"):
+    with pytest.raises(SimulationError, match="the 2 cells of paper-2024, got 1"):
         match(start, other, free=FREE)

@@ -79,7 +79,7 @@ class _Program:
 
 @final
 class _Clock:
-    """Runs while at least one thread is inside of it."""
+    """A clock that runs while at least one thread is inside its block."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -215,7 +215,7 @@ def _signature(array: Any) -> Hashable:
 
 
 def _settings() -> Hashable:
-    """Of JAX's settings, those that a caller of this package decides; see `own_settings`."""
+    """The settings of JAX that a caller of this package decides; see `own_settings`."""
     return (jax.dtypes.canonicalize_dtype("float64").name, _default_device())
 
 

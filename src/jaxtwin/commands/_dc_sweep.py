@@ -42,7 +42,7 @@ def dc_sweep(
 
 
 def _numbers(module: Any, T_hot: float) -> list[dict[str, float]]:
-    """Where most heat is pumped at each difference."""
+    """The current at which most heat is pumped, for each temperature difference."""
     rows = []
     for difference in range(0, 80, 10):
         best = module.optimum_current(T_hot - difference)

@@ -1,4 +1,4 @@
-"""`jaxtwin demo`: the whole story, as a report."""
+"""`jaxtwin demo`: the paper's rig simulated, matched and analysed, as a report."""
 
 from pathlib import Path
 from typing import Annotated

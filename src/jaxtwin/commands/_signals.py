@@ -1,4 +1,4 @@
-"""Ctrl-C and a polite kill: commands that run until they are told to stop, and all others."""
+"""Ctrl-C and SIGTERM: commands that run until they are told to stop, and all others."""
 
 import contextlib
 import signal

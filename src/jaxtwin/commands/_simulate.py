@@ -82,7 +82,7 @@ def _experiment(
 
 
 def _own_values(fit: "Fit", twin: "Twin", experiment: "Experiment") -> tuple[dict[str, float], str]:
-    """What a run took that belongs to a recording and not to the rig, and where from."""
+    """The values of a run that belong to its recording, not to the rig, and their source."""
     names = next(iter(fit.recording_values.values()))
     values = {name: float(twin.parameters[name]) for name in names}
     if experiment.fingerprint in fit.fingerprints:

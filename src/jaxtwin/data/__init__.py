@@ -1,4 +1,4 @@
-"""What comes with the package: rigs, module datasheets, tables and synthetic recordings."""
+"""Bundled data: rigs, module datasheets, tables and synthetic recordings."""
 
 from ._synthetic import synthetic_recordings as synthetic_recordings
 from ._synthetic import synthetic_truth as synthetic_truth

@@ -1,4 +1,4 @@
-"""Recordings with known truth, made by a twin: what there is where the real ones are not at hand.
+"""Synthetic recordings of a twin with known parameters, for use without the authors' recordings.
 
 `python -m jaxtwin.data._make_synthetic` makes them again.
 """

@@ -1,4 +1,4 @@
-"""What jaxtwin runs on: versions, devices, compilation cache, recordings, known traps."""
+"""Diagnosis of an installation: versions, devices, compilation cache, recordings, known traps."""
 
 from ._examine import examine
 

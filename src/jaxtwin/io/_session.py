@@ -95,7 +95,7 @@ class Session:
         self.close()
 
     def close(self) -> None:
-        """Lets the file go."""
+        """Closes the file."""
         self.database.close()
 
     @property
@@ -275,7 +275,7 @@ def _array(rows: sqlite3.Cursor, kind: type) -> np.ndarray:
 
 
 def _open(file: Path) -> sqlite3.Connection:
-    """Opened for reading: a recorder is never held up, and no row can be changed.
+    """Opens the file for reading: a recorder is never held up, and no row can be changed.
 
     A reader that may write the file tidies up when it closes it last: SQLite then takes away its
     journal and its index. Beside a recorder it must not; the lock says whether there is one.

@@ -47,7 +47,7 @@ def lock(file: IO[bytes], byte: int) -> bool:
 
 @contextmanager
 def disk_errors(folder: Path) -> Iterator[None]:
-    """What the disk or a missing library have against a folder, in one line.
+    """Turns errors of the disk, or of a missing library, into one line about a folder.
 
     **Raises:** `SimulationError`.
     """

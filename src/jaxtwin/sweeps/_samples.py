@@ -30,7 +30,7 @@ class Samples(BackendArray):
 
     @classmethod
     def of(cls, identity: dict[str, Any]) -> LazilyIndexedArray:
-        """As xarray takes it."""
+        """The array in the form that xarray takes."""
         return LazilyIndexedArray(cls(identity))
 
     def __getitem__(self, key: ExplicitIndexer) -> np.ndarray:
