@@ -318,7 +318,7 @@ def test_sets_of_unequal_shape_are_refused(start: Twin):
         ({"events": {"day": [400.0]}}, "events: day: .*0 to 300 s, got 400 s"),
         ({"events": {"night": [10.0]}}, "events: expected some of the recordings day, got 'night'"),
         ({"masks": {"day": [(10.0, 400.0)]}}, "masks: day.*0 to 300"),
-        ({"masks": {"day": [(0.0, 300.0)]}}, "no sample left"),
+        ({"masks": {"day": [(0.0, 300.0)]}}, "at least one sample outside the masks"),
         ({"robust": 0.0}, "robust: .* got 0.0"),
         ({"bounds": {"h_A": (15.5, 40.0)}}, "h_A"),
         (
