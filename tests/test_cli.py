@@ -49,6 +49,7 @@ COMMANDS = [
     ["match"],
     ["validate"],
     ["diff"],
+    ["report"],
     ["sensitivity"],
     ["sweep"],
     ["virtual-rig"],
