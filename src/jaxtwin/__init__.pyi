@@ -33,6 +33,8 @@ from .rig import read_parameters as read_parameters  # values that a fit saved
 from .sensitivity_analysis import Sensitivity as Sensitivity  # the result of a sensitivity analysis
 from .sensitivity_analysis import sensitivity as sensitivity  # which parameters matter
 from .simulation import Run as Run  # the result of a simulation
+from .simulation import Stepper as Stepper  # a twin step by step
+from .simulation import StepperState as StepperState  # where it is between two steps
 from .simulation import response as response  # the same as a pure JAX function
 from .simulation import simulate as simulate  # one run
 from .simulation import simulate_batch as simulate_batch  # many draws

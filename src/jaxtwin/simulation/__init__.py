@@ -14,6 +14,7 @@ from ._reductions import REDUCTIONS, ReductionName, Reductions, checked_reductio
 from ._run import Run
 from ._simulate import checked_channels, response, simulate
 from ._simulate_batch import checked_precision, simulate_batch
+from ._stepper import Stepper, StepperState
 from ._time_grid import TimeGrid, build_time_grid, time_grid
 from ._uniformity import Uniformity, uniformity
 
@@ -27,6 +28,8 @@ __all__ = [
     "ReductionName",
     "Reductions",
     "Run",
+    "Stepper",
+    "StepperState",
     "TimeGrid",
     "Uniformity",
     "build_time_grid",

@@ -46,22 +46,40 @@ def stability_number(system: System, modes: Modes, grid: TimeGrid) -> Float[Arra
     levels = jnp.stack([duty.min(axis=0), duty.max(axis=0)])
     reference = reference_temperature(system, grid)
     sizes = jnp.asarray(grid.sizes, dtype)
-    longest = jnp.max(sizes)
-    x = modes.rates * longest
-    phi_1 = jnp.where(jnp.abs(x) < 1e-6, 1.0, -jnp.expm1(-x) / jnp.where(x == 0, 1.0, x))
-    # What a heat flow at the sides does to their temperatures in a step.
-    response = jnp.abs(modes.sides * (phi_1 * longest) @ modes.sides.T)
-
-    def row_sum(duty: Float[Array, " cells"]) -> Float[Array, ""]:
-        slope = heat_slope(system, modes.operating_point, duty, reference)
-        return (response @ jnp.abs(modes.linearised_conductance + slope)).sum(axis=1).max()
-
-    number = jax.vmap(row_sum)(levels).max()
+    number = remainder_gain(system, modes, levels, reference, jnp.max(sizes))
     duration = sizes[grid.size].sum()
     slowest, fastest = modes.rates[0], modes.rates[-1]
     is_trusted = jnp.isfinite(number) & (spanned(fastest, slowest, duration) <= LARGEST_SPAN)
     is_resolved = network_span(system, slowest, duration) <= LARGEST_SPAN
     return jnp.where(is_resolved, jnp.where(is_trusted, number, jnp.inf), jnp.nan)
+
+
+def remainder_gain(
+    system: System,
+    modes: Modes,
+    duty: Float[Array, "levels cells"],
+    reference: Float[Array, ""],
+    step: Float[Array, ""],
+) -> Float[Array, ""]:
+    """The norm in the `stability_number`, largest over some duty cycles.
+
+    **Arguments:**
+
+    - `system`, `modes`: the equations.
+    - `duty`: -1 to 1.
+    - `reference`: what deviations are counted from, K.
+    - `step`: its size, s.
+    """
+    x = modes.rates * step
+    phi_1 = jnp.where(jnp.abs(x) < 1e-6, 1.0, -jnp.expm1(-x) / jnp.where(x == 0, 1.0, x))
+    # What a heat flow at the sides does to their temperatures in a step.
+    response = jnp.abs(modes.sides * (phi_1 * step) @ modes.sides.T)
+
+    def row_sum(duty: Float[Array, " cells"]) -> Float[Array, ""]:
+        slope = heat_slope(system, modes.operating_point, duty, reference)
+        return (response @ jnp.abs(modes.linearised_conductance + slope)).sum(axis=1).max()
+
+    return jax.vmap(row_sum)(duty).max()
 
 
 def needs_shorter_steps(

@@ -1,7 +1,5 @@
 """One run of a twin."""
 
-from functools import lru_cache
-
 import diffrax
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,13 +8,13 @@ from jaxtyping import Array, Float, Int
 
 from .._arguments import of_kind
 from .._compilation import persistent_jit
-from .._errors import ParameterError, SimulationError
+from .._errors import SimulationError
 from .._jax_settings import own_settings
 from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import EXPERIMENT
-from ..physics import Twin, build_netlist, check_twin
-from ..rig import Rig, Value
+from ..physics import Twin, check_twin
+from ._check_values import check_values
 from ._diffeqsolve import DiffraxMethod, checked_method, solve_with_diffrax, stiff_method
 from ._drive import Drive
 from ._initial import (
@@ -78,7 +76,7 @@ def simulate(
     method = chosen_method(solver, stepsize_controller, dt0)
     twin = own_twin(twin, experiment)
     channels = checked_channels(twin, experiment)
-    _check_values(twin)
+    check_values(twin)
     start = checked_initial(twin, initial)
 
     def solve(_: Int[np.ndarray, " draws"], refinement: int) -> Results:
@@ -211,41 +209,6 @@ def chosen_method(
             "default solver chooses its own steps"
         )
     return None
-
-
-def _check_values(twin: Twin) -> None:
-    """What has no meaning as a resistance or a heat capacity may still give finite temperatures."""
-    values = twin.numbers_si
-    for what, value in _positive_values(twin.rig):
-        found = value.evaluate(values)
-        if found <= 0:
-            raise ParameterError(
-                f"{twin.rig.name}: {what} ({value}): expected a value above 0, got {found:g} in "
-                "SI units"
-            )
-
-
-@lru_cache(maxsize=32)
-def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
-    """Each distinct value of a rig that must be above 0, and what it is."""
-    netlist = build_netlist(rig)
-    named = [(f"capacitance of {node.name}", node.capacitance) for node in netlist.nodes]
-    for link in netlist.links:
-        named += [(f"resistance {link.a} - {link.b}", value) for value in link.resistances]
-    named += [
-        (f"electrical resistance of {c.name}", c.electrical_resistance) for c in netlist.cells
-    ]
-    driver = rig.driver
-    named += [
-        (f"{what} of the driver", value)
-        for what, value in (("lag", driver.lag), ("delay", driver.delay))
-        if value is not None
-    ]
-    first: dict[Value, str] = {}
-    for what, value in named:
-        if not value.is_constant:
-            first.setdefault(value, what)
-    return tuple((what, value) for value, what in first.items())
 
 
 def _check_resolved(twin: Twin, experiment: Experiment) -> None:

@@ -1,0 +1,298 @@
+"""A twin step by step, for whatever runs beside a rig: a live twin, an observer, a controller."""
+
+from contextlib import AbstractContextManager
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float, Int
+from numpy.typing import ArrayLike
+
+from .._arguments import finite_number
+from .._compilation import persistent_jit
+from .._errors import SimulationError
+from .._jax_settings import own_settings
+from ..physics import System, Twin, check_twin
+from ._check_values import check_values
+from ._exponential import Inputs, ModalField, StepFactors, exponential_step, step_factors
+from ._modes import network_modes
+from ._refinement import STABILITY_LIMIT, remainder_gain
+
+ZERO_CELSIUS = 273.15
+
+
+@final
+class StepperState(eqx.Module):
+    """Where a twin stands between two steps.
+
+    - `nodes`: temperatures, degC, in the order of `twin.netlist.nodes`.
+    - `duty`: what the cells get, -1 to 1; behind the command where the driver lags.
+    - `commands`: those on their way through the driver's delay, -1 to 1, the newest first. Without
+      a delay there are none.
+    """
+
+    nodes: Float[Array | np.ndarray, " nodes"]
+    duty: Float[Array | np.ndarray, " cells"]
+    commands: Float[Array | np.ndarray, "delays cells"]
+
+
+@final
+class Stepper(eqx.Module):
+    """A twin step by step, with a command for each step.
+
+    A stepper takes the same exponential steps as `simulate`, all of the same size. The driver's
+    delay and lag are followed exactly, whether or not they are multiples of the step size.
+
+    ```python
+    stepper = jt.Stepper(jt.Twin("dual-cell"), step_size=1.0)
+    state = stepper.start()
+    for _ in range(60):
+        state = stepper.step(state, [0.5, 0.2])
+    stepper.channels(state)  # degC
+    ```
+
+    A stepper is a PyTree whose leaves are the equations of the twin with its values in them: it
+    passes through `jax.jit`, `jax.vmap` and `jax.grad`, may be made inside of them, and other
+    values compile nothing anew. Outside of them its steps are computed in float64. Inside, the
+    precision is that of the surroundings: wrap them in `jax.enable_x64(True)`.
+
+    The ambient is an input of each step; it does not drift by itself.
+
+    **Arguments:**
+
+    - `twin`: rig and parameters; or its equations, as `twin.system()` makes them.
+    - `step_size`: s.
+    - `longest_delay`: for how long a delay, s, the state has room. None: for that of the twin.
+      It must be given where the delay is traced by JAX.
+
+    **Raises:** `SimulationError` where the step size is not above 0 or steps of this size are not
+    stable, or the delay is traced and `longest_delay` is missing, or is longer than that;
+    `ParameterError` where a parameter holds more than one value, or a resistance, a heat capacity,
+    a lag or a delay is not above 0.
+    """
+
+    system: System
+    reference: Float[Array, ""]
+    """What the modes count temperatures from, K: the rig's ambient."""
+    delay_steps: Int[Array, ""]
+    """Whole steps of the driver's delay."""
+    sizes: Float[Array, " parts"]
+    """The parts of a step, s: where there is a delay, that before the command of a step arrives
+    and the rest."""
+    factors: StepFactors
+    field: ModalField
+    queue: int = eqx.field(static=True)
+    """How many commands can be on their way."""
+
+    def __init__(
+        self,
+        twin: Twin | System,
+        step_size: float | int = 1.0,
+        *,
+        longest_delay: float | int | None = None,
+    ):
+        size = finite_number("Stepper: step_size", step_size, SimulationError)
+        if size <= 0:
+            raise SimulationError(
+                f"Stepper: step_size: expected a number above 0, in s, got {step_size!r}"
+            )
+        is_traced = _is_traced(twin)
+        if not isinstance(twin, System):
+            check_twin("Stepper: twin", twin, SimulationError)
+            if not is_traced:
+                check_values(twin)
+        with own_settings(float64=None if is_traced else True):
+            self.system = twin if isinstance(twin, System) else _assembled(twin)
+            self.reference = jnp.asarray(self.system.ambient_temperature)
+            self.queue = _queue(self.system.delay, size, longest_delay)
+            prepared = _prepared(self.system, jnp.asarray(size, self.reference.dtype))
+            self.delay_steps, self.sizes, self.factors, self.field, stability = prepared
+        if not isinstance(stability, Tracer) and not float(stability) <= STABILITY_LIMIT:
+            raise SimulationError(
+                f"Stepper: step_size: expected steps with a stability number of at most "
+                f"{STABILITY_LIMIT:g}, got {size:g} s with {float(stability):.2g}; take shorter "
+                "steps"
+            )
+
+    @property
+    def ambient(self) -> Float[Array, ""]:
+        """The ambient temperature of the rig, degC: what a step takes where none is given."""
+        with self._settings():
+            return self.reference - ZERO_CELSIUS
+
+    def start(
+        self,
+        nodes: ArrayLike | float | int | None = None,
+        duty: ArrayLike | None = None,
+    ) -> StepperState:
+        """A state to begin with.
+
+        **Arguments:**
+
+        - `nodes`: temperatures, degC, `(nodes,)` or a single one for all; None: the rig's at the
+          start.
+        - `duty`: cycles that have been commanded for long, `(cells,)`, -1 to 1; None: 0.
+        """
+        cells = (len(self.system.wiring.cold),)
+        with self._settings(nodes, duty):
+            if nodes is None:
+                nodes = self.system.initial_temperature - ZERO_CELSIUS
+            dtype = self.reference.dtype
+            held = jnp.broadcast_to(jnp.asarray(0.0 if duty is None else duty, dtype), cells)
+            return StepperState(
+                jnp.broadcast_to(jnp.asarray(nodes, dtype), self.system.capacitance.shape),
+                held,
+                jnp.broadcast_to(held, (self.queue, *cells)),
+            )
+
+    def step(
+        self,
+        state: StepperState,
+        duty: ArrayLike,
+        ambient: ArrayLike | float | int | None = None,
+        *,
+        steps: ArrayLike | int = 1,
+    ) -> StepperState:
+        """The state after a step under a command.
+
+        **Arguments:**
+
+        - `state`: at the start of the step.
+        - `duty`: what is commanded during the step, `(cells,)`, -1 to 1.
+        - `ambient`: temperature of the surroundings during the step, degC; None: that of the rig.
+        - `steps`: how many steps are taken under this command, in one compiled call.
+
+        **Raises:** `SimulationError` where the command is not for the cells of the rig.
+        """
+        with self._settings(state, duty, ambient, steps):
+            dtype = self.reference.dtype
+            command = jnp.asarray(duty, dtype)
+            cells = len(self.system.wiring.cold)
+            if command.shape != (cells,):
+                raise SimulationError(
+                    f"Stepper.step: duty: expected {cells} duty cycles, one for each cell, got an "
+                    f"array of shape {command.shape}"
+                )
+            ambient = self.ambient if ambient is None else jnp.asarray(ambient, dtype)
+            return _steps(self, state, command, ambient, jnp.asarray(steps))
+
+    def channels(
+        self, state: StepperState, ambient: ArrayLike | float | int | None = None
+    ) -> Float[Array, " channels"]:
+        """What the sensors read, degC, in surroundings at `ambient`, degC (None: the rig's)."""
+        with self._settings(state, ambient):
+            dtype = self.reference.dtype
+            ambient = self.ambient if ambient is None else jnp.asarray(ambient, dtype)
+            return _channels(self.system, jnp.asarray(state.nodes, dtype), ambient)
+
+    def _settings(self, *values: object) -> AbstractContextManager[None]:
+        return own_settings(float64=None if _is_traced((self.reference, values)) else True)
+
+
+def _is_traced(tree: object) -> bool:
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def _queue(
+    delay: Float[Array, ""] | None, step_size: float, longest_delay: float | int | None
+) -> int:
+    """How many commands a state keeps: that of this step, and as many as the delay has steps,
+    rounded up to a power of two so that another delay of about this size compiles nothing anew."""
+    if delay is None:
+        return 0
+    where = "Stepper: longest_delay"
+    if longest_delay is None:
+        if isinstance(delay, Tracer):
+            raise SimulationError(
+                f"{where}: expected a number, in s, because the driver's delay is traced by JAX, "
+                "got None"
+            )
+        longest = float(delay)
+    else:
+        longest = finite_number(where, longest_delay, SimulationError)
+        if not isinstance(delay, Tracer) and not float(delay) <= longest:
+            raise SimulationError(
+                f"{where}: expected at least the driver's delay, {float(delay):g} s, got "
+                f"{longest:g} s"
+            )
+    return 1 << (int(longest / step_size) + 1).bit_length()
+
+
+@persistent_jit
+def _assembled(twin: Twin) -> System:
+    return twin.system()
+
+
+@persistent_jit
+def _prepared(
+    system: System, step_size: Float[Array, ""]
+) -> tuple[Int[Array, ""], Float[Array, " parts"], StepFactors, ModalField, Float[Array, ""]]:
+    """The delay in whole steps, the parts of a step, their factors, the vector field, and the
+    stability number over all duty cycles."""
+    reference = jnp.asarray(system.ambient_temperature)
+    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
+    modes = network_modes(system, idle, reference)
+    if system.delay is None:
+        whole, sizes = jnp.asarray(0), step_size[None]
+    else:
+        # Rounding must not make n - 1 steps and a whole one of a delay of n steps.
+        whole = jnp.floor(system.delay / step_size * (1 + 1e-9)).astype(int)
+        rest = jnp.maximum(system.delay - whole * step_size, 0.0)
+        sizes = jnp.stack([rest, step_size - rest])
+    levels = jnp.stack([idle - 1, idle, idle + 1])
+    stability = remainder_gain(system, modes, levels, reference, step_size)
+    field = ModalField.of(system, modes, reference)
+    return whole, sizes, step_factors(modes.rates, sizes), field, stability
+
+
+@jax.jit
+def _steps(
+    stepper: Stepper,
+    state: StepperState,
+    command: Float[Array, " cells"],
+    ambient: Float[Array, ""],
+    steps: Int[Array, ""],
+) -> StepperState:
+    system, modes, reference = stepper.system, stepper.field.modes, stepper.reference
+    surroundings = ambient + ZERO_CELSIUS - reference
+
+    def part(
+        carry: tuple[Array, Array], arriving: tuple[Array, Array, StepFactors]
+    ) -> tuple[tuple[Array, Array], None]:
+        (amplitudes, duty), (arrived, size, factors) = carry, arriving
+        if system.lag is None:
+            inputs, after = Inputs(arrived, surroundings), arrived
+        else:
+            # du/dt = (command - u) / lag, at the start, in the middle and at the end.
+            elapsed = size * jnp.array([0.0, 0.5, 1.0], size.dtype)
+            stages = arrived + (duty - arrived) * jnp.exp(-elapsed / system.lag)[:, None]
+            inputs, after = Inputs(stages, surroundings), stages[-1]
+        force = stepper.field.force(amplitudes, inputs.at(0))
+        end, _ = exponential_step(amplitudes, force, factors, stepper.field, inputs)
+        return (end, after), None
+
+    def step(_: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        amplitudes, duty, commands = carry
+        if system.delay is None:
+            arriving = command[None]
+        else:
+            commands = jnp.concatenate([command[None], commands[:-1]])
+            arriving = commands[jnp.stack([stepper.delay_steps + 1, stepper.delay_steps])]
+        parts = arriving, stepper.sizes, stepper.factors
+        (amplitudes, duty), _ = jax.lax.scan(part, (amplitudes, duty), parts)
+        return amplitudes, duty, commands
+
+    start = modes.amplitudes(jnp.asarray(state.nodes) + ZERO_CELSIUS - reference)
+    first = start, jnp.asarray(state.duty), jnp.asarray(state.commands)
+    amplitudes, duty, commands = jax.lax.fori_loop(0, steps, step, first)
+    return StepperState(modes.shapes @ amplitudes + reference - ZERO_CELSIUS, duty, commands)
+
+
+@jax.jit
+def _channels(
+    system: System, nodes: Float[Array, " nodes"], ambient: Float[Array, ""]
+) -> Float[Array, " channels"]:
+    return ambient + system.channel_temperatures(nodes - ambient)
