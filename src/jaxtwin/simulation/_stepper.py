@@ -263,18 +263,13 @@ def _steps(
         carry: tuple[Array, Array], arriving: tuple[Array, Array, StepFactors]
     ) -> tuple[tuple[Array, Array], None]:
         (amplitudes, duty), (arrived, size, factors) = carry, arriving
-        if system.lag is None:
-            inputs, after = Inputs(arrived, surroundings), arrived
-        else:
-            # du/dt = (command - u) / lag, at the start, in the middle and at the end.
-            elapsed = size * jnp.array([0.0, 0.5, 1.0], size.dtype)
-            stages = arrived + (duty - arrived) * jnp.exp(-elapsed / system.lag)[:, None]
-            inputs, after = Inputs(stages, surroundings), stages[-1]
+        inputs, duty = _inputs(system, duty, arrived, size, surroundings)
         force = stepper.field.force(amplitudes, inputs.at(0))
         end, _ = exponential_step(amplitudes, force, factors, stepper.field, inputs)
-        return (end, after), None
+        return (end, duty), None
 
-    def step(_: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    def step(number: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        del number
         amplitudes, duty, commands = carry
         if system.delay is None:
             arriving = command[None]
@@ -289,6 +284,22 @@ def _steps(
     first = start, jnp.asarray(state.duty), jnp.asarray(state.commands)
     amplitudes, duty, commands = jax.lax.fori_loop(0, steps, step, first)
     return StepperState(modes.shapes @ amplitudes + reference - ZERO_CELSIUS, duty, commands)
+
+
+def _inputs(
+    system: System,
+    duty: Float[Array, " cells"],
+    command: Float[Array, " cells"],
+    size: Float[Array, ""],
+    surroundings: Float[Array, ""],
+) -> tuple[Inputs, Float[Array, " cells"]]:
+    """The inputs of a step under a command that has arrived, and the duty at its end."""
+    if system.lag is None:
+        return Inputs(command, surroundings), command
+    # du/dt = (command - u) / lag, at the start, in the middle and at the end.
+    elapsed = size * jnp.array([0.0, 0.5, 1.0], size.dtype)
+    stages = command + (duty - command) * jnp.exp(-elapsed / system.lag)[:, None]
+    return Inputs(stages, surroundings), stages[-1]
 
 
 @jax.jit
