@@ -110,5 +110,5 @@ def test_a_delay_longer_than_the_queue_is_refused_and_a_traced_one_needs_a_bound
 
 
 def test_values_that_no_simulation_can_take_are_refused():
-    with pytest.raises(ParameterError, match="allowed are values above 0"):
+    with pytest.raises(ParameterError, match="expected a value above 0"):
         Stepper(Twin("paper-2024", {"R_pc": -1.0}))
