@@ -213,6 +213,10 @@ def test_recorded_losses_are_those_that_happened(
         content = report(session)
     assert content["lost"]["data"] == len(lost)
     assert sum(stream["count"] for stream in content["streams"]) == len(samples) + len(readings)
+    # Ten messages a second of the rig; the link is down, stalls or jumps for seconds.
+    for stream in content["streams"]:
+        assert 0.05 < stream["period"] < 0.25
+        assert stream["period"] <= stream["longest"] < 60
 
 
 @pytest.fixture(scope="module")

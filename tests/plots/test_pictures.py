@@ -129,6 +129,7 @@ def test_residuals_and_their_mean_are_recorded_less_simulated():
     drawn = [heights(line) for line in axes.lines]
     np.testing.assert_array_equal(np.column_stack(drawn[:5]), residual)
     np.testing.assert_allclose(drawn[5], residual.mean(axis=1))
+    assert axes.get_xlim() == (run.time[0], run.time[-1])
 
 
 @pytest.mark.parametrize("plot", [plots.plot_comparison, plots.plot_residuals])

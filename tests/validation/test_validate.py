@@ -156,7 +156,7 @@ def test_numbers_are_plain_and_complete(truth: Twin, days: list[Experiment]):
     numbers = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert list(numbers["recordings"]) == ["monday", "tuesday", "wednesday"]
     one = numbers["recordings"]["monday"]
-    assert one["from_s"] == 60.0
+    assert (one["from_s"], one["to_s"]) == (60.0, 240.0)
     assert one["channels"]["T"]["fit_percent"] == pytest.approx(result.fit_percent["monday", "T"])
     text = result.summary()
     assert all(name in text for name in ("monday", "wednesday", "T_amb", "white?"))
