@@ -4,7 +4,7 @@ from typing import final
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, Int
 
 from ..physics import System, Twin
 from ..simulation import Stepper, StepperState
@@ -33,10 +33,8 @@ class LiveTwin:
         self.ambient = float(self._stepper.ambient)
         """Temperature of the surroundings, degC."""
         self._command = np.zeros(len(twin.netlist.cells))
+        # Also compiles the steps now, not when the first data wait for them.
         self.start(0.0)
-        # Compiled now, not when the first data wait for it.
-        self._stepper.step(self._state, self._command, self.ambient, steps=0)
-        self.temperatures  # noqa: B018
 
     @property
     def nodes(self) -> Float[np.ndarray, " nodes"]:
@@ -46,7 +44,7 @@ class LiveTwin:
     @property
     def temperatures(self) -> Float[np.ndarray, " channels"]:
         """What the camera should read now, degC."""
-        return np.asarray(self._stepper.channels(self._state, self.ambient))
+        return self._temperatures
 
     @property
     def system(self) -> System:
@@ -61,13 +59,15 @@ class LiveTwin:
         A driver that lags behind its command has reached the last one.
         """
         self.time = time
-        self._take(self._stepper.start(nodes, self._command))
+        self._state = self._stepper.start(nodes, self._command)
+        self._step(0)
 
     def drive(self, duty: Float[np.ndarray, " cells"], ambient: float | int | None = None) -> None:
         """Sets the duty cycles (-1 to 1) and, where it is known, the ambient (degC) from now on."""
         self._command = np.asarray(duty, np.float64)
         if ambient is not None:
             self.ambient = float(ambient)
+            self._step(0)
 
     def advance(self, time: float | int) -> Float[np.ndarray, " channels"]:
         """Steps to a time, s, but for what is less than one step of the stepper.
@@ -76,14 +76,33 @@ class LiveTwin:
         """
         steps = int((time - self.time) / STEP_SECONDS + 1e-6)
         if steps > 0:
-            self._take(self._stepper.step(self._state, self._command, self.ambient, steps=steps))
+            self._step(steps)
             self.time += steps * STEP_SECONDS
         return self.temperatures
 
     def replace(self, system: System) -> None:
         """Goes on from the same temperatures with other equations: a fault of the rig, say."""
         self._stepper = Stepper(system, STEP_SECONDS)
+        self._step(0)
 
-    def _take(self, state: StepperState) -> None:
-        # On the host, where it is read between two steps.
-        self._state = jax.tree.map(np.asarray, state)
+    def _step(self, steps: int) -> None:
+        with jax.enable_x64(True):
+            state, temperatures = _stepped(
+                self._stepper, self._state, self._command, np.float64(self.ambient), steps
+            )
+        # On the host, where they are read between two steps.
+        self._state: StepperState = jax.tree.map(np.asarray, state)
+        self._temperatures = np.asarray(temperatures)
+
+
+@jax.jit
+def _stepped(
+    stepper: Stepper,
+    state: StepperState,
+    duty: Float[Array, " cells"],
+    ambient: Float[Array, ""],
+    steps: Int[Array, ""],
+) -> tuple[StepperState, Float[Array, " channels"]]:
+    """Steps and readings in one call: what Python does around each call is most of its time."""
+    state = stepper.step(state, duty, ambient, steps=steps)
+    return state, stepper.channels(state, ambient)
