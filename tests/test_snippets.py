@@ -24,7 +24,12 @@ from jaxtwin.live import SystemClock, TcpServer, VirtualRig, serve
 
 CHECKOUT = Path(__file__).parent.parent
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
-SMALLER = {"1_000_000": "300", "10_000": "300", "draws=1000": "draws=300"}
+SMALLER = {
+    "1_000_000": "300",
+    "10_000": "300",
+    "draws=1000": "draws=300",
+    "moment.time > 600": "moment.time > 3",
+}
 ADDRESS = "127.0.0.1:7000"
 """Of docs/live.md."""
 
@@ -122,11 +127,12 @@ def surroundings_of(page: str, names: dict[str, Any]) -> Iterator[None]:
 
 
 def printing_for(seconds: float) -> Callable[..., None]:
-    """A `print` that ends with Ctrl-C."""
-    end = time.monotonic() + seconds
+    """A `print` that ends with Ctrl-C so many seconds after it was first called."""
+    calls: list[float] = []
 
     def shown(*_: object) -> None:
-        if time.monotonic() > end:
+        calls.append(time.monotonic())
+        if calls[-1] > calls[0] + seconds:
             raise KeyboardInterrupt
 
     return shown
