@@ -92,7 +92,7 @@ class Residuals:
         own: dict[str, tuple[float, float]],
     ):
         unknowns = choose_unknowns(
-            twin, len(experiments), free=[*free, *own], per_recording=own, bounds=own
+            twin, (0,) * len(experiments), free=[*free, *own], per_recording=own, bounds=own
         )
         problem = make_match_problem(twin, named_recordings(twin, experiments), unknowns)
         self._objective = make_objective(problem, initial_noise_model(problem))

@@ -33,6 +33,10 @@ def without_camera(rig: Document) -> None:
     del rig["camera"]["common_error"]
 
 
+def without_registration(rig: Document) -> None:
+    del rig["camera"]["registration"]
+
+
 def without_gains(rig: Document) -> None:
     for channel in rig["channels"]:
         channel.pop("gain")
@@ -72,6 +76,7 @@ PARTS: tuple[tuple[str, Callable[[Document], None]], ...] = (
     ("+ losses that grow with the rise", with_linear_losses),
     ("+ lag and delay of the command", without_lag),
     ("+ gain of each channel", without_gains),
+    ("+ where the camera looks", without_registration),
     ("+ camera's common error: final", without_camera),
 )
 """What each row adds, and how to take it away."""

@@ -61,7 +61,7 @@ def test_a_frame_shows_each_channel_what_the_twin_says_it_reads(rig: Rig, twin: 
     live.drive(np.array([0.78, 0.3]))
     live.advance(400.0)
     assert rig.camera is not None
-    picture = Picture(twin, rig.camera, np.asarray(live.system.gain))
+    picture = Picture(twin, rig.camera, live.system)
     frame = picture.frame(live.nodes, live.ambient)
     assert frame.shape == (60, 80)
     # Pixels are rounded to 0.01 K.

@@ -107,7 +107,7 @@ def test_what_stands_under_weight_0_changes_nothing(
     """Single channels miss samples here, which no mask can say."""
     holes = np.random.default_rng(seed).random((51, 3)) < share
     recording = with_holes(whole, holes)
-    unknowns = choose_unknowns(start, 1, free=FREE)
+    unknowns = choose_unknowns(start, (0,), free=FREE)
     missing = make_match_problem(start, {"day": recording}, unknowns, robust=robust)
     filled = with_temperatures(whole, np.where(holes, garbage, np.asarray(whole.temperatures)))
     weighed = replace(missing, experiments=(filled,))

@@ -25,6 +25,7 @@ TABLES = {
     "`[camera]`": schema.CameraTable,
     "`[camera.view]`": schema.ViewTable,
     "`[camera.common_error]`": schema.CommonErrorTable,
+    "`[camera.registration]`": schema.RegistrationTable,
     "`[[channels]]`": schema.ChannelTable,
     "`[limits]`": schema.LimitsTable,
     "`[ambient]`": schema.AmbientTable,

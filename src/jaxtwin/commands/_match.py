@@ -52,6 +52,13 @@ def match(
             help="Match this parameter too, one value for each recording; may be repeated.",
         ),
     ] = None,
+    group: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Group of a recording, such as its day: once for each recording, in their order.",
+        ),
+    ] = None,
     starts: Annotated[int, typer.Option(min=1, help="Starting points; the best end counts.")] = 1,
     seed: SeedOption = 0,
     max_iterations: Annotated[int, typer.Option(min=1, help="Of each start.")] = 200,
@@ -83,6 +90,7 @@ def match(
             fixed=fixed or [],
             shared=shared or [],
             per_recording=per_recording or [],
+            groups=group or None,
             starts=starts,
             seed=seed,
             max_iterations=max_iterations,

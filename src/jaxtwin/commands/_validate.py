@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..io import Experiment
     from ..matching import Fit, Iteration
     from ..physics import Twin
+    from ..rig import Rig
     from ..validation import Prediction, Validation
 
 
@@ -46,6 +47,18 @@ def validate(
             metavar="S", help="Part of a recording from which its room and start are estimated."
         ),
     ] = 60.0,
+    group: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Group of the recordings, such as their day."),
+    ] = None,
+    given: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="S|RECORDING",
+            help="Estimate what differs between groups from this part of each recording, or from "
+            "another recording of the group; recordings may be repeated.",
+        ),
+    ] = None,
     set_name: SetOption = None,
     out: Annotated[
         Path | None,
@@ -60,6 +73,8 @@ def validate(
         raise typer.BadParameter("give either --split or --leave-one-out")
     if split is None and not leave_one_out and parameters is None and set_name is None:
         raise typer.BadParameter("give --parameters, or match with --split or --leave-one-out")
+    if (group or given) and (split is not None or leave_one_out):
+        raise typer.BadParameter("give --group and --given with --parameters alone")
     for option, value in (("--split", split), ("--warm-up", warm_up)):
         if value is not None and not math.isfinite(value):
             raise typer.BadParameter(f"{option}: expected a finite number, got {value:g}")
@@ -72,14 +87,25 @@ def validate(
         experiments = open_recordings(loaded, recordings)
         fitted = open_fit(loaded, parameters) or open_twin(loaded, set_name, parameters)
 
+        day = (group, None if given is None else _given(loaded, given))
+
         progress.step(f"validating {loaded.name} on {len(experiments)} recordings")
         told = _ValidationProgress(progress, len(experiments))
-        result = _validate(fitted, experiments, split, leave_one_out, warm_up, told)
+        result = _validate(fitted, experiments, split, leave_one_out, warm_up, day, told)
         if out is not None:
             progress.step(f"drawing into {out}")
             _draw(result, out)
     say(result.summary(), json)
     write_json(json, result.to_dict())
+
+
+def _given(rig: "Rig", texts: list[str]) -> "float | list[Experiment]":
+    """How much of each recording is given, s, or other recordings."""
+    try:
+        (span,) = map(float, texts)
+    except ValueError:
+        return open_recordings(rig, texts)
+    return span
 
 
 def _validate(
@@ -88,12 +114,16 @@ def _validate(
     split: float | None,
     leave_one_out: bool,
     warm_up: float,
+    day: "tuple[str | None, float | list[Experiment] | None]",
     told: "_ValidationProgress",
 ) -> "Validation":
     from .. import validation
 
     if split is None and not leave_one_out:
-        return validation.validate(fitted, experiments, warm_up=warm_up, on_progress=told)
+        group, given = day
+        return validation.validate(
+            fitted, experiments, warm_up=warm_up, group=group, given=given, on_progress=told
+        )
     if split is not None:
         return validation.validate_split(fitted, experiments, split, on_progress=told)
     return validation.leave_one_out(

@@ -54,6 +54,8 @@ class Experiment:
         not known. A series that never changes is held as one number. Missing samples of a series
         are interpolated linearly; before the first and after the last it stays constant.
     - `name`: a label for plots and tables.
+    - `group`: the day or session to which it belongs, in which camera and contacts stayed as they
+        were; recordings of one group share what `match` takes to differ between groups.
 
     **Raises:**
 
@@ -69,6 +71,7 @@ class Experiment:
     temperatures: Float[np.ndarray, "times channels"] | None
     ambient: float | Float[np.ndarray, "times"] | None
     name: str
+    group: str
 
     def __init__(
         self,
@@ -79,6 +82,7 @@ class Experiment:
         temperatures: ArrayLike | None = None,
         ambient: ArrayLike | float | int | None = None,
         name: str = "",
+        group: str = "",
     ) -> None:
         times = checked_time(time)
         names = checked_channels(channels)
@@ -89,6 +93,7 @@ class Experiment:
             "temperatures": checked_temperatures(temperatures, times, names),
             "ambient": checked_ambient(ambient, times),
             "name": of_kind("name", name, str, "text", RecordingError),
+            "group": of_kind("group", group, str, "text", RecordingError),
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -211,6 +216,7 @@ class Experiment:
             temperatures=None if self.temperatures is None else self.temperatures[part],
             ambient=ambient,
             name=self.name,
+            group=self.group,
         )
 
     def select(self, channels: Iterable[str]) -> "Experiment":
@@ -243,6 +249,7 @@ class Experiment:
             temperatures=None if self.temperatures is None else self.temperatures[:, columns],
             ambient=self.ambient,
             name=self.name,
+            group=self.group,
         )
 
     def to_xarray(self) -> "xarray.Dataset":

@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, UInt16
 
-from ..physics import Twin, pixel_weights
+from ..physics import System, Twin, pixel_weights
 from ..rig import Camera, Channel, Rig, Value
 
 
@@ -20,7 +20,7 @@ class Picture:
     known by its channel means only.
     """
 
-    def __init__(self, twin: Twin, camera: Camera, gain: Float[np.ndarray, " channels"]):
+    def __init__(self, twin: Twin, camera: Camera, system: System):
         rig = twin.rig
         self._shape = (camera.height, camera.width)
         elements = _elements(rig, camera)
@@ -28,7 +28,7 @@ class Picture:
         plain = np.zeros((self._shape[0] * self._shape[1], nodes))
         plain[:, : elements.shape[1]] = elements
         means = pixel_weights(rig).reshape(len(rig.channels), -1)
-        wanted = gain[:, None] * twin.wiring.channel_weights
+        wanted = np.asarray(system.gain)[:, None] * np.asarray(system.channel_weights)
         self._map = plain + np.linalg.pinv(means) @ (wanted - means @ plain)
 
     def frame(

@@ -87,7 +87,7 @@ class VirtualRig:
         camera, self._picture = rig.camera, None
         self._periods = {"data": 1 / controller_hz}
         if camera is not None:
-            self._picture = Picture(twin, camera, np.asarray(self.twin.system.gain))
+            self._picture = Picture(twin, camera, self.twin.system)
             self._periods["image"] = 1 / camera_hz
         elif self.faults.jumps:
             raise LinkError(

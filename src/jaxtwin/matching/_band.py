@@ -10,6 +10,7 @@ $$\operatorname{var} \hat y_{tc} = J_{tc} \operatorname{cov}(u) J_{tc}^T + \sigm
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
@@ -24,11 +25,14 @@ from .._errors import MatchError
 from .._jax_settings import own_settings
 from .._waiting import announced
 from ..io import Experiment
+from ..io._experiment import as_experiments
 from ..physics import Twin
 from ..rig import Parameter
 from ..simulation import Run, response, simulate
 from ._fit import Fit
-from ._initial_conditions import WARM_UP, estimate_initial_conditions
+from ._group_values import group_and_shared_values
+from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
+from ._match_group import NEW_GROUP, check_given, match_first_part, match_group
 
 if TYPE_CHECKING:
     import pandas
@@ -112,6 +116,8 @@ def prediction_band(
     experiment: Experiment | None = None,
     level: float = 0.95,
     warm_up: float | int = WARM_UP,
+    group: str | None = None,
+    given: Experiment | Sequence[Experiment] | float | int | None = None,
 ) -> Band:
     """Where readings are expected, with everything that is not known of them.
 
@@ -130,6 +136,10 @@ def prediction_band(
     - `experiment`: inputs to predict; by default that recording's.
     - `level`: probability inside the band.
     - `warm_up`: s.
+    - `group`: of the experiment; by default what it says itself.
+    - `given`: from what the values of a new group are estimated: the first part of the experiment
+      itself, s, in place of `warm_up`, or other recordings; as in `validate`. By default they are
+      those that are expected of any group, give or take what differs between groups.
 
     **Returns:** the band at the experiment's times, for the channels that it names, else all.
 
@@ -145,20 +155,29 @@ def prediction_band(
         )
     if not 0 < finite_number("prediction_band: level", level, MatchError) < 1:
         raise MatchError(f"prediction_band: level: expected a level between 0 and 1, got {level!r}")
-    unknowns, covariance = fit.problem.unknowns, np.nan_to_num(fit.uncertainty.vector_covariance)
-    rows = unknowns.shared + unknowns.per_recording
     if recording is None and experiment is not None and experiment.fingerprint in fit.fingerprints:
         recording = fit.recordings[fit.fingerprints.index(experiment.fingerprint)]
     if recording is None and experiment is not None and experiment.temperatures is not None:
-        start = estimate_initial_conditions(fit, experiment, warm_up)
-        twin, size = start.twin, len(unknowns.shared)
-        between = np.diag(fit.uncertainty.between_recordings[:size] ** 2)
-        table = fit.twin.rig.parameters
-        rows = unknowns.shared + tuple(table[name] for name in start.values)
-        known = np.zeros((len(rows), len(rows)))
-        known[:size, :size] = covariance[:size, :size] + between
-        known[size:, size:] = start.covariance
+        group = experiment.group if group is None else group
+        if given is not None:
+            group = group or NEW_GROUP
+            check_given(fit, [group])
+            if isinstance(given, float | int):
+                span = finite_number("prediction_band: given", given, MatchError)
+                first = match_first_part(fit, experiment, span, group)
+                return prediction_band(
+                    first, first.recordings[0], experiment=experiment, level=level
+                )
+            recordings = as_experiments("prediction_band: given", given, MatchError)
+            fit = match_group(fit, recordings, group)
+        start = estimate_initial_conditions(fit, experiment, warm_up, group=group)
+        twin, (rows, known) = start.twin, _known_of_unseen(fit, group, start)
     else:
+        unknowns, covariance = (
+            fit.problem.unknowns,
+            np.nan_to_num(fit.uncertainty.vector_covariance),
+        )
+        rows = unknowns.shared + unknowns.per_group + unknowns.per_recording
         number = 0 if recording is None else fit.recordings.index(recording)
         experiment = fit.experiments[number] if experiment is None else experiment
         twin = fit.twins[fit.recordings[number]]
@@ -169,6 +188,25 @@ def prediction_band(
     run = simulate(twin, experiment)
     half = float(ndtri((1 + level) / 2)) * np.sqrt(variance)
     return Band(run, run.temperatures - half, run.temperatures + half, float(level))
+
+
+def _known_of_unseen(
+    fit: Fit, group: str, start: InitialConditions
+) -> tuple[tuple[Parameter, ...], Float[np.ndarray, "rows rows"]]:
+    """The uncertain values of a recording that was not matched, and their covariance."""
+    groups = fit.problem.groups
+    number = groups.index(group) if group in groups else None
+    match = group_and_shared_values(fit.problem.unknowns, fit.vector, number)
+    between = np.diag(fit.uncertainty.between_recordings**2)
+    covariance = match.covariance(fit.uncertainty.vector_covariance + between)
+    # What was estimated in the recording itself is known from there.
+    kept = [n for n, row in enumerate(match.rows) if row.name not in start.values]
+    table = fit.twin.rig.parameters
+    rows = [match.rows[n] for n in kept] + [table[name] for name in start.values]
+    known = np.zeros((len(rows), len(rows)))
+    known[: len(kept), : len(kept)] = covariance[np.ix_(kept, kept)]
+    known[len(kept) :, len(kept) :] = start.covariance
+    return tuple(rows), known
 
 
 def _slopes(

@@ -26,7 +26,7 @@ def estimate_uncertainty(
     take away from the residuals must be known before the noise is.
     """
     unknowns, (result, noise_model) = problem.unknowns, estimate
-    vector, prior_weights = result.vector, unknowns.prior_weights()
+    vector, precision = result.vector, problem.prior_precision
     inside = (vector > unknowns.lower() + 1e-9) & (vector < unknowns.upper() - 1e-9)
     all_series, lift = _series(estimate, inside)
     count, values = lift.shape
@@ -36,7 +36,7 @@ def estimate_uncertainty(
         at = np.ix_(series.entries, series.entries)
         normal[at] += np.tensordot(series.slopes, series.slopes, ([0, 1], [0, 1]))
     prior = np.zeros((count, count))
-    prior[:values, :values] = np.diag(prior_weights[inside] ** 2)
+    prior[:values, :values] = precision[np.ix_(inside, inside)]
     mixtures, meat = fit_noise(all_series, inverse_of_normal(normal + prior)[0], camera + prior)
     scales = (noise_model.channel.effective, noise_model.common_mode.effective)
     noise = [mixture.noise(scale) for mixture, scale in zip(mixtures, scales, strict=True)]
@@ -44,16 +44,19 @@ def estimate_uncertainty(
         # Recordings of one channel: the common mode is all there is.
         noise[0] = noise[1]
     found = uncertainty(
-        unknowns.labels(problem.names),
+        problem.labels,
         lift.T @ normal @ lift,
         lift.T @ (meat + camera) @ lift,
-        prior_weights,
+        precision,
         unknowns.scales(),
         unknowns.value_derivatives(vector),
         inside,
     )
     pull = np.zeros(count)
-    pull[:values] = ((vector - unknowns.prior_means()) * prior_weights**2)[inside]
+    linear = problem.linear_prior
+    away = (vector - unknowns.prior_means()) * problem.prior_weights**2
+    away += linear.matrix.T @ (linear.matrix @ vector - linear.values)
+    pull[:values] = away[inside]
     between = _between_recordings(all_series, mixtures, camera + prior, pull, unknowns, inside)
     return replace(found, between_recordings=between), (noise[0], noise[1])
 
@@ -143,10 +146,11 @@ def _between_recordings(
         of.information[at] += np.tensordot(series.slopes, series.slopes, ([0, 1], [0, 1]))
         of.noise[at] += noise_in_unknowns(series, mixtures[series.kind])
     values = int(inside.sum())
+    behind = unknowns.size - len(unknowns.per_recording) * unknowns.recordings
     for number, of in enumerate(scores):
         # Each value of one recording alone is told by it and by its prior.
         own = [place for place in unknowns.layout.entry_indices()[number] if inside[place]]
-        own = np.cumsum(inside)[[place for place in own if place >= len(unknowns.shared)]] - 1
+        own = np.cumsum(inside)[[place for place in own if place >= behind]] - 1
         of.score[own] += pull[own]
         # The camera's sizes are solved for exactly.
         of.score[values:] = 0.0

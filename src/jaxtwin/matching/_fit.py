@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +17,7 @@ from .._measures import mean_fit_percent
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter, Rig, write_parameters
+from ..rig._parameter import Scope
 from ..rig._problems import unknown
 from ..simulation import Run
 from ._noise import Noise
@@ -39,7 +40,8 @@ class FittedParameter:
     **Arguments:**
 
     - `name`, `unit`, `description`, `free`, `scope`: as in the rig's parameter table.
-    - `initial`, `value`: before and after, in `unit`. Where each recording has its own, their mean.
+    - `initial`, `value`: before and after, in `unit`. Where each recording has its own, their mean;
+      where each of several groups has its own, what is expected of another group.
     - `published`: what the rig's parameter set `published` says, None where it says nothing.
     - `lower`, `upper`: bounds of the match.
     - `is_logarithmic`: whether it was matched by its logarithm, so that `prior_spread` is relative.
@@ -56,13 +58,14 @@ class FittedParameter:
     - `interval`: both ends of its 95 % interval, in `unit`: $v e^{\pm 1.96 s}$ where it was matched
       by its logarithm, else $v \pm 1.96 s$, whatever the bounds. Unbounded where nothing tells it,
       NaN where `standard_error` is. Where each recording has its own, with the largest error.
+    - `group_spread`: by how much groups are expected to differ, as `prior_spread`; else None.
     """
 
     name: str
     unit: str
     description: str
     free: bool
-    scope: Literal["shared", "recording"]
+    scope: Scope
     initial: float
     value: float
     published: float | None
@@ -78,6 +81,7 @@ class FittedParameter:
     warnings: tuple[str, ...] = ()
     relative_standard_error: float = math.nan
     interval: tuple[float, float] = (math.nan, math.nan)
+    group_spread: float | None = None
 
 
 @final
@@ -179,7 +183,8 @@ class Fit:
     - `twin`: with the fitted values; those of the first recording where each has its own.
     - `recordings`: names. `fingerprints`: of their contents, SHA-256. `channels`: of each.
     - `parameters`: name -> a row for every parameter of the rig, in the order of its table.
-    - `recording_values`: recording -> name -> value, for parameters with one for each recording.
+    - `recording_values`: recording -> name -> value, for parameters with one for each recording or
+      for each of several groups of them.
     - `fit_percent`: (recording, channel) -> NRMSE fit, %; NaN for a channel that never changes.
     - `rmse`: over all channels, K.
     - `status`, `converged`: why the best start stopped, and whether at an optimum.
@@ -280,11 +285,41 @@ class Fit:
         )
 
     @property
+    def groups(self) -> dict[str, str]:
+        """Recording -> name of its group; all the same where the match knew of none."""
+        numbers = zip(self.recordings, self.problem.unknowns.groups, strict=True)
+        return {name: self.problem.groups[number] for name, number in numbers}
+
+    @property
+    def group_values(self) -> dict[str, dict[str, float]]:
+        """Group -> name -> value, for parameters with one for each group."""
+        rows, _ = self.problem.unknowns.rows_of_groups()
+        return {
+            group: {row.name: float(self.twins[name].parameters[row.name]) for row in rows}
+            for name, group in reversed(self.groups.items())
+        }
+
+    @property
     def mean_twin(self) -> Twin:
-        """The twin with the mean of what its recordings have each for itself."""
+        """The twin with the mean of what its recordings have each for itself, and what is expected
+        of a group where it knows of several."""
         rows = self.parameters.values()
-        own = {row.name: row.value for row in rows if row.free and row.scope == "recording"}
+        own = {row.name: row.value for row in rows if row.free and row.scope != "shared"}
         return self.twin.with_parameters(own)
+
+    def twin_of_group(self, group: str) -> Twin:
+        """The twin with the values of a group, and the mean of what recordings have each for
+        itself.
+
+        Of a group that was not matched nothing is known but what is expected of any: what the
+        matched groups share. See `docs/matching.md`.
+        """
+        if group in self.problem.groups:
+            return self.mean_twin.with_parameters(self.group_values[group])
+        from ._group_values import new_group_values
+
+        expected = new_group_values(self.problem.unknowns, self.vector)
+        return self.mean_twin.with_parameters(expected.values)
 
     def twin_for(self, experiment: Experiment) -> Twin:
         """The twin with the values that belong to an experiment and not to the rig.
@@ -298,13 +333,16 @@ class Fit:
         - Of a drive without recorded temperatures nothing is known: it gets the mean of the matched
           recordings' values.
 
+        What differs between groups of recordings are the values of the experiment's group, where
+        that was matched, else what is expected of a new one (`twin_of_group`).
+
         **Raises:** `MatchError` where a recording that was not matched is too short to take its
         values from; `SimulationError` for a recording of another rig.
         """
         if experiment.fingerprint in self.fingerprints:
             return self.twins[self.recordings[self.fingerprints.index(experiment.fingerprint)]]
         if experiment.temperatures is None:
-            return self.mean_twin
+            return self.twin_of_group(experiment.group)
         from ._initial_conditions import estimate_initial_conditions
 
         return estimate_initial_conditions(self, experiment).twin

@@ -53,6 +53,7 @@ TABLE = {
     "published",
     "prior_value",
     "prior_spread",
+    "group_spread",
 }
 """Fields of a fitted parameter that follow from the parameter table and the rig."""
 
@@ -66,7 +67,7 @@ class StoredRecording:
     """What a saved fit says of one recording.
 
     - `fingerprint`: of its contents. `channels`: their names. `samples`: how many times it has.
-    - `events`: times of the camera's corrections, s.
+    - `events`: times of the camera's corrections, s. `group`: to which it belongs.
     - `fit_percent`: channel -> NRMSE fit, %.
     - `sample_weights`: weights of the samples from masks. `channel_weights`: from masks and the
       robust loss. `common_mode_weights`: of the common mode, from the robust loss.
@@ -80,6 +81,7 @@ class StoredRecording:
     sample_weights: Stretches
     channel_weights: Stretches
     common_mode_weights: Stretches
+    group: str = ""
 
 
 @final
@@ -201,6 +203,7 @@ def _recording(fit: Fit, number: int) -> dict[str, Any]:
         "channels": fit.channels[number],
         "samples": len(noise_model.common_mode_weights[number]),
         "events": noise_model.events[number],
+        "group": fit.groups[name],
         "fit_percent": percent,
         "sample_weights": _stretches(fit.problem.sample_weights[number]),
         "channel_weights": _stretches(noise_model.channel_weights[number]),

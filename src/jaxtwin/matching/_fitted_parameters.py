@@ -7,9 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ._fit import FittedParameter, FittedParameters
+from ._group_values import new_group_values
 from ._interval import interval_95
 from ._problem import MatchProblem
 from ._uncertainty import Uncertainty
+from ._unknowns import Unknowns
 
 NEAR = 0.01
 """Of the range between the bounds (of their logarithms): this near to one counts as at it."""
@@ -41,6 +43,7 @@ def fitted_parameters(
     for number, row in enumerate(unknowns.entry_parameters):
         entries_of.setdefault(row.name, []).append(number)
     values = unknowns.to_values(vector)
+    expected = _expected_of_groups(unknowns, vector, uncertainty)
     table = FittedParameters()
     for name, row in twin.rig.parameters.items():
         entries = entries_of.get(name, [])
@@ -48,6 +51,10 @@ def fitted_parameters(
         initial = float(twin.parameters[name])
         value = float(np.mean(values[entries])) if entries else initial
         error = float(np.max(vector_errors[entries])) if entries else math.nan
+        standard_error = float(np.max(errors[entries])) if entries else math.nan
+        if name in expected:
+            value, error = expected[name]
+            standard_error = error * value if matched.is_logarithmic else error
         ratios = uncertainty.prior_to_data_ratio[entries]
         logarithmic = matched.is_logarithmic
         has_prior = bool(entries) and matched.prior_spread is not None
@@ -64,16 +71,32 @@ def fitted_parameters(
             upper=matched.upper,
             is_logarithmic=logarithmic,
             at_bound=bool(np.any(touching[entries])),
-            standard_error=float(np.max(errors[entries])) if entries else math.nan,
+            standard_error=standard_error,
             prior_value=matched.prior_value if has_prior else None,
             prior_spread=matched.prior_spread if has_prior else None,
             prior_distance=max(prior_distances[entries].tolist(), key=abs) if has_prior else None,
             prior_to_data_ratio=float(np.min(ratios)) if entries else math.nan,
             relative_standard_error=error if logarithmic else math.nan,
             interval=interval_95(value, error, is_logarithmic=logarithmic),
+            group_spread=matched.group_spread if has_prior else None,
         )
         table[name] = replace(fitted, warnings=parameter_warnings(fitted, uncertainty))
     return table
+
+
+def _expected_of_groups(
+    unknowns: Unknowns, vector: Float[np.ndarray, " unknowns"], uncertainty: Uncertainty
+) -> dict[str, tuple[float, float]]:
+    """Name -> what all groups share and its standard error, of the logarithm for what is matched by
+    it, where each of several groups has a value."""
+    if not unknowns.per_group:
+        return {}
+    found = new_group_values(unknowns, vector)
+    covariance = np.nan_to_num(uncertainty.vector_covariance)
+    spread = found.lift @ covariance @ found.lift.T
+    errors = np.sqrt(np.diag(spread) + found.shared_variance)
+    pairs = zip(found.values.items(), errors.tolist(), strict=True)
+    return {name: (value, error) for (name, value), error in pairs}
 
 
 def parameter_warnings(row: FittedParameter, uncertainty: Uncertainty) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..rig import Parameter, Rig, Value
-from ._objective import LinearPrior
+from ._linear_prior import LinearPrior
 from ._unknowns import Unknowns
 
 REST_SCALE = 1.0

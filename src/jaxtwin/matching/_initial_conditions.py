@@ -33,6 +33,7 @@ from ._initial_condition_priors import (
     with_prior,
 )
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
+from ._linear_prior import LinearPrior
 from ._noise import Noise
 from ._noise_model import initial_noise_model, update_noise_model
 from ._objective import make_objective
@@ -78,6 +79,8 @@ def estimate_initial_conditions(
     experiment: Experiment,
     warm_up: float = WARM_UP,
     own: Iterable[str] | None = None,
+    *,
+    group: str | None = None,
 ) -> InitialConditions:
     """Estimates the values of one recording from its first part alone.
 
@@ -89,6 +92,8 @@ def estimate_initial_conditions(
     - `warm_up`: from the first sample on, s.
     - `own`: the parameters to estimate; by default those that have a value for each recording in
       the fit or in the rig's table, but for a drift of the room, which a minute does not show.
+    - `group`: of the recording; by default what it says itself. Values that differ between groups
+      are those of this one where the fit knows it, else what is expected of a new one.
 
     **Returns:** the values, their covariance, and the twin that has them.
 
@@ -98,7 +103,8 @@ def estimate_initial_conditions(
     a recording of another rig.
     """
     earlier = twin.recording_values if isinstance(twin, Fit) else {}
-    twin, names = _twin_and_names(twin, own)
+    group = experiment.group if group is None else group
+    twin, names = _twin_and_names(twin, own, group)
     if not names:
         return InitialConditions(twin, {}, np.zeros((0, 0)), ())
     (label,) = named_recordings(twin, [experiment])
@@ -111,7 +117,7 @@ def estimate_initial_conditions(
         )
     part = experiment.between(None, experiment.time[0] + warm_up)
     first = float(np.nanmean(_first_readings(part)))
-    unknowns = choose_unknowns(twin, 1, free=names, per_recording=names)
+    unknowns = choose_unknowns(twin, (0,), free=names, per_recording=names)
     rows = tuple(with_prior(row, twin.rig, first, earlier) for row in unknowns.per_recording)
     unknowns = replace(unknowns, per_recording=rows)
     result = _descend(twin, part, unknowns, first)
@@ -128,10 +134,13 @@ def estimate_initial_conditions(
     )
 
 
-def _twin_and_names(fitted: Twin | Fit, own: Iterable[str] | None) -> tuple[Twin, list[str]]:
-    """A twin with the mean of what recordings had, and which of its values to estimate."""
+def _twin_and_names(
+    fitted: Twin | Fit, own: Iterable[str] | None, group: str
+) -> tuple[Twin, list[str]]:
+    """A twin with the mean of what recordings had and the values of a group, and which of its
+    values to estimate."""
     if isinstance(fitted, Fit):
-        twin = fitted.mean_twin
+        twin = fitted.twin_of_group(group)
         names = [
             row.name for row in fitted.parameters.values() if row.free and row.scope == "recording"
         ]
@@ -166,6 +175,9 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
         events=None if error is not None and error.detect else ((),),
         common_error=error,
         robust=None,
+        groups=("",),
+        prior_weights=unknowns.prior_weights(),
+        linear_prior=LinearPrior.none(unknowns.size),
     )
     noise_model = replace(initial_noise_model(problem), channel=sensor, common_mode=sensor)
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
@@ -173,8 +185,9 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
     results: list[DescentResult] = []
     for _ in range(REWEIGHTINGS):
         prior = prior_of_differences(twin.rig, unknowns, room, first)
+        problem = replace(problem, linear_prior=prior)
         results = descend(
-            [make_objective(problem, noise_model, linear_prior=prior)],
+            [make_objective(problem, noise_model)],
             solver,
             results or [unknowns.start()],
             unknowns.search_space(),

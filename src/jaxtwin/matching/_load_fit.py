@@ -24,11 +24,12 @@ from ..rig._problems import refuse
 from ..simulation import simulate
 from ._fit import CameraError, Comparison, Fit, FittedParameters
 from ._fit_file import FORMAT, StoredFit, StoredRecording, rig_to_load, unrolled
+from ._linear_prior import LinearPrior
 from ._noise_model import NoiseModel
 from ._objective import recording_weights, shapes_needed
-from ._problem import MatchProblem
+from ._problem import MatchProblem, independent_prior_weights
 from ._uncertainty import Uncertainty, close_pairs, insensitive_labels, physical_covariance
-from ._unknowns import Unknowns, to_entry
+from ._unknowns import Unknowns
 
 STORED = pydantic.TypeAdapter(StoredFit)
 
@@ -53,21 +54,23 @@ def load_fit(
     stored = _stored(source, data["fit"], rows)
     names = tuple(stored.recordings)
     values = [read_parameters(path, rig, name) for name in names]
-    unknowns = _unknowns(rig, stored, len(names))
+    groups = tuple(dict.fromkeys(one.group for one in stored.recordings.values()))
+    unknowns = _unknowns(rig, stored, groups)
     for name in names:
-        for row in unknowns.per_recording:
+        for row in unknowns.per_group + unknowns.per_recording:
             if row.name not in data.get("recordings", {}).get(name, {}):
                 field = f"recordings.{name}.{row.name}"
                 _refuse(source, field, "expected the value of each recording, got none")
     vector = np.array(
-        [to_entry(row, values[0][row.name]) for row in unknowns.shared]
+        [row.to_entry(values[0][row.name]) for row in unknowns.shared]
         + [
-            to_entry(row, own_values[row.name])
-            for own_values in values
-            for row in unknowns.per_recording
+            row.to_entry(values[unknowns.groups.index(group)][row.name])
+            for group in range(len(groups))
+            for row in unknowns.per_group
         ]
+        + [row.to_entry(one[row.name]) for one in values for row in unknowns.per_recording]
     )
-    known = _uncertainty(source, stored, unknowns, vector)
+    known = _uncertainty(source, stored, unknowns, groups, vector)
     several = list(stored.recordings.values())
     sample_weights, channel, common_mode = (
         tuple(_weights(source, name, kind, record) for name, record in stored.recordings.items())
@@ -91,10 +94,12 @@ def load_fit(
         events=noise_model.events,
         common_error=rig.common_error,
         robust=stored.robust,
+        groups=groups,
+        prior_weights=independent_prior_weights(unknowns),
+        linear_prior=LinearPrior.between_groups(unknowns),
     )
-    own = [
-        {row.name: own_values[row.name] for row in unknowns.per_recording} for own_values in values
-    ]
+    own_rows = unknowns.per_group + unknowns.per_recording
+    own = [{row.name: one[row.name] for row in own_rows} for one in values]
     shared = {row.name: values[0][row.name] for row in unknowns.shared}
     fit = Fit(
         twin=start.with_parameters({**shared, **own[0]}),
@@ -190,6 +195,7 @@ def _row(source: str, name: str, data: dict[str, Any], rig: Rig) -> dict[str, An
         "published": rig.parameter_sets.get("published", {}).get(name),
         "prior_value": known.get("value"),
         "prior_spread": known.get("spread"),
+        "group_spread": known.get("between_groups"),
     }
 
 
@@ -228,7 +234,7 @@ def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]])
     return stored
 
 
-def _unknowns(rig: Rig, stored: StoredFit, recordings: int) -> Unknowns:
+def _unknowns(rig: Rig, stored: StoredFit, groups: tuple[str, ...]) -> Unknowns:
     rows = [
         replace(
             rig.parameters[row.name],
@@ -239,25 +245,23 @@ def _unknowns(rig: Rig, stored: StoredFit, recordings: int) -> Unknowns:
             scope=row.scope,
             prior_value=row.prior_value,
             prior_spread=row.prior_spread,
+            group_spread=row.group_spread,
         )
         for row in stored.parameters.values()
         if row.free
     ]
-    return Unknowns(
-        shared=tuple(row for row in rows if row.scope == "shared"),
-        per_recording=tuple(row for row in rows if row.scope == "recording"),
-        recordings=recordings,
-    )
+    return Unknowns.of(rows, [groups.index(one.group) for one in stored.recordings.values()])
 
 
 def _uncertainty(
     source: str,
     stored: StoredFit,
     unknowns: Unknowns,
+    groups: tuple[str, ...],
     vector: Float[np.ndarray, " unknowns"],
 ) -> Uncertainty:
     found, size = stored.unknowns, unknowns.size
-    labels = unknowns.labels(tuple(stored.recordings))
+    labels = unknowns.labels(tuple(stored.recordings), groups)
     if found.labels != labels:
         _refuse(
             source,

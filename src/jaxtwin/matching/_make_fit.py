@@ -59,7 +59,10 @@ def make_fit(
         channels=tuple(experiment.channels for experiment in problem.experiments),
         parameters=fitted_parameters(problem, result.vector, uncertainty),
         recording_values={
-            name: {row.name: of_recording[row.name] for row in unknowns.per_recording}
+            name: {
+                row.name: of_recording[row.name]
+                for row in unknowns.per_group + unknowns.per_recording
+            }
             for name, of_recording in zip(names, values, strict=True)
         },
         fit_percent={

@@ -71,7 +71,7 @@ def match_many(
     recordings = [named_recordings(twin, members) for members in listed]
     unknowns = choose_unknowns(
         twin,
-        len(recordings[0]),
+        (0,) * len(recordings[0]),
         free=free,
         fixed=fixed,
         shared=shared,

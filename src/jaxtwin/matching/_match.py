@@ -20,7 +20,7 @@ from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._make_fit import make_fit, make_iteration, make_optimum
 from ._masks_and_events import Span
 from ._objective import make_objective
-from ._problem import Events, MatchProblem, make_match_problem, named_recordings
+from ._problem import Events, MatchProblem, make_match_problem, named_groups, named_recordings
 from ._reweighted_least_squares import Estimate, reweighted_least_squares
 from ._unknowns import Unknowns, choose_unknowns
 
@@ -34,6 +34,7 @@ def match(
     fixed: Iterable[str] = (),
     shared: Iterable[str] = (),
     per_recording: Iterable[str] = (),
+    groups: Sequence[str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     events: Events | None = None,
     masks: Mapping[str, Sequence[Span]] | None = None,
@@ -64,6 +65,9 @@ def match(
     - `shared`, `per_recording`: names to match with one value for all recordings, or one for each
       (ambient and start temperature, typically), beside the free ones and whatever the table's
       scope is.
+    - `groups`: the name of each recording's group, such as its day; by default what the recordings
+      say themselves. Parameters of `scope = "group"` have a value for each. With a single group
+      they are shared.
     - `bounds`: other bounds, name -> (lower, upper) in the parameter's unit.
     - `events`: recording -> times of the camera's flat-field corrections, s; or `"detect"` or
       `"none"`; by default as the rig says. Only for rigs whose camera has a common error.
@@ -88,18 +92,19 @@ def match(
     **Raises:** `MatchError` where nothing is free, a recording has no temperatures, fewer samples
     count than there are unknowns, nothing moves in any recording, bounds exclude the start or the
     prior or change what its spread means, a name that is held has a scope or one that is not free
-    bounds, events or masks lie outside their recording, or no start gives finite temperatures;
-    `ParameterError` for unknown names and for a parameter with several values; `SimulationError`
-    for recordings of another rig.
+    bounds, there is no group for each recording, events or masks lie outside their recording, or no
+    start gives finite temperatures; `ParameterError` for unknown names and for a parameter with
+    several values; `SimulationError` for recordings of another rig.
     """
     began = time.perf_counter()
     twin = twin.mean_twin if isinstance(twin, Fit) else twin
     recordings = named_recordings(
         twin, as_experiments("match: experiments", experiments, MatchError)
     )
+    group_names, group_numbers = named_groups(recordings, groups)
     unknowns = choose_unknowns(
         twin,
-        len(recordings),
+        group_numbers,
         free=free,
         fixed=fixed,
         shared=shared,
@@ -110,7 +115,7 @@ def match(
     whole_number("max_iterations", max_iterations, 1, MatchError)
     whole_number("seed", seed, 0, MatchError)
     check_callable("on_progress", on_progress, MatchError)
-    problem = make_match_problem(twin, recordings, unknowns, events, masks, robust)
+    problem = make_match_problem(twin, recordings, unknowns, events, masks, robust, group_names)
     solver = checked_solver(solver, problem)
 
     def report_step(start: int, step: DescentStep) -> None:

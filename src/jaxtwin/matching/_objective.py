@@ -12,6 +12,7 @@ from ..io import Experiment
 from ..physics import Twin
 from ..simulation import TimeGrid, padded, padded_time_grid
 from ._camera_error import camera_shapes, count_shapes
+from ._linear_prior import LinearPrior
 from ._noise_model import NoiseModel
 from ._problem import MatchProblem
 from ._residual_weights import ResidualWeights, residual_weights
@@ -47,29 +48,13 @@ class RecordingGroup(eqx.Module):
 
 
 @final
-class LinearPrior(eqx.Module):
-    """A prior of combinations of unknowns, such as the difference of two of them.
-
-    - `matrix`, `values`: `matrix @ vector - values` is expected to be 0 with a variance of 1.
-    """
-
-    matrix: Float[np.ndarray | Array, "combinations unknowns"]
-    values: Float[np.ndarray | Array, " combinations"]
-
-    @classmethod
-    def none(cls, unknowns: int) -> "LinearPrior":
-        """No combination has a prior."""
-        return cls(np.zeros((0, unknowns)), np.zeros(0))
-
-
-@final
 class Objective(eqx.Module):
     """Everything that the residuals depend on beside the unknowns.
 
     - `twin`: values of the parameters that are held.
     - `groups`: the recordings.
     - `prior_means`: of the vector's entries. `prior_weights`: one over their standard deviations, 0
-      where an entry has no prior.
+      where an entry has no prior of its own.
     - `linear_prior`: of combinations of entries.
     - `layout`: of the vector of unknowns.
     """
@@ -86,7 +71,6 @@ def make_objective(
     problem: MatchProblem,
     noise_model: NoiseModel,
     shapes: int | None = None,
-    linear_prior: LinearPrior | None = None,
 ) -> Objective:
     """What the optimiser minimises, with the weights that follow from the noise model.
 
@@ -94,7 +78,6 @@ def make_objective(
 
     - `shapes`: how many shapes the camera's common error has in each recording; by default as many
       as are needed.
-    - `linear_prior`: of combinations of unknowns.
     """
     count = shapes_needed(problem, noise_model) if shapes is None else shapes
     experiments = problem.experiments
@@ -124,8 +107,8 @@ def make_objective(
             for positions in groups.values()
         ),
         prior_means=unknowns.prior_means(),
-        prior_weights=unknowns.prior_weights(),
-        linear_prior=LinearPrior.none(unknowns.size) if linear_prior is None else linear_prior,
+        prior_weights=problem.prior_weights,
+        linear_prior=problem.linear_prior,
         layout=unknowns.layout,
     )
 

@@ -1,7 +1,7 @@
 """The problem of a match: recordings, unknowns and what the user says of them, all checked."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count as count_from
 from typing import Literal, final
@@ -9,12 +9,13 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Float
 
-from .._arguments import finite_number
+from .._arguments import finite_number, of_kind
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin, check_twin
 from ..rig import CommonError
 from ..simulation import checked_channels
+from ._linear_prior import LinearPrior
 from ._masks_and_events import Span, given_events, span_weights
 from ._unknowns import Unknowns
 
@@ -29,11 +30,13 @@ class MatchProblem:
 
     - `twin`: where it starts, and the values of the parameters that are held.
     - `experiments`: the recordings. `names`: under which their results are kept.
-    - `unknowns`: the parameters to match.
+    - `unknowns`: the parameters to match. `groups`: names of the groups that these count.
     - `sample_weights`: weight of each sample of each recording, 0 to 1, from masks and gaps.
     - `events`: times of the camera's corrections in each recording, s; None to look for them.
     - `common_error`: of the camera, None for none.
     - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
+    - `prior_weights`: one over the standard deviation of each unknown's own prior; 0 where it has
+      none, and for those of which the `linear_prior` says all.
     """
 
     twin: Twin
@@ -44,6 +47,20 @@ class MatchProblem:
     events: tuple[tuple[float, ...], ...] | None
     common_error: CommonError | None
     robust: float | None
+    groups: tuple[str, ...]
+    prior_weights: Float[np.ndarray, " unknowns"]
+    linear_prior: LinearPrior
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the unknowns."""
+        return self.unknowns.labels(self.names, self.groups)
+
+    @property
+    def prior_precision(self) -> Float[np.ndarray, "unknowns unknowns"]:
+        """Inverse of the covariance of the priors, 0 where nothing is known."""
+        linear = np.asarray(self.linear_prior.matrix)
+        return np.diag(self.prior_weights**2) + linear.T @ linear
 
     @property
     def is_weighted(self) -> bool:
@@ -54,7 +71,7 @@ class MatchProblem:
     def labelled(self, vector: Float[np.ndarray, " unknowns"]) -> dict[str, float]:
         """Label -> value in the parameter's unit."""
         values = self.unknowns.to_values(vector).tolist()
-        return dict(zip(self.unknowns.labels(self.names), values, strict=True))
+        return dict(zip(self.labels, values, strict=True))
 
 
 def make_match_problem(
@@ -64,12 +81,14 @@ def make_match_problem(
     events: Events | None = None,
     masks: Mapping[str, Sequence[Span]] | None = None,
     robust: float | None = None,
+    groups: Sequence[str] = ("",),
 ) -> MatchProblem:
     """Checks what is said of single recordings and puts the problem together.
 
     **Arguments:**
 
     - `recordings`: as `named_recordings` gives them.
+    - `groups`: names of their groups, as `named_groups` gives them.
     - the others: as in `match`.
 
     **Raises:** `MatchError` where fewer samples count than there are unknowns, nothing moves in any
@@ -115,7 +134,18 @@ def make_match_problem(
         events=times,
         common_error=error,
         robust=robust,
+        groups=tuple(groups),
+        prior_weights=independent_prior_weights(unknowns),
+        linear_prior=LinearPrior.between_groups(unknowns),
     )
+
+
+def independent_prior_weights(unknowns: Unknowns) -> Float[np.ndarray, " unknowns"]:
+    """One over the standard deviation of each entry's prior; 0 where it has none, and for values of
+    groups, which depend on each other."""
+    weights = unknowns.prior_weights()
+    weights[unknowns.group_entries()] = 0.0
+    return weights
 
 
 def _is_excited(recording: Experiment, weight: Float[np.ndarray, "times channels"]) -> bool:
@@ -126,6 +156,37 @@ def _is_excited(recording: Experiment, weight: Float[np.ndarray, "times channels
         warnings.simplefilter("ignore", RuntimeWarning)  # of channels that are masked throughout
         ranges = np.nanmax(counted, axis=0) - np.nanmin(counted, axis=0)
     return bool(np.any(recording.duty) or np.any(ranges > 0))
+
+
+def named_groups(
+    recordings: Mapping[str, Experiment], groups: Sequence[str] | None
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """The groups of recordings: their names, and the number of each recording's group.
+
+    **Arguments:**
+
+    - `groups`: the name of each recording's group; by default what the recordings say themselves.
+
+    **Raises:** `MatchError` where there is not a name for each recording.
+    """
+    several = list(recordings.values())
+    if groups is None:
+        named = [one.group for one in several]
+        if not any(named):
+            return ("",), (0,) * len(named)
+    else:
+        if isinstance(groups, str) or not isinstance(groups, Iterable):
+            raise MatchError(f"groups: found {groups!r}, allowed is a name for each recording")
+        named = list(groups)
+        for name in named:
+            of_kind("groups", name, str, "text", MatchError)
+    if len(named) != len(several) or not all(named):
+        raise MatchError(
+            f"groups: found {named!r} for {', '.join(recordings)}, allowed is a name for each "
+            "recording, such as its day"
+        )
+    names = tuple(dict.fromkeys(named))
+    return names, tuple(names.index(name) for name in named)
 
 
 def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str, Experiment]:

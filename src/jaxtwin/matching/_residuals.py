@@ -108,8 +108,9 @@ def channel_rises(
 ) -> tuple[Float[Array, "times #channels"], Float[Array, "times channels"]]:
     """From the rig's own start: the surroundings' temperature, K, and how far above it what each
     channel looks at is."""
-    weights = jnp.asarray(system.wiring.channel_weights)[columns]
+    weights = jnp.asarray(system.channel_weights)[columns]
     drive, rise = solve_network(system, grid, system.initial_temperature, weights)
     ambient = jnp.asarray(drive.ambient_at_samples(), rise.dtype)
     ambient = jnp.broadcast_to(ambient, (rise.shape[0], 1))
-    return drive.reference + ambient, rise - ambient
+    seen = jnp.broadcast_to(system.on_plate, system.gain.shape)[columns]
+    return drive.reference + ambient, rise - seen * ambient

@@ -69,8 +69,15 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
     if held:
         values = ", ".join(f"{row.name} = {row.value:.4g} {row.unit}".rstrip() for row in held)
         lines += ["", f"held: {values}"]
-    own = {name: values for name, values in fit.recording_values.items() if values}
-    for name, values in own.items():
+    of_groups = {name for values in fit.group_values.values() for name in values}
+    of_recordings = {
+        name: {key: value for key, value in values.items() if key not in of_groups}
+        for name, values in fit.recording_values.items()
+    }
+    of_groups = fit.group_values if len(fit.group_values) > 1 else {}
+    for name, values in [*of_groups.items(), *of_recordings.items()]:
+        if not values:
+            continue
         text = ", ".join(f"{key} = {value:.4g}" for key, value in values.items())
         lines.append(f"{name}: {text}")
     for name, events in zip(fit.recordings, fit.noise_model.events, strict=True):

@@ -108,7 +108,7 @@ def uncertainty(
     labels: Sequence[str],
     normal: Float[np.ndarray, "free free"],
     meat: Float[np.ndarray, "free free"],
-    precision: Float[np.ndarray, " values"],
+    precision: Float[np.ndarray, "values values"],
     scale: Float[np.ndarray, " values"],
     slopes: Float[np.ndarray, " values"],
     inside: Bool[np.ndarray, " values"],
@@ -119,7 +119,7 @@ def uncertainty(
 
     - `labels`: of the entries of the optimiser's vector.
     - `normal`, `meat`: $J^T J$ and $J^T \\Gamma J$ for the entries inside their bounds.
-    - `precision`: one over the prior's standard deviation of each entry, 0 where there is none.
+    - `precision`: inverse of the priors' covariance, 0 where there is none.
     - `scale`: by which entries are measured: the prior's standard deviation, or what stands for
       it.
     - `slopes`: of the physical values in the entries.
@@ -129,7 +129,7 @@ def uncertainty(
     """
     free: Int[np.ndarray, " free"] = np.flatnonzero(inside)
     n = len(labels)
-    prior = np.diag(precision[free] ** 2)
+    prior = precision[np.ix_(free, free)]
     inverse, lost = inverse_of_normal(normal + prior)
     spread = inverse @ (meat + prior) @ inverse
     vector_covariance = np.full((n, n), np.nan)

@@ -1,6 +1,5 @@
 """Which parameters a match may change, and how they stand in the optimiser's vector."""
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
@@ -22,7 +21,8 @@ NARROWEST = 1e-100
 @final
 @dataclass(frozen=True)
 class Unknowns:
-    """The optimiser's vector: shared parameters first, then each recording's own, one by one.
+    """The optimiser's vector: shared parameters first, then those of each group of recordings, one
+    by one, then each recording's own, one by one.
 
     Parameters that stay above 0 enter by their logarithm: their relative change is what matters,
     and no step can make them negative. The others, such as temperatures, enter as they are.
@@ -30,18 +30,38 @@ class Unknowns:
     **Arguments:**
 
     - `shared`: parameters with one value for all recordings.
+    - `per_group`: parameters with a value for each group.
     - `per_recording`: parameters with a value for each recording.
-    - `recordings`: how many recordings there are.
+    - `groups`: the number of each recording's group, counted from 0.
     """
 
     shared: tuple[Parameter, ...]
+    per_group: tuple[Parameter, ...]
     per_recording: tuple[Parameter, ...]
-    recordings: int
+    groups: tuple[int, ...]
+
+    @classmethod
+    def of(cls, rows: Sequence[Parameter], groups: Sequence[int]) -> "Unknowns":
+        """Rows by their scope. Where there is a single group, what groups have each for themselves
+        is shared."""
+        single = max(groups) == 0
+        return cls(
+            shared=tuple(r for r in rows if r.scope == "shared" or (single and r.scope == "group")),
+            per_group=tuple(r for r in rows if r.scope == "group" and not single),
+            per_recording=tuple(r for r in rows if r.scope == "recording"),
+            groups=tuple(groups),
+        )
+
+    @property
+    def recordings(self) -> int:
+        """How many recordings there are."""
+        return len(self.groups)
 
     @property
     def entry_parameters(self) -> tuple[Parameter, ...]:
         """The parameter of each entry of the vector."""
-        return self.shared + self.per_recording * self.recordings
+        groups = max(self.groups) + 1
+        return self.shared + self.per_group * groups + self.per_recording * self.recordings
 
     @property
     def size(self) -> int:
@@ -50,29 +70,40 @@ class Unknowns:
 
     def start(self) -> Float[np.ndarray, " unknowns"]:
         """The parameters' values as a vector."""
-        return np.array([to_entry(row, row.value) for row in self.entry_parameters])
+        return np.array([row.to_entry(row.value) for row in self.entry_parameters])
 
     def lower(self) -> Float[np.ndarray, " unknowns"]:
         """Lower bounds of the vector."""
-        return np.array([to_entry(row, row.lower) for row in self.entry_parameters])
+        return np.array([row.to_entry(row.lower) for row in self.entry_parameters])
 
     def upper(self) -> Float[np.ndarray, " unknowns"]:
         """Upper bounds of the vector."""
-        return np.array([to_entry(row, row.upper) for row in self.entry_parameters])
+        return np.array([row.to_entry(row.upper) for row in self.entry_parameters])
 
     def prior_means(self) -> Float[np.ndarray, " unknowns"]:
         """The mean of each entry's prior; 0 where it has none."""
         expected = [(row, row.prior_value) for row in self.entry_parameters]
-        return np.array([0.0 if value is None else to_entry(row, value) for row, value in expected])
+        return np.array([0.0 if value is None else row.to_entry(value) for row, value in expected])
 
     def prior_weights(self) -> Float[np.ndarray, " unknowns"]:
-        """One over the standard deviation of each entry's prior; 0 where it has none."""
+        """One over the standard deviation of each entry's prior, whatever is known of the others; 0
+        where it has none."""
         return np.array(
-            [
-                0.0 if row.prior_spread is None else 1 / row.prior_spread
-                for row in self.entry_parameters
-            ]
+            [0.0 if row.deviation is None else 1 / row.deviation for row in self.entry_parameters]
         )
+
+    def group_entries(self) -> Int[np.ndarray, "groups entries"]:
+        """Where in the vector the values of each group stand."""
+        groups, size = max(self.groups) + 1, len(self.per_group)
+        return len(self.shared) + size * np.arange(groups)[:, None] + np.arange(size)
+
+    def rows_of_groups(self) -> tuple[tuple[Parameter, ...], Int[np.ndarray, "rows groups"]]:
+        """The parameters of which each group has a value, and where in the vector these stand; of
+        a single group they stand among the shared ones."""
+        if self.per_group:
+            return self.per_group, self.group_entries().T
+        places = [number for number, row in enumerate(self.shared) if row.scope == "group"]
+        return tuple(self.shared[n] for n in places), np.array(places, int).reshape(-1, 1)
 
     def default_scales(self) -> Float[np.ndarray, " unknowns"]:
         """What stands for a prior's standard deviation where an entry has none: a factor of e, a
@@ -101,9 +132,12 @@ class Unknowns:
         pairs = zip(self.entry_parameters, vector, strict=True)
         return np.array([np.exp(entry) if row.is_logarithmic else 1.0 for row, entry in pairs])
 
-    def labels(self, recordings: Sequence[str]) -> tuple[str, ...]:
-        """Names of the entries; those of one recording as `name[recording]`."""
-        own = [f"{row.name}[{recording}]" for recording in recordings for row in self.per_recording]
+    def labels(self, recordings: Sequence[str], groups: Sequence[str]) -> tuple[str, ...]:
+        """Names of the entries; those of one group or recording as `name[group]`."""
+        own = [f"{row.name}[{group}]" for group in groups for row in self.per_group]
+        own += [
+            f"{row.name}[{recording}]" for recording in recordings for row in self.per_recording
+        ]
         return (*(row.name for row in self.shared), *own)
 
     @property
@@ -111,8 +145,9 @@ class Unknowns:
         """Which entry is what."""
         return Layout(
             shared=tuple((row.name, row.is_logarithmic) for row in self.shared),
+            per_group=tuple((row.name, row.is_logarithmic) for row in self.per_group),
             per_recording=tuple((row.name, row.is_logarithmic) for row in self.per_recording),
-            recordings=self.recordings,
+            groups=self.groups,
         )
 
     def to_values(
@@ -132,7 +167,7 @@ class Unknowns:
         """Name -> value in the parameter's unit, for each recording."""
         found, names = (
             self.to_values(vector),
-            [row.name for row in self.shared + self.per_recording],
+            [row.name for row in self.shared + self.per_group + self.per_recording],
         )
         return [
             {name: found[..., entry] for name, entry in zip(names, places, strict=True)}
@@ -147,38 +182,46 @@ class Layout:
 
     **Arguments:**
 
-    - `shared`, `per_recording`: pairs (name, whether it enters by its logarithm).
-    - `recordings`: how many recordings there are.
+    - `shared`, `per_group`, `per_recording`: pairs (name, whether it enters by its logarithm).
+    - `groups`: the number of each recording's group.
     """
 
     shared: tuple[tuple[str, bool], ...]
+    per_group: tuple[tuple[str, bool], ...]
     per_recording: tuple[tuple[str, bool], ...]
-    recordings: int
+    groups: tuple[int, ...]
+
+    @property
+    def names(self) -> tuple[tuple[str, bool], ...]:
+        """Of the entries that concern one recording."""
+        return self.shared + self.per_group + self.per_recording
 
     def entry_indices(self) -> Int[np.ndarray, "recordings entries"]:
         """Where in the vector the entries that concern each recording stand."""
-        shared, own = len(self.shared), len(self.per_recording)
-        of_recording = shared + own * np.arange(self.recordings)[:, None] + np.arange(own)
-        first = np.broadcast_to(np.arange(shared), (self.recordings, shared))
-        return np.concatenate([first, of_recording], axis=1)
+        shared, grouped, own = map(len, (self.shared, self.per_group, self.per_recording))
+        recordings, group = len(self.groups), np.array(self.groups)[:, None]
+        of_group = shared + grouped * group + np.arange(grouped)
+        behind = shared + grouped * (max(self.groups) + 1)
+        of_recording = behind + own * np.arange(recordings)[:, None] + np.arange(own)
+        first = np.broadcast_to(np.arange(shared), (recordings, shared))
+        return np.concatenate([first, of_group, of_recording], axis=1)
 
     def local_values(self, local: Float[Array, " entries"]) -> dict[str, Float[Array, ""]]:
         """Name -> value in the parameter's unit, from the entries that concern one recording."""
         return {
             name: jnp.exp(local[number]) if logarithmic else local[number]
-            for number, (name, logarithmic) in enumerate(self.shared + self.per_recording)
+            for number, (name, logarithmic) in enumerate(self.names)
         }
 
     def network_entries(self, twin: Twin) -> list[int]:
         """Which entries that concern a recording act on the network, not only on gains."""
         outer = twin.wiring.gain_parameters
-        names = self.shared + self.per_recording
-        return [number for number, (name, _) in enumerate(names) if name not in outer]
+        return [number for number, (name, _) in enumerate(self.names) if name not in outer]
 
 
 def choose_unknowns(
     twin: Twin,
-    recordings: int,
+    groups: Sequence[int],
     *,
     free: Iterable[str] | None = None,
     fixed: Iterable[str] = (),
@@ -191,7 +234,7 @@ def choose_unknowns(
     **Arguments:**
 
     - `twin`: its values are where the match starts.
-    - `recordings`: how many there are.
+    - `groups`: the number of each recording's group, counted from 0.
     - `free`: the free parameters instead of those that the table calls free.
     - `fixed`: parameters to hold.
     - `shared`, `per_recording`: parameters that are free too, with one value for all recordings or
@@ -211,18 +254,18 @@ def choose_unknowns(
     per_recording = set(names_of("per_recording", per_recording, MatchError))
     bounds = {} if bounds is None else bounds
     mapping_of("bounds", bounds, "name -> (lower, upper)", MatchError)
-    groups = {
+    keywords = {
         "free": free or set(),
         "fixed": fixed,
         "shared": shared,
         "per_recording": per_recording,
         "bounds": set(bounds),
     }
-    for group, names in groups.items():
+    for keyword, names in keywords.items():
         unknown = sorted(names - set(table))
         if unknown:
             raise ParameterError(
-                f"{twin.rig.name}: {group}: expected some of the parameters {', '.join(table)}, "
+                f"{twin.rig.name}: {keyword}: expected some of the parameters {', '.join(table)}, "
                 f"got {', '.join(unknown)}"
             )
     opposites = (
@@ -231,11 +274,11 @@ def choose_unknowns(
         ("per_recording", "fixed"),
         ("shared", "per_recording"),
     )
-    for group, other in opposites:
-        both = sorted(groups[group] & groups[other])
+    for keyword, other in opposites:
+        both = sorted(keywords[keyword] & keywords[other])
         if both:
             raise MatchError(
-                f"{', '.join(both)}: expected in either {group} or {other}, got in both"
+                f"{', '.join(both)}: expected in either {keyword} or {other}, got in both"
             )
     chosen = {
         name: row
@@ -260,11 +303,7 @@ def choose_unknowns(
         limits = bounds.get(name, (row.lower, row.upper))
         bounded = _bounded(row, float(twin.parameters[name]), limits)
         rows.append(replace(bounded, free=True, scope=scope))
-    return Unknowns(
-        shared=tuple(row for row in rows if row.scope == "shared"),
-        per_recording=tuple(row for row in rows if row.scope == "recording"),
-        recordings=recordings,
-    )
+    return Unknowns.of(rows, groups)
 
 
 def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Parameter:
@@ -308,8 +347,3 @@ def _pair(name: str, bounds: object) -> tuple[float, float]:
             f"{name}: bounds: expected (lower, upper), numbers in that order, got {bounds!r}"
         )
     return float(pair[0]), float(pair[1])
-
-
-def to_entry(parameter: Parameter, value: float) -> float:
-    """The entry of the optimiser's vector for a value in the parameter's unit."""
-    return math.log(value) if parameter.is_logarithmic else value

@@ -6,6 +6,7 @@ from ._dc_sweep import DCSweep
 from ._driver import Bridge, CellHeat
 from ._loss import CALM, STEFAN_BOLTZMANN
 from ._netlist import Link, Loss, Netlist, Node, ThermoelectricElement
+from ._plate_edges import MeasuredRegistration, measure_registration
 from ._plate_map import PlateMap, plate_map
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
@@ -19,6 +20,7 @@ __all__ = [
     "DCSweep",
     "Link",
     "Loss",
+    "MeasuredRegistration",
     "Netlist",
     "Node",
     "PlateMap",
@@ -30,6 +32,7 @@ __all__ = [
     "channel_weights",
     "check_twin",
     "frame_to_channels",
+    "measure_registration",
     "pixel_weights",
     "plate_map",
 ]

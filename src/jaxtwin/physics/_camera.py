@@ -41,6 +41,18 @@ def frame_to_channels(
     camera.
     """
     of_kind("frame_to_channels: rig", rig, Rig, "a Rig, as load_rig reads it", RigError)
+    _, frames = checked_frames(rig, frames)
+    return np.einsum("...hw,chw->...c", frames, pixel_weights(rig))
+
+
+def checked_frames(
+    rig: Rig, frames: Shaped[np.ndarray, "*frames height width"]
+) -> tuple[Camera, Float[np.ndarray, "*frames height width"]]:
+    """The camera of a rig and its frames.
+
+    **Raises:** `RigError` where the frames do not have the camera's resolution, or the rig has no
+    camera.
+    """
     camera = _camera(rig)
     frames = np.asarray(frames)
     if frames.dtype.kind not in "iuf" or frames.ndim < 2:
@@ -53,7 +65,7 @@ def frame_to_channels(
             f"{rig.source}: camera.resolution: expected frames of {camera.width} x "
             f"{camera.height} pixels, got {frames.shape[-1]} x {frames.shape[-2]}"
         )
-    return np.einsum("...hw,chw->...c", np.asarray(frames, float), pixel_weights(rig))
+    return camera, np.asarray(frames, float)
 
 
 def pixel_weights(rig: Rig) -> Float[np.ndarray, "channels height width"]:

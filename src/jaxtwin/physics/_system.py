@@ -39,7 +39,8 @@ class System(eqx.Module):
     - `bridge`: supply and switches.
     - `ambient_temperature` (at the start), `initial_temperature` of the nodes: absolute, K.
     - `ambient_drift`: how fast the ambient changes from there, K/s, or None.
-    - `gain`: of the channels.
+    - `gain`: of the channels. `moved_weights`: of the nodes in the channels, where the camera's
+      registration says; None where they are the wiring's.
     - `loss`: what the plate loses beyond the network's links, None for nothing.
     - `lag`, `delay`: of the duty cycle that reaches the cells behind the command, s, or None.
     - `is_valid`: whether all resistances and capacitances are above 0.
@@ -54,6 +55,7 @@ class System(eqx.Module):
     ambient_drift: Float[Array, ""] | None
     initial_temperature: Float[Array, " nodes"]
     gain: Float[Array, " channels"]
+    moved_weights: Float[Array, "channels nodes"] | None
     loss: NonlinearLoss | None
     lag: Float[Array, ""] | None
     delay: Float[Array, ""] | None
@@ -88,6 +90,7 @@ class System(eqx.Module):
             ambient_drift=drift,
             initial_temperature=wiring.initial(parameters_si),
             gain=wiring.gains(parameters_si),
+            moved_weights=wiring.moved_weights(parameters_si),
             loss=_loss(wiring, parameters_si, conductances),
             lag=lag,
             delay=delay,
@@ -145,14 +148,25 @@ class System(eqx.Module):
 
         return jax.lax.fori_loop(0, 12, newton, jnp.zeros_like(self.capacitance))
 
+    @property
+    def channel_weights(self) -> Float[Array | np.ndarray, "channels nodes"]:
+        """How much each node counts in what each channel looks at."""
+        return self.wiring.channel_weights if self.moved_weights is None else self.moved_weights
+
+    @property
+    def on_plate(self) -> Float[Array, " channels"] | float:
+        """Which part of what each channel looks at is on the plate."""
+        return 1.0 if self.moved_weights is None else self.moved_weights.sum(axis=1)
+
     def channel_temperatures(
         self,
         deviation: Float[Array, "*times nodes"],
         ambient_deviation: Float[Array, "*times 1"] | float = 0.0,
     ) -> Float[Array, "*times channels"]:
-        """What the camera reads, as deviation from the reference: ambient + gain (T - ambient)."""
-        weights = jnp.asarray(self.wiring.channel_weights, deviation.dtype)
-        rise = deviation @ weights.T - ambient_deviation
+        """What the camera reads, as deviation from the reference: ambient + gain (T - ambient), and
+        the ambient where a channel looks beside the plate."""
+        weights = jnp.asarray(self.channel_weights, deviation.dtype)
+        rise = deviation @ weights.T - self.on_plate * ambient_deviation
         return self.gain * rise + ambient_deviation
 
 

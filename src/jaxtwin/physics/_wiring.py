@@ -4,11 +4,13 @@ Everything in here is known before any parameter has a value. It is made once fo
 part in compiled code as a constant.
 """
 
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Literal, final
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Array, Float, Int
 
 from .._errors import RigError
 from ..rig import Rig, Value
@@ -18,6 +20,7 @@ from ._camera import channel_weights
 from ._expressions import Expressions
 from ._lumping import lump
 from ._netlist import Netlist
+from ._registration import RegisteredZones
 
 MOST_ELEMENTS = 4000
 """The modes of so many take a minute, and tables of pairs of them a gigabyte."""
@@ -34,7 +37,8 @@ class Wiring:
       `pair_of` (nodes, nodes): the pair of two nodes, or the number of pairs where they are none.
     - `ambient_links` (nodes, links): which links lead from a node to the surroundings.
     - `cold`, `hot` (cells,): the nodes of the cells' two sides.
-    - `channel_weights` (channels, nodes).
+    - `channel_weights` (channels, nodes), and the `zones` that move them where the rig's camera has
+      a registration, else None.
     - `elements`: how many nodes are the plate's; they come first.
     - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_links`
       (elements, links): which links are an element's film; all None where losses are linear.
@@ -109,15 +113,30 @@ class Wiring:
         for element in range(elements.shape[1]):
             self.channel_weights[:, position[element]] += elements[:, element]
 
+        registration = None if rig.camera is None else rig.camera.registration
+        self.zones = None if registration is None else RegisteredZones(rig, registration)
+
         tables = [part for part in vars(self).values() if isinstance(part, Expressions)]
+        tables += [] if self.zones is None else [self.zones.registration]
         inner = set().union(*(part.parameters for part in tables if part is not self.gains))
         self.gain_parameters = self.gains.parameters - inner
 
         # Sizes too: a circuit given link by link does not show them, the channels' weights do.
         sizes = (rig.plate.columns, rig.plate.rows)
         ambient = (rig.ambient_temperature, rig.ambient_drift)
-        parts = (rig.driver, rig.channels, ambient, sizes, position.tolist())
+        parts = (rig.driver, rig.channels, registration, ambient, sizes, position.tolist())
         self._key = netlist.fingerprint + repr(parts)
+
+    def moved_weights(
+        self, parameters_si: Mapping[str, Float[Array, ""]]
+    ) -> Float[Array, "channels nodes"] | None:
+        """The weights of the nodes in the channels where the camera's registration says; None for
+        a rig without one, whose `channel_weights` never change."""
+        if self.zones is None:
+            return None
+        weights = self.zones.element_weights(parameters_si)
+        nodes = np.eye(len(self.netlist.nodes))[self.rig_elements]
+        return weights @ jnp.asarray(nodes, weights.dtype)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Wiring) and self._key == other._key

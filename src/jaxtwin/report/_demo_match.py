@@ -152,7 +152,7 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
         + [AMBIENT, START],
         on_progress=_news(progress),
     )
-    rows = [row for row in fit.parameters.values() if row.free and row.scope == "shared"]
+    rows = [row for row in fit.parameters.values() if row.free and row.scope != "recording"]
     deviations = [_deviation(row, truth[row.name]) for row in rows]
     inside = sum(abs(deviation) <= 2 for deviation in deviations)
     worst = max(abs(row.value / truth[row.name] - 1) for row in rows)

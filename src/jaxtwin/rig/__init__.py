@@ -1,7 +1,7 @@
 """Rigs: plate, cells, driver, camera and parameters, read from rig files and checked."""
 
 from ._bundled import bundled_modules, bundled_rigs
-from ._camera import Camera, Channel, CommonError, Sensors
+from ._camera import Camera, Channel, CommonError, Registration, Sensors
 from ._cell import Cell
 from ._circuit import Circuit, CircuitLink
 from ._datasheet import Datasheet, load_module
@@ -24,6 +24,7 @@ __all__ = [
     "Driver",
     "Parameter",
     "Plate",
+    "Registration",
     "Rig",
     "Sensors",
     "Value",

@@ -1,17 +1,26 @@
 """Tables around the plate: `[driver]`, `[camera]`, `[[channels]]`, `[limits]` of a rig file."""
 
-from ._camera import Camera, Channel, CommonError, is_channel_name
+from ._camera import Camera, Channel, CommonError, Registration, is_channel_name
 from ._driver import Driver
 from ._fields import Fields
 from ._limits import Limits
 from ._plate import AMBIENT, Plate
-from ._schema import CameraTable, ChannelTable, CommonErrorTable, DriverTable, LimitsTable
+from ._schema import (
+    CameraTable,
+    ChannelTable,
+    CommonErrorTable,
+    DriverTable,
+    LimitsTable,
+    RegistrationTable,
+)
 from ._units import (
+    ANGLE,
     COORDINATE,
     DURATION,
     FACTOR,
     NOISE,
     SERIES_RESISTANCE,
+    SHIFT,
     TEMPERATURE,
     TEMPERATURE_DIFFERENCE,
     TEMPERATURE_RATE,
@@ -101,6 +110,17 @@ def build_camera(table: CameraTable, fields: Fields) -> Camera:
         view_x=(table.view.x[0], table.view.x[1]),
         view_y=(table.view.y[0], table.view.y[1]),
         common_error=table.common_error and _common_error(table.common_error, fields),
+        registration=table.registration and _registration(table.registration, fields),
+    )
+
+
+def _registration(table: RegistrationTable, fields: Fields) -> Registration:
+    kinds = {"shift_x": SHIFT, "shift_y": SHIFT, "scale": FACTOR, "rotation": ANGLE}
+    return Registration(
+        **{
+            name: fields.value(f"camera.registration.{name}", getattr(table, name), kind)
+            for name, kind in kinds.items()
+        }
     )
 
 

@@ -65,5 +65,13 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         sensors=table.sensors
         and Sensors(fields.constant("sensors.noise", table.sensors.noise, NOISE)),
     )
+    if rig.camera is not None and rig.camera.registration is not None:
+        for channel in rig.channels:
+            if channel.x is None:
+                fields.refuse(
+                    f"channels[{channel.name}].nodes",
+                    "found named elements, allowed with a [camera.registration], which moves what "
+                    "channels look at, are ranges x and y",
+                )
     fields.check_all_used()
     return rig

@@ -35,6 +35,26 @@ class CommonError:
 
 @final
 @dataclass(frozen=True)
+class Registration:
+    """Where a picture lies on the plate, beside where the rig file says.
+
+    A point $p$ of the rig file is looked for at $c + d + s R (p - c)$, with the plate's centre $c$.
+
+    **Arguments:**
+
+    - `shift_x`, `shift_y`: $d$, to the right and down, m.
+    - `scale`: $s$, above 1 where a zone covers more of the plate.
+    - `rotation`: of $R$, clockwise as x runs to the right and y down, rad.
+    """
+
+    shift_x: Value
+    shift_y: Value
+    scale: Value
+    rotation: Value
+
+
+@final
+@dataclass(frozen=True)
 class Camera:
     """An infrared camera over the plate.
 
@@ -44,6 +64,7 @@ class Camera:
     - `noise`: standard deviation of a reading, K.
     - `view_x`, `view_y`: first and last edge of the plate's outline in a frame, pixels.
     - `common_error`: of all channels alike, None for none.
+    - `registration`: of its pictures against the plate, None where zones lie as the rig file says.
     """
 
     width: int
@@ -52,6 +73,7 @@ class Camera:
     view_x: tuple[float, float]
     view_y: tuple[float, float]
     common_error: CommonError | None = None
+    registration: Registration | None = None
 
 
 @final

@@ -4,6 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
+Scope = Literal["shared", "group", "recording"]
+"""Who has a value of its own."""
+
 
 @final
 @dataclass(frozen=True)
@@ -16,12 +19,15 @@ class Parameter:
     - `value`, `lower`, `upper`: the value and its bounds in `unit`; a missing bound is infinite.
     - `unit`: as written in the rig file, for example `"K/W"` or `"degC"`.
     - `free`: whether matching may change it.
-    - `scope`: `"shared"` by all recordings, or one value per `"recording"`.
+    - `scope`: `"shared"` by all recordings, or one value per `"group"` of them, such as a day, or
+      per `"recording"`.
     - `description`: one line for tables.
     - `prior_spread`: standard deviation of what is known about the value beforehand: relative (of
       its logarithm) where the lower bound is above 0 and it is no degC, else in `unit`. None where
       nothing is.
     - `prior_value`: the middle of that, `value` as the rig file has it unless it says otherwise.
+    - `group_spread`: of scope `"group"`, standard deviation of a group's value about the one that
+      all groups share, measured as `prior_spread` is, which is then that of the shared one.
     - `scale`, `offset`: SI value = scale * value + offset; the offset is 0 but for degC.
     """
 
@@ -31,17 +37,34 @@ class Parameter:
     upper: float = math.inf
     unit: str = ""
     free: bool = False
-    scope: Literal["shared", "recording"] = "shared"
+    scope: Scope = "shared"
     description: str = ""
     scale: float = 1.0
     offset: float = 0.0
     prior_spread: float | None = None
     prior_value: float | None = None
+    group_spread: float | None = None
+
+    @property
+    def deviation(self) -> float | None:
+        """Standard deviation of a single value beforehand: of the shared one, and of a group about
+        it. None where nothing is known."""
+        if self.prior_spread is None or self.group_spread is None:
+            return self.prior_spread
+        return math.hypot(self.prior_spread, self.group_spread)
 
     @property
     def is_logarithmic(self) -> bool:
         """Whether its relative change is what matters: it stays above 0 and is no degC."""
         return self.lower > 0 and self.offset == 0
+
+    def to_entry(self, value: float) -> float:
+        """What stands for a value in the vector of a match: its logarithm, or itself."""
+        return math.log(value) if self.is_logarithmic else value
+
+    def from_entry(self, entry: float) -> float:
+        """The value of such an entry."""
+        return math.exp(entry) if self.is_logarithmic else entry
 
     def to_si(self, value: Any) -> Any:
         """A value (float or array) given in `unit`, in SI units."""

@@ -81,7 +81,11 @@ def parameters_toml(parameters: Iterable[Parameter]) -> str:
             entries.append(f"bounds = [{float(p.lower)!r}, {float(p.upper)!r}]")
         if p.prior_spread is not None:
             # The value may have been matched since; the prior stays where it was.
-            prior = {"value": p.prior_value, "spread": p.prior_spread}
+            prior = {
+                "value": p.prior_value,
+                "spread": p.prior_spread,
+                "between_groups": p.group_spread,
+            }
             known = ", ".join(f"{k} = {float(v)!r}" for k, v in prior.items() if v is not None)
             entries.append(f"prior = {{ {known} }}")
         entries += ["free = true"] * p.free

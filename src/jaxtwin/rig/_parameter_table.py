@@ -67,9 +67,9 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
             f"{field}.value",
             f"expected a value within its bounds, {lower:g} to {upper:g}, got {row.value:g}",
         )
-    prior_spread = prior_value = None
+    prior_spread = prior_value = group_spread = None
     if row.prior is not None:
-        prior_spread = row.prior.spread
+        prior_spread, group_spread = row.prior.spread, row.prior.between_groups
         prior_value = row.value if row.prior.value is None else row.prior.value
         if not lower <= prior_value <= upper:
             refuse(
@@ -77,6 +77,14 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
                 f"{field}.prior.value",
                 f"expected a value within its bounds, {lower:g} to {upper:g}, got {prior_value:g}",
             )
+    if (row.scope == "group") != (group_spread is not None):
+        found = "none" if group_spread is None else f"{group_spread:g}"
+        refuse(
+            source,
+            f"{field}.prior.between_groups",
+            f"found {found} with scope = {row.scope!r}, allowed is a spread between groups with "
+            'scope = "group", and with no other',
+        )
     return Parameter(
         name=name,
         value=row.value,
@@ -90,4 +98,5 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
         offset=offset,
         prior_spread=prior_spread,
         prior_value=prior_value,
+        group_spread=group_spread,
     )

@@ -128,6 +128,13 @@ class CommonErrorTable(Table):
     events: Literal["detect", "none"] = "detect"
 
 
+class RegistrationTable(Table):
+    shift_x: Quantity = "0 mm"
+    shift_y: Quantity = "0 mm"
+    scale: Quantity = "1"
+    rotation: Quantity = "0 deg"
+
+
 class CameraTable(Table):
     resolution: Annotated[
         list[Annotated[int, Field(ge=1, le=2**15)]], Field(min_length=2, max_length=2)
@@ -135,6 +142,7 @@ class CameraTable(Table):
     noise: Quantity
     view: ViewTable
     common_error: CommonErrorTable | None = None
+    registration: RegistrationTable | None = None
 
 
 class SensorsTable(Table):
@@ -161,6 +169,7 @@ class InitialTable(Table):
 class PriorTable(Table):
     spread: Annotated[float, Field(gt=0)]
     value: float | None = None
+    between_groups: Annotated[float, Field(gt=0)] | None = None
 
 
 class LimitsTable(Table):
@@ -179,7 +188,7 @@ class ParameterTable(Table):
     bounds: Annotated[list[Bound], Field(min_length=2, max_length=2)] | None = None
     prior: PriorTable | None = None
     free: bool = False
-    scope: Literal["shared", "recording"] = "shared"
+    scope: Literal["shared", "group", "recording"] = "shared"
     description: str = ""
 
 

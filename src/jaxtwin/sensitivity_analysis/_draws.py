@@ -63,13 +63,21 @@ def central_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, fl
 
     **Arguments:**
 
-    - `parameters`: names; None for the free parameters that all recordings share.
+    - `parameters`: names; None for the free parameters that recordings share, without the
+      camera's registration.
 
     **Raises:** `ParameterError` for unknown names, none at all, or a value of 0.
     """
     table = twin.rig.parameters
     if parameters is None:
-        names = [name for name, row in table.items() if row.free and row.scope == "shared"]
+        # Where the camera looks is a length and an angle about 0, not a property of the plant.
+        zones = twin.wiring.zones
+        registration = frozenset() if zones is None else zones.registration.parameters
+        names = [
+            name
+            for name, row in table.items()
+            if row.free and row.scope != "recording" and name not in registration
+        ]
     else:
         names = list(names_of("parameters", parameters, ParameterError))
     unknown = [name for name in names if name not in table]

@@ -111,7 +111,7 @@ def integrate(
     lengths = jnp.asarray(grid.sizes, dtype)[grid.size]
     errors = errors[1:] * (1 + SLOPE_WEIGHT * modes.rates * lengths[:, None])
     output_shapes = (jnp.asarray(readout, dtype) @ modes.shapes).T
-    channel_shapes = (jnp.asarray(system.wiring.channel_weights, dtype) @ modes.shapes).T
+    channel_shapes = (jnp.asarray(system.channel_weights, dtype) @ modes.shapes).T
     return StepReadings(
         values=amplitudes @ output_shapes,
         slopes=(forces - modes.rates * amplitudes) @ output_shapes,

@@ -99,13 +99,13 @@ def step_chunk(
 ) -> Stepped:
     """Solves all steps."""
     wiring = prepared.system.wiring
-    readout = jnp.asarray(wiring.channel_weights)[columns]
-    if with_plate:
-        # Every element of the rig's plate counts, also where one node stands for two.
-        plate = np.eye(len(wiring.netlist.nodes))[wiring.rig_elements]
-        readout = jnp.concatenate([readout, plate])
+    # Every element of the rig's plate counts, also where one node stands for two.
+    plate = np.eye(len(wiring.netlist.nodes))[wiring.rig_elements]
 
     def step_draw(draw: Prepared) -> Stepped:
+        readout = jnp.asarray(draw.system.channel_weights)[columns]
+        if with_plate:
+            readout = jnp.concatenate([readout, jnp.asarray(plate, readout.dtype)])
         read = integrate(draw.system, draw.drive(grid), draw.modes, draw.start, readout)
         channels, elements = (
             StepReadings(read.values[:, part], read.slopes[:, part], read.error_estimate)
@@ -133,7 +133,8 @@ def sample_chunk(
         deviation = stepped.channels.at_samples(drive.grid, which)
         ambient = drive.ambient_at_samples(which)
         gain = draw.system.gain[columns]
-        reading = ambient + gain * (deviation - ambient) + (drive.reference - 273.15)
+        seen = jnp.broadcast_to(draw.system.on_plate, draw.system.gain.shape)[columns]
+        reading = ambient + gain * (deviation - seen * ambient) + (drive.reference - 273.15)
         return jnp.where(stepped.failed, jnp.nan, reading)
 
     return jax.vmap(sample_draw)(prepared, stepped)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from .._arguments import check_callable, finite_number, names_of
+from .._arguments import check_callable, finite_number, names_of, of_kind
 from .._errors import MatchError
 from .._waiting import announced
 from ..io import Experiment
@@ -20,6 +20,7 @@ from ..matching import (
     match,
     named_recordings,
 )
+from ..matching._match_group import NEW_GROUP, check_given, match_first_part, match_group
 from ..physics import Twin
 from ..simulation import Run, simulate
 from ._validation import Prediction, Validation
@@ -35,6 +36,8 @@ def validate(
     *,
     warm_up: float | int = WARM_UP,
     own: Iterable[str] | None = None,
+    group: str | None = None,
+    given: Experiment | Sequence[Experiment] | float | int | None = None,
     on_progress: Callable[[Prediction], None] | None = None,
 ) -> Validation:
     """Predicts recordings that the match has not seen.
@@ -44,6 +47,10 @@ def validate(
     see `jaxtwin.matching.estimate_initial_conditions`. Everything after that is predicted. The
     camera's corrections are not: nobody knows them beforehand.
 
+    What differs between groups of recordings, such as days, has the values of the recording's group
+    where the fit knows it, and otherwise those that are expected of a new group, unless recordings
+    are `given` from which they follow.
+
     **Arguments:**
 
     - `twin`: a fit, the path of a saved one, or a twin with its values.
@@ -51,9 +58,14 @@ def validate(
     - `warm_up`: s.
     - `own`: which parameters are estimated from a recording; by default those that have a value for
       each recording in the fit, or in the rig's table.
+    - `group`: of the recordings; by default what each says itself, and beside `given` a new one
+      where it says nothing.
+    - `given`: from what the values of a new group are estimated: the first part of each recording
+      itself, s, in place of `warm_up`; or other recordings of the group.
     - `on_progress`: called with each `Prediction` as it is made.
 
-    **Raises:** `MatchError` where a recording is too short for that or has no temperatures;
+    **Raises:** `MatchError` where a recording is too short for that or has no temperatures, or
+    something is given for a group that the fit knows, or beside a twin that is no fit;
     `SimulationError` for recordings of another rig; `ParameterError` where a saved fit cannot be
     read.
     """
@@ -64,11 +76,28 @@ def validate(
     several = as_experiments("validate: experiments", experiments, MatchError)
     names = named_recordings(twin, several)
     check_callable("validate: on_progress", on_progress, MatchError)
-    made = []
-    for name, recording in zip(names, several, strict=True):
-        made.append(_predict(name, fitted, recording, warm_up, own, None))
-        _tell(on_progress, made[-1])
+    if group is not None:
+        of_kind("validate: group", group, str, "text", MatchError)
+    groups = [one.group if group is None else group for one in several]
     kind = f"predicted after the first {warm_up:g} s"
+    span = None
+    if given is not None:
+        groups = [name or NEW_GROUP for name in groups]
+        known = check_given(fitted, groups)
+        if isinstance(given, float | int):
+            span = finite_number("validate: given", given, MatchError)
+            kind = f"predicted after the first {span:g} s, from which its group follows"
+        else:
+            recordings = as_experiments("validate: given", given, MatchError)
+            fitted = match_group(known, recordings, groups[0])
+            kind += f", given {', '.join(fitted.recordings)}"
+    made = []
+    for name, one, of in zip(names, several, groups, strict=True):
+        if span is None:
+            made.append(_predict(name, fitted, one, warm_up, own, None, of))
+        else:
+            made.append(_predict_rest(name, check_given(fitted, [of]), one, span, of))
+        _tell(on_progress, made[-1])
     return Validation(twin.rig.name, kind, tuple(made))
 
 
@@ -153,9 +182,11 @@ def leave_one_out(
         raise MatchError(f"leave_one_out: expected two recordings or more, got {len(several)}")
     made = []
     for out, name in enumerate(names):
-        others = [recording for number, recording in enumerate(several) if number != out]
-        fit = match(twin, others, on_progress=on_progress, **_without(name, options))
-        made.append(_predict(name, fit, several[out], warm_up, None, fit))
+        others = [one for number, one in enumerate(several) if number != out]
+        fit = match(twin, others, on_progress=on_progress, **_without(out, name, options))
+        groups = options.get("groups")
+        group = None if groups is None else groups[out]
+        made.append(_predict(name, fit, several[out], warm_up, None, fit, group))
         _tell(on_progress, made[-1])
     return Validation(twin.rig.name, "each predicted by a match to the others", tuple(made))
 
@@ -167,17 +198,35 @@ def _predict(
     warm_up: float,
     own: Iterable[str] | None,
     fit: Fit | None,
+    group: str | None = None,
 ) -> Prediction:
-    start = recording.time[0] + warm_up
+    start = _start_of_rest(name, recording, "warm_up", warm_up)
+    found = estimate_initial_conditions(fitted, recording, warm_up, own, group=group)
+    run = _from(simulate(found.twin, recording), start)
+    return Prediction(name, run, found.twin, found.values, found.warnings, fit)
+
+
+def _predict_rest(
+    name: str, fit: Fit, recording: Experiment, given: float, group: str
+) -> Prediction:
+    """The rest of a recording of a new group, from its first part."""
+    start = _start_of_rest(name, recording, "given", given)
+    first = match_first_part(fit, recording, given, group)
+    run = _from(simulate(first.twin, recording), start)
+    (own,) = first.recording_values.values()
+    estimated = {**own, **first.group_values[group]}
+    return Prediction(name, run, first.twin, estimated, (), first)
+
+
+def _start_of_rest(name: str, recording: Experiment, what: str, span: float) -> float:
+    start = recording.time[0] + span
     left = _samples(recording, recording.time >= start)
     if left < LEAST:
         raise MatchError(
-            f"{name}: warm_up = {warm_up:g} s: expected at least {LEAST} samples after it in "
-            f"every channel, got {left}; use a shorter warm-up"
+            f"{name}: {what} = {span:g} s: expected at least {LEAST} samples after it in "
+            f"every channel, got {left}; give less"
         )
-    found = estimate_initial_conditions(fitted, recording, warm_up, own)
-    run = _from(simulate(found.twin, recording), start)
-    return Prediction(name, run, found.twin, found.values, found.warnings, fit)
+    return float(start)
 
 
 def _samples(recording: Experiment, part: Bool[np.ndarray, " times"]) -> int:
@@ -217,10 +266,12 @@ def _before(at: float, recordings: Sequence[Experiment], options: dict[str, Any]
     return kept
 
 
-def _without(name: str, options: dict[str, Any]) -> dict[str, Any]:
+def _without(out: int, name: str, options: dict[str, Any]) -> dict[str, Any]:
     """Options of a match that does not see one recording."""
     kept = dict(options)
     for key in ("events", "masks"):
         if isinstance(given := options.get(key), Mapping):
             kept[key] = {n: value for n, value in given.items() if n != name}
+    if (groups := options.get("groups")) is not None:
+        kept["groups"] = [group for number, group in enumerate(groups) if number != out]
     return kept

@@ -1,0 +1,179 @@
+r"""Recordings of a new group, matched with what an earlier match knows.
+
+What was known after the earlier match is what is known before this one (sequential Bayesian
+estimation): the parameters that all recordings share have its values, give or take its covariance,
+and the new group has the values that are expected of any. The earlier recordings are not needed
+again. Holding what is shared would not do: its values are known in combinations with those of the
+earlier groups, so that a small change of both explains what a change of either cannot.
+
+The residuals are weighted by the noise that the earlier match learned. The first part of a
+recording is too short to learn it from.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .._errors import MatchError
+from ..io import Experiment
+from ..physics import Twin
+from ..rig import Parameter
+from ._descent import descend
+from ._fit import Fit
+from ._group_values import group_and_shared_values
+from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
+from ._linear_prior import LinearPrior
+from ._make_fit import make_fit, make_optimum
+from ._match import default_solver
+from ._noise_model import NoiseModel, initial_noise_model, update_noise_model
+from ._objective import make_objective
+from ._problem import MatchProblem, make_match_problem, named_recordings
+from ._reweighted_least_squares import Estimate
+from ._unknowns import Unknowns
+
+HELD = 1e-6
+"""Standard deviation of a value that the earlier match held at a bound."""
+
+NEW_GROUP = "another group"
+"""What a group is called that has no name and was not matched."""
+
+ROUNDS = 3
+"""Of the search for corrections of the camera."""
+
+
+def match_group(
+    fit: Fit,
+    experiments: Sequence[Experiment],
+    group: str,
+    start: InitialConditions | None = None,
+    max_iterations: int = 200,
+) -> Fit:
+    """Matches a twin to recordings of a group that an earlier match has not seen.
+
+    **Arguments:**
+
+    - `fit`: the earlier match.
+    - `experiments`: recordings of one group.
+    - `group`: its name.
+    - `start`: room, start and delay of a single recording as its first minute tells them, in place
+      of the rig file's priors. They come from samples that are matched again, which counts little
+      beside the noise that the match learned.
+    - `max_iterations`: of the match.
+
+    **Returns:** a fit that knows this group alone.
+
+    **Raises:** `MatchError` where the twin gives no finite temperatures; what `match` raises.
+    """
+    before, twin = fit.problem.unknowns, fit.twin_of_group(group)
+    recordings = named_recordings(twin, experiments)
+    known = group_and_shared_values(before, fit.vector, None)
+
+    def started(row: Parameter) -> Parameter:
+        return replace(row, value=float(twin.parameters[row.name]))
+
+    own = {} if start is None else _rows_of_start(before.per_recording, start)
+    unknowns = Unknowns(
+        shared=tuple(map(started, known.rows)),
+        per_group=(),
+        per_recording=tuple(own.get(row.name) or started(row) for row in before.per_recording),
+        groups=(0,) * len(recordings),
+    )
+    size = len(known.rows)
+    covariance = known.covariance(
+        fit.uncertainty.vector_covariance + np.diag(fit.uncertainty.between_recordings**2)
+    )
+    # What was held at a bound stays there.
+    covariance += np.diag(np.where(np.diag(covariance) > 0, 0.0, HELD**2))
+    mean = np.concatenate([known.mean, unknowns.prior_means()[size:]])
+    problem = make_match_problem(twin, recordings, unknowns, groups=(group,))
+    weights = problem.prior_weights.copy()
+    weights[:size] = 0.0
+    prior = LinearPrior.normal(mean, covariance)
+    problem = replace(problem, prior_weights=weights, linear_prior=prior)
+    began = time.perf_counter()
+    estimate = _descend(problem, fit.noise_model, max_iterations)
+    if not np.isfinite(estimate.result.cost):
+        raise MatchError(f"{twin.rig.name}: {group}: the twin gives no finite temperatures")
+    optima = (make_optimum(problem, estimate.result, 0, estimate.result),)
+    return make_fit(problem, estimate, 0, optima, began)
+
+
+def check_given(fit: Twin | Fit, groups: Sequence[str]) -> Fit:
+    """The fit that knows what is expected of new groups.
+
+    **Raises:** `MatchError` where it is none, knows one of the groups already, or these are
+    several.
+    """
+    if not isinstance(fit, Fit):
+        raise MatchError(
+            "given: found beside a Twin, allowed is a Fit, which knows what is expected of a group "
+            "of recordings"
+        )
+    if known := sorted({*groups} & {*fit.problem.groups}):
+        raise MatchError(
+            f"given: found for the group {known[0]!r}, whose values the fit knows, allowed is a "
+            "group that it does not; name another with group=..., or leave given out"
+        )
+    if len({*groups}) > 1:
+        raise MatchError(
+            f"given: found recordings of the groups {', '.join(sorted({*groups}))}, allowed is a "
+            "single one; name it with group=..."
+        )
+    return fit
+
+
+def match_first_part(fit: Fit, experiment: Experiment, given: float, group: str) -> Fit:
+    """The same for the first part of a single recording.
+
+    **Arguments:**
+
+    - `given`: length of that part, s.
+
+    **Raises:** `MatchError` where it holds too few samples; what `match_group` raises.
+    """
+    start = estimate_initial_conditions(fit, experiment, min(WARM_UP, given), group=group)
+    part = experiment.between(None, experiment.time[0] + given)
+    return match_group(fit, [part], group, start)
+
+
+def _descend(problem: MatchProblem, learned: NoiseModel, max_iterations: int) -> Estimate:
+    """With the noise that was learned earlier; corrections of the camera are looked for."""
+    noise_model = replace(
+        initial_noise_model(problem), channel=learned.channel, common_mode=learned.common_mode
+    )
+    vector, space = problem.unknowns.start(), problem.unknowns.search_space()
+    solver, estimates = default_solver(problem), []
+    for _ in range(ROUNDS):
+        objective = make_objective(problem, noise_model)
+        (result,) = descend([objective], solver, [vector], space, max_iterations)
+        estimates.append(Estimate(result, noise_model))
+        if not np.isfinite(result.cost):
+            break
+        found = update_noise_model(problem, noise_model, result.recording_errors()).events
+        if found == noise_model.events:
+            break
+        vector, noise_model = result.vector, replace(noise_model, events=found)
+    return estimates[-1]
+
+
+def _rows_of_start(rows: Sequence[Parameter], start: InitialConditions) -> dict[str, Parameter]:
+    """The values of one recording with what its first minute says of them as priors."""
+    spreads = dict(zip(start.values, np.sqrt(np.diag(start.covariance)).tolist(), strict=True))
+    found = {}
+    for row in rows:
+        if row.name in start.values:
+            value, spread = start.values[row.name], spreads[row.name]
+            lower, upper = row.lower, row.upper
+            if not row.is_logarithmic:
+                lower, upper = min(lower, value - 5 * spread), max(upper, value + 5 * spread)
+            found[row.name] = replace(
+                row,
+                value=value,
+                lower=lower,
+                upper=upper,
+                prior_value=value,
+                prior_spread=spread,
+            )
+    return found

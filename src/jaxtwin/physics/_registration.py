@@ -1,0 +1,79 @@
+r"""Where the camera looks: zones moved over the plate.
+
+A zone is a fixed rectangle of the picture. Where the picture lies on the plate differs from day to
+day: what the rig file calls the point $p$ is in truth
+
+$$p' = c + d + s R(\varphi) (p - c)$$
+
+with the plate's centre $c$ and the shift $d$, scale $s$ and rotation $\varphi$ of the rig's
+`Registration`.
+"""
+
+from collections.abc import Mapping
+from typing import final
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..rig import Registration, Rig
+from ._expressions import Expressions
+
+TILES = 4
+"""Into how many a zone is cut in each direction. They are moved with the picture and stay parallel
+to the plate's edges, which is exact without rotation. With it a zone's edge becomes a staircase:
+its steps are 2 % of a zone high at 5 degrees."""
+
+
+@final
+class RegisteredZones:
+    """The zones of a rig whose camera has a registration.
+
+    - `registration`: shift in x and y, scale and rotation, as `Expressions`.
+    """
+
+    def __init__(self, rig: Rig, registration: Registration):
+        plate = rig.plate
+        self.registration = Expressions(
+            [
+                [registration.shift_x],
+                [registration.shift_y],
+                [registration.scale],
+                [registration.rotation],
+            ]
+        )
+        self._edges = tuple(
+            np.concatenate([[0.0], np.cumsum(sizes)]) for sizes in (plate.columns, plate.rows)
+        )
+        self._middle = np.array([plate.width, plate.height]) / 2
+        ranges = np.array([(channel.x, channel.y) for channel in rig.channels], float)
+        tile_middles = (np.arange(TILES) + 0.5) / TILES
+        low, size = ranges[..., 0], ranges[..., 1] - ranges[..., 0]
+        middles = low[..., None] + size[..., None] * tile_middles  # (channels, axes, tiles)
+        x, y = middles[:, 0, None, :], middles[:, 1, :, None]
+        tiles = np.stack(np.broadcast_arrays(x, y), axis=1).reshape(len(ranges), 2, -1)
+        self._tiles = tiles - self._middle[:, None]
+        self._half_sizes = size[..., None] / TILES / 2
+
+    def element_weights(
+        self, parameters_si: Mapping[str, Float[Array, ""]]
+    ) -> Float[Array, "channels elements"]:
+        """How much each plate element counts in each channel: the part of the zone that it covers.
+
+        Rows of zones that reach beyond the plate sum to less than 1: the camera sees the
+        surroundings there.
+        """
+        shift_x, shift_y, scale, rotation = self.registration(parameters_si)
+        cos, sin = scale * jnp.cos(rotation), scale * jnp.sin(rotation)
+        x, y = self._tiles[:, 0], self._tiles[:, 1]
+        middles = cos * x - sin * y + shift_x, sin * x + cos * y + shift_y
+        along = []
+        for axis, middle in enumerate(middles):
+            centre = self._middle[axis] + middle
+            half = scale * self._half_sizes[:, axis]
+            edges = self._edges[axis]
+            low = jnp.maximum((centre - half)[..., None], edges[:-1])
+            high = jnp.minimum((centre + half)[..., None], edges[1:])
+            along.append(jnp.maximum(high - low, 0.0) / (2 * half[..., None]))
+        weights = jnp.einsum("ctx,cty->cyx", *along) / TILES**2
+        return weights.reshape(len(weights), -1)

@@ -1,0 +1,303 @@
+"""Days that differ: values of groups under a hierarchical prior, on recordings of known truth."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxtwin import Experiment, Fit, MatchError, RigError, Twin, load_rig, match, simulate, validate
+from jaxtwin.matching import prediction_band
+from jaxtwin.matching._group_values import new_group_values
+from jaxtwin.matching._linear_prior import LinearPrior
+from jaxtwin.matching._unknowns import Unknowns
+from jaxtwin.rig import Parameter, Rig
+
+RIG = """
+format = 1
+name = "two days"
+
+[plate]
+columns = ["2 cm", "2 cm", "2 cm", "2 cm"]
+rows = ["2 cm"]
+thickness = "1 mm"
+density = "8960 kg/m^3"
+specific_heat = "390 J/(kg K)"
+conductivity = "k"
+film_coefficient = "15 W/(m^2 K)"
+
+[[cells]]
+name = "P1"
+module = "TEC1-12706"
+side_capacitance = "17 J/K"
+contacts = { V12 = "R_pc" }
+sink_resistance = "0.5 K/W"
+
+[driver]
+supply_voltage = "12 V"
+on_resistance = "0.1 ohm"
+counts = 255
+polarity = 1
+averaging = "on-off"
+
+[camera]
+resolution = [80, 20]
+noise = "0.1 K"
+view = { x = [0, 80], y = [0, 20] }
+registration = { shift_x = "d_x" }
+
+[[channels]]
+name = "T1"
+x = ["1 cm", "2.5 cm"]
+y = ["0 cm", "2 cm"]
+
+[[channels]]
+name = "T2"
+x = ["2.5 cm", "5.5 cm"]
+y = ["0 cm", "2 cm"]
+
+[[channels]]
+name = "T3"
+x = ["5.5 cm", "7 cm"]
+y = ["0 cm", "2 cm"]
+
+[ambient]
+temperature = "T_amb"
+
+[initial]
+temperature = "T_amb"
+
+[parameters.k]
+value = 200.0
+unit = "W/(m K)"
+bounds = [50.0, 800.0]
+prior = { spread = 0.3 }
+free = true
+
+[parameters.R_pc]
+value = 0.6
+unit = "K/W"
+bounds = [0.02, 20.0]
+prior = { spread = 1.0, between_groups = 1.0 }
+free = true
+scope = "group"
+
+[parameters.d_x]
+value = 0.0
+unit = "mm"
+bounds = [-20.0, 20.0]
+prior = { spread = 3.0, between_groups = 4.0 }
+free = true
+scope = "group"
+
+[parameters.T_amb]
+value = 20.0
+unit = "degC"
+bounds = [0.0, 40.0]
+prior = { spread = 3.0 }
+free = true
+scope = "recording"
+"""
+TRUTH = {"monday": {"R_pc": 0.5, "d_x": 2.0}, "friday": {"R_pc": 1.5, "d_x": -5.0}}
+NOISE = 0.05
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    path = tmp_path_factory.mktemp("rig") / "rig.toml"
+    path.write_text(RIG)
+    return load_rig(path)
+
+
+def recording(rig: Rig, day: str, number: int, **values: float) -> Experiment:
+    """A minute of rest and four of heating on a day, with noise."""
+    drive = Experiment.schedule(f"60:{0.4 + 0.2 * number}", duration=300, step=2.0)
+    run = simulate(Twin(rig, {"k": 240.0, "T_amb": 18.0 + number, **TRUTH[day], **values}), drive)
+    noise = np.random.default_rng([number, len(day)]).normal(0, NOISE, run.temperatures.shape)
+    return Experiment(
+        drive.time,
+        drive.duty,
+        channels=run.channels,
+        temperatures=run.temperatures + noise,
+        name=f"{day} {number}",
+        group=day,
+    )
+
+
+@pytest.fixture(scope="module")
+def monday(rig: Rig) -> list[Experiment]:
+    return [recording(rig, "monday", number) for number in range(2)]
+
+
+@pytest.fixture(scope="module")
+def friday(rig: Rig) -> list[Experiment]:
+    return [recording(rig, "friday", number) for number in range(2)]
+
+
+@pytest.fixture(scope="module")
+def both(rig: Rig, monday, friday) -> Fit:
+    return match(Twin(rig), [*monday, *friday])
+
+
+@pytest.fixture(scope="module")
+def first(rig: Rig, monday) -> Fit:
+    return match(Twin(rig), monday)
+
+
+def rows() -> tuple[Parameter, Parameter]:
+    """A shared parameter, and one of which each group has a value."""
+    free = Parameter("k", 1.0, prior_spread=2.0, prior_value=0.5)
+    return free, replace(free, name="u", scope="group", group_spread=0.7)
+
+
+def test_values_of_groups_have_the_covariance_of_a_hierarchical_model():
+    unknowns = Unknowns.of(rows(), (0, 1, 1, 2))
+    prior = LinearPrior.between_groups(unknowns)
+    precision = prior.matrix.T @ prior.matrix
+    covariance = np.linalg.inv(precision[1:, 1:])
+    np.testing.assert_allclose(covariance, 0.7**2 * np.eye(3) + 2.0**2, rtol=1e-12)
+    np.testing.assert_allclose(prior.matrix @ unknowns.prior_means(), prior.values)
+    assert unknowns.labels("abcd", "xyz") == ("k", "u[x]", "u[y]", "u[z]")
+    assert unknowns.layout.entry_indices().tolist() == [[0, 1], [0, 2], [0, 2], [0, 3]]
+
+
+@pytest.mark.parametrize("groups", [1, 3])
+def test_a_new_group_is_the_normal_distribution_given_the_others(groups: int):
+    """The joint normal of known groups and a new one, conditioned on the known by the textbook."""
+    unknowns = Unknowns.of(rows(), tuple(range(groups)))
+    values = np.array([1.0, 2.5, -0.3, 1.1])[: groups + 1]
+    joint = 0.7**2 * np.eye(groups + 1) + 2.0**2
+    gain = joint[-1, :-1] @ np.linalg.inv(joint[:-1, :-1])
+    expected = new_group_values(unknowns, values)
+    assert expected.mean == pytest.approx([0.5 + gain @ (values[1:] - 0.5)])
+    assert expected.variance == pytest.approx([joint[-1, -1] - gain @ joint[:-1, -1]])
+    # What is not known of the vector adds to it.
+    added = expected.covariance(np.full((groups + 1, groups + 1), 0.04)) - np.diag(
+        expected.variance
+    )
+    assert added == pytest.approx(np.array([[0.04 * gain.sum() ** 2]]))
+
+
+def test_two_days_are_told_apart(both: Fit):
+    """Shifts to a millimetre, contacts within three of their standard errors."""
+    assert both.converged
+    assert set(both.group_values) == set(TRUTH)
+    errors = both.uncertainty.standard_errors
+    for day, truth in TRUTH.items():
+        found = both.group_values[day]
+        assert abs(found["d_x"] - truth["d_x"]) < 1.0
+        assert abs(found["d_x"] - truth["d_x"]) < 3 * errors[f"d_x[{day}]"]
+        assert abs(found["R_pc"] - truth["R_pc"]) < 3 * errors[f"R_pc[{day}]"]
+    assert both["k"].value == pytest.approx(240.0, rel=0.05)
+
+
+def test_the_row_of_a_groups_parameter_is_what_all_groups_share(both: Fit):
+    """Between the days' values, drawn to the prior, and as uncertain as two days leave it."""
+    row = both["R_pc"]
+    values = [math.log(both.group_values[day]["R_pc"] / 0.6) for day in TRUTH]
+    assert math.log(row.value / 0.6) == pytest.approx(sum(values) / 3, rel=1e-6)
+    assert row.scope == "group"
+    assert (row.prior_spread, row.group_spread) == (1.0, 1.0)
+    # One over three is the variance that the spreads leave, the rest is that of the values.
+    assert math.sqrt(1 / 3) < row.relative_standard_error < math.sqrt(1 / 3) + 0.1
+
+
+def test_shared_values_alone_do_not_explain_two_days(rig: Rig, monday, friday, both: Fit):
+    shared = match(Twin(rig), [*monday, *friday], groups=["one"] * 4)
+    assert shared.rmse > 3 * both.rmse
+
+
+def test_groups_given_by_name_take_the_place_of_the_recordings_own(rig: Rig, monday, friday, both):
+    unnamed = [
+        Experiment(e.time, e.duty, channels=e.channels, temperatures=e.temperatures, name=e.name)
+        for e in (*monday, *friday)
+    ]
+    fit = match(Twin(rig), unnamed, groups=["monday", "monday", "friday", "friday"])
+    np.testing.assert_allclose(fit.vector, both.vector)
+
+
+def test_a_day_that_the_fit_knows_is_predicted_with_its_values(rig: Rig, both: Fit):
+    """To what noise leaves: 0.05 K."""
+    unseen = recording(rig, "friday", 2)
+    known = validate(both, unseen)
+    assert known.rmse < 1.3 * NOISE
+    assert known.predictions[0].twin.parameters["d_x"] == both.group_values["friday"]["d_x"]
+    assert validate(both, unseen, group="monday").rmse > 10 * known.rmse
+
+
+def test_what_is_given_of_a_new_day_makes_it_known(rig: Rig, first: Fit, friday):
+    """A minute and a half of it, or another recording of the same day: each better than nothing."""
+    unseen = recording(rig, "friday", 2)
+    nothing = validate(first, unseen).rmse
+    part = validate(first, unseen, given=150)
+    whole = validate(first, unseen, given=friday[:1])
+    assert part.rmse < nothing / 3
+    assert whole.rmse < 1.5 * NOISE
+    assert set(part.predictions[0].estimated) == {"T_amb", "R_pc", "d_x"}
+    assert "150 s, from which its group follows" in part.kind
+    assert "given friday 0" in whole.kind
+
+
+def test_bands_of_a_new_day_hold_and_those_of_a_known_one_are_narrow(
+    rig: Rig, first: Fit, both: Fit
+):
+    unseen = recording(rig, "friday", 2)
+    assert unseen.temperatures is not None
+    late = unseen.time > 60
+
+    def inside_and_width(band) -> tuple[float, float]:
+        inside = (unseen.temperatures >= band.lower) & (unseen.temperatures <= band.upper)
+        return float(inside[late].mean()), float((band.upper - band.lower)[late].mean())
+
+    new = inside_and_width(prediction_band(first, experiment=unseen))
+    known = inside_and_width(prediction_band(both, experiment=unseen))
+    assert new[0] > 0.9
+    assert known[0] > 0.9
+    assert new[1] > 5 * known[1]
+
+
+def test_a_saved_fit_knows_its_groups(both: Fit, tmp_path, monday, friday):
+    both.save(tmp_path / "fit.toml")
+    loaded = Fit.load(tmp_path / "fit.toml", rig=both.twin.rig, experiments=[*friday, *monday])
+    assert loaded.groups == both.groups
+    assert loaded.group_values == {
+        day: pytest.approx(values, rel=1e-12) for day, values in both.group_values.items()
+    }
+    np.testing.assert_allclose(loaded.vector, both.vector, rtol=1e-12)
+    assert loaded["R_pc"].group_spread == 1.0
+    expected, found = (new_group_values(f.problem.unknowns, f.vector) for f in (both, loaded))
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-12)
+    assert "friday: R_pc = " in loaded.summary()
+
+
+def test_a_recording_without_a_group_among_others_is_refused(rig: Rig, monday):
+    unnamed = Experiment(
+        monday[0].time,
+        monday[0].duty,
+        channels=monday[0].channels,
+        temperatures=monday[0].temperatures,
+        name="unnamed",
+    )
+    with pytest.raises(MatchError, match=r"groups: found \['monday', ''\] for monday 0, unnamed"):
+        match(Twin(rig), [monday[0], unnamed])
+    with pytest.raises(MatchError, match="allowed is a name for each recording"):
+        match(Twin(rig), monday, groups=["monday"])
+    with pytest.raises(MatchError, match="groups: found 'monday', allowed is a name for each"):
+        match(Twin(rig), monday, groups="monday")
+
+
+def test_what_is_known_cannot_be_given(rig: Rig, first: Fit, monday):
+    with pytest.raises(MatchError, match="given: found for the group 'monday', whose values the"):
+        validate(first, monday[0], given=150)
+    with pytest.raises(MatchError, match="given: found beside a Twin, allowed is a Fit"):
+        validate(Twin(rig), monday[0], given=150)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [('scope = "group"', 'scope = "shared"'), (", between_groups = 1.0", "")]
+)
+def test_a_scope_and_a_spread_between_groups_belong_together(tmp_path, old: str, new: str):
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG.replace(old, new))
+    with pytest.raises(RigError, match=r"prior.between_groups: found (1|none) with scope = "):
+        load_rig(path)
