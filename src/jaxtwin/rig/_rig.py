@@ -90,7 +90,9 @@ class Rig:
             name: part for name, part in parts.items() if name not in (*words, "parameter_sets")
         }
         units = {name: (row.scale, row.offset) for name, row in self.parameters.items()}
-        return hashlib.sha256(repr((equations, units)).encode()).hexdigest()
+        # Cameras without a registration have the text that they had before there was any.
+        text = repr((equations, units)).replace(", registration=None)", ")")
+        return hashlib.sha256(text.encode()).hexdigest()
 
     def __hash__(self) -> int:
         # Dictionaries have no hash; the parts that can differ between rigs of one name have.
