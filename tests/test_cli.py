@@ -131,6 +131,14 @@ WRONG = {
         "give either --split or --leave-one-out",
     ),
     "nothing to validate": (["validate", "paper-2024", "synthetic-A"], "give --parameters"),
+    "given and split": (
+        ["validate", "paper-2024", "synthetic-A", "--split", "500", "--given", "120"],
+        "give --group and --given with --parameters alone",
+    ),
+    "fewer groups than recordings": (
+        ["match", "paper-2024", "synthetic-A", "synthetic-B", "--group", "day", "--out", "f.toml"],
+        "groups: found ['day'] for synthetic-A, synthetic-B, allowed is a name for each",
+    ),
     "split outside": (
         ["validate", "paper-2024", "synthetic-A", "--split", "2000"],
         "in every channel before and after it, got 1001 and 0",
