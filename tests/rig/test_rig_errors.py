@@ -45,7 +45,7 @@ MISTAKES = {
     "a parameter with an unknown unit": ("paper", "value = 0.6, unit = \"K/W\"", 'value = 0.6, unit = "K/Wat"', "parameters.R_ph.unit", "'K/Wat'"),
     "a parameter that is text": ("paper", "value = 0.6,", 'value = "0.6",', "parameters.R_ph.value", "'0.6'", "a valid number"),
     "a parameter that is no number": ("paper", "value = 0.6,", "value = nan,", "parameters.R_ph.value", "nan", "finite"),
-    "an unknown scope": ("paper", 'scope = "recording"', 'scope = "recordings"', "parameters.T_amb.scope", "'recordings'", "'shared' or 'recording'"),
+    "an unknown scope": ("paper", 'scope = "recording"', 'scope = "recordings"', "parameters.T_amb.scope", "'recordings'", "'shared', 'group' or 'recording'"),
     "bounds that exclude the value": ("paper", "bounds = [2e-06, 2.0], free = true, description = \"far", "bounds = [1.0, 2.0], free = true, description = \"far", "parameters.R_ph.value", "got 0.6", "1 to 2"),
     "bounds the wrong way": ("paper", "bounds = [0.0, 40.0]", "bounds = [40.0, 0.0]", "parameters.T_amb.bounds", "[40, 0]", "lower below upper"),
     "three bounds": ("paper", "bounds = [0.0, 40.0]", "bounds = [0.0, 20.0, 40.0]", "parameters.T_amb.bounds", "at most 2"),
