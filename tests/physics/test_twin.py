@@ -186,8 +186,13 @@ def slopes(function: Callable[[Twin], jax.Array], twin: Twin, names: Iterable[st
     ("name", "derivative"), [("paper-2024", jax.grad), ("dual-cell", jax.jacfwd)]
 )
 def test_derivatives_equal_finite_differences_in_every_parameter(name, derivative, float64):
-    """Backward and forward."""
+    """Backward and forward; the camera's zones moved, as they have a kink where their edges meet
+    those of elements."""
     twin = Twin(name)
+    moved = {"d_x": 1.3, "d_y": -0.7, "s_view": 1.01, "r_view": 0.4}
+    twin = twin.with_parameters(
+        {key: value for key, value in moved.items() if key in twin.parameters}
+    )
     values = {name: jnp.asarray(value) for name, value in twin.parameters.items()}
 
     def of_values(values: dict[str, jax.Array]) -> jax.Array:
@@ -223,7 +228,7 @@ def test_precision_is_the_caller_s_and_values_keep_theirs(twin):
 
 
 def test_twin_prints_what_it_is(twin):
-    assert repr(twin) == "<Twin of dual-cell: 45 parameters>"
+    assert repr(twin) == "<Twin of dual-cell: 49 parameters>"
 
 
 def test_wiring_is_equal_for_rigs_of_equal_content_only():
