@@ -161,7 +161,7 @@ def test_a_report_says_once_what_the_ratio_means():
     """Recordings see a + 2 b with 44.7 times what was known, and across it a tenth (by hand)."""
     together = np.array([[400.0, 800.0], [800.0, 1600.05]])
     known = uncertainty(
-        ("a", "b"), together, together, np.ones(2), np.ones(2), np.ones(2), np.ones(2, bool)
+        ("a", "b"), together, together, np.eye(2), np.ones(2), np.ones(2), np.ones(2, bool)
     )
     report = known.report()
     assert report.count("below 1 they say less than was known") == 1
@@ -169,7 +169,7 @@ def test_a_report_says_once_what_the_ratio_means():
     assert str(direction) == "+0.89 a -0.45 b (ratio 0.1)"
     assert f"unidentifiable: {direction}" in report.splitlines()
     one, nine = np.ones(1), 9 * np.eye(1)
-    clear = uncertainty(("a",), nine, nine, one, one, one, np.ones(1, bool))
+    clear = uncertainty(("a",), nine, nine, np.eye(1), one, one, np.ones(1, bool))
     assert "ratio" not in clear.report()
 
 
