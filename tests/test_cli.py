@@ -133,11 +133,11 @@ WRONG = {
     "nothing to validate": (["validate", "paper-2024", "synthetic-A"], "give --parameters"),
     "given and split": (
         ["validate", "paper-2024", "synthetic-A", "--split", "500", "--given", "120"],
-        "give --group and --given with --parameters alone",
+        "give --group and --given with --parameters, not with --split",
     ),
     "fewer groups than recordings": (
         ["match", "paper-2024", "synthetic-A", "synthetic-B", "--group", "day", "--out", "f.toml"],
-        "groups: found ['day'] for synthetic-A, synthetic-B, allowed is a name for each",
+        "groups: expected a name for each recording, such as its day, got ['day'] for synthetic-A",
     ),
     "split outside": (
         ["validate", "paper-2024", "synthetic-A", "--split", "2000"],

@@ -74,7 +74,9 @@ def validate(
     if split is None and not leave_one_out and parameters is None and set_name is None:
         raise typer.BadParameter("give --parameters, or match with --split or --leave-one-out")
     if (group or given) and (split is not None or leave_one_out):
-        raise typer.BadParameter("give --group and --given with --parameters alone")
+        raise typer.BadParameter(
+            "give --group and --given with --parameters, not with --split or --leave-one-out"
+        )
     for option, value in (("--split", split), ("--warm-up", warm_up)):
         if value is not None and not math.isfinite(value):
             raise typer.BadParameter(f"{option}: expected a finite number, got {value:g}")

@@ -108,18 +108,18 @@ def check_given(fit: Twin | Fit, groups: Sequence[str]) -> Fit:
     """
     if not isinstance(fit, Fit):
         raise MatchError(
-            "given: found beside a Twin, allowed is a Fit, which knows what is expected of a group "
-            "of recordings"
+            "given: expected beside a Fit, which knows what is expected of a group of recordings, "
+            "got beside a Twin"
         )
     if known := sorted({*groups} & {*fit.problem.groups}):
         raise MatchError(
-            f"given: found for the group {known[0]!r}, whose values the fit knows, allowed is a "
-            "group that it does not; name another with group=..., or leave given out"
+            "given: expected for a group that the fit does not know, got for the group "
+            f"{known[0]!r}, which it knows; name another with group=..., or leave given out"
         )
     if len({*groups}) > 1:
         raise MatchError(
-            f"given: found recordings of the groups {', '.join(sorted({*groups}))}, allowed is a "
-            "single one; name it with group=..."
+            "given: expected recordings of a single group, got "
+            f"{', '.join(sorted({*groups}))}; name the group with group=..."
         )
     return fit
 

@@ -176,14 +176,14 @@ def named_groups(
             return ("",), (0,) * len(named)
     else:
         if isinstance(groups, str) or not isinstance(groups, Iterable):
-            raise MatchError(f"groups: found {groups!r}, allowed is a name for each recording")
+            raise MatchError(f"groups: expected a name for each recording, got {groups!r}")
         named = list(groups)
         for name in named:
             of_kind("groups", name, str, "text", MatchError)
     if len(named) != len(several) or not all(named):
         raise MatchError(
-            f"groups: found {named!r} for {', '.join(recordings)}, allowed is a name for each "
-            "recording, such as its day"
+            "groups: expected a name for each recording, such as its day, got "
+            f"{named!r} for {', '.join(recordings)}"
         )
     names = tuple(dict.fromkeys(named))
     return names, tuple(names.index(name) for name in named)

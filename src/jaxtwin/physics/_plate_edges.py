@@ -60,7 +60,9 @@ def measure_registration(rig: Rig, frame: Shaped[np.ndarray, "..."]) -> Measured
     of_kind("measure_registration: rig", rig, Rig, "a Rig, as load_rig reads it", RigError)
     camera, pixels = checked_frames(rig, frame)
     if pixels.ndim != 2:
-        raise RigError(f"frame: found shape {pixels.shape}, allowed is one frame (height, width)")
+        raise RigError(
+            f"frame: expected a single frame (height, width), got an array of shape {pixels.shape}"
+        )
     sizes = (rig.plate.width, rig.plate.height)
     # Places in the picture are counted in metres of the plate from its middle, as the rig file has
     # it. The left and the right edge first, then those that columns run across.

@@ -70,8 +70,8 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
             if channel.x is None:
                 fields.refuse(
                     f"channels[{channel.name}].nodes",
-                    "found named elements, allowed with a [camera.registration], which moves what "
-                    "channels look at, are ranges x and y",
+                    "expected ranges x and y, because a [camera.registration] moves what channels "
+                    "look at, got named elements",
                 )
     fields.check_all_used()
     return rig

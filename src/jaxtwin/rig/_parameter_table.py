@@ -82,8 +82,8 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
         refuse(
             source,
             f"{field}.prior.between_groups",
-            f"found {found} with scope = {row.scope!r}, allowed is a spread between groups with "
-            'scope = "group", and with no other',
+            'expected a spread between groups with scope = "group", and none with any other, got '
+            f"{found} with scope = {row.scope!r}",
         )
     return Parameter(
         name=name,
