@@ -1,9 +1,11 @@
 """CasADi with SUNDIALS' CVODES, mapped over the draws on all cores.
 
-As fast as CasADi allows: equations and their sparse Jacobian compiled by the system's C compiler
-where there is one, the network's conductances as the integrator's parameters, the linear solver
-that measured best, a driver's lag as a function of time: as states of their own, the duty cycles
-take a tenth longer and rule out the fastest linear solver. Threads each take a part of the draws.
+At its best: equations and their sparse Jacobian compiled by the system's C compiler where that
+pays, the network's conductances as the integrator's parameters, a driver's lag as a function of
+time (as states of their own, the duty cycles take a tenth longer and rule out the fastest linear
+solver), gains inside the graph, and results written by CasADi into memory that numpy sees, so that
+nothing is converted. Threads each take a part of the draws. `benchmarks.ways` searches the
+settings.
 """
 
 import contextlib
@@ -11,6 +13,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -22,36 +25,85 @@ from jaxtwin.rig._plate import FILM_REFERENCE
 from ._equations import CALM, STEFAN_BOLTZMANN, Equations, equations, stretches
 from ._task import Task
 
+HAS_COMPILER = shutil.which("cc") is not None
+FLAGS = ["-O3", "-march=native", "-ffast-math"]
+
+
+@dataclass(frozen=True)
+class CvodesSetting:
+    """What a user of CasADi's CVODES chooses.
+
+    - `reltol`: relative tolerance. `abstol`: absolute, K.
+    - `linear_solver`: a name of CasADi's.
+    - `compiled`: whether equations and Jacobian pass through the C compiler.
+    """
+
+    reltol: float
+    abstol: float
+    linear_solver: str
+    compiled: bool
+
+    def __str__(self) -> str:
+        tolerances = f"{self.reltol:.0e}, {self.abstol:.0e} K".replace("e-0", "e-")
+        return f"{tolerances}, {self.linear_solver}{', compiled' if self.compiled else ''}"
+
 
 def cvodes(
-    task: Task, count: int, tolerance: float, linear_solver: str = "ldl"
-) -> Callable[[], Float[np.ndarray, "d t c"]]:
-    """With the tolerance relative and, in K, absolute."""
+    task: Task, count: int, setting: CvodesSetting
+) -> Callable[[], Float[np.ndarray, "draws times channels"]]:
+    """Whole trajectories, degC: a view of the memory that CasADi writes."""
+    channels, samples = task.experiment.temperatures.shape[1], len(task.experiment.time)
+    run = _mapped(task, count, setting, cost=False)
+    return lambda: run().reshape(count, samples, channels)
+
+
+def cvodes_cost(
+    task: Task, count: int, setting: CvodesSetting
+) -> Callable[[], Float[np.ndarray, " draws"]]:
+    """The sum of squares of each draw alone, K^2, which CasADi forms inside its graph."""
+    return _mapped(task, count, setting, cost=True)
+
+
+def _mapped(
+    task: Task, count: int, setting: CvodesSetting, cost: bool
+) -> Callable[[], Float[np.ndarray, " numbers"]]:
     # CasADi leaves its C files in the current folder.
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        run = _compiled(task, count, tolerance, linear_solver)
-        run()
+        function, arguments = _built(task, count, setting, cost)
+        # A draw behind the other, as CasADi keeps matrices.
+        given = [np.ascontiguousarray(argument.T) for argument in arguments]
+        answer = np.zeros(function.nnz_out(0))
+        buffer, call = function.buffer()
+        for number, argument in enumerate(given):
+            buffer.set_arg(number, memoryview(argument.reshape(-1)))
+        buffer.set_res(0, memoryview(answer))
+        call()
+    held = function, buffer, given  # `call` points into them and does not keep them alive
+
+    def run() -> Float[np.ndarray, " numbers"]:
+        assert held
+        call()
+        return answer
+
     return run
 
 
-def _compiled(
-    task: Task, count: int, tolerance: float, linear_solver: str
-) -> Callable[[], Float[np.ndarray, "d t c"]]:
+def _built(
+    task: Task, count: int, setting: CvodesSetting, cost: bool
+) -> tuple[ca.Function, list[Float[np.ndarray, "numbers draws"]]]:
     networks = [equations(twin) for twin in task.twins(count)]
     first = networks[0]
-    parameters = np.stack([_numbers(network) for network in networks], axis=1)
-    starts = np.stack([network.start for network in networks], axis=1)
     options: dict[str, Any] = {
-        "reltol": tolerance,
-        "abstol": tolerance,
+        "reltol": setting.reltol,
+        "abstol": setting.abstol,
         "max_num_steps": 100_000,
-        "linear_solver": linear_solver,
+        "linear_solver": setting.linear_solver,
     }
-    if shutil.which("cc") or shutil.which("gcc"):
-        flags = ["-O3", "-march=native", "-ffast-math"]
+    if setting.compiled:
         options |= {"jit": True, "compiler": "shell", "jit_cleanup": False}
-        options["jit_options"] = {"flags": flags, "cleanup": False}
-    p, x, t = ca.SX.sym("p", len(parameters)), ca.SX.sym("x", first.nodes), ca.SX.sym("t")
+        options["jit_options"] = {"flags": FLAGS, "cleanup": False}
+    numbers = np.stack([_numbers(network) for network in networks], axis=1)
+    p, x, t = ca.SX.sym("p", len(numbers)), ca.SX.sym("x", first.nodes), ca.SX.sym("t")
     before, command = ca.SX.sym("before", len(first.cold)), ca.SX.sym("u", len(first.cold))
     since = ca.SX.sym("since")
     duty = command
@@ -63,27 +115,27 @@ def _compiled(
         "p": ca.vertcat(p, before, command, since),
         "ode": _rate(first, x, p, duty),
     }
-    x0, numbers = ca.MX.sym("x0", x.shape[0]), ca.MX.sym("numbers", p.shape[0])
+    x0, of_draw = ca.MX.sym("x0", x.shape[0]), ca.MX.sym("numbers", p.shape[0])
+    gain, ambient = ca.MX.sym("gain", len(first.gain)), ca.MX.sym("ambient")
     states, now = [x0], ca.MX.zeros(len(first.cold))
     for start, end, drive in stretches(task.experiment, first.delay):
         times = np.arange(start + 1, end + 0.5).tolist()
         integrator = ca.integrator("stretch", "cvodes", problem, start, times, options)
-        inputs = ca.vertcat(numbers, now, ca.DM(drive), start)
+        inputs = ca.vertcat(of_draw, now, ca.DM(drive), start)
         states.append(integrator(x0=states[-1][:, -1], p=inputs)["xf"])
         if first.lag:
-            now = drive + (now - drive) * ca.exp((start - end) / numbers[-1])
-    # Gains differ between draws and are applied afterwards.
+            now = drive + (now - drive) * ca.exp((start - end) / of_draw[-1])
     rises = ca.DM(first.weights) @ ca.horzcat(*states)[: first.nodes, :]
-    run_one = ca.Function("run", [x0, numbers], [rises])
+    readings = ca.densify(ca.repmat(gain, 1, rises.shape[1]) * rises + ambient)
+    result = ca.sumsqr(readings - ca.DM(task.experiment.temperatures.T)) if cost else readings
+    run_one = ca.Function("run", [x0, of_draw, gain, ambient], [result])
     run_all = run_one.map(count, "thread", os.cpu_count() or 1)
-    gains = np.stack([network.gain for network in networks])[:, None, :]
-    ambient = np.array([network.ambient for network in networks])[:, None, None]
-
-    def run() -> Float[np.ndarray, "d t c"]:
-        answer = np.asarray(run_all(starts, parameters)).reshape(len(first.gain), count, -1)
-        return gains * np.moveaxis(answer, 0, -1) + ambient - 273.15
-
-    return run
+    return run_all, [
+        np.stack([network.start for network in networks], axis=1),
+        numbers,
+        np.stack([network.gain for network in networks], axis=1),
+        np.array([[network.ambient - 273.15 for network in networks]]),
+    ]
 
 
 def _pairs(network: Equations) -> list[tuple[int, int]]:

@@ -20,10 +20,11 @@ PATIENCE = 400.0
 """Seconds that the largest number of draws may take, else it is left out."""
 REDUCTIONS = ("cost", "final")
 PEERS = {
-    "CasADi CVODES, 1e-5": [100, 1000, 3000],
-    "diffrax Kvaerno5, 1e-5": [100, 1000],
-    "scipy LSODA, 1e-6": [30, 100],
+    "CasADi CVODES": [100, 1000, 3000],
+    "diffrax, vmapped": [100, 1000],
+    "scipy LSODA": [30, 100],
 }
+"""Tool -> numbers of draws, with the setting that the search of `benchmarks.ways` finds best."""
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
@@ -46,9 +47,9 @@ def measure(quick: bool = False) -> dict[str, Any]:
         "jaxtwin, float32, cost and final": single["times"],
         "jaxtwin, float64": whole["times"],
     }
-    for name, sizes in PEERS.items():
-        sizes = sizes[:1] if quick else sizes
-        times[name] = [(count, _peer(name, count)) for count in sizes]
+    for tool, sizes in PEERS.items():
+        name, points = _peer(tool, sizes[:1] if quick else sizes, quick)
+        times[name] = points
     return {
         "times": times,
         "against_thousands": double["wall"],
@@ -136,11 +137,16 @@ def workers(count: int, repeats: int) -> dict[str, Any]:
     }
 
 
-def _peer(name: str, count: int) -> float:
-    from .ways import peers
+def _peer(tool: str, counts: list[int], quick: bool) -> tuple[str, list[tuple[int, float]]]:
+    """Tool and setting, and pairs (draws, seconds)."""
+    from .ways import fastest
 
-    run = peers(PUBLISHED)[name][0](PUBLISHED, count)
-    return median(rounds({name: run}, 3)[name])
+    setting, make = fastest(PUBLISHED, tool, quick)
+    points = []
+    for count in counts:
+        run = make(PUBLISHED, count)
+        points.append((count, median(rounds({tool: run}, 3)[tool])))
+    return f"{tool}, {setting}", points
 
 
 if __name__ == "__main__":

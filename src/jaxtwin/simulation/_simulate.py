@@ -94,7 +94,10 @@ def simulate(
         states, readings, result = _run_diffrax(twin, start, experiment, method)
         if result != diffrax.RESULTS.successful:
             name = type(method.solver).__name__
-            raise SimulationError(f"{twin.rig.name}: {name}: {result}")
+            raise SimulationError(
+                f"{twin.rig.name}: {name}: {result}. If the temperatures do not stay finite or "
+                "change too fast, look for parameters far outside their bounds"
+            )
         return {"states": np.asarray(states)[None], "readings": np.asarray(readings)[None]}
 
     with own_settings():
