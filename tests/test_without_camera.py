@@ -187,13 +187,13 @@ def test_the_virtual_rig_streams_sensors_and_no_frames(rig: Rig, tmp_path: Path)
 
 
 def test_a_camera_is_refused_where_the_rig_has_none(rig: Rig):
-    with pytest.raises(LinkError, match="jumps: found 100, allowed only for rigs with a camera"):
+    with pytest.raises(LinkError, match="jumps: expected 0 for a rig without a camera, got 100"):
         VirtualRig(Twin(rig), faults=Faults.parse("jumps=100"))
     with pytest.raises(RigError, match=r"strip\.toml: camera: expected a rig with a camera"):
         frame_to_channels(rig, np.zeros((60, 80)))
     seen = replace(VirtualRig(Twin(rig)).hello, camera=(80, 60))
     refusal = Identity.of(rig).refusal(seen)
-    assert refusal == "greets with camera (80, 60); the rig file says None"
+    assert refusal == "camera: expected None as in the rig file, got (80, 60)"
 
 
 def test_the_commands_take_the_rig(file: Path, recording: Experiment, tmp_path: Path):

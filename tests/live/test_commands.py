@@ -90,8 +90,8 @@ LINK = ["--link", "socket://127.0.0.1:1"]
     [
         (["export", "missing.db", "run.csv"], "missing.db: no such file"),
         (["virtual-rig", "dual-cell", "--pty", "--tcp", ":0"], "give one of --tcp, --pty"),
-        (["virtual-rig", "dual-cell", "--faults", "burn=1"], "fault 'burn=1': allowed are"),
-        (["record", "dual-cell", "--link", "x://y", "--out", "s.db"], "allowed are a serial port"),
+        (["virtual-rig", "dual-cell", "--faults", "burn=1"], "fault: expected words like"),
+        (["record", "dual-cell", "--link", "x://y", "--out", "s.db"], "expected a serial port"),
         (["record", "dual-cell", *LINK, "--out", "no/s.db"], "there is no folder"),
         (["record", "dual-cell", *LINK, "--out", "s.csv"], "got '.csv'"),
         (["drive", "dual-cell", *LINK, "--duty", "0:2", "--out", "s.db"], "0:2"),
@@ -115,8 +115,8 @@ def test_a_wrong_command_is_one_clear_line(
 
 
 @pytest.mark.parametrize("address", ["nowhere", "127.0.0.1:", "127.0.0.1:99999", "no such host:1"])
-def test_an_address_that_is_none_is_refused_with_what_is_allowed(address: str) -> None:
-    with pytest.raises(LinkError, match="allowed is HOST:PORT"):
+def test_an_address_that_is_none_is_refused_with_what_is_expected(address: str) -> None:
+    with pytest.raises(LinkError, match="expected HOST:PORT"):
         TcpServer(address)
 
 

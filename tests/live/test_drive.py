@@ -277,7 +277,7 @@ def test_two_drives_do_not_share_a_rig(rig: Rig, twin: Twin, clock: HandClock) -
 def test_nothing_but_duties_reaches_a_device(rig: Rig, twin: Twin, clock: HandClock) -> None:
     for wrong in ((float("nan"), 0.0), (2.0, 0.0), (0.5,), (0.5, 0.5, 0.5)):
         device = VirtualRig(twin)
-        with pytest.raises(JaxtwinError, match="allowed are 2 numbers from -1 to 1"):
+        with pytest.raises(JaxtwinError, match="expected 2 numbers from -1 to 1"):
             operate(virtual_bench(rig, device, clock), twin, lambda moment, duty=wrong: duty)
         assert device.pwm == OFF
 

@@ -199,8 +199,8 @@ def test_a_serial_port_is_opened_by_one_program_at_a_time() -> None:
         "mqtt:///t",
     ],
 )
-def test_a_link_that_cannot_exist_is_refused_with_what_is_allowed(url: str) -> None:
-    with pytest.raises(JaxtwinError, match="allowed"):
+def test_a_link_that_cannot_exist_is_refused_with_what_is_expected(url: str) -> None:
+    with pytest.raises(JaxtwinError, match="expected"):
         opener(url)
 
 

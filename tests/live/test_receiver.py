@@ -114,17 +114,20 @@ def test_device_time_that_runs_backwards_is_nonsense(receiver: Receiver) -> None
 @pytest.mark.parametrize(
     ("hello", "reason"),
     [
-        (replace(HELLO, version=3), "version 3"),
-        (replace(HELLO, rig="single-cell"), "rig single-cell"),
+        (replace(HELLO, version=3), "got 3"),
+        (
+            replace(HELLO, rig="single-cell"),
+            "rig: expected dual-cell as in the rig file, got single-cell",
+        ),
         (replace(HELLO, cells=("P1",)), "cells"),
         (replace(HELLO, camera=(160, 120)), "camera"),
         (replace(HELLO, channels=("T11",)), "channels"),
-        (replace(HELLO, counts=1023), "counts 1023"),
-        (replace(HELLO, watchdog=60.0), "watchdog 60 s; allowed are 0.1 to 5 s"),
-        (replace(HELLO, watchdog=None), "no watchdog; allowed are 0.1 to 5 s"),
-        (replace(HELLO, watchdog=0.0), "watchdog 0 s"),
-        (replace(HELLO, rate=0.001), "rate 0.001; allowed are 0.1 to 1000"),
-        (replace(HELLO, rate=10_000.0), "rate 10000"),
+        (replace(HELLO, counts=1023), "counts: expected 255 as in the rig file, got 1023"),
+        (replace(HELLO, watchdog=60.0), "expected 0.1 to 5 s of a device that drives, got 60 s"),
+        (replace(HELLO, watchdog=None), "expected 0.1 to 5 s of a device that drives, got none"),
+        (replace(HELLO, watchdog=0.0), "got 0 s"),
+        (replace(HELLO, rate=0.001), "expected 0.1 to 1000 Hz, got 0.001"),
+        (replace(HELLO, rate=10_000.0), "got 10000"),
     ],
 )
 def test_another_rig_is_refused(receiver: Receiver, hello: Hello, reason: str) -> None:

@@ -179,7 +179,7 @@ def test_faults_happen_when_they_should(twin: Twin) -> None:
     ["drop=2", "drop", "burn=1", "loosen=P1", "stall=1", "fail=P2@x", "jumps=nan", "jumps=-1"],
 )
 def test_a_fault_that_is_none_is_quoted(text: str) -> None:
-    with pytest.raises(JaxtwinError, match="allowed are words like drop="):
+    with pytest.raises(JaxtwinError, match="expected words like drop="):
         Faults.parse(text)
 
 

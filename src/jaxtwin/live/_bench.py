@@ -259,7 +259,7 @@ def connect(
     now is waited for.
     """
     if not urls or len(set(urls)) < len(urls):
-        raise LinkError(f"links {urls}: allowed is one or more, each once")
+        raise LinkError(f"links: expected at least one, each once, got {urls}")
     # Names stand in recordings: no passwords.
     openers: dict[str, Callable] = {without_password(url): opener(url, baud=baud) for url in urls}
     return Bench(rig, openers, journal=journal, clock=clock)

@@ -110,7 +110,7 @@ def _parse_line(line: str) -> Message:
     for word in words:
         key, equals, value = word.partition("=")
         if not equals or key in fields:
-            raise ValueError(f"found {word!r}, allowed is key=value, each key once")
+            raise ValueError(f"expected key=value, each key once, got {word!r}")
         fields[key] = value
     message = _message(kind, fields)
     if fields:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from .._errors import LinkError
 from ..physics import System
 
-_ALLOWED = (
+_EXAMPLES = (
     "drop=0.01, corrupt=0.001, jumps=164, stall=30/5, disconnect=60, loosen=P1@300/10, fail=P2@600"
 )
 
@@ -52,7 +52,7 @@ class Faults:
             try:
                 fields[key] = _value(key, value)
             except (KeyError, ValueError):
-                raise LinkError(f"fault {word!r}: allowed are words like {_ALLOWED}") from None
+                raise LinkError(f"fault: expected words like {_EXAMPLES}, got {word!r}") from None
         return cls(**fields)  # pyright: ignore[reportArgumentType]
 
     def check_cells(self, cells: tuple[str, ...]) -> None:

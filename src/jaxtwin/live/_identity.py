@@ -64,7 +64,7 @@ class Identity:
     def refusal(self, hello: Hello) -> str | None:
         """Why a device does not belong to this rig, or `None` where it does."""
         if hello.version != VERSION:
-            return f"speaks version {hello.version} of the protocol; allowed is {VERSION}"
+            return f"expected version {VERSION} of the protocol, got {hello.version}"
         pairs = (
             ("rig", hello.rig, self.rig),
             ("cells", hello.cells or self.cells, self.cells),
@@ -72,11 +72,11 @@ class Identity:
             ("camera", hello.camera or self.camera, self.camera),
             ("counts", hello.counts if hello.cells else self.counts, self.counts),
         )
-        for field, found, allowed in pairs:
-            if found != allowed:
-                return f"greets with {field} {found}; the rig file says {allowed}"
+        for field, got, expected in pairs:
+            if got != expected:
+                return f"{field}: expected {expected} as in the rig file, got {got}"
         if not RATES[0] <= hello.rate <= RATES[1]:
-            return f"greets with rate {hello.rate:g}; allowed are {RATES[0]:g} to {RATES[1]:g}"
+            return f"rate: expected {RATES[0]:g} to {RATES[1]:g} Hz, got {hello.rate:g}"
         if hello.cells:
             return _watchdog_refusal(hello.watchdog)
         return None
@@ -92,8 +92,8 @@ def _watchdog_refusal(watchdog: float | None) -> str | None:
     shortest, longest = WATCHDOG_SECONDS
     if watchdog is not None and shortest <= watchdog <= longest:
         return None
-    found = "no watchdog" if watchdog is None else f"watchdog {watchdog:g} s"
-    return f"drives cells and greets with {found}; allowed are {shortest:g} to {longest:g} s"
+    got = "none" if watchdog is None else f"{watchdog:g} s"
+    return f"watchdog: expected {shortest:g} to {longest:g} s of a device that drives, got {got}"
 
 
 def _checked(name: str) -> str:

@@ -7,7 +7,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit, urlunsplit
 
 from .._errors import LinkError
 
-ALLOWED = "mqtt://[user[:password]@]host[:port]/topic, or mqtts:// with TLS"
+EXPECTED = "mqtt://[user[:password]@]host[:port]/topic, or mqtts:// with TLS"
 
 _FILES = ("ca", "cert", "key")
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
@@ -48,17 +48,18 @@ class MqttAddress:
             parts = urlsplit(url)
             host, port = parts.hostname, parts.port
         except ValueError:
-            raise LinkError(f"{shown!r}: allowed is {ALLOWED}") from None
+            raise LinkError(f"link: expected {EXPECTED}, got {shown!r}") from None
         topic = unquote(parts.path.strip("/"))
         if parts.scheme not in _PORTS or not host or not topic:
-            raise LinkError(f"{shown!r}: allowed is {ALLOWED}")
+            raise LinkError(f"link: expected {EXPECTED}, got {shown!r}")
         if "#" in url or re.search(r"[+#\0]", topic):
-            raise LinkError(f"{shown!r}: a topic without + and # is allowed: they mean many topics")
+            raise LinkError(f"link: expected a topic without + and #, got {shown!r}")
         files = dict(parse_qsl(parts.query, keep_blank_values=True))
         tls = parts.scheme == "mqtts"
         if set(files) - set(_FILES) or (files and not tls) or ("key" in files) != ("cert" in files):
             raise LinkError(
-                f"{shown!r}: allowed behind ? are ca=FILE, and cert=FILE&key=FILE, with mqtts://"
+                "link: expected mqtts:// and behind the ? ca=FILE, or cert=FILE&key=FILE, "
+                f"got {shown!r}"
             )
         return cls(
             host,

@@ -64,11 +64,13 @@ class Obedience:
                 earlier = sent.pwm
             elif sent.time <= sample.arrival:
                 within.append(sent.pwm)
-        for cell, found, *allowed in zip(self._cells, sample.pwm, earlier, *within, strict=True):
-            if not min(allowed) - ROUNDING <= found <= max(allowed) + ROUNDING:
+        for cell, applied, *commanded in zip(
+            self._cells, sample.pwm, earlier, *within, strict=True
+        ):
+            if not min(commanded) - ROUNDING <= applied <= max(commanded) + ROUNDING:
                 return Trip(
                     "disobedience",
-                    f"{cell} gets {found} counts; {allowed[-1]} were commanded",
+                    f"{cell} gets {applied} counts; {commanded[-1]} were commanded",
                 )
         return None
 

@@ -36,12 +36,12 @@ def opener(url: str, *, baud: int = 115_200) -> Opener:
             host = port = None
         if host and port:
             return lambda: SocketTransport(socket.create_connection((host, port), CONNECT_SECONDS))
-        raise LinkError(f"link {url!r}: allowed is socket://host:port")
+        raise LinkError(f"link: expected socket://host:port, got {url!r}")
     try:
         serial.serial_for_url(url, baud, do_not_open=True)
     except (ValueError, serial.SerialException) as error:
         raise LinkError(
-            f"link {url!r}: {error}; allowed are a serial port, socket://host:port, "
-            "rfc2217://host:port, loop:// and mqtt://host:port/topic"
+            "link: expected a serial port, socket://host:port, rfc2217://host:port, loop:// or "
+            f"mqtt://host:port/topic, got {url!r} ({error})"
         ) from None
     return lambda: SerialTransport(url, baud)

@@ -215,5 +215,5 @@ def _checked(duty: Sequence[float] | np.ndarray, cells: int) -> np.ndarray:
     """A duty as it may be sent: NaN or 3 of a controller must not reach a driver."""
     values = np.asarray(duty, np.float64)
     if values.shape != (cells,) or not np.all(np.abs(values) <= 1):
-        raise JaxtwinError(f"duty {duty}: allowed are {cells} numbers from -1 to 1")
+        raise JaxtwinError(f"duty: expected {cells} numbers from -1 to 1, got {duty}")
     return values

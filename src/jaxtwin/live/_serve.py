@@ -78,7 +78,7 @@ class TcpServer:
                 raise ValueError(f"port {port} is above 65535")
             self._listener = socket.create_server((host or "127.0.0.1", int(port)))
         except (OSError, ValueError) as error:
-            raise LinkError(f"{address}: {error}; allowed is HOST:PORT, free") from None
+            raise LinkError(f"--tcp: expected HOST:PORT, free, got {address!r} ({error})") from None
         self._listener.setblocking(False)
         self.url = "socket://{}:{}".format(*self._listener.getsockname()[:2])
         self._clients: dict[socket.socket, bytearray] = {}
@@ -149,7 +149,7 @@ class PtyServer:
 
     def __init__(self) -> None:
         if sys.platform == "win32":
-            raise LinkError("--pty: Windows has no pseudo-terminals; allowed is --tcp")
+            raise LinkError("--pty: expected pseudo-terminals, which Windows lacks; use --tcp")
         import pty
         import tty
 

@@ -62,14 +62,14 @@ class TwinWatch:
         room = self._follower.ambient
         if self._unknown is None:
             self._unknown = abs(float(record.temperatures.mean()) - room)
-        allowed = self._limits.deviation + SHARE * float(np.abs(predicted - room).max())
-        allowed += 0.0 if self._room_measured else self._unknown
+        limit = self._limits.deviation + SHARE * float(np.abs(predicted - room).max())
+        limit += 0.0 if self._room_measured else self._unknown
         apart = record.temperatures - predicted
         worst = int(np.argmax(np.abs(apart)))
-        if abs(apart[worst]) <= allowed:
+        if abs(apart[worst]) <= limit:
             return None
         return Trip(
             "deviation",
             f"{self._channels[worst]} reads {record.temperatures[worst]:.1f} degC where the twin "
-            f"has {predicted[worst]:.1f}; allowed are {allowed:.0f} K",
+            f"has {predicted[worst]:.1f}, more than {limit:.0f} K apart",
         )

@@ -91,7 +91,7 @@ class VirtualRig:
             self._periods["image"] = 1 / camera_hz
         elif self.faults.jumps:
             raise LinkError(
-                f"faults: jumps: found {self.faults.jumps:g}, allowed only for rigs with a camera"
+                f"faults: jumps: expected 0 for a rig without a camera, got {self.faults.jumps:g}"
             )
         self._made = dict.fromkeys(self._periods, 0)
         self._seq = {"data": 0, "image": 0, "event": 0}

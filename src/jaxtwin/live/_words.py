@@ -19,14 +19,14 @@ def read_integer(text: str, least: int, most: int) -> int:
     """A whole number. **Raises:** `ValueError` where it is none or out of its bounds."""
     # `int` alone also takes blanks, underscores and any length.
     if not _INTEGER.fullmatch(text) or not least <= int(text) <= most:
-        raise ValueError(f"found {text[:24]!r}, allowed are whole numbers {least} to {most}")
+        raise ValueError(f"expected a whole number from {least} to {most}, got {text[:24]!r}")
     return int(text)
 
 
 def read_number(text: str, least: float = -273.15, most: float = 2000.0) -> float:
     """A number in plain digits. **Raises:** `ValueError` where it is none or out of its bounds."""
     if not _NUMBER.fullmatch(text) or not least <= float(text) <= most:
-        raise ValueError(f"found {text[:24]!r}, allowed are numbers {least:g} to {most:g}")
+        raise ValueError(f"expected a number from {least:g} to {most:g}, got {text[:24]!r}")
     return float(text)
 
 
@@ -36,7 +36,7 @@ def read_word(text: str) -> str:
     **Raises:** `ValueError` where it is none.
     """
     if not _WORD.fullmatch(text):
-        raise ValueError(f"found {text[:40]!r}, allowed are 1 to 32 of A-Z a-z 0-9 _ . -")
+        raise ValueError(f"expected 1 to 32 of A-Z a-z 0-9 _ . -, got {text[:40]!r}")
     return text
 
 
@@ -51,7 +51,7 @@ def read_name(text: str) -> str:
 
     **Raises:** `ValueError` where it is none, or written in another way than `write_name` does.
     """
-    problem = f"found name {text[:40]!r}, allowed are 1 to {LONGEST_NAME} characters, quoted by %"
+    problem = f"name: expected 1 to {LONGEST_NAME} characters, quoted by %, got {text[:40]!r}"
     if not _QUOTED.fullmatch(text):
         raise ValueError(problem)
     try:
@@ -67,7 +67,7 @@ def read_names(text: str) -> tuple[str, ...]:
     """Names with commas in between, each once."""
     names = tuple(read_name(part) for part in split(text))
     if len(set(names)) < len(names):
-        raise ValueError(f"{len(names)} names; allowed are {MOST_NAMES}, each once")
+        raise ValueError(f"expected at most {MOST_NAMES} names, each once, got {len(names)}")
     return names
 
 
@@ -75,5 +75,5 @@ def split(text: str) -> Sequence[str]:
     """The parts between commas, none of an empty text."""
     parts = text.split(",") if text else []
     if len(parts) > MOST_NAMES:
-        raise ValueError(f"{len(parts)} entries; allowed are {MOST_NAMES}")
+        raise ValueError(f"expected at most {MOST_NAMES} entries, got {len(parts)}")
     return parts
