@@ -274,6 +274,7 @@ def test_simulate_writes_a_run_with_labels():
         assert stored["duty"].values[[29, 30], 0].tolist() == [0.5, 0.78]
 
 
+@pytest.mark.slow
 def test_simulate_compares_with_a_recording_under_its_own_ambient(capsys):
     """The synthetic recording's truth leaves its noise, 0.1 K."""
     truth = ["--parameters", str(synthetic_truth())]
@@ -288,6 +289,7 @@ def test_simulate_compares_with_a_recording_under_its_own_ambient(capsys):
     assert np.std(stored.temperatures - recorded.temperatures) == pytest.approx(0.1, abs=0.003)
 
 
+@pytest.mark.slow
 def test_match_saves_what_the_other_commands_take(minute, capsys):
     held = [name for name, row in load_rig("paper-2024").parameters.items() if row.free]
     held.remove("R_pc")
@@ -327,6 +329,7 @@ def test_recordings_get_the_values_that_a_parameter_file_has_under_their_names()
     assert abs(shared - known) > 0.5
 
 
+@pytest.mark.slow
 def test_simulate_says_whose_values_a_fit_gave_it(minute, tmp_path, capsys):
     """Of a matched recording, whatever its name, its own; of a drive the means of them all."""
     fit().save(tmp_path / "fit.toml")
@@ -340,6 +343,7 @@ def test_simulate_says_whose_values_a_fit_gave_it(minute, tmp_path, capsys):
     assert said in printed(capsys)
 
 
+@pytest.mark.slow
 def test_validate_predicts_after_the_warm_up_and_draws_the_residuals(minute, capsys):
     """What it prints and writes are the numbers of `jaxtwin.validate`."""
     arguments = ["validate", "paper-2024", minute, "--set", "published", "--warm-up", "20"]
@@ -352,6 +356,7 @@ def test_validate_predicts_after_the_warm_up_and_draws_the_residuals(minute, cap
     assert sorted(p.name for p in Path("pictures").iterdir()) == ["residuals.png", "response.png"]
 
 
+@pytest.mark.slow
 def test_validate_takes_rooms_from_a_saved_fit(minute, tmp_path, capsys):
     """The whole fit, not its values alone: the room is expected where its recordings had it."""
     fit().save(tmp_path / "fit.toml")

@@ -32,6 +32,7 @@ def test_an_interrupted_command_says_so_and_exits_with_130(monkeypatch, capsys):
     assert capsys.readouterr().err == "jaxtwin: stopped\n"
 
 
+@pytest.mark.slow
 def test_an_interrupt_in_a_callback_of_the_garbage_collector_is_not_lost():
     """What is raised there Python prints and drops; the handler knows it by its name."""
 
@@ -49,6 +50,7 @@ def test_an_interrupt_in_a_callback_of_the_garbage_collector_is_not_lost():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.slow
 def test_a_batch_that_is_interrupted_while_it_hands_out_its_chunks_drops_the_rest(monkeypatch):
     def interrupted(pool: ThreadPoolExecutor, work, numbers) -> None:
         for number in numbers:

@@ -78,6 +78,7 @@ def expected(twin) -> dict[str, np.ndarray | None]:
     return {name: call(twin) for name, call in CALLS.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", CALLS)
 def test_results_are_the_same_to_the_last_bit(call, twin, setting, expected):
     found, before = CALLS[call](twin), expected[call]
@@ -86,6 +87,7 @@ def test_results_are_the_same_to_the_last_bit(call, twin, setting, expected):
     np.testing.assert_array_equal(found, before)
 
 
+@pytest.mark.slow
 def test_response_and_its_derivative_run_too(twin, setting):
     """In the precision of their surroundings: float32 is right to a few millikelvin here."""
     readings = response(twin, DRIVE)

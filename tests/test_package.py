@@ -34,6 +34,7 @@ def test_import_loads_no_heavy_library():
     assert run_fresh(f"import sys, jaxtwin; print({heavy} & set(sys.modules))") == "set()\n"
 
 
+@pytest.mark.slow
 def test_import_leaves_the_settings_of_jax_alone():
     """The README promises it: no setting changes, whatever public names are used."""
     code = (

@@ -138,6 +138,7 @@ def test_sensors_are_read_from_the_element_that_they_lie_on(rig: Rig):
     np.testing.assert_array_equal(weights @ state, [0, 1, 0])
 
 
+@pytest.mark.slow
 def test_a_match_recovers_the_truth_and_a_validation_predicts(rig: Rig, recording: Experiment):
     fit = match(Twin(rig), recording)
     for name, value in TRUTH.items():
@@ -160,6 +161,7 @@ def test_a_match_recovers_the_truth_and_a_validation_predicts(rig: Rig, recordin
         assert figure is not None
 
 
+@pytest.mark.slow
 def test_the_virtual_rig_streams_sensors_and_no_frames(rig: Rig, tmp_path: Path):
     clock, file = HandClock(), tmp_path / "live.db"
     twin = Twin(rig, TRUTH)

@@ -39,6 +39,7 @@ def twice(number: float) -> float:
     return 2 * number
 
 
+@pytest.mark.slow
 @given(VALUES, VALUES)
 def test_only_values_that_print_alike_share_a_digest(first: Any, second: Any):
     def written(value: Any) -> str:
@@ -88,6 +89,7 @@ def test_what_means_nothing_elsewhere_has_none(value):
         fingerprint(value)
 
 
+@pytest.mark.slow
 def test_a_twin_has_the_same_digest_in_another_process():
     """Whatever the order in which that process goes through its sets (PYTHONHASHSEED)."""
     code = (

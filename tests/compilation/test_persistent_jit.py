@@ -153,6 +153,7 @@ def test_programs_can_be_freed():
     assert len(call._programs) == 0  # pyright: ignore[reportFunctionMemberAccess]
 
 
+@pytest.mark.slow
 def test_a_loaded_program_finds_lapack(tmp_path):
     """In a process that has lowered no call of it, nobody else has looked up its functions."""
     (tmp_path / "eigenvalues.py").write_text(

@@ -12,6 +12,7 @@ from jaxtwin.rig import load_rig, read_parameters
 RECORDINGS = {path.stem: path for path in synthetic_recordings()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_the_file_is_what_the_script_makes(name):
     """The script's own seed and truth; the last digit may round the other way elsewhere."""

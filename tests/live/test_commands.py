@@ -70,6 +70,7 @@ def test_an_export_replaces_nothing_unasked(recording: Path, tmp_path: Path) -> 
     assert out.read_text() != "precious"
 
 
+@pytest.mark.slow
 def test_what_a_device_says_does_not_reach_the_terminal_as_commands(
     recording: Path, rig: Rig, clock: HandClock, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -282,6 +282,7 @@ def test_nothing_but_duties_reaches_a_device(rig: Rig, twin: Twin, clock: HandCl
         assert device.pwm == OFF
 
 
+@pytest.mark.slow
 def test_a_controller_sees_what_is_measured_and_ends_the_run(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:
@@ -300,6 +301,7 @@ def test_a_controller_sees_what_is_measured_and_ends_the_run(
     assert {moment.ambient for moment in seen} == {16.0}
 
 
+@pytest.mark.slow
 def test_after_the_death_of_the_driving_process_the_cells_go_off(twin: Twin) -> None:
     device = VirtualRig(twin, watchdog=0.5)
     server, stop = TcpServer("127.0.0.1:0"), threading.Event()

@@ -47,6 +47,7 @@ def in_step(twin: Twin, experiment: Experiment) -> np.ndarray:
     return np.array(channels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dual-cell", "paper-2024"])  # with a driver that lags, without
 def test_the_twin_in_step_is_the_twin_simulated(name: str) -> None:
     twin = Twin(jt.load_rig(name))
@@ -112,6 +113,7 @@ def test_without_commands_its_own_watchdog_switches_the_cells_off(twin: Twin) ->
     assert "watchdog" in {getattr(parse(f), "why", "") for f in deframe(b"", sent).frames}
 
 
+@pytest.mark.slow
 def test_it_trips_by_itself_above_the_limit(rig: Rig) -> None:
     assert rig.limits is not None
     cautious = replace(rig, limits=replace(rig.limits, temperature=273.15 + 10))
@@ -235,6 +237,7 @@ def recorded(rig: Rig, twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> 
     return file, records
 
 
+@pytest.mark.slow
 def test_a_recording_read_back_is_what_the_twin_did(
     twin: Twin, recorded: tuple[Path, list]
 ) -> None:
@@ -259,6 +262,7 @@ def test_a_part_and_another_step_can_be_taken(recorded: tuple[Path, list]) -> No
     assert np.diff(part.time) == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_a_gap_in_the_data_is_a_gap_in_the_experiment_and_refused_as_one_piece(
     rig: Rig, twin: Twin, clock: HandClock, tmp_path: Path
 ) -> None:

@@ -6,6 +6,7 @@ import pytest
 from jaxtwin import Experiment, Twin, match
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("truth", "bound"), [(15.0, 30.0), (60.0, 40.0)])
 def test_a_match_of_one_parameter_that_ends_at_its_bound_gives_a_fit(truth: float, bound: float):
     """The load is lighter, or heavier, than its bounds let it be."""

@@ -58,6 +58,7 @@ def test_a_band_holds_95_percent_of_readings_that_were_not_matched(
     assert np.mean(inside[1::2]) >= 0.88
 
 
+@pytest.mark.slow
 def test_a_band_is_no_wider_than_it_must_be(fit: Fit, unseen: list[Experiment]):
     """A load that is 5 % off moves a reading by a kelvin, not by ten."""
     band = prediction_band(fit, experiment=unseen[0])

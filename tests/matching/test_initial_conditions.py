@@ -25,6 +25,7 @@ def calm() -> dict[str, float]:
     return dict(estimate_initial_conditions(Twin("dual-cell"), minute(0.0)).values)
 
 
+@pytest.mark.slow
 def test_room_and_start_are_found_on_a_day_unlike_those_of_the_rigs_table(calm: dict[str, float]):
     """The table expects 16 +- 3 degC for both."""
     assert calm["T_amb"] == pytest.approx(23.0, abs=1.0)

@@ -69,6 +69,7 @@ def test_hubers_loss_forgives_outliers_of_the_only_channel(benches: list[Experim
         assert row.standard_error < 0.3
 
 
+@pytest.mark.slow
 def test_a_set_without_finite_residuals_loses_no_other(
     benches: list[Experiment], fits: tuple[Fit | None, ...]
 ):

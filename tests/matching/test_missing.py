@@ -65,6 +65,7 @@ def assert_same(one: Fit, other: Fit) -> None:
         assert mine.effective == pytest.approx(others.effective, rel=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(first=st.integers(0, 25), length=st.integers(1, 20), garbage=st.floats(-273.0, 1e6))
 def test_a_file_with_a_hole_matches_as_the_same_samples_masked(

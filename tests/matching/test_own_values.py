@@ -46,6 +46,7 @@ def fit() -> Fit:
     return match(Twin("single-cell"), days()[:2], free=FREE, max_iterations=8)
 
 
+@pytest.mark.slow
 def test_each_experiment_has_its_own_twin():
     """Known by its contents; estimated from the first minute; the mean for a bare drive."""
     _, tuesday, wednesday = days()
@@ -74,6 +75,7 @@ def test_a_simulation_of_a_fit_is_that_of_the_recordings_own_twin(number: int):
     )
 
 
+@pytest.mark.slow
 def test_a_band_of_a_matched_recording_is_that_of_its_own_values():
     tuesday = days()[1]
     known = prediction_band(fit(), "tuesday")
@@ -92,6 +94,7 @@ def test_a_match_starts_at_a_fit_with_the_means_of_its_recordings():
     assert split.predictions[0].fit["C_load"].initial == fit()["C_load"].value
 
 
+@pytest.mark.slow
 def test_a_scope_frees_what_it_names_and_what_is_fixed_has_none():
     monday = days()[0]
     found = match(

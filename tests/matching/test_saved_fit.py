@@ -92,6 +92,7 @@ def same(one: Fit, other: Fit) -> None:
     assert one.summary() == other.summary()
 
 
+@pytest.mark.slow
 def test_a_saved_fit_comes_back_whole(fit: Fit, saved: Path):
     loaded = Fit.load(saved)
     same(fit, loaded)
@@ -106,6 +107,7 @@ number = st.floats(0, 1e9)
 anything = st.floats(allow_nan=True, allow_infinity=True)
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(data=st.data())
 def test_any_fit_comes_back_whole(fit: Fit, tmp_path_factory: pytest.TempPathFactory, data):
@@ -154,6 +156,7 @@ def test_a_saved_fit_is_a_parameter_file(fit: Fit, saved: Path):
     assert Twin("single-cell").with_parameters(str(saved)).parameters["R_E"] == 1.95
 
 
+@pytest.mark.slow
 def test_without_its_recordings_it_predicts_and_says_what_it_cannot(
     saved: Path, fit: Fit, recordings: list[Experiment]
 ):
@@ -178,6 +181,7 @@ def test_without_its_recordings_it_predicts_and_says_what_it_cannot(
             ask()
 
 
+@pytest.mark.slow
 def test_with_its_recordings_it_has_its_runs_again(
     saved: Path, fit: Fit, recordings: list[Experiment]
 ):

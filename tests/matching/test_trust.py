@@ -67,6 +67,7 @@ def calm(start: Twin) -> Fit:
     return match(start, [recording(2, False, "day 1"), recording(3, False, "day 2")], free=FREE)
 
 
+@pytest.mark.slow
 def test_corrections_are_found_and_the_plate_keeps_its_dynamics(disturbed: Fit):
     for camera in disturbed.camera.values():
         np.testing.assert_allclose(camera.events, EVENTS, atol=2)
@@ -96,6 +97,7 @@ def test_without_corrections_none_are_found_and_the_camera_takes_nothing(calm: F
         assert abs(row.value - value) < 4 * row.standard_error
 
 
+@pytest.mark.slow
 def test_the_jacobian_is_that_of_the_residuals(start: Twin):
     runs = [recording(4, True, "a"), recording(5, False, "b")]
     unknowns = choose_unknowns(start, (0, 0), free=FREE)
@@ -250,6 +252,7 @@ def test_a_profile_has_three_points_at_least(calm: Fit, points: int):
         profile(calm, "h_A", points=points)
 
 
+@pytest.mark.slow
 def test_a_prediction_band_holds_the_true_run(calm: Fit):
     band = prediction_band(calm, "day 2")
     truth = simulate(Twin("dual-cell", TRUTH), calm.experiments[1]).temperatures

@@ -63,6 +63,7 @@ def test_the_default_solver_agrees_with_kvaerno(twin):
     np.testing.assert_allclose(ours.states, other.states, atol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.ngspice
 def test_ngspice_finds_the_same_temperatures(twin, tmp_path):
     table = tmp_path / "out.txt"
@@ -74,6 +75,7 @@ def test_ngspice_finds_the_same_temperatures(twin, tmp_path):
     np.testing.assert_allclose(simulate(twin, DRIVE).states, found, atol=1e-2)
 
 
+@pytest.mark.slow
 def test_each_part_can_be_left_out():
     linear = changed(
         "dual-cell",

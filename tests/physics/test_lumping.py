@@ -43,6 +43,7 @@ def test_mirror_images_become_one(rig, nodes):
     assert stands_for["V38"] == ("V18" if rig.name == "paper-2024" else "V38")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", ["paper-2024", "dual-cell"])
 def test_symmetric_states_change_and_read_as_they_do_unlumped(rig, float64):
     """In any state in which mirror images are equal."""

@@ -204,6 +204,7 @@ def test_derivatives_equal_finite_differences_in_every_parameter(name, derivativ
     np.testing.assert_allclose([found[name] for name in values], expected, rtol=1e-5, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_slopes_of_a_steady_state_equal_finite_differences(float64):
     """Newton's iterations are differentiated through, on a circuit whose symmetry gives it equal
     eigenvalues."""

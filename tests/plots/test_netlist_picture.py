@@ -91,6 +91,7 @@ def texts(axes: Axes) -> list[Text]:
     return [text for text in axes.texts if text.get_text()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("heated", [False, True])
 def test_no_label_lies_on_another_or_outside_of_the_figure(rig, heated):

@@ -69,6 +69,7 @@ def gappy(run: Run) -> Run:
     return replace(run, experiment=experiment)
 
 
+@pytest.mark.slow
 def test_missing_samples_are_gaps():
     run = gappy(next(iter(fit().runs.values())))
     above = plots.plot_recordings([run.experiment]).axes[0]
@@ -204,6 +205,7 @@ def test_intervals_and_remarks_stand_beside_the_parameters():
     np.testing.assert_allclose(spans["R_E"], [1 / 3, 2 / 3])  # of 1e-5 to 10 ohm
 
 
+@pytest.mark.slow
 def test_tornado_sorts_the_correlations_and_spans_their_intervals():
     axes = plots.plot_tornado(analysis(), "TAM")
     labels = [label.get_text() for label in axes.get_yticklabels()]

@@ -129,6 +129,7 @@ def test_what_few_draws_tell_is_compared_by_name_and_sign():
     assert "do not confirm" not in told_text(telling({}), telling({"R_pc": 1}))
 
 
+@pytest.mark.slow
 def test_the_report_holds_pictures_numbers_fits_and_says_what_it_was_done_on(tmp_path, monkeypatch):
     source = Source(recordings(), False, "Done on a minute of the synthetic recordings.")
     monkeypatch.setattr(_demo, "find_source", lambda folder: source)

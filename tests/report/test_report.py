@@ -41,6 +41,7 @@ PICTURES = {
 }
 
 
+@pytest.mark.slow
 def test_a_fit_becomes_a_page_with_its_numbers_beside_it(tmp_path: Path):
     page = fit().report(tmp_path / "report")
     html = page.read_text(encoding="utf-8")
@@ -56,6 +57,7 @@ def test_a_fit_becomes_a_page_with_its_numbers_beside_it(tmp_path: Path):
     assert saved["R_E"].value == fit()["R_E"].value
 
 
+@pytest.mark.slow
 def test_a_rig_with_thermocouples_has_a_report_with_priors_and_sensitivity(tmp_path: Path):
     """One recording, one channel, one parameter with a prior; no word of a camera."""
     rig = load_rig(strip(tmp_path))
@@ -105,6 +107,7 @@ def test_recordings_of_other_places_under_the_same_drive_are_one_picture_of_the_
     assert _seen_together([first, replace(second, experiment=driven)]) == [first]
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_same_page(tmp_path: Path):
     fit().save(tmp_path / "fit.toml")
     names = []

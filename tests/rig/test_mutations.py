@@ -7,6 +7,7 @@ from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -74,6 +75,7 @@ def check_loads_or_refuses(load: Callable[[], Rig], source: str) -> None:
     assert refusal is None or (refusal.startswith(f"{source}: ") and refusal.isprintable())
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(st.data())
 def test_a_mutated_rig_loads_or_is_refused(data):

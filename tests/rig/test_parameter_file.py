@@ -28,6 +28,7 @@ def with_values(rig: Rig, **values: float):
     return list(table.values())
 
 
+@pytest.mark.slow
 @given(st.floats(1e-5, 10.0), st.floats(0.0, 40.0), st.text(max_size=30), st.text(max_size=30))
 def test_values_come_back_exactly(tmp_path_factory, r_e, t_amb, recording, comment):
     path = tmp_path_factory.mktemp("fit") / "fit.toml"

@@ -73,6 +73,7 @@ def test_where_words_are_chosen_from_all_of_them_are_named(heading: str, model: 
                 assert f'`"{word}"`' in rows(heading)[key][0]
 
 
+@pytest.mark.slow
 def test_the_example_is_a_rig_that_runs(tmp_path):
     (example,) = re.findall(r"```toml\n(.+?)```", PAGE, re.DOTALL)
     file = tmp_path / "small.toml"

@@ -31,6 +31,7 @@ def test_matched_recordings_have_their_own_values_whatever_their_order_and_names
     assert ambients(twins) == matched[::-1]
 
 
+@pytest.mark.slow
 def test_an_unseen_recording_has_the_values_that_validate_takes_from_its_first_minute():
     unseen = read_recording(synthetic_recordings()[2])
     (twin,), _ = paired_twins("study", fit(), unseen)

@@ -34,6 +34,7 @@ def test_lengths_are_those_of_scipys_bias_corrected_and_accelerated_bootstrap(ou
     assert 0.9 < (high - low) / length < (1.1 if theirs is spearmanr else 1.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("spread", "share"), [(0.5, 0.7), (1.0, 0.3), (1.0, 0.7)])
 def test_heavy_tails_are_covered_as_promised(spread, share):
     """exp(s (a x + b e)) with normal x and e, a² + b² = 1: its correlation with x is

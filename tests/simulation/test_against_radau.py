@@ -40,12 +40,14 @@ def test_one_cell_heats_while_the_other_cools(circuits, twins, paper_steps):
     assert largest_error(circuits["startup"], twins["startup"], experiment, slice(None)) < LIMIT
 
 
+@pytest.mark.slow
 @VALUES
 def test_random_duty_every_ten_seconds(values, circuits, twins):
     experiment = Experiment(np.arange(301.0), random_duty(30, 10, seed=1))
     assert largest_error(circuits[values], twins[values], experiment, NODES[values]) < LIMIT
 
 
+@pytest.mark.slow
 def test_random_duty_and_ambient_every_second(circuits, twins):
     """Every sample is an input change; the recorded ambient takes the place of the rig's."""
     time = np.arange(61.0)
@@ -57,6 +59,7 @@ def test_random_duty_and_ambient_every_second(circuits, twins):
     assert error < LIMIT
 
 
+@pytest.mark.slow
 def test_jittered_times_that_do_not_start_at_zero(circuits, twins):
     """Samples at odd times, switches between them on odd times too."""
     rng = np.random.default_rng(4)

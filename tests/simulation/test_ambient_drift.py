@@ -46,6 +46,7 @@ def ramp(time: np.ndarray, rate: float = RATE) -> np.ndarray:
     return 15.0 + rate / 3600 * (time - time[0])
 
 
+@pytest.mark.slow
 def test_a_drifting_room_is_radaus(drifting: Twin, steps: Experiment, circuits):
     circuit, state, expected = circuits["startup"], circuits["startup"].start(), []
     for start, end, duty in ((0, 300, 0.5), (300, 600, 0.78)):
@@ -74,6 +75,7 @@ def test_a_diffrax_solver_sees_the_same_room(drifting: Twin, steps: Experiment):
     np.testing.assert_allclose(ours, theirs, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_recorded_room_takes_the_place_of_one_that_drifts(drifting: Twin, steps: Experiment):
     recorded = Experiment(steps.time, steps.duty, ambient=ramp(steps.time))
     still = drifting.with_parameters({"rate": 0.0})
@@ -85,6 +87,7 @@ def test_a_recorded_room_takes_the_place_of_one_that_drifts(drifting: Twin, step
     assert 0 < np.abs(difference).max() < RATE / 7200 + 1e-3
 
 
+@pytest.mark.slow
 def test_a_batch_gives_what_single_runs_give(drifting: Twin, steps: Experiment):
     rates = np.array([-20.0, 0.0, 25.0])
     runs = simulate_batch(drifting, steps, {"rate": rates})
@@ -93,6 +96,7 @@ def test_a_batch_gives_what_single_runs_give(drifting: Twin, steps: Experiment):
         np.testing.assert_allclose(run, alone.temperatures, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_costs_of_a_batch_know_of_the_drift(drifting: Twin, steps: Experiment):
     seen = drifting.simulate(steps)
     recorded = Experiment(
@@ -104,6 +108,7 @@ def test_costs_of_a_batch_know_of_the_drift(drifting: Twin, steps: Experiment):
     assert np.all(found.cost[1] > 0.01)
 
 
+@pytest.mark.slow
 def test_the_derivative_in_the_drift_is_that_of_differences(
     drifting: Twin, steps: Experiment, float64
 ):

@@ -57,6 +57,7 @@ def test_draws_are_what_single_runs_are(runs, whole):
     np.testing.assert_allclose(whole, [run.temperatures for run in runs], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_reductions_are_those_of_the_whole_trajectories(twin, experiment, runs, whole):
     """Costs too, which the engine finds without the samples."""
     reduced = simulate_batch(twin, experiment, DRAWS, reductions=ALL, chunk_size=2)
@@ -71,11 +72,13 @@ def test_reductions_are_those_of_the_whole_trajectories(twin, experiment, runs, 
     assert not reduced.failed.any()
 
 
+@pytest.mark.slow
 def test_a_chunk_of_another_size_gives_the_same(twin, experiment, whole):
     one_by_one = simulate_batch(twin, experiment, DRAWS, chunk_size=3, workers=1)
     np.testing.assert_allclose(one_by_one, whole, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_float32_is_good_to_a_few_millikelvin_also_where_the_circuit_is_stiff(
     twin, experiment, whole
 ):
@@ -96,6 +99,7 @@ def test_a_failed_draw_leaves_the_others_alone(twin, experiment, whole):
     )
 
 
+@pytest.mark.slow
 def test_a_driver_without_delay_or_ahead_of_its_command_is_a_failed_draw(dual_cell):
     time = np.arange(21.0)
     drive = Experiment(time, np.full((21, 2), 0.5))
@@ -189,6 +193,7 @@ def test_a_compressed_recording_has_fewer_rows_and_the_same_norm():
     np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ambient", [None, 15.0 + 0.01 * TIME], ids=["compressed", "by samples"])
 def test_missing_samples_count_nothing_in_the_cost(twin, experiment, ambient):
     """One channel misses some, all miss others; with a recorded ambient nothing is compressed."""

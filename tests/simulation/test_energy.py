@@ -73,6 +73,7 @@ class Balance:
             self.exchanged.append(integral([np.abs(flow) for flow in flows]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", ["startup", "initial"])
 def test_heat_in_is_heat_out_plus_stored(values, circuits, twins):
     """The paper's circuit, matrices from the authors' file, in each part to 1e-6 of all heat that
@@ -127,6 +128,7 @@ def test_heat_in_is_heat_out_plus_stored_with_on_off_switching():
     assert balance.stored[0] > 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper-2024", "dual-cell"])
 def test_difference_of_the_sides_heats_is_electrical_power_at_every_saved_time(
     name, circuits, float64

@@ -56,6 +56,7 @@ def reference(twin: Twin) -> np.ndarray:
     return np.asarray(system.channel_temperatures(jax.numpy.asarray(part.y.T)) + air - 273.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [0, 1])
 def test_one_run_is_rescued_and_a_batch_gives_the_same(draw, float64):
     twin = Twin("single-cell")

@@ -139,6 +139,7 @@ def test_sessions_that_hold_their_drive_or_do_not_are_alike(twin):
     ]
 
 
+@pytest.mark.slow
 def test_another_session_is_simulated_without_a_compilation(twin, compilations):
     jt.simulate(twin, session(118, 1))
     compilations()
@@ -147,6 +148,7 @@ def test_another_session_is_simulated_without_a_compilation(twin, compilations):
     assert run.temperatures.shape == (113, 1)
 
 
+@pytest.mark.slow
 def test_so_are_draws(twin, compilations):
     draws = {"R_pc": np.array([0.1, 0.2, 0.3])}
     wanted = ("cost", "final", "minimum", "maximum", "plate_range")

@@ -42,6 +42,7 @@ def channels_without_contacts(circuit) -> np.ndarray:
     return (whole @ part.y).T[:, :24] - 273.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", [1e-8, 1e-10])
 def test_contacts_down_to_1e_10_are_right_to_a_millikelvin(contact, circuits, twins):
     run = twins["startup"].with_parameters({"R_pc": contact}).simulate(HELD)
@@ -57,6 +58,7 @@ def test_a_contact_of_1e_12_is_refused_by_name(twins):
             twin.simulate(HELD, solver=solver)
 
 
+@pytest.mark.slow
 def test_in_a_batch_such_draws_are_marked_and_leave_the_others_alone(twins):
     contacts = np.array([0.09, 1e-12, 1e-10])
     found = simulate_batch(twins["startup"], HELD, {"R_pc": contacts}, reductions=["final"])

@@ -119,11 +119,13 @@ def symmetric(tmp_path: Path) -> Twin:
     return Twin(path)
 
 
+@pytest.mark.slow
 def test_same_numbers_as_simulate(twin, float64):
     run = twin.simulate(EXPERIMENT)
     np.testing.assert_allclose(response(twin, EXPERIMENT), run.temperatures, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_forward_slopes_equal_differences_in_every_parameter(twin, float64):
     """The whole Jacobian (times, channels) of each of the rig's parameters.
 
@@ -133,6 +135,7 @@ def test_forward_slopes_equal_differences_in_every_parameter(twin, float64):
     assert_equal_slopes(found, differences(twin, EXPERIMENT), 5e-4)
 
 
+@pytest.mark.slow
 def test_backward_slopes_equal_forward_slopes(twin, float64):
     """Of one number that every time and channel enters with a weight of its own."""
     weights = jnp.cos(jnp.arange(41 * 15.0)).reshape(41, 15)
@@ -149,6 +152,7 @@ def test_backward_slopes_equal_forward_slopes(twin, float64):
         np.testing.assert_allclose(backward[name], slope, rtol=1e-9, err_msg=name)
 
 
+@pytest.mark.slow
 def test_slopes_exist_where_eigenvalues_repeat(symmetric, float64):
     """The derivative of an eigenvector does not exist there; that of a temperature does."""
     system = symmetric.system()
@@ -164,6 +168,7 @@ def test_slopes_exist_where_eigenvalues_repeat(symmetric, float64):
     assert last[0] < last[1] < 0
 
 
+@pytest.mark.slow
 def test_draws_in_one_call_equal_draws_one_by_one(twin, float64):
     draws = jnp.array([1.7, 1.9, 2.4])
     function = of_values(twin, EXPERIMENT)
@@ -175,6 +180,7 @@ def test_draws_in_one_call_equal_draws_one_by_one(twin, float64):
     assert np.ptp(np.asarray(batch)[:, -1, 0]) > 0.01
 
 
+@pytest.mark.slow
 def test_new_values_compile_nothing_anew(twin):
     """Also of a rig that is read again."""
     function = eqx.debug.assert_max_traces(lambda twin: response(twin, EXPERIMENT), max_traces=1)
@@ -185,6 +191,7 @@ def test_new_values_compile_nothing_anew(twin):
     assert eqx.debug.get_num_traces(function) == 1
 
 
+@pytest.mark.slow
 def test_precision_is_the_caller_s(twin):
     """float32 outside `jax.enable_x64`; deviations from ambient keep it to a few millikelvin."""
     single = response(twin, EXPERIMENT)
@@ -192,6 +199,7 @@ def test_precision_is_the_caller_s(twin):
     np.testing.assert_allclose(single, twin.simulate(EXPERIMENT).temperatures, atol=5e-3)
 
 
+@pytest.mark.slow
 def test_channels_and_start_are_those_of_simulate(twin, float64):
     experiment = Experiment(TIME, DUTY, channels=("TCM", "T11"))
     found = response(twin, experiment, initial=25.0)

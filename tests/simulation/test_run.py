@@ -42,6 +42,7 @@ def test_missing_samples_are_left_out_of_fit_and_rmse():
     assert np.isnan(fit_percent(np.full((5, 1), np.nan), simulated[:, :1])).all()
 
 
+@pytest.mark.slow
 def test_a_channel_without_samples_has_no_fit(run):
     recorded = np.array(run.experiment.temperatures)
     recorded[:, 0] = np.nan
@@ -86,6 +87,7 @@ def test_channels_and_nodes_by_name(run):
         run.node("V99")
 
 
+@pytest.mark.slow
 def test_run_without_a_recording_has_no_fit():
     bare = Twin("paper-2024").simulate(Experiment(TIME, np.zeros((31, 2))))
     for measure in ("fit_percent", "rmse"):

@@ -26,6 +26,7 @@ def dual_cell() -> Twin:
     return Twin("dual-cell")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", ["startup", "initial"])
 def test_default_solver_is_of_fourth_order(values, circuits, twins, float64):
     """Halving equal steps over 16 s lowers the error sixteenfold, on the rig's equations."""
@@ -63,6 +64,7 @@ def test_kvaerno5_gives_the_same_on_the_paper_s_circuit(twins):
     assert largest_difference(twins["startup"], diffrax.Kvaerno5()) < 1e-3
 
 
+@pytest.mark.slow
 def test_kvaerno5_gives_the_same_with_on_off_switching(dual_cell):
     """Plate by geometry, cells braked while they are off, sinks with a mass."""
     assert largest_difference(dual_cell, diffrax.Kvaerno5()) < 1e-3

@@ -27,6 +27,7 @@ def test_a_sweep_goes_on_and_says_so(engine, capsys):
     assert told["failed"] == int(open_sweep("out").failed.sum())
 
 
+@pytest.mark.slow
 def test_costs_are_kept_where_there_are_recordings(capsys):
     """Real engine; the synthetic recording's first channel is T11 with a cost of its own."""
     command = ["sweep", "paper-2024", "synthetic-A", "--draws", "2", "--out", "out"]

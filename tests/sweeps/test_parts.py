@@ -30,6 +30,7 @@ def test_parts_are_disjoint_and_make_the_whole(stored, tmp_path, twin, experimen
     assert stored(tmp_path / "shared") == stored(tmp_path / "alone")
 
 
+@pytest.mark.slow
 def test_a_sweep_holds_what_a_batch_of_the_same_draws_gives(tmp_path, twin, experiment):
     """To rounding, though the batch is cut differently."""
     result = sweep(twin, experiment, tmp_path, **ASKED, parameters=["R_E", "R_pc"])

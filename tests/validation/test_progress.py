@@ -24,6 +24,7 @@ def days() -> list[Experiment]:
     return days
 
 
+@pytest.mark.slow
 def test_a_validation_tells_of_each_recording(days: list[Experiment]):
     told: list[object] = []
     validate(Twin("single-cell"), days, on_progress=told.append)

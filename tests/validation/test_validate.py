@@ -72,6 +72,7 @@ def crossed(days: list[Experiment]) -> Validation:
     return leave_one_out(Twin("single-cell"), days[:2], free=FREE)
 
 
+@pytest.mark.slow
 def test_the_true_rig_predicts_an_unseen_day_to_the_noise(truth: Twin, days: list[Experiment]):
     """Ambient and start come from the first minute, in which the drive is off."""
     result = validate(truth, days[1])
@@ -91,6 +92,7 @@ def test_ambient_and_start_are_found_with_the_drive_on_from_the_start(
     assert one.estimated["T_amb"] == pytest.approx(17.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_a_plate_that_is_warmer_than_its_room_shows_it_by_cooling(truth: Twin):
     """Five kelvin between the two, far more than expected beforehand."""
     quick = truth.with_parameters({"R_loss": 0.5})
@@ -109,6 +111,7 @@ def test_nothing_after_the_warm_up_is_looked_at(truth: Twin, days: list[Experime
     np.testing.assert_array_equal(other.run.temperatures, honest.run.temperatures)
 
 
+@pytest.mark.slow
 def test_a_fit_predicts_a_day_that_it_has_not_seen(crossed: Validation, days: list[Experiment]):
     fit = crossed.predictions[0].fit
     assert fit is not None
