@@ -84,10 +84,15 @@ def float64() -> Iterator[None]:
         yield
 
 
-PROGRAMS = {"ngspice": "ngspice", "mosquitto": "mosquitto", "compiler": "c++"}
+PROGRAMS = {
+    "ngspice": "ngspice",
+    "mosquitto": "mosquitto",
+    "compiler": "c++",
+    "c_compiler": "cc",
+}
 """Marker -> the program that its tests need."""
 
-MODULES = {"salib": "SALib"}
+MODULES = {"salib": "SALib", "python_control": "control"}
 """Marker -> the Python module that its tests need."""
 
 

@@ -1,6 +1,7 @@
 # The public names of jaxtwin, one line each. `__init__.py` reads this file at run time and imports
 # a name when it is first used; type checkers and editors read it as it stands.
 
+from ._errors import ControlError as ControlError
 from ._errors import JaxtwinError as JaxtwinError  # the base class of all errors
 from ._errors import LinkError as LinkError
 from ._errors import MatchError as MatchError
@@ -9,6 +10,9 @@ from ._errors import RecordingError as RecordingError
 from ._errors import RigError as RigError
 from ._errors import SafetyStop as SafetyStop
 from ._errors import SimulationError as SimulationError
+from .c_export import export_c as export_c  # a model as C for a microcontroller
+from .control import LinearModel as LinearModel  # a twin near an operating point
+from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
 from .io import Experiment as Experiment  # inputs and recorded outputs of one run
 from .io import fetch_recordings as fetch_recordings  # the authors' recordings, by checksum
 from .io import find_recordings as find_recordings  # where they are on this machine

@@ -30,6 +30,10 @@ class MatchError(JaxtwinError):
     """A match that cannot be started, such as one without a free parameter."""
 
 
+class ControlError(JaxtwinError):
+    """A linear model, a controller or a closed loop that cannot be made from what was given."""
+
+
 class LinkError(JaxtwinError):
     """A link that cannot be opened, or a peer that speaks something else or is another rig."""
 

@@ -4,6 +4,7 @@ They are drawn with matplotlib in a style of their own; matplotlib's settings ar
 """
 
 from ._bands import plot_bands
+from ._bode import plot_bode
 from ._camera_error import plot_camera_error
 from ._comparison import plot_comparison, plot_residuals
 from ._correlation import plot_correlation
@@ -24,6 +25,7 @@ from ._uniformity import plot_plate_beside, plot_uniformity
 
 __all__ = [
     "plot_bands",
+    "plot_bode",
     "plot_camera_error",
     "plot_comparison",
     "plot_correlation",

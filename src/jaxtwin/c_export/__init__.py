@@ -1,0 +1,5 @@
+"""C for a microcontroller: models as C99 sources."""
+
+from ._export_c import CSources, export_c
+
+__all__ = ["CSources", "export_c"]

@@ -1,0 +1,86 @@
+"""Models as C99 sources for a microcontroller."""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, final
+
+from .._arguments import of_kind, path_of
+from .._errors import ControlError
+from ..control import DiscreteModel
+from ._discrete_model_c import discrete_model_c
+
+PRECISIONS = ("double", "float")
+
+
+@final
+@dataclass(frozen=True)
+class CSources:
+    """What `export_c` wrote.
+
+    - `header`, `source`: the two files.
+    - `coefficient_bytes`: of constants. `state_bytes`: of the struct that holds the state.
+    """
+
+    header: Path
+    source: Path
+    coefficient_bytes: int
+    state_bytes: int
+
+
+def export_c(
+    model: DiscreteModel,
+    folder: str | os.PathLike[str],
+    *,
+    name: str = "model",
+    precision: Literal["double", "float"] = "double",
+    origin: str = "",
+) -> CSources:
+    """Writes a model as `name.h` and `name.c`: C99, no memory from the heap, no library.
+
+    All that changes is in a struct, so that several models run beside each other:
+
+    ```c
+    static model_state state;
+    model_init(&state);                        /* at the operating point */
+    for (;;) {                                 /* every MODEL_SAMPLE_TIME_S */
+        model_output(&state, duty, temperatures);
+        model_step(&state, duty);
+    }
+    ```
+
+    Duty cycles go in as -1 to 1, temperatures come out in degC; the operating point is inside.
+    With `float`, what a step adds to the state is computed instead of the new state, since the
+    slow poles of a plate lie so near to 1 that `float` would round their time constants.
+
+    **Arguments:**
+
+    - `model`: a model at sample times, from `LinearModel.discretise`; reduce it first where memory
+      is short.
+    - `folder`: where to write; made where it does not exist. Files of these names are replaced.
+    - `name`: of the files, and the beginning of all names in them.
+    - `precision`: of all numbers.
+    - `origin`: where the coefficients come from, a line for the header, such as the fit's file.
+
+    **Returns:** the files and their sizes.
+
+    **Raises:** `ControlError` for a model that is none or not finite, or a name or a precision that
+    C does not have.
+    """
+    expected = "a DiscreteModel, as LinearModel.discretise makes it"
+    of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
+    if re.fullmatch(r"[A-Za-z]\w*", str(name), flags=re.ASCII) is None:
+        raise ControlError(
+            f"export_c: name: expected letters, digits and _, beginning with a letter, got {name!r}"
+        )
+    if precision not in PRECISIONS:
+        raise ControlError(f"export_c: precision: expected 'double' or 'float', got {precision!r}")
+    target = path_of("export_c: folder", folder, ControlError)
+    code = discrete_model_c(model, name, precision, origin)
+    target.mkdir(parents=True, exist_ok=True)
+    header, source = target / f"{name}.h", target / f"{name}.c"
+    header.write_text(code.header, encoding="ascii")
+    source.write_text(code.source, encoding="ascii")
+    size = 8 if precision == "double" else 4
+    return CSources(header, source, code.coefficients * size, code.states * size)

@@ -1,0 +1,139 @@
+"""A linear model step by step."""
+
+from typing import TYPE_CHECKING, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from .._errors import ControlError
+from .._lapack import solve
+from ._operating_point import OperatingPoint
+from ._precision import plain, precision_for
+from ._to_control import discrete
+
+if TYPE_CHECKING:
+    import control
+
+
+@final
+class DiscreteModel(eqx.Module):
+    r"""A linear model at sample times, as `LinearModel.discretise` makes it.
+
+    $$x_{k+1} = A x_k + B u_k, \quad y_k = C x_k + D u_k$$
+
+    with all three as deviations from the operating point. The methods take and return duty cycles
+    and temperatures themselves.
+
+    ```python
+    model = jt.linearize(jt.Twin("dual-cell"), duty=0.4).discretise(1.0)
+    state = model.start()
+    for _ in range(60):
+        state = model.step(state, [0.5, 0.4])
+    model.outputs(state, [0.5, 0.4])  # degC
+    ```
+
+    **Arguments:**
+
+    - `A`, `B`, `C`, `D`: K and units of duty.
+    - `operating_point`: what the deviations are counted from.
+    - `sample_time_s`: s.
+    - `state_names`, `input_names`, `output_names`.
+    """
+
+    A: Float[Array | np.ndarray, "state state"]
+    B: Float[Array | np.ndarray, "state input"]
+    C: Float[Array | np.ndarray, "output state"]
+    D: Float[Array | np.ndarray, "output input"]
+    operating_point: OperatingPoint
+    sample_time_s: float = eqx.field(static=True)
+    state_names: tuple[str, ...] = eqx.field(static=True)
+    input_names: tuple[str, ...] = eqx.field(static=True)
+    output_names: tuple[str, ...] = eqx.field(static=True)
+
+    def start(
+        self, duty: ArrayLike | float | int | None = None
+    ) -> Float[Array | np.ndarray, " state"]:
+        """The state after a duty cycle that was commanded for long; None: at the operating point.
+
+        **Arguments:**
+
+        - `duty`: one for each input, or a single one for all.
+        """
+        with precision_for(self, duty):
+            A = jnp.asarray(self.A)
+            if duty is None:
+                return plain(jnp.zeros(len(A), A.dtype))
+            return plain(solve(jnp.eye(len(A)) - A, jnp.asarray(self.B) @ self._change(duty)))
+
+    def step(
+        self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
+    ) -> Float[Array | np.ndarray, " state"]:
+        """The state a sample time later, under a command held until then.
+
+        **Raises:** `ControlError` where the command is not for the inputs of the model.
+        """
+        with precision_for(self, state, duty):
+            return plain(self.A @ jnp.asarray(state) + self.B @ self._change(duty))
+
+    def outputs(
+        self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
+    ) -> Float[Array | np.ndarray, " output"]:
+        """What the channels read, degC, where a command is given at that moment.
+
+        The command matters only where `D` is not 0, as in models of reduced order.
+        """
+        with precision_for(self, state, duty):
+            change = self.C @ jnp.asarray(state) + self.D @ self._change(duty)
+            return plain(self.operating_point.outputs + change)
+
+    def simulate(
+        self, duty: ArrayLike, start: Float[Array | np.ndarray, " state"] | None = None
+    ) -> Float[Array | np.ndarray, "steps output"]:
+        """The outputs, degC, at the beginning of each step of a sequence of commands.
+
+        **Arguments:**
+
+        - `duty`: `(steps, inputs)`.
+        - `start`: the state at the first of them; None: the operating point.
+        """
+        with precision_for(self, duty, start):
+            first = self.start() if start is None else start
+            return plain(_outputs(self, first, jnp.asarray(duty, self.A.dtype)))
+
+    def to_control(self) -> "control.StateSpace":
+        """The model for python-control (extra `control`), exact with lag and delay.
+
+        **Raises:** `ControlError` where python-control is not installed.
+        """
+        return discrete(self)
+
+    def _change(self, duty: ArrayLike | float | int) -> Float[Array, " input"]:
+        """A command as deviation from the operating point."""
+        command = jnp.asarray(duty, self.A.dtype)
+        inputs = len(self.input_names)
+        if command.shape not in ((), (inputs,)):
+            raise ControlError(
+                f"DiscreteModel: duty: expected {inputs} numbers, or a single one, got an array "
+                f"of shape {command.shape}"
+            )
+        return command - self.operating_point.duty
+
+    def __repr__(self) -> str:
+        outputs, states = self.C.shape
+        return (
+            f"<DiscreteModel: {states} states, {self.B.shape[1]} inputs, {outputs} outputs, "
+            f"sample time {self.sample_time_s:g} s>"
+        )
+
+
+@jax.jit
+def _outputs(model: DiscreteModel, start: Array, commands: Array) -> Array:
+    def step(state: Array, duty: Array) -> tuple[Array, Array]:
+        after, read = model.step(state, duty), model.outputs(state, duty)
+        return jnp.asarray(after), jnp.asarray(read)
+
+    return jax.lax.scan(step, start, commands)[1]

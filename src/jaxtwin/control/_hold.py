@@ -1,0 +1,76 @@
+r"""A linear model under commands that are held between sample times, with lag and delay exact.
+
+With the duty that the cells get as a state $v$ behind those of the model, the state moves by
+
+$$z(t + h) = e^{F h} z(t) + \int_0^h e^{F s} ds\, H u$$
+
+while the same command $u$ arrives. With a delay of $(n + r) T_s$, $0 \le r < 1$, the command of
+$n + 1$ steps ago arrives for the first $r T_s$ of a step and that of $n$ steps ago for the rest.
+"""
+
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._matrix_exponential import matrix_exponential
+
+if TYPE_CHECKING:
+    from ._linear_model import LinearModel
+
+ROUNDING = 1e-9
+"""Parts of a step that are taken for 0, so that a delay of n steps is one."""
+
+
+def held(
+    model: "LinearModel", sample_time: float, shifts: int
+) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
+    """A, B, C and D of the discrete model, with room for so many commands on their way."""
+    F, H, output, direct = _lagged(model)
+    states, inputs = H.shape
+    # Steps of the delay; the command of `whole` steps ago arrives after the rest.
+    late = model.delay_s / sample_time if shifts else jnp.zeros((), F.dtype)
+    whole = jnp.floor(late + ROUNDING)
+    rest = jnp.maximum(late - whole, 0.0)
+    rest = jnp.where(rest < ROUNDING, 0.0, rest) * sample_time
+    A = matrix_exponential(F * sample_time)
+    late_part, late_input = _moved(F, H, sample_time - rest)
+    _, early_input = _moved(F, H, rest)
+    early_input = late_part @ early_input
+    # How much of each command, from the newest on, arrives during a step.
+    age = jnp.arange(shifts + 1)
+    by_age = (age == whole)[:, None, None] * late_input
+    by_age += (age == whole + 1)[:, None, None] * early_input
+    # What arrives at the sample time itself.
+    arrived = (age == whole + (rest > 0))[:, None, None] * direct
+    waiting = shifts * inputs
+    top = jnp.concatenate([A, *by_age[1:]], axis=1)
+    shift = jnp.eye(waiting, waiting, -inputs, dtype=F.dtype)
+    bottom = jnp.concatenate([jnp.zeros((waiting, states), F.dtype), shift], axis=1)
+    newest = jnp.eye(waiting, inputs, dtype=F.dtype)
+    return (
+        jnp.concatenate([top, bottom]),
+        jnp.concatenate([by_age[0], newest]),
+        jnp.concatenate([output, *arrived[1:]], axis=1),
+        arrived[0],
+    )
+
+
+def _lagged(model: "LinearModel") -> tuple[Array, Array, Array, Array]:
+    """The model with the duty that the cells get among its states, where it lags."""
+    A, B, C, D = (jnp.asarray(matrix) for matrix in (model.A, model.B, model.C, model.D))
+    if not model.is_lagged:
+        return A, B, C, D
+    states, inputs = B.shape
+    follow = jnp.eye(inputs, dtype=A.dtype) / model.lag_s
+    F = jnp.block([[A, B], [jnp.zeros((inputs, states)), -follow]])
+    H = jnp.concatenate([jnp.zeros((states, inputs)), follow])
+    return F, H, jnp.concatenate([C, D], axis=1), jnp.zeros_like(D)
+
+
+def _moved(F: Array, H: Array, time: Array) -> tuple[Array, Array]:
+    """What a state becomes after a time, and what a held command adds."""
+    states, inputs = H.shape
+    both = jnp.block([[F, H], [jnp.zeros((inputs, states + inputs))]])
+    moved = matrix_exponential(both * time)
+    return moved[:states, :states], moved[:states, states:]

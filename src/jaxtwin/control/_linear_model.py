@@ -1,0 +1,328 @@
+"""A linear model of a twin near an operating point."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+from numpy.typing import ArrayLike
+
+from .._arguments import finite_number, whole_number
+from .._display import picture
+from .._errors import ControlError
+from .._lapack import solve
+from ._balanced_truncation import Balanced, balanced, residualised
+from ._directions import Directions, directions
+from ._discrete_model import DiscreteModel
+from ._frequency_response import frequency_response, traced_response
+from ._hold import held
+from ._operating_point import OperatingPoint
+from ._precision import is_traced, plain, precision_for
+from ._to_control import continuous
+
+if TYPE_CHECKING:
+    import control
+    from matplotlib.figure import Figure
+
+
+@final
+class LinearModel(eqx.Module):
+    r"""Deviations from an operating point, as `linearize` makes it of a twin.
+
+    $$\dot x = A x + B v, \quad y = C x + D v, \quad \tau \dot v(t) = u(t - \theta) - v(t)$$
+
+    $u$ is what is commanded; $\theta$, the driver's delay, and $\tau$, its lag, are kept apart from
+    the matrices.
+
+    A model is a PyTree whose leaves are its numbers; it passes through `jax.jit`, `jax.vmap` and
+    `jax.grad`.
+
+    **Arguments:**
+
+    - `A` (1/s), `B` (K/s per unit of duty), `C` (K/K), `D` (K per unit of duty).
+    - `operating_point`: what the deviations are counted from; None: zeros.
+    - `state_names`, `input_names`, `output_names`: None: numbered.
+    - `delay_s`, `lag_s`: of the duty that reaches the cells behind the command, s; 0 for none.
+    - `is_delayed`, `is_lagged`: whether there are any, which decides on the number of states of a
+      discrete model. None: where they are above 0, or traced by JAX.
+
+    **Raises:** `ControlError` where shapes or names do not belong together, or a delay or a lag is
+    below 0.
+    """
+
+    A: Float[Array | np.ndarray, "state state"]
+    B: Float[Array | np.ndarray, "state input"]
+    C: Float[Array | np.ndarray, "output state"]
+    D: Float[Array | np.ndarray, "output input"]
+    operating_point: OperatingPoint
+    delay_s: Float[Array | np.ndarray, ""]
+    lag_s: Float[Array | np.ndarray, ""]
+    state_names: tuple[str, ...] = eqx.field(static=True)
+    input_names: tuple[str, ...] = eqx.field(static=True)
+    output_names: tuple[str, ...] = eqx.field(static=True)
+    is_delayed: bool = eqx.field(static=True)
+    is_lagged: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        A: ArrayLike,
+        B: ArrayLike,
+        C: ArrayLike,
+        D: ArrayLike,
+        *,
+        operating_point: OperatingPoint | None = None,
+        state_names: Sequence[str] | None = None,
+        input_names: Sequence[str] | None = None,
+        output_names: Sequence[str] | None = None,
+        delay_s: ArrayLike | float | int = 0.0,
+        lag_s: ArrayLike | float | int = 0.0,
+        is_delayed: bool | None = None,
+        is_lagged: bool | None = None,
+    ):
+        with precision_for(A, B, C, D, delay_s, lag_s):
+            self.A, self.B, self.C, self.D, self.delay_s, self.lag_s = (
+                plain(jnp.asarray(value, float))
+                for value in (A, B, C, D, _time("delay_s", delay_s), _time("lag_s", lag_s))
+            )
+            states, inputs, outputs = _sizes(self.A, self.B, self.C, self.D)
+            self.operating_point = operating_point or OperatingPoint(
+                np.zeros(inputs), np.zeros(states), np.zeros(outputs), np.zeros(())
+            )
+        self.state_names = _names("state_names", state_names, "x", states)
+        self.input_names = _names("input_names", input_names, "u", inputs)
+        self.output_names = _names("output_names", output_names, "y", outputs)
+        self.is_delayed = _is_there(delay_s) if is_delayed is None else is_delayed
+        self.is_lagged = _is_there(lag_s) if is_lagged is None else is_lagged
+
+    @property
+    def dcgain(self) -> Float[Array | np.ndarray, "output input"]:
+        """What the outputs change by in the end, K per unit of duty."""
+        with precision_for(self):
+            return plain(self.D - self.C @ solve(jnp.asarray(self.A), jnp.asarray(self.B)))
+
+    def discretise(
+        self, sample_time_s: float | int, *, longest_delay_s: float | int | None = None
+    ) -> DiscreteModel:
+        r"""The model at sample times, under commands that are held between them.
+
+        It is exact, whatever the sample time, also where the delay is no multiple of it.
+        The lag adds a state for each input, the duty that the cells get; the delay $\theta = (n +
+        r) T_s$ adds the $n + 1$ commands that are still on their way, or $n$ where $r = 0$. Their
+        states come after those of the model.
+
+        **Arguments:**
+
+        - `sample_time_s`: $T_s$, s.
+        - `longest_delay_s`: for how long a delay the model has states. None: for its own. It must
+          be given where the delay is traced by JAX.
+
+        **Raises:** `ControlError` where the sample time is not above 0, or the delay is traced and
+        `longest_delay_s` is missing, or is longer than that.
+        """
+        sample_time = finite_number("discretise: sample_time_s", sample_time_s, ControlError)
+        if sample_time <= 0:
+            raise ControlError(
+                f"discretise: sample_time_s: expected a number above 0, in s, got {sample_time:g}"
+            )
+        shifts = self._shifts(sample_time, longest_delay_s)
+        with precision_for(self):
+            A, B, C, D = plain(held(self, sample_time, shifts))
+        lagged = [f"duty {name}" for name in self.input_names] if self.is_lagged else []
+        waiting = [f"{name} {n + 1} ago" for n in range(shifts) for name in self.input_names]
+        return DiscreteModel(
+            A,
+            B,
+            C,
+            D,
+            operating_point=self.operating_point,
+            sample_time_s=sample_time,
+            state_names=(*self.state_names, *lagged, *waiting),
+            input_names=self.input_names,
+            output_names=self.output_names,
+        )
+
+    def frequency_response(
+        self, omega: ArrayLike | float | int
+    ) -> Complex[Array | np.ndarray, "*frequency output input"]:
+        r"""$G(j \omega)$ with delay and lag exact, K per unit of duty.
+
+        **Arguments:**
+
+        - `omega`: a frequency or several, rad/s.
+        """
+        if is_traced(self, omega):
+            with precision_for(self, omega):
+                frequencies = jnp.asarray(omega, float)
+                response = traced_response(self, frequencies.reshape(-1))
+        else:
+            frequencies = np.asarray(omega, float)
+            response = frequency_response(self, frequencies.reshape(-1))
+        return response.reshape(*frequencies.shape, *response.shape[1:])
+
+    @property
+    def poles(self) -> Complex[np.ndarray, " state"]:
+        """The eigenvalues of `A`, 1/s, slowest first; the lag's own is at `-1 / lag_s`."""
+        poles = np.linalg.eigvals(np.asarray(self.A)).astype(complex)
+        return poles[np.argsort(-np.real(poles))]
+
+    @property
+    def time_constants_s(self) -> Float[np.ndarray, " state"]:
+        """The inverse of the poles' decay, s, slowest first; infinite where nothing decays."""
+        decay = np.maximum(-np.real(self.poles), 0.0)
+        return np.divide(1.0, decay, out=np.full(decay.shape, np.inf), where=decay > 0)
+
+    @property
+    def relative_gain_array(self) -> Float[np.ndarray, "output input"]:
+        r"""$G \circ (G^+)^T$ of the gain at rest (Bristol 1966): by which channel a cell is best
+        controlled, if each were controlled by itself. The columns sum to 1."""
+        gain = np.asarray(self.dcgain)
+        return gain * np.linalg.pinv(gain).T
+
+    @property
+    def directions(self) -> Directions:
+        """The directions in which the duty moves the channels in the end: see `Directions`."""
+        return directions(np.asarray(self.dcgain))
+
+    @property
+    def hankel_singular_values(self) -> Float[np.ndarray, " kept"]:
+        """How much each balanced state matters between the drive and the outputs, largest first.
+
+        Those that are rounding are left out.
+
+        **Raises:** `ControlError` where the model is not stable.
+        """
+        return self._balanced().hankel
+
+    def error_bound(self, order: int) -> float:
+        """By how much the frequency response of `reduce(order)` is off at most, at any frequency, K
+        per unit of duty (the largest singular value of the difference)."""
+        return 2 * float(self.hankel_singular_values[order:].sum())
+
+    def reduce(self, order: int) -> "LinearModel":
+        """A model with fewer states and the same gain at rest, by balanced truncation.
+
+        The states that matter least are taken as always at rest; what they gave then stands in
+        `D`. Delay, lag and operating point stay as they are.
+
+        **Arguments:**
+
+        - `order`: how many states are kept.
+
+        **Raises:** `ControlError` where the model is not stable, or has fewer states that a drive
+        moves and the outputs show.
+        """
+        order = whole_number("reduce: order", order, 1, ControlError)
+        balanced = self._balanced()
+        if order > len(balanced.hankel):
+            raise ControlError(
+                f"reduce: order: expected at most the {len(balanced.hankel)} states that a drive "
+                f"moves and the outputs show, got {order}"
+            )
+        A, B, C, D = residualised(balanced, order)
+        # The states that were left out as rounding had a gain too.
+        D = D + np.asarray(self.dcgain) - (D - C @ np.linalg.solve(A, B))
+        return LinearModel(
+            A,
+            B,
+            C,
+            D,
+            operating_point=self.operating_point,
+            state_names=[f"balanced {number + 1}" for number in range(order)],
+            input_names=self.input_names,
+            output_names=self.output_names,
+            delay_s=self.delay_s,
+            lag_s=self.lag_s,
+            is_delayed=self.is_delayed,
+            is_lagged=self.is_lagged,
+        )
+
+    def to_control(self, *, pade_order: int | None = None) -> "control.StateSpace":
+        """The model for python-control (extra `control`), with the lag among its states.
+
+        A delay cannot be in it: it is replaced by Pade's approximation where an order is given.
+        `discretise(...).to_control()` has it exactly.
+
+        **Arguments:**
+
+        - `pade_order`: of the approximation.
+
+        **Raises:** `ControlError` where the model has a delay and no order is given, or
+        python-control is not installed.
+        """
+        return continuous(self, pade_order)
+
+    def plot(self) -> "Figure":
+        """The Bode diagram: `jaxtwin.plots.plot_bode`."""
+        return picture("plot_bode", self)
+
+    def _balanced(self) -> Balanced:
+        return balanced(np.asarray(self.A), np.asarray(self.B), np.asarray(self.C))
+
+    def _shifts(self, sample_time: float, longest_delay_s: float | int | None) -> int:
+        """How many commands can be on their way."""
+        if not self.is_delayed:
+            return 0
+        where = "discretise: longest_delay_s"
+        if longest_delay_s is None:
+            if is_traced(self.delay_s):
+                raise ControlError(
+                    f"{where}: expected a number, in s, because the driver's delay is traced by "
+                    "JAX, got None"
+                )
+            longest = float(self.delay_s)
+        else:
+            longest = finite_number(where, longest_delay_s, ControlError)
+            if not is_traced(self.delay_s) and not float(self.delay_s) <= longest:
+                raise ControlError(
+                    f"{where}: expected at least the driver's delay, {float(self.delay_s):g} s, "
+                    f"got {longest:g} s"
+                )
+        # Rounding must not make n and a rest of a delay of n steps.
+        return int(np.ceil(longest / sample_time * (1 - 1e-9)))
+
+    def __repr__(self) -> str:
+        outputs, states = self.C.shape
+        return (
+            f"<LinearModel: {states} states, {self.B.shape[1]} inputs, {outputs} outputs, "
+            f"delay {_text(self.delay_s)}, lag {_text(self.lag_s)}>"
+        )
+
+
+def _time(name: str, value: Any) -> Any:
+    if is_traced(value):
+        return value
+    number = finite_number(f"LinearModel: {name}", value, ControlError)
+    if number < 0:
+        raise ControlError(f"LinearModel: {name}: expected 0 s or more, got {number:g} s")
+    return number
+
+
+def _is_there(value: Any) -> bool:
+    return is_traced(value) or float(value) > 0
+
+
+def _text(time: Any) -> str:
+    return "traced" if is_traced(time) else f"{float(time):.3g} s"
+
+
+def _sizes(*matrices: Array | np.ndarray) -> tuple[int, int, int]:
+    shapes = [matrix.shape for matrix in matrices]
+    if all(len(shape) == 2 for shape in shapes):
+        states, inputs, outputs = shapes[0][0], shapes[1][1], shapes[2][0]
+        fit = [(states, states), (states, inputs), (outputs, states), (outputs, inputs)]
+        if shapes == fit:
+            return states, inputs, outputs
+    raise ControlError(
+        "LinearModel: expected A (state, state), B (state, input), C (output, state) and "
+        f"D (output, input), got shapes {', '.join(map(str, shapes))}"
+    )
+
+
+def _names(what: str, names: Sequence[str] | None, letter: str, count: int) -> tuple[str, ...]:
+    if names is None:
+        return tuple(f"{letter}{number}" for number in range(1, count + 1))
+    if len(names) != count:
+        raise ControlError(f"LinearModel: {what}: expected {count} names, got {len(names)}")
+    return tuple(names)

@@ -1,0 +1,178 @@
+"""A twin near an operating point as a linear model."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from .._arguments import finite_number
+from .._compilation import persistent_jit
+from .._errors import ControlError
+from ..matching import Fit
+from ..physics import Twin, check_twin
+from ..simulation._check_values import check_values
+from ._linear_model import LinearModel
+from ._operating_point import (
+    ZERO_CELSIUS,
+    OperatingPoint,
+    Target,
+    duty_for,
+    slopes,
+    target_of,
+)
+from ._precision import is_traced, plain, precision_for
+
+AT_REST = 1e-6
+"""Heat flow into any node per W of all flows beyond which a steady state was not found."""
+
+REACHED = 1e-3
+"""How near a temperature that was asked for has to be reached, K."""
+
+
+def linearize(
+    twin: Twin | Fit,
+    *,
+    duty: ArrayLike | float | int | None = None,
+    temperatures: Mapping[str, float] | float | int | None = None,
+    ambient: float | int | None = None,
+) -> LinearModel:
+    r"""A twin near its steady state as a linear model, by exact derivatives.
+
+    With $x$ the temperatures of the nodes, $u$ the duty of the cells and $y$ the readings of the
+    channels, all as deviations from the operating point:
+
+    $$\dot x = A x + B u, \quad y = C x + D u$$
+
+    $A$ and $B$ are the derivatives of the twin's equations, taken by JAX, $D$ is 0. The driver's
+    delay and lag stand beside the matrices.
+
+    ```python
+    model = jt.linearize(jt.Twin("dual-cell"), duty=[0.4, 0.4])
+    model = jt.linearize(jt.Twin("dual-cell"), temperatures={"TAM": 40.0, "TCM": 40.0})
+    ```
+
+    The bridge of a cell has a kink at a duty of 0: heating and cooling both add Joule heat.
+    Exactly at 0 the model therefore has the mean of the two slopes, which is what a small signal
+    of both signs sees. With on/off averaging the slopes of heating and cooling lie some 30 % above
+    and below it; a model at a small duty on either side has one of them.
+
+    The result can be differentiated by the twin's parameters, and may be made inside of `jax.jit`,
+    `jax.vmap` and `jax.grad`. Outside of them it is computed in float64.
+
+    **Arguments:**
+
+    - `twin`: the twin; or a fit, whose recordings' own values are averaged (`Fit.mean_twin`).
+    - `duty`: at the operating point, one for each cell or a single one for all, -1 to 1.
+    - `temperatures`: at the operating point, in place of a duty. A number: the mean of all
+      channels, degC, with the same duty for all cells. A mapping from channel to degC: of as many
+      channels as there are cells, or of more, which are then met as well as possible; of a single
+      channel, with the same duty for all cells.
+    - `ambient`: temperature of the surroundings, degC; None: that of the rig.
+
+    **Raises:** `ControlError` where neither or both of duty and temperatures are given, they do not
+    belong to the rig, no duty from -1 to 1 reaches the temperatures, or the rig does not come to
+    rest; `ParameterError` where a parameter has more than one value, or a resistance, a heat
+    capacity, a lag or a delay is not above 0.
+    """
+    if isinstance(twin, Fit):
+        twin = twin.mean_twin
+    check_twin("linearize: twin", twin, ControlError)
+    if (duty is None) == (temperatures is None):
+        raise ControlError(
+            "linearize: expected either duty or temperatures, got "
+            f"{'neither' if duty is None else 'both'}; for example duty=0.4"
+        )
+    if not is_traced(twin):
+        check_values(twin)
+    target = None if temperatures is None else target_of(twin, temperatures)
+    if ambient is not None:
+        ambient = finite_number("linearize: ambient", ambient, ControlError)
+    with precision_for(twin, duty):
+        given = None if duty is None else _duty(twin, duty)
+        room = None if ambient is None else jnp.asarray(ambient)
+        model, reached, imbalance = plain(_linearized(twin, given, target, room))
+    if not is_traced(imbalance) and not float(imbalance) <= AT_REST:
+        raise ControlError(
+            f"linearize: {twin.rig.name}: expected a steady state, but the rig does not come to "
+            "rest under this duty; take a smaller one"
+        )
+    if target is not None and not is_traced(reached):
+        _check_reached(target, np.asarray(reached), np.asarray(model.operating_point.duty))
+    return model
+
+
+def _duty(twin: Twin, duty: ArrayLike | float | int) -> Array:
+    cells = len(twin.netlist.cells)
+    expected = f"linearize: duty: expected {cells} numbers from -1 to 1, or a single one"
+    try:
+        values: Any = duty if is_traced(duty) else np.asarray(duty)
+    except ValueError:  # rows of different lengths
+        values = np.array(None)
+    if values.shape not in ((), (cells,)) or values.dtype.kind not in "iuf":
+        raise ControlError(f"{expected}, got {duty!r}")
+    if not is_traced(values) and not np.all(np.abs(values) <= 1):
+        raise ControlError(f"{expected}, got {duty!r}")
+    return jnp.broadcast_to(jnp.asarray(values, float), (cells,))
+
+
+def _check_reached(
+    target: Target, reached: Float[np.ndarray, " targets"], duty: Float[np.ndarray, " cells"]
+) -> None:
+    is_square = target.directions.shape[1] == len(target.temperatures)
+    is_reached = np.abs(reached - target.temperatures).max() <= REACHED
+    if np.isfinite(reached).all() and (is_reached or not is_square) and np.abs(duty).max() < 1:
+        return
+    wanted, got, at = (
+        ", ".join(f"{value:.4g}" for value in values)
+        for values in (target.temperatures, reached, duty)
+    )
+    raise ControlError(
+        "linearize: temperatures: expected some that duty cycles from -1 to 1 reach, got "
+        f"{wanted} degC; the nearest found was {got} degC with duty {at}"
+    )
+
+
+@persistent_jit
+def _linearized(
+    twin: Twin,
+    duty: Float[Array, " cells"] | None,
+    target: Target | None,
+    ambient: Float[Array, ""] | None,
+) -> tuple[LinearModel, Float[Array, " targets"], Float[Array, ""]]:
+    """The model, the temperatures that were reached, and how much heat flows on at rest."""
+    system = twin.system()
+    reference = jnp.asarray(system.ambient_temperature)
+    if ambient is not None:
+        reference = jnp.asarray(ambient, reference.dtype) + ZERO_CELSIUS
+    reached = jnp.zeros(0, reference.dtype)
+    if duty is None:
+        assert target is not None
+        duty, reached = duty_for(system, target, reference)
+    duty = jnp.asarray(duty, reference.dtype)
+    nodes = system.steady_state(duty, reference)
+    by_nodes, by_duty = slopes(system, nodes, duty, reference)
+    flows = jnp.abs(system.conductance @ nodes).max() + jnp.abs(by_duty).max()
+    imbalance = jnp.abs(system.heat_into_nodes(nodes, duty, reference)).max() / flows
+    zero = jnp.zeros((), reference.dtype)
+    celsius = reference - ZERO_CELSIUS
+    model = LinearModel(
+        by_nodes / system.capacitance[:, None],
+        by_duty / system.capacitance[:, None],
+        jax.jacfwd(system.channel_temperatures)(nodes),
+        jnp.zeros((system.gain.size, duty.size), reference.dtype),
+        operating_point=OperatingPoint(
+            duty, nodes + celsius, system.channel_temperatures(nodes) + celsius, celsius
+        ),
+        state_names=tuple(node.name for node in twin.netlist.nodes),
+        input_names=tuple(cell.name for cell in twin.netlist.cells),
+        output_names=twin.channels,
+        delay_s=zero if system.delay is None else system.delay,
+        lag_s=zero if system.lag is None else system.lag,
+        is_delayed=system.delay is not None,
+        is_lagged=system.lag is not None,
+    )
+    return model, reached, imbalance

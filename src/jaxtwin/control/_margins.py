@@ -1,0 +1,220 @@
+r"""How far a loop is from instability, from the frequency response of what is in it.
+
+A loop $L(j \omega)$ is the product of plant and controller, with the minus sign of the
+feedback left out. All numbers hold for loops that are stable when closed; they do not tell whether
+that is so.
+Delays are exact: nothing here needs a rational function.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.optimize import brentq, minimize_scalar
+
+from .._errors import ControlError
+from ._linear_model import LinearModel
+
+OMEGA = np.geomspace(1e-6, 1e3, 6000)
+"""Frequencies that are looked at where none are given, rad/s."""
+
+Loop: TypeAlias = Callable[[Float[np.ndarray, " frequency"]], Complex[np.ndarray, "..."]]
+"""From frequencies, rad/s, to the loop's response there, `(frequency,)` or `(frequency, n, n)`."""
+
+
+class Margins(NamedTuple):
+    """Gain and phase margin, in the order of `control.margin` of python-control.
+
+    - `gm`: by which factor the gain may grow, or fall where it is below 1.
+    - `pm`: by how many degrees the phase may fall.
+    - `wcg`: where the phase is -180 degrees, rad/s. `wcp`: where the gain is 1, rad/s.
+
+    A margin that no frequency has is infinite, its frequency NaN.
+    """
+
+    gm: float
+    pm: float
+    wcg: float
+    wcp: float
+
+    @property
+    def delay_s(self) -> float:
+        """By how much later a loop may act, s, where its gain is 1 at a single frequency."""
+        return float(np.radians(self.pm % 360) / self.wcp) if np.isfinite(self.pm) else np.inf
+
+
+class DiskMargin(NamedTuple):
+    """How much gain and phase may change together, in all channels at once.
+
+    - `margin`: the size of the disk that they may move in.
+    - `gain`: from and to which factor the gain may change where the phase does not.
+    - `phase_deg`: by how much the phase may, either way, where the gain does not.
+    - `omega`: where the loop is nearest to instability, rad/s.
+    """
+
+    margin: float
+    gain: tuple[float, float]
+    phase_deg: float
+    omega: float
+
+
+def margins(
+    loop: LinearModel | Loop, *, omega: Float[np.ndarray, " frequency"] | None = None
+) -> Margins:
+    """Gain and phase margin of a loop with a single channel: the worst of each.
+
+    ```python
+    model = jt.linearize(jt.Twin("single-cell"), duty=0.3)
+    gm, pm, wcg, wcp = margins(lambda w: 0.1 * model.frequency_response(w)[:, 0, 0])
+    ```
+
+    **Arguments:**
+
+    - `loop`: a function from frequencies, rad/s, to the response of plant times controller; or a
+      model with an input and an output.
+    - `omega`: increasing frequencies between which crossings are sought, rad/s; None: 1e-6 to 1e3.
+
+    **Raises:** `ControlError` where the loop has several channels or is not finite.
+    """
+    response, omega = _scalar(loop), _frequencies(omega)
+    values = response(omega)
+    gains = np.log(np.maximum(np.abs(values), 1e-300))
+    crossings = [
+        _crossing(lambda w: float(np.log(np.abs(response(np.array([w]))[0]))), *pair)
+        for pair in _changes(omega, gains)
+    ]
+    reversals = [
+        _crossing(lambda w: float(response(np.array([w]))[0].imag), *pair)
+        for pair in _changes(omega, np.imag(values))
+    ]
+    at_unity = response(np.array(crossings)) if crossings else np.zeros(0, complex)
+    at_reversal = response(np.array(reversals)) if reversals else np.zeros(0, complex)
+    gm, pm, wcg, wcp = np.inf, np.inf, np.nan, np.nan
+    phases = np.mod(np.degrees(np.angle(at_unity)) + 180 + 180, 360) - 180
+    if len(phases):
+        worst = int(np.argmin(np.abs(phases)))
+        pm, wcp = float(phases[worst]), crossings[worst]
+    factors = [(-1 / v.real, w) for v, w in zip(at_reversal, reversals, strict=True) if v.real < 0]
+    if factors:
+        gm, wcg = min(factors, key=lambda pair: abs(np.log(pair[0])))
+        gm = float(gm)
+    return Margins(gm, pm, wcg, wcp)
+
+
+def sensitivity_peak(
+    loop: LinearModel | Loop, *, omega: Float[np.ndarray, " frequency"] | None = None
+) -> tuple[float, float]:
+    """The largest sensitivity, and its frequency, rad/s.
+
+    By so much a disturbance is made worse at worst: the largest singular value of $(I + L)^{-1}$.
+    It is the inverse of the loop's smallest distance from -1, and 2 is a usual limit.
+
+    **Arguments:**
+
+    - `loop`, `omega`: those of `margins`; several channels are a square matrix at each frequency.
+    """
+    return _peak(_square(loop), _frequencies(omega), 0.0)
+
+
+def disk_margin(
+    loop: LinearModel | Loop,
+    *,
+    skew: float = 0.0,
+    omega: Float[np.ndarray, " frequency"] | None = None,
+) -> DiskMargin:
+    r"""The disk margin (Seiler, Packard and Gahinet, IEEE Control Systems 40, 2020).
+
+    $$\alpha = 1 / \max_\omega \lVert S + \tfrac{\sigma - 1}{2} I \rVert$$
+
+    With several channels it holds for any changes of gain and phase in all of them, also where
+    they influence each other; for changes of each channel alone it is then on the safe side.
+
+    **Arguments:**
+
+    - `loop`, `omega`: those of `sensitivity_peak`.
+    - `skew`: $\sigma$; 0 for gains that may fall as far as rise, 1 for the inverse of the
+      sensitivity's peak.
+    """
+    peak, at = _peak(_square(loop), _frequencies(omega), (skew - 1) / 2)
+    margin = 1 / peak
+    low = (2 - margin * (1 - skew)) / (2 + margin * (1 + skew))
+    above = 2 - margin * (1 + skew)
+    high = (2 + margin * (1 - skew)) / above if above > 0 else np.inf
+    cosine = low if np.isinf(high) else (1 + low * high) / (low + high)
+    return DiskMargin(margin, (low, high), float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), at)
+
+
+def _peak(response: Loop, omega: np.ndarray, shift: float) -> tuple[float, float]:
+    """The largest singular value of $(I + L)^{-1}$ plus a number, and its frequency."""
+
+    def sizes(frequencies: np.ndarray) -> np.ndarray:
+        values = response(frequencies)
+        unit = np.eye(values.shape[-1])
+        return np.linalg.norm(np.linalg.inv(unit + values) + shift * unit, 2, axis=(1, 2))
+
+    found = sizes(omega)
+    top = int(np.argmax(found))
+    between = np.log(omega[max(top - 1, 0)]), np.log(omega[min(top + 1, len(omega) - 1)])
+    finer = minimize_scalar(
+        lambda w: -float(sizes(np.exp([w]))[0]), bounds=between, method="bounded",
+        options={"xatol": 1e-10},
+    )  # fmt: skip
+    if -finer.fun > found[top]:
+        return float(-finer.fun), float(np.exp(finer.x))
+    return float(found[top]), float(omega[top])
+
+
+def _crossing(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(brentq(function, low, high, xtol=1e-300, rtol=1e-13))  # pyright: ignore
+
+
+def _changes(omega: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
+    """Pairs of neighbouring frequencies between which the values change their sign."""
+    at = np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0)
+    return [(float(omega[n]), float(omega[n + 1])) for n in at]
+
+
+def _frequencies(omega: Float[np.ndarray, " frequency"] | None) -> Float[np.ndarray, " frequency"]:
+    if omega is None:
+        return OMEGA
+    omega = np.asarray(omega, float)
+    if omega.ndim != 1 or len(omega) < 2 or not (omega[0] > 0 and np.all(np.diff(omega) > 0)):
+        raise ControlError(
+            "omega: expected at least two increasing frequencies above 0, in rad/s, got "
+            f"an array of shape {omega.shape}"
+        )
+    return omega
+
+
+def _square(loop: LinearModel | Loop) -> Loop:
+    def response(omega: np.ndarray) -> np.ndarray:
+        source = loop.frequency_response if isinstance(loop, LinearModel) else loop
+        values = np.asarray(source(omega))
+        if values.ndim == 1:
+            values = values[:, None, None]
+        if values.ndim != 3 or len(values) != len(omega) or values.shape[1] != values.shape[2]:
+            raise ControlError(
+                "loop: expected a response (frequency,) or (frequency, n, n), got shape "
+                f"{values.shape} for {len(omega)} frequencies"
+            )
+        if not np.isfinite(values).all():
+            raise ControlError("loop: expected a finite response, got infinite numbers or NaN")
+        return values
+
+    return response
+
+
+def _scalar(loop: LinearModel | Loop) -> Loop:
+    square = _square(loop)
+
+    def response(omega: np.ndarray) -> np.ndarray:
+        values = square(omega)
+        if values.shape[1] != 1:
+            raise ControlError(
+                f"margins: expected a loop with a single channel, got {values.shape[1]}; "
+                "disk_margin takes several"
+            )
+        return values[:, 0, 0]
+
+    return response

@@ -1,0 +1,136 @@
+"""Steady states: the temperatures under a duty cycle, and the duty cycle for temperatures."""
+
+from collections.abc import Mapping
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .._arguments import finite_number
+from .._errors import ControlError
+from .._lapack import solve
+from ..physics import System, Twin
+
+ZERO_CELSIUS = 273.15
+
+NEWTON_STEPS = 40
+"""Of the search for a duty cycle. It takes a handful; those on the way from full cooling to full
+heating are held to `LONGEST_STEP`."""
+
+LONGEST_STEP = 0.25
+
+KINK = 1e-9
+"""How far from a duty of 0 its two slopes are taken."""
+
+
+@final
+class OperatingPoint(eqx.Module):
+    """Where a rig rests.
+
+    - `duty`: of the cells, -1 to 1.
+    - `nodes`: temperatures, degC, in the order of `twin.netlist.nodes`.
+    - `outputs`: what the channels read there, degC.
+    - `ambient`: temperature of the surroundings, degC.
+    """
+
+    duty: Float[Array | np.ndarray, " inputs"]
+    nodes: Float[Array | np.ndarray, " nodes"]
+    outputs: Float[Array | np.ndarray, " outputs"]
+    ambient: Float[Array | np.ndarray, ""]
+
+
+@final
+class Target(eqx.Module):
+    """Temperatures that a duty cycle is sought for.
+
+    The search minimises the distance of `channels @ readings` from `temperatures` over `duty =
+    directions @ unknowns`.
+    """
+
+    channels: Float[np.ndarray, "targets channels"]
+    temperatures: Float[np.ndarray, " targets"]
+    directions: Float[np.ndarray, "cells unknowns"]
+
+
+def target_of(twin: Twin, temperatures: Mapping[str, float] | float | int) -> Target:
+    """What `linearize` was given as temperatures, checked.
+
+    **Raises:** `ControlError` for unknown channels, numbers that are none, or fewer channels than
+    cells.
+    """
+    where = "linearize: temperatures"
+    cells, names = len(twin.netlist.cells), twin.channels
+    if not isinstance(temperatures, Mapping):
+        mean = finite_number(where, temperatures, ControlError)
+        everything = np.full((1, len(names)), 1 / len(names))
+        return Target(everything, np.array([mean]), np.ones((cells, 1)))
+    for name in temperatures:
+        if name not in names:
+            raise ControlError(
+                f"{where}: expected channels of {twin.rig.name} ({', '.join(names)}), got {name!r}"
+            )
+    if len(temperatures) != 1 and len(temperatures) < cells:
+        raise ControlError(
+            f"{where}: expected a single channel (all cells then get the same duty) or at least "
+            f"as many as the {cells} cells of {twin.rig.name}, got {len(temperatures)}"
+        )
+    numbers = [finite_number(f"{where}: {n}", v, ControlError) for n, v in temperatures.items()]
+    rows = np.eye(len(names))[[names.index(name) for name in temperatures]]
+    directions = np.ones((cells, 1)) if len(numbers) == 1 else np.eye(cells)
+    return Target(rows, np.array(numbers), directions)
+
+
+def slopes(
+    system: System,
+    deviation: Float[Array, " nodes"],
+    duty: Float[Array, " cells"],
+    reference: Float[Array, ""],
+) -> tuple[Float[Array, "nodes nodes"], Float[Array, "nodes cells"]]:
+    """The derivatives of the heat into the nodes by their temperatures, W/K, and by the duty, W.
+
+    At a duty of 0, where the slopes of heating and of cooling differ, that by the duty is the mean
+    of the two.
+    """
+    at_zero = jnp.where(duty == 0, jnp.asarray(KINK, duty.dtype), 0.0)
+    by_duty = jax.jacfwd(lambda duty: system.heat_into_nodes(deviation, duty, reference))
+    return (
+        jax.jacfwd(lambda nodes: system.heat_into_nodes(nodes, duty, reference))(deviation),
+        (by_duty(duty + at_zero) + by_duty(duty - at_zero)) / 2,
+    )
+
+
+def duty_for(
+    system: System, target: Target, reference: Float[Array, ""]
+) -> tuple[Float[Array, " cells"], Float[Array, " targets"]]:
+    """The duty cycle for temperatures by Gauss and Newton's method, and what it reaches, degC.
+
+    Its derivatives by the parameters are exact where the target can be reached.
+    """
+    directions = jnp.asarray(target.directions, reference.dtype)
+    channels = jnp.asarray(target.channels, reference.dtype)
+    aim = jnp.asarray(target.temperatures, reference.dtype) + ZERO_CELSIUS - reference
+
+    def readings(unknowns: Array) -> tuple[Array, Array]:
+        duty = directions @ unknowns
+        nodes = system.steady_state(duty, reference)
+        return channels @ system.channel_temperatures(nodes), nodes
+
+    def change(unknowns: Array) -> Array:
+        reached, nodes = readings(unknowns)
+        at = jax.lax.stop_gradient((system, nodes, directions @ unknowns, reference))
+        by_nodes, by_duty = slopes(*at)
+        gain = channels @ at[0].channel_temperatures(solve(-by_nodes, by_duty @ directions).T).T
+        return solve(gain.T @ gain, gain.T @ (aim - reached))
+
+    def newton(_: Int[Array, ""], unknowns: Array) -> Array:
+        step = jnp.clip(change(unknowns), -LONGEST_STEP, LONGEST_STEP)
+        return jnp.clip(unknowns + step, -1.0, 1.0)
+
+    start = jnp.zeros(directions.shape[1], reference.dtype)
+    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, NEWTON_STEPS, newton, start))
+    # A last step, through which the derivatives pass.
+    found = jnp.clip(found + change(found), -1.0, 1.0)
+    return directions @ found, readings(found)[0] + reference - ZERO_CELSIUS

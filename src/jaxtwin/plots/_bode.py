@@ -1,0 +1,74 @@
+"""The Bode diagram of linear models."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
+
+from .._errors import ControlError
+from ..control import LinearModel
+from ._style import CYCLE, MUTED, styled
+
+
+@styled
+def plot_bode(
+    models: LinearModel | Mapping[str, LinearModel], omega: Sequence[float] | None = None
+) -> Figure:
+    """Gain and phase over frequency, a column for each cell.
+
+    A line is the mean of all channels, the band about its gain goes from the channel that moves
+    least to that which moves most. A line of dashes is where the driver's lag alone would have
+    halved the power.
+
+    **Arguments:**
+
+    - `models`: a model, or several by their label, such as a model and what `reduce` made of it.
+    - `omega`: frequencies, rad/s; None: from a tenth of the slowest pole to ten times the lag's
+      or, without a lag, a hundred times the slowest pole.
+
+    **Returns:** the figure.
+
+    **Raises:** `ControlError` where there is no model, or the models have other inputs.
+    """
+    named = {"": models} if isinstance(models, LinearModel) else dict(models)
+    if not named or len({model.input_names for model in named.values()}) != 1:
+        raise ControlError("plot_bode: expected one model or several with the same inputs")
+    first = next(iter(named.values()))
+    frequencies = _frequencies(first) if omega is None else np.asarray(omega, float)
+    columns = len(first.input_names)
+    figure = pyplot.figure(figsize=(1.2 + 4.2 * columns, 5.4), layout="constrained")
+    grid = figure.subplots(2, columns, sharex=True, sharey="row", squeeze=False)
+    for number, (label, model) in enumerate(named.items()):
+        color = CYCLE[number % len(CYCLE)]
+        response = np.asarray(model.frequency_response(frequencies))
+        for column, (gain, phase) in enumerate(grid.T):
+            channels = np.abs(response[:, :, column])
+            mean = response[:, :, column].mean(axis=1)
+            gain.fill_between(
+                frequencies, channels.min(axis=1), channels.max(axis=1), color=color, alpha=0.15,
+                lw=0,
+            )  # fmt: skip
+            gain.loglog(frequencies, np.abs(mean), color=color, label=label)
+            phase.semilogx(frequencies, np.degrees(np.unwrap(np.angle(mean))), color=color)
+    for column, (gain, phase) in enumerate(grid.T):
+        gain.set_title(f"duty of {first.input_names[column]}")
+        phase.set(xlabel="frequency, rad/s", xlim=(frequencies[0], frequencies[-1]))
+        phase.yaxis.set_major_locator(MultipleLocator(90))
+        if first.is_lagged:
+            for axes in (gain, phase):
+                axes.axvline(1 / float(first.lag_s), color=MUTED, lw=0.8, ls="--")
+    largest = max(float(line.get_ydata().max()) for line in grid[0, 0].lines[: len(named)])
+    grid[0, 0].set(ylabel="gain, K per unit of duty", ylim=(largest * 1e-4, largest * 10))
+    grid[1, 0].set(ylabel="phase, degrees", ylim=(-630, 20))
+    if len(named) > 1:
+        grid[0, 0].legend(loc="lower left")
+    return figure
+
+
+def _frequencies(model: LinearModel) -> np.ndarray:
+    slowest = 1 / float(model.time_constants_s[0])
+    slowest = slowest if slowest > 0 else 1e-3
+    top = 10 / float(model.lag_s) if model.is_lagged else 100 * slowest
+    return np.geomspace(slowest / 10, max(top, 10 * slowest), 400)

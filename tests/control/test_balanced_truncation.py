@@ -1,0 +1,61 @@
+"""Reduced models: Hankel singular values by hand, the bound of the error, the gain at rest."""
+
+import numpy as np
+import pytest
+
+from jaxtwin import ControlError, LinearModel, Twin, linearize
+
+OMEGA = np.geomspace(1e-6, 1e3, 300)
+
+
+def norms(response: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(response, 2, axis=(1, 2))
+
+
+def test_hankel_singular_values_of_first_orders_by_hand():
+    """k / (s + a) has k / 2a; a system of several that do not touch has those of each."""
+    model = LinearModel(np.diag([-1.0, -4.0]), np.diag([1.0, 2.0]), np.eye(2), np.zeros((2, 2)))
+    np.testing.assert_allclose(model.hankel_singular_values, [1 / 2, 2 / 8], rtol=1e-12)
+    assert model.error_bound(1) == pytest.approx(2 * 2 / 8)
+
+
+@pytest.mark.parametrize("rig", ["paper-2024", "dual-cell"])
+@pytest.mark.parametrize("order", [2, 4, 6, 10])
+def test_the_error_stays_within_its_bound_and_is_none_at_rest(rig: str, order: int):
+    """At least the first Hankel singular value that is left out, and at most twice their sum."""
+    model = linearize(Twin(rig), duty=[0.4, 0.4])
+    reduced = model.reduce(order)
+    assert reduced.A.shape == (order, order)
+    np.testing.assert_allclose(reduced.dcgain, model.dcgain, rtol=0, atol=1e-9)
+    plain = [LinearModel(m.A, m.B, m.C, m.D).frequency_response(OMEGA) for m in (model, reduced)]
+    error = norms(np.asarray(plain[0] - plain[1])).max()
+    hankel = model.hankel_singular_values
+    assert 0.9 * hankel[order] < error < model.error_bound(order) * (1 + 1e-9)
+    assert np.real(reduced.poles).max() < 0
+    assert (reduced.delay_s, reduced.lag_s) == (model.delay_s, model.lag_s)
+
+
+def test_states_that_nothing_moves_or_shows_are_no_states():
+    """Mirror images: of two equal first orders in parallel only the sum is left."""
+    model = LinearModel(-np.eye(2), [[1.0], [1.0]], [[1.0, 1.0]], [[0.0]])
+    np.testing.assert_allclose(model.hankel_singular_values, [1.0])
+    reduced = model.reduce(1)
+    np.testing.assert_allclose(
+        reduced.frequency_response(OMEGA), model.frequency_response(OMEGA), rtol=1e-9
+    )
+    with pytest.raises(ControlError, match="at most the 1 states that a drive moves"):
+        model.reduce(2)
+
+
+def test_all_states_kept_are_the_model_itself():
+    model = linearize(Twin("single-cell"), duty=0.3)
+    same = model.reduce(len(model.hankel_singular_values))
+    found, expected = (m.frequency_response(OMEGA) for m in (same, model))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
+def test_unstable_models_and_orders_that_are_none_are_refused():
+    with pytest.raises(ControlError, match="expected a stable model, got a pole"):
+        LinearModel([[0.1]], [[1.0]], [[1.0]], [[0.0]]).reduce(1)
+    with pytest.raises(ControlError, match="order: expected a whole number above 0"):
+        LinearModel([[-0.1]], [[1.0]], [[1.0]], [[0.0]]).reduce(0)

@@ -1,0 +1,239 @@
+"""Linear models against central differences, SciPy, solutions by hand and the twin itself."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from jaxtwin import (
+    ControlError,
+    Experiment,
+    LinearModel,
+    ParameterError,
+    Twin,
+    linearize,
+    simulate,
+)
+from jaxtwin.control import DiscreteModel
+
+POINTS = [
+    ("dual-cell", [0.4, 0.3]),
+    ("dual-cell", [-0.2, 0.5]),
+    ("dual-cell", [0.0, 0.2]),
+    ("paper-2024", [0.5, -0.1]),
+    ("paper-2024", [0.0, 0.0]),
+    ("single-cell", [-0.3]),
+]
+
+
+def differences(function, at: np.ndarray, step: float) -> np.ndarray:
+    """Central differences of fourth order, a column for each argument."""
+    columns = []
+    for number in range(at.size):
+        unit = np.eye(at.size)[number] * step
+        f = [np.asarray(function(jax.numpy.asarray(at + n * unit))) for n in (-2, -1, 1, 2)]
+        columns.append((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * step))
+    return np.stack(columns, axis=1)
+
+
+@pytest.mark.parametrize(("rig", "duty"), POINTS)
+def test_matrices_are_the_derivatives_of_the_twin(rig: str, duty: list[float], float64):
+    """To 1e-6 of the largest entry of a row; at a duty of 0 that is the mean of both slopes."""
+    twin = Twin(rig)
+    model = linearize(twin, duty=duty)
+    system = twin.system()
+    reference = system.ambient_temperature
+    at = np.asarray(model.operating_point.nodes) + 273.15 - float(reference)
+    rate = jax.jit(
+        lambda nodes, duty: system.heat_into_nodes(nodes, duty, reference) / system.capacitance
+    )
+    by_nodes = differences(lambda nodes: rate(nodes, jax.numpy.asarray(duty)), at, 0.05)
+    by_duty = differences(lambda duty: rate(jax.numpy.asarray(at), duty), np.array(duty), 1e-3)
+    by_state = differences(jax.jit(lambda nodes: system.channel_temperatures(nodes)), at, 0.05)
+    for found, expected in ((model.A, by_nodes), (model.B, by_duty), (model.C, by_state)):
+        # Rows of 0, of nodes that no duty heats at once, are compared with the others.
+        rows = np.abs(expected).max(axis=1, keepdims=True)
+        scale = np.maximum(rows, 1e-3 * rows.max())
+        np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=1e-6)
+    assert not np.any(model.D)
+
+
+@pytest.mark.parametrize(("rig", "duty"), POINTS)
+def test_the_operating_point_is_where_a_long_run_ends(rig: str, duty: list[float]):
+    twin = Twin(rig)
+    experiment = Experiment([0.0, 40_000.0], [duty, duty])
+    run = simulate(twin, experiment, initial="steady")
+    point = linearize(twin, duty=duty).operating_point
+    np.testing.assert_allclose(point.outputs, run.temperatures[-1], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(point.nodes, run.states[-1], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("rig", "duty", "values"),
+    [("dual-cell", [0.4, 0.3], {"t_delay": 2.4}), ("paper-2024", [0.3, 0.3], {})],
+)
+def test_a_step_of_the_duty_by_a_hundredth_is_that_of_the_twin(rig, duty, values):
+    """Within 1 % of the change at every sample; the change at the end is exact to the curvature."""
+    twin = Twin(rig, values)
+    time = np.arange(601.0)
+    step = np.array([0.01, 0.0])
+    drive = np.where(time[:, None] < 1, duty, duty + step)
+    run = simulate(twin, Experiment(time, drive), initial="steady").temperatures
+    model = linearize(twin, duty=duty)
+    found = model.discretise(1.0).simulate(drive)
+    change, expected = found - model.operating_point.outputs, run - run[0]
+    assert np.abs(change - expected).max() < 0.01 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("sample_time", [0.1, 1.0, 30.0])
+def test_without_delay_and_lag_discretise_is_scipys(sample_time: float):
+    model = linearize(Twin("paper-2024"), duty=[0.5, 0.2])
+    assert not model.is_delayed
+    assert not model.is_lagged
+    found = model.discretise(sample_time)
+    expected = cont2discrete((model.A, model.B, model.C, model.D), sample_time)
+    A, B, C, D = tuple(expected)[:4]  # pyright: ignore
+    np.testing.assert_allclose(found.A, A, rtol=0, atol=1e-12 * np.abs(A).max())
+    np.testing.assert_allclose(found.B, B, rtol=0, atol=1e-12 * np.abs(B).max())
+    np.testing.assert_array_equal(found.C, C)
+    np.testing.assert_array_equal(found.D, D)
+
+
+def first_order_step(time: np.ndarray, T: float, lag: float, delay: float) -> np.ndarray:
+    """The answer of 1 / (T s + 1) to a unit step, behind a lag and a delay, solved by hand."""
+    t = np.maximum(time - delay, 0.0)
+    if lag == 0:
+        return 1 - np.exp(-t / T)
+    return 1 - (T * np.exp(-t / T) - lag * np.exp(-t / lag)) / (T - lag)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.7])
+@pytest.mark.parametrize(
+    ("delay", "shifts"), [(0.0, 0), (0.2, 1), (0.5, 1), (1.5, 3), (1.2, 3), (3 * 0.1, 1)]
+)
+def test_delays_that_are_multiples_or_not_are_exact(lag: float, delay: float, shifts: int):
+    model = LinearModel([[-1 / 3]], [[1 / 3]], [[1.0]], [[0.0]], delay_s=delay, lag_s=lag)
+    discrete = model.discretise(0.5)
+    assert len(discrete.A) == 1 + (lag > 0) + shifts
+    found = discrete.simulate(np.ones((40, 1)))[:, 0]
+    expected = first_order_step(0.5 * np.arange(40), 3.0, lag, delay)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+
+
+def test_a_direct_gain_acts_behind_the_delay():
+    model = LinearModel([[-1.0]], [[0.0]], [[1.0]], [[2.0]], delay_s=1.5)
+    found = model.discretise(1.0).simulate(np.ones((5, 1)))[:, 0]
+    np.testing.assert_array_equal(found, [0, 0, 2, 2, 2])
+
+
+def test_room_for_a_longer_delay_changes_nothing():
+    model = LinearModel([[-1 / 3]], [[1 / 3]], [[1.0]], [[0.5]], delay_s=1.2)
+    commands = np.sin(np.arange(30.0))[:, None]
+    own, roomy = model.discretise(0.5), model.discretise(0.5, longest_delay_s=4.0)
+    assert len(roomy.A) > len(own.A)
+    np.testing.assert_allclose(roomy.simulate(commands), own.simulate(commands), atol=1e-14)
+
+
+def test_a_model_starts_where_a_duty_was_held_for_long():
+    model = linearize(Twin("dual-cell"), duty=0.4).discretise(2.0)
+    state = model.start([0.5, 0.3])
+    np.testing.assert_allclose(model.step(state, [0.5, 0.3]), state, rtol=0, atol=1e-9)
+    gain = linearize(Twin("dual-cell"), duty=0.4).dcgain
+    change = model.outputs(state, [0.5, 0.3]) - model.operating_point.outputs
+    np.testing.assert_allclose(change, gain @ np.array([0.1, -0.1]), rtol=1e-9)
+
+
+def test_the_duty_for_temperatures_is_found():
+    twin = Twin("dual-cell")
+    point = linearize(twin, temperatures={"TAM": 40.0, "TCM": 35.0}).operating_point
+    reached = dict(zip(twin.channels, np.asarray(point.outputs), strict=True))
+    assert (reached["TAM"], reached["TCM"]) == pytest.approx((40.0, 35.0), abs=1e-6)
+    again = linearize(twin, duty=point.duty).operating_point
+    np.testing.assert_allclose(again.outputs, point.outputs, rtol=0, atol=1e-9)
+    mean = linearize(twin, temperatures=50.0).operating_point
+    assert np.mean(mean.outputs) == pytest.approx(50.0, abs=1e-6)
+    assert mean.duty[0] == mean.duty[1]
+
+
+def test_more_temperatures_than_cells_are_met_as_well_as_possible():
+    """At the optimum nothing is gained by moving either cell's duty."""
+    twin = Twin("dual-cell")
+    wanted: dict[str, float] = dict.fromkeys(["T11", "T13", "T15", "T26"], 40.0)
+    model = linearize(twin, temperatures=wanted)
+    rows = [twin.channels.index(name) for name in wanted]
+    off = np.asarray(model.operating_point.outputs)[rows] - 40.0
+    np.testing.assert_allclose(model.dcgain[np.array(rows)].T @ off, 0.0, atol=1e-6)
+    assert 0.1 < np.abs(off).max() < 10
+
+
+def test_models_of_many_draws_are_those_of_each():
+    twin, values = Twin("dual-cell"), np.array([1.8, 2.2])
+
+    def model(R_E) -> DiscreteModel:
+        linear = linearize(twin.with_parameters({"R_E": R_E}), duty=[0.4, 0.4])
+        return linear.discretise(1.0, longest_delay_s=3.0)
+
+    with jax.enable_x64(True):
+        batch = jax.vmap(model)(values)
+    for number, value in enumerate(values):
+        single = linearize(twin.with_parameters({"R_E": value}), duty=[0.4, 0.4])
+        single = single.discretise(1.0, longest_delay_s=3.0)
+        np.testing.assert_allclose(batch.A[number], single.A, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(batch.B[number], single.B, rtol=0, atol=1e-12)
+        outputs = batch.operating_point.outputs[number]
+        np.testing.assert_allclose(outputs, single.operating_point.outputs, rtol=1e-12)
+
+
+@pytest.mark.parametrize("keywords", [{"duty": [0.4, 0.3]}, {"temperatures": 30.0}])
+def test_derivatives_by_a_parameter_are_exact(keywords, float64):
+    twin = Twin("single-cell" if "temperatures" in keywords else "dual-cell")
+
+    def number(R_E):
+        model = linearize(twin.with_parameters({"R_E": R_E}), **keywords)
+        return model.dcgain.sum() + model.operating_point.duty.sum()
+
+    step = 1e-4
+    expected = (number(2.0 + step) - number(2.0 - step)) / (2 * step)
+    assert jax.grad(number)(2.0) == pytest.approx(expected, rel=1e-6)
+    assert jax.jvp(number, (2.0,), (1.0,))[1] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({}, "expected either duty or temperatures, got neither"),
+        ({"duty": 0.4, "temperatures": 30.0}, "got both"),
+        ({"duty": [0.4, 0.4, 0.4]}, "duty: expected 2 numbers from -1 to 1"),
+        ({"duty": 1.5}, "duty: expected 2 numbers from -1 to 1, or a single one, got 1.5"),
+        ({"temperatures": {"T99": 30.0}}, "expected channels of dual-cell"),
+        ({"temperatures": {}}, "at least as many as the 2 cells"),
+        ({"temperatures": 400.0}, "that duty cycles from -1 to 1 reach, got 400 degC"),
+        ({"temperatures": {"TAM": 60.0, "TCM": 20.0}}, "the nearest found was"),
+    ],
+)
+def test_an_operating_point_that_is_none_is_refused(keywords, message: str):
+    with pytest.raises(ControlError, match=message):
+        linearize(Twin("dual-cell"), **keywords)
+
+
+def test_a_twin_with_several_values_is_refused():
+    with pytest.raises(ParameterError, match="R_E: expected one value, got 2"):
+        linearize(Twin("dual-cell", {"R_E": [1.8, 2.2]}), duty=0.4)
+
+
+def test_matrices_delays_and_sample_times_that_are_none_are_refused():
+    with pytest.raises(ControlError, match=r"got shapes \(1, 1\), \(2, 1\)"):
+        LinearModel([[-1.0]], [[1.0], [1.0]], [[1.0]], [[0.0]])
+    with pytest.raises(ControlError, match="delay_s: expected 0 s or more, got -1 s"):
+        LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]], delay_s=-1)
+    with pytest.raises(ControlError, match="output_names: expected 1 names, got 2"):
+        LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]], output_names=["a", "b"])
+    model = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]], delay_s=2.0)
+    with pytest.raises(ControlError, match="sample_time_s: expected a number above 0"):
+        model.discretise(0.0)
+    with pytest.raises(ControlError, match="at least the driver's delay, 2 s, got 1 s"):
+        model.discretise(1.0, longest_delay_s=1.0)
+    with pytest.raises(ControlError, match="delay is traced by JAX"):
+        jax.jit(lambda m: m.discretise(1.0))(model)
+    with pytest.raises(ControlError, match="duty: expected 1 numbers"):
+        model.discretise(1.0).step(np.zeros(3), [1.0, 2.0])
