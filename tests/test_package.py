@@ -34,6 +34,23 @@ def test_import_loads_no_heavy_library():
     assert run_fresh(f"import sys, jaxtwin; print({heavy} & set(sys.modules))") == "set()\n"
 
 
+@pytest.mark.parametrize(
+    ("used", "left_out"),
+    [
+        (
+            "jt.Twin('paper-2024').simulate('0:0.5', duration=10)",
+            "diffrax lineax matplotlib optimistix pandas pooch scipy.optimize scipy.stats typer",
+        ),
+        ("jt.match", "diffrax matplotlib pandas scipy.optimize scipy.signal scipy.stats xarray"),
+        ("jt.sensitivity", "diffrax matplotlib pandas scipy.signal scipy.stats xarray"),
+    ],
+)
+def test_what_is_used_imports_no_library_of_other_things(used, left_out):
+    """The first result comes sooner: diffrax alone is a fifth of what a simulation imports."""
+    code = f"import sys, jaxtwin as jt; {used}; print(set({left_out.split()}) & set(sys.modules))"
+    assert run_fresh(code) == "set()\n"
+
+
 @pytest.mark.slow
 def test_import_leaves_the_settings_of_jax_alone():
     """The README promises it: no setting changes, whatever public names are used."""

@@ -22,6 +22,13 @@ def eigh(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, 
     return values, vectors
 
 
+@custom_vmap
+def solve_definite(matrix: Float[Array, "n n"], right: Float[Array, "n m"]) -> Float[Array, "n m"]:
+    """What `matrix @ x = right` is solved by for a matrix that is symmetric and positive definite;
+    NaN for one that is not. Has no derivatives."""
+    return jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), right)
+
+
 def solve(matrix: Float[Array, "n n"], right: Float[Array, "n *m"]) -> Float[Array, "n *m"]:
     """What `matrix @ x = right` is solved by; differentiable in both."""
     return jax.lax.custom_linear_solve(
@@ -59,3 +66,4 @@ def _one_by_one(
 
 eigh.def_vmap(partial(_one_by_one, eigh))
 _solve.def_vmap(partial(_one_by_one, _solve))
+solve_definite.def_vmap(partial(_one_by_one, solve_definite))

@@ -31,6 +31,10 @@ MOST_PROGRAMS = 16
 """That one function holds in memory; the oldest goes first. Each maps memory some forty times, and
 Linux ends a process with 65 530 such maps."""
 
+COMPILER_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
+"""XLA's older way from fused operations to machine code takes half as long to compile as the newer
+one, and its code is as fast here (`benchmarks/NOTES.md`)."""
+
 
 def clear_programs() -> None:
     """Frees the programs that this process holds, as `jax.clear_caches` does for those of JAX."""
@@ -199,7 +203,11 @@ class _PersistentJit(Generic[P, T]):
 
         on_arrays.__name__ = self._function.__name__
         with _clock:
-            compiled = jax.jit(on_arrays).lower(*arrays).compile()
+            lowered = jax.jit(on_arrays).lower(*arrays)
+            try:
+                compiled = lowered.compile(COMPILER_OPTIONS)
+            except jax.errors.JaxRuntimeError:  # another XLA may know no such option
+                compiled = lowered.compile()
         return _Program(compiled, output)
 
 

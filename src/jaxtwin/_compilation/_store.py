@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
+import platformdirs
+
 from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
 
@@ -100,9 +102,7 @@ def _chosen() -> tuple[Path | None, str]:
         return None, f"off by {VARIABLE}"
     if own:
         return Path(own), f"folder from {VARIABLE}"
-    import pooch
-
-    folder = Path(pooch.os_cache("jaxtwin")) / "compiled"
+    folder = Path(platformdirs.user_cache_dir("jaxtwin")) / "compiled"
     return folder, f"default; {VARIABLE}=off turns it off"
 
 

@@ -25,8 +25,6 @@ from typing import final
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import nnls
-from scipy.signal import lfilter
 
 from ._noise import Noise
 
@@ -137,12 +135,15 @@ def noise_in_unknowns(series: Series, noise: Mixture) -> Float[np.ndarray, "entr
 def apply_autocorrelation(
     rho: float, table: Float[np.ndarray, "times ..."]
 ) -> Float[np.ndarray, "times ..."]:
-    r"""$\sum_s \rho^{|t - s|} x_s$: a filter that runs forward and one that runs backward."""
+    r"""$\sum_s \rho^{|t - s|} x_s$: a product of spectra, over so many times that no end of the
+    table meets the other."""
     if rho == 0:
         return table
-    taps = [1.0, -rho]
-    back = lfilter([1.0], taps, table[::-1], axis=0)[::-1]
-    return lfilter([1.0], taps, table, axis=0) + back - table
+    times = len(table)
+    length = 1 << (2 * times - 1).bit_length()
+    lags = np.minimum(np.arange(length), length - np.arange(length))
+    gain = np.fft.rfft(rho**lags).real.reshape(-1, *[1] * (table.ndim - 1))
+    return np.fft.irfft(gain * np.fft.rfft(table, length, axis=0), length, axis=0)[:times]
 
 
 def _fading(times: int) -> Float[np.ndarray, " parts"]:
@@ -197,6 +198,8 @@ def _variances(
 
     The last row of `expected` is what is known beforehand and has a factor of 1.
     """
+    from scipy.optimize import nnls  # which takes a third of a second to import
+
     parts, known = np.maximum(expected[:-1], 0.0), np.maximum(expected[-1], 0.0)
     theta, model = np.zeros(len(parts)), np.maximum(seen, 1e-3 * seen.max())
     if not seen.any():

@@ -123,23 +123,22 @@ def _descend_batch(
     with own_settings():
         # Plain floats would be constants of the compiled step: another tolerance, another program.
         solver = eqx.tree_at(
-            lambda s: [s.rtol, s.atol, s.gtol, s.damping], solver, replace_fn=jnp.asarray
+            lambda s: [s.rtol, s.atol, s.gtol, s.damping], solver, replace_fn=jax.device_put
         )
-        space = jax.tree.map(jnp.asarray, space)
+        space = jax.device_put(space)
         objective = _stacked(batch.objectives)
         state = _first_state(solver, batch.starts, space)
         for iteration in range(int(left.max(initial=0)) + 1):
             if iteration == 0 and earlier:
-                evaluation = jax.tree.map(
-                    jnp.asarray, _stacked([start.evaluation for start in earlier])
-                )
+                evaluation = jax.device_put(_stacked([start.evaluation for start in earlier]))
                 errors, jacobians = evaluation.output_errors, evaluation.jacobians
                 proposal = _Proposal(state.vectors, errors, jacobians)
             else:
                 vectors = _propose(solver, state.vectors, state.optimiser, space)
                 proposal = _Proposal(vectors, _solve(vectors, objective), None)
             state = _step(solver, state, proposal, space, objective, active)
-            optimiser = state.optimiser
+            # As NumPy arrays, whose entries are taken out without a compiled function.
+            optimiser, vectors = jax.tree.map(np.asarray, (state.optimiser, state.vectors))
             for number in np.flatnonzero(active):
                 if iteration > 0 or not steps[number]:
                     step = DescentStep(
@@ -147,12 +146,12 @@ def _descend_batch(
                         mean_square=float(optimiser.aux[number]),
                         gradient=float(optimiser.gradient[number]),
                         accepted=bool(optimiser.accepted[number]),
-                        vector=np.asarray(state.vectors[number]),
+                        vector=vectors[number],
                     )
                     steps[number].append(step)
                     on_step(int(number), step)
-            running = np.asarray(optimiser.status) == RUNNING
-            active &= running & np.isfinite(np.asarray(optimiser.cost)) & (iteration < left)
+            running = optimiser.status == RUNNING
+            active &= running & np.isfinite(optimiser.cost) & (iteration < left)
             if not active.any():
                 break
         ended = jax.tree.map(np.asarray, state)
@@ -165,14 +164,15 @@ def _descend_batch(
 def _first_state(
     solver: BoundedLevenbergMarquardt, starts: Sequence[Start], space: SearchSpace
 ) -> DescentState:
-    vectors = jnp.asarray(
+    # `jnp.asarray` would compile a copy for every shape.
+    vectors = jax.device_put(
         np.stack([s.vector if isinstance(s, DescentResult) else s for s in starts])
     )
     optimiser = _first_optimiser(solver, vectors, space)
     earlier = [s.optimiser for s in starts if isinstance(s, DescentResult) and s.optimiser]
     if earlier:
         # The new weights change little: go on as carefully or boldly as before.
-        damping = jnp.asarray(np.array([float(optimiser.damping) for optimiser in earlier]))
+        damping = jax.device_put(np.array([float(s.damping) for s in earlier]))
         optimiser = eqx.tree_at(lambda s: s.damping, optimiser, damping)
     return DescentState(vectors, optimiser, None)
 
@@ -199,7 +199,7 @@ def _step(
         if evaluation is None:
             evaluation = new
         elif accepted.any():
-            evaluation = _select(jnp.asarray(accepted), new, evaluation)
+            evaluation = _select(jax.device_put(accepted), new, evaluation)
     trials = Trial(vectors, costs, mean_squares, factors)
     taken, optimiser = _update(solver, state.vectors, trials, space, state.optimiser, active)
     return DescentState(taken, optimiser, evaluation)

@@ -15,6 +15,7 @@ from ._jacobian import weighted_jacobian
 from ._levenberg_marquardt import LMState
 from ._objective import Objective
 from ._recording_errors import RecordingErrors
+from ._residual_weights import ResidualWeights, SplitErrors
 
 
 @final
@@ -83,7 +84,7 @@ class DescentResult:
         groups = zip(self.objective.groups, self.evaluation.output_errors, strict=True)
         with own_settings():
             for group, errors in groups:
-                split = jax.vmap(lambda weights, error: weights.split(error))(group.weights, errors)
+                split = _split(group.weights, errors)
                 channel, common_mode, sizes = (np.asarray(part) for part in split)
                 camera = np.einsum("rtk,rk->rt", np.asarray(group.weights.shapes), sizes)
                 for row, position in enumerate(group.positions):
@@ -113,3 +114,10 @@ Start = Float[np.ndarray, " unknowns"] | DescentResult
 
 
 _jacobian = persistent_jit(weighted_jacobian)
+
+
+@persistent_jit
+def _split(
+    weights: ResidualWeights, errors: Float[Array | np.ndarray, "recordings times channels"]
+) -> SplitErrors:
+    return jax.vmap(lambda weights, error: weights.split(error))(weights, errors)

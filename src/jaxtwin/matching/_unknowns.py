@@ -208,10 +208,12 @@ class Layout:
 
     def local_values(self, local: Float[Array, " entries"]) -> dict[str, Float[Array, ""]]:
         """Name -> value in the parameter's unit, from the entries that concern one recording."""
-        return {
-            name: jnp.exp(local[number]) if logarithmic else local[number]
-            for number, (name, logarithmic) in enumerate(self.names)
-        }
+        entries = self.names
+        logarithmic = np.array([is_logarithm for _, is_logarithm in entries], dtype=bool)
+        # All at once: an operation of its own for each would be compiled for each.
+        powers = jnp.exp(jnp.where(logarithmic, local, 0.0))
+        values = jnp.where(logarithmic, powers, local)
+        return {name: values[number] for number, (name, _) in enumerate(entries)}
 
     def network_entries(self, twin: Twin) -> list[int]:
         """Which entries that concern a recording act on the network, not only on gains."""

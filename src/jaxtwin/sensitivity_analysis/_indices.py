@@ -2,7 +2,6 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import rankdata
 
 
 def pearson(
@@ -21,7 +20,12 @@ def spearman(
 
 def ranks(values: Float[np.ndarray, "draws columns"]) -> Float[np.ndarray, "draws columns"]:
     """Ranks in each column, from 0 to 1; equal values share their mean rank."""
-    return (rankdata(values, axis=0) - 0.5) / len(values)
+    ordered = np.sort(values, axis=0)
+    places = [
+        np.searchsorted(column, found, "left") + np.searchsorted(column, found, "right")
+        for column, found in zip(ordered.T, values.T, strict=True)
+    ]
+    return np.stack(places, axis=1) / (2 * len(values))
 
 
 def standardised(

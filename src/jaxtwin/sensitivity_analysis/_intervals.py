@@ -21,7 +21,7 @@ from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ._indices import pearson, ranks, standardised
 
@@ -107,7 +107,7 @@ def _interval(
         fourth = np.mean(centred**4, axis=0)
         kurtosis = np.divide(fourth, square**2, out=np.ones(len(square)), where=square > 0)
         freedom = np.clip(2 * draws / np.maximum(kurtosis - 1, 1e-9), 1, draws - 2)
-        half[:, column] = student.ppf(0.975, freedom) * np.sqrt(square / (draws - 1))
+        half[:, column] = stdtrit(freedom, 0.975) * np.sqrt(square / (draws - 1))
     z = _fisher(y.T @ x / draws)
     half *= np.cosh(z) ** 2  # how fast z changes with the correlation
     lower = np.tanh(z - half + np.minimum(trend, 0.0))

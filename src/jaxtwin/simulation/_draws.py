@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, final
+from typing import TYPE_CHECKING, Literal, TypeAlias, final
 
 import equinox as eqx
 import jax
@@ -16,14 +16,12 @@ from ..io import Experiment
 from ..physics import Twin
 from ._compressed import CompressedRecording, compress
 from ._delay import delayed_time_grid, has_own_delays
-from ._diffeqsolve import DiffraxMethod
 from ._initial import CheckedInitial
 from ._kernels import (
     Prepared,
     Stepped,
     compressed_cost,
     compressed_errors,
-    diffrax_chunk,
     prepare_chunk,
     sample_chunk,
     sample_plate_end,
@@ -34,6 +32,9 @@ from ._reductions import Readings, Reduction, reduce_readings
 from ._refinement import Results
 from ._time_grid import TimeGrid
 from ._workers import is_accelerated, usual_chunk_size, work_in_chunks
+
+if TYPE_CHECKING:
+    from ._diffeqsolve import DiffraxMethod
 
 Precision: TypeAlias = Literal["float64", "float32"]
 
@@ -104,10 +105,12 @@ class DrawSolver:
     def solve_with_diffrax(
         self,
         draws: Draws,
-        method: DiffraxMethod,
+        method: "DiffraxMethod",
         on_progress: Callable[[int], None] | None = None,
     ) -> Results:
         """By a diffrax solver, always in float64."""
+        from ._diffrax_programs import diffrax_chunk
+
         grid = self._grid(0)
         recorded = self.experiment.temperatures
 

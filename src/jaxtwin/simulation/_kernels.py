@@ -1,14 +1,12 @@
-"""What is compiled for a chunk of draws side by side: linear algebra, steps, readings; or all of it
-by a diffrax solver.
+"""What is compiled for a chunk of draws side by side: linear algebra, steps, readings.
 
-Each part of the default solver is a compiled function of its own. XLA would compute what one part
+Each part is a compiled function of its own. XLA would compute what one part
 makes once for every use in the next, and copy the modes into another order at every step.
 """
 
 from collections.abc import Mapping
 from typing import final
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,11 +14,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._compilation import persistent_jit
-from ..io import Experiment
 from ..physics import System, Twin
 from ._compressed import CompressedRecording
 from ._delay import delayed_time_grid
-from ._diffeqsolve import DiffraxMethod, solve_with_diffrax
 from ._drive import Drive
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, integrate
@@ -183,37 +179,3 @@ def compressed_cost(
         for leaf in (recorded.counted, recorded.samples, recorded.beyond)
     )
     return jnp.sum(counted * errors**2, axis=1) / samples + beyond
-
-
-@persistent_jit
-def diffrax_chunk(
-    twin: Twin,
-    draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
-    grid: TimeGrid,
-    initial: CheckedInitial,
-    experiment: Experiment,
-    method: DiffraxMethod,
-) -> tuple[
-    Float[Array, "chunk times channels"], Float[Array, "chunk elements"], Bool[Array, " chunk"]
-]:
-    """Runs draws by a diffrax solver.
-
-    **Returns:** temperatures of all channels at the samples and of the plate's elements at the
-    last one, degC, NaN where the draw failed, and whether it did.
-    """
-
-    def solve_draw(
-        values: Mapping[str, Float[Array | np.ndarray, ""]],
-    ) -> tuple[Array, Array, Array]:
-        system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
-        is_resolved = ~jnp.isnan(stability_number(system, run_modes(system, grid), grid))
-        states, readings, result = solve_with_diffrax(system, experiment, initial, method)
-        is_solved = (result == diffrax.RESULTS.successful) & jnp.all(jnp.isfinite(states))
-        failed = ~(system.is_valid & is_resolved & is_solved)
-        plate = states[-1, : len(system.wiring.rig_elements)]
-        temperatures, plate = (
-            jnp.where(failed, jnp.nan, kelvin - 273.15) for kelvin in (readings, plate)
-        )
-        return temperatures, plate, failed
-
-    return jax.vmap(solve_draw)(draws)

@@ -19,7 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .._lapack import eigh, solve
+from .._elimination import eliminate
+from .._lapack import eigh, solve_definite
 from ..physics import System
 from ._resolution import LARGEST_SPAN, network_span
 from ._time_grid import TimeGrid, reference_temperature
@@ -123,7 +124,7 @@ def _operating_point(
     Newton's method on the cells' sides alone: x = Z q(x) with Z the network's thermal resistances
     seen from them. A few kelvin are near enough; losses are taken as linear.
     """
-    resistance = solve(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
+    resistance = solve_definite(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
     side_resistance = resistance[sides]
     unit = jnp.eye(sides.size, dtype=side_resistance.dtype)
     lowest, highest = (bound - reference for bound in BELIEVABLE)
@@ -131,7 +132,7 @@ def _operating_point(
     def newton(_: Int[Array, ""], at: Float[Array, " sides"]) -> Float[Array, " sides"]:
         slope = heat_slope(system, at, duty, reference)
         change = at - side_resistance @ side_heat(system, at, duty, reference)
-        return jnp.clip(at - solve(unit - side_resistance @ slope, change), lowest, highest)
+        return jnp.clip(at - eliminate(unit - side_resistance @ slope, change), lowest, highest)
 
     start = jnp.full(sides.size, TYPICAL_TEMPERATURE, side_resistance.dtype) - reference
     at = jax.lax.fori_loop(0, NEWTON_STEPS, newton, start)

@@ -1,7 +1,7 @@
 """One run of a twin."""
 
-import diffrax
-import equinox as eqx
+from typing import TYPE_CHECKING
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -15,7 +15,6 @@ from ..io import Experiment
 from ..io._experiment import EXPERIMENT
 from ..physics import Twin, check_twin
 from ._check_values import check_values
-from ._diffeqsolve import DiffraxMethod, checked_method, solve_with_diffrax, stiff_method
 from ._drive import Drive
 from ._initial import (
     CheckedInitial,
@@ -33,6 +32,11 @@ from ._resolution import unresolved_network
 from ._run import Run
 from ._time_grid import TimeGrid
 
+if TYPE_CHECKING:
+    import diffrax
+
+    from ._diffeqsolve import DiffraxMethod
+
 
 @announced("simulation")
 def simulate(
@@ -40,8 +44,8 @@ def simulate(
     experiment: Experiment,
     *,
     initial: Initial = None,
-    solver: diffrax.AbstractSolver | None = None,
-    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
+    solver: "diffrax.AbstractSolver | None" = None,
+    stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
     dt0: float | None = None,
 ) -> Run:
     """Runs a twin through an experiment, in float64.
@@ -90,9 +94,11 @@ def simulate(
             "error_estimate": np.asarray(error)[None],
         }
 
-    def solve_by(method: DiffraxMethod) -> Results:
-        states, readings, result = _run_diffrax(twin, start, experiment, method)
-        if result != diffrax.RESULTS.successful:
+    def solve_by(method: "DiffraxMethod") -> Results:
+        from ._diffrax_programs import diffrax_run, is_successful
+
+        states, readings, result = diffrax_run(twin, start, experiment, method)
+        if not is_successful(result):
             name = type(method.solver).__name__
             raise SimulationError(
                 f"{twin.rig.name}: {name}: {result}. If the temperatures do not stay finite or "
@@ -100,9 +106,14 @@ def simulate(
             )
         return {"states": np.asarray(states)[None], "readings": np.asarray(readings)[None]}
 
+    def rescue(_: Int[np.ndarray, " draws"]) -> Results:
+        from ._diffeqsolve import stiff_method
+
+        return solve_by(stiff_method(experiment))
+
     with own_settings():
         if method is None:
-            results = solve_refined(1, solve, lambda _: solve_by(stiff_method(experiment)))
+            results = solve_refined(1, solve, rescue)
         else:
             _check_resolved(twin, experiment)
             results = solve_by(method)
@@ -128,10 +139,10 @@ def response(
     experiment: Experiment,
     *,
     initial: Initial = None,
-    solver: diffrax.AbstractSolver | None = None,
-    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
+    solver: "diffrax.AbstractSolver | None" = None,
+    stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
     dt0: float | None = None,
-    adjoint: diffrax.AbstractAdjoint | None = None,
+    adjoint: "diffrax.AbstractAdjoint | None" = None,
 ) -> Float[Array, "times channels"]:
     """The channels' temperatures as a pure JAX function of the twin's parameters, degC.
 
@@ -162,8 +173,10 @@ def response(
             grid = padded_time_grid(twin, experiment, steady_start=isinstance(start, str))
             _, readings, _, _ = _run_exponential(twin, grid, start)
         else:
-            _, readings, result = _run_diffrax(twin, start, experiment, method)
-            readings = jnp.where(result == diffrax.RESULTS.successful, readings, jnp.nan)
+            from ._diffrax_programs import diffrax_run, is_successful
+
+            _, readings, result = diffrax_run(twin, start, experiment, method)
+            readings = jnp.where(is_successful(result), readings, jnp.nan)
         return readings[: len(experiment.time), columns] - 273.15
 
 
@@ -192,17 +205,19 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
 
 
 def chosen_method(
-    solver: diffrax.AbstractSolver | None,
-    stepsize_controller: diffrax.AbstractStepSizeController | None,
+    solver: "diffrax.AbstractSolver | None",
+    stepsize_controller: "diffrax.AbstractStepSizeController | None",
     dt0: float | None,
-    adjoint: diffrax.AbstractAdjoint | None = None,
-) -> DiffraxMethod | None:
+    adjoint: "diffrax.AbstractAdjoint | None" = None,
+) -> "DiffraxMethod | None":
     """How diffrax is to solve; None for the default solver.
 
     **Raises:** `SimulationError` for what diffrax cannot take, or options of a diffrax solver
     without one.
     """
     if solver is not None:
+        from ._diffeqsolve import checked_method
+
         return checked_method(solver, stepsize_controller, dt0, adjoint)
     options = {"stepsize_controller": stepsize_controller, "dt0": dt0, "adjoint": adjoint}
     given = [name for name, value in options.items() if value is not None]
@@ -245,12 +260,3 @@ def _run_exponential(
     states = deviation[:, system.wiring.position] + drive.reference
     number = stability_number(system, modes, grid)
     return states, readings + drive.reference, number, read.error_estimate
-
-
-@eqx.filter_jit
-def _run_diffrax(
-    twin: Twin, initial: CheckedInitial, experiment: Experiment, method: DiffraxMethod
-) -> tuple[Float[Array, "times rig_nodes"], Float[Array, "times channels"], diffrax.RESULTS]:
-    """Absolute temperatures of the rig's nodes and of its channels, K, and diffrax's result."""
-    system = twin.system(lumped=keeps_symmetry(initial))
-    return solve_with_diffrax(system, experiment, initial, method)

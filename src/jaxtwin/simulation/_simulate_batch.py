@@ -1,9 +1,8 @@
 """Many draws of a twin's parameters at once."""
 
 from collections.abc import Callable, Mapping
-from typing import overload
+from typing import TYPE_CHECKING, overload
 
-import diffrax
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
@@ -13,13 +12,15 @@ from .._errors import ParameterError, SimulationError
 from .._waiting import announced
 from ..io import Experiment
 from ..physics import Twin
-from ._diffeqsolve import stiff_method
 from ._draws import DrawSolver, Precision
 from ._initial import Initial, checked_initial
 from ._own_twin import FittedTwins, own_twin
 from ._reductions import AskedReductions, Reductions, checked_reductions
 from ._refinement import Results, solve_refined
 from ._simulate import checked_channels, chosen_method
+
+if TYPE_CHECKING:
+    import diffrax
 
 
 @overload
@@ -31,10 +32,10 @@ def simulate_batch(
     reductions: None = None,
     initial: Initial = None,
     precision: Precision = "float64",
-    solver: diffrax.AbstractSolver | None = None,
-    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
+    solver: "diffrax.AbstractSolver | None" = None,
+    stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
     dt0: float | None = None,
-    adjoint: diffrax.AbstractAdjoint | None = None,
+    adjoint: "diffrax.AbstractAdjoint | None" = None,
     chunk_size: int | None = None,
     workers: int | None = None,
     on_progress: Callable[[int], None] | None = None,
@@ -50,10 +51,10 @@ def simulate_batch(
     reductions: AskedReductions,
     initial: Initial = None,
     precision: Precision = "float64",
-    solver: diffrax.AbstractSolver | None = None,
-    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
+    solver: "diffrax.AbstractSolver | None" = None,
+    stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
     dt0: float | None = None,
-    adjoint: diffrax.AbstractAdjoint | None = None,
+    adjoint: "diffrax.AbstractAdjoint | None" = None,
     chunk_size: int | None = None,
     workers: int | None = None,
     on_progress: Callable[[int], None] | None = None,
@@ -69,10 +70,10 @@ def simulate_batch(
     reductions: AskedReductions | None = None,
     initial: Initial = None,
     precision: Precision = "float64",
-    solver: diffrax.AbstractSolver | None = None,
-    stepsize_controller: diffrax.AbstractStepSizeController | None = None,
+    solver: "diffrax.AbstractSolver | None" = None,
+    stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
     dt0: float | None = None,
-    adjoint: diffrax.AbstractAdjoint | None = None,
+    adjoint: "diffrax.AbstractAdjoint | None" = None,
     chunk_size: int | None = None,
     workers: int | None = None,
     on_progress: Callable[[int], None] | None = None,
@@ -149,6 +150,8 @@ def simulate_batch(
         return batch.solve(some(chosen), refinement, None if refinement else on_progress)
 
     def rescue(chosen: Int[np.ndarray, " some"]) -> Results:
+        from ._diffeqsolve import stiff_method
+
         return batch.solve_with_diffrax(some(chosen), stiff_method(experiment))
 
     if method is None:

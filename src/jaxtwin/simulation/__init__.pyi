@@ -1,0 +1,31 @@
+# The public names of jaxtwin.simulation. `__init__.py` reads this file at run time and imports a
+# name when it is first used: the default solver does without diffrax.
+
+from ._draws import Precision as Precision
+from ._drive import Drive as Drive
+from ._integrate import solve_network as solve_network
+from ._network_exponential import HeldInputs as HeldInputs
+from ._network_exponential import NetworkExponential as NetworkExponential
+from ._network_exponential import NetworkProblem as NetworkProblem
+from ._network_exponential import network_field as network_field
+from ._padding import padded as padded
+from ._padding import padded_time_grid as padded_time_grid
+from ._reductions import REDUCTIONS as REDUCTIONS
+from ._reductions import ReductionName as ReductionName
+from ._reductions import Reductions as Reductions
+from ._reductions import checked_reductions as checked_reductions
+from ._run import Run as Run
+from ._run import fit_percent as fit_percent
+from ._run import rmse as rmse
+from ._simulate import checked_channels as checked_channels
+from ._simulate import response as response
+from ._simulate import simulate as simulate
+from ._simulate_batch import checked_precision as checked_precision
+from ._simulate_batch import simulate_batch as simulate_batch
+from ._stepper import Stepper as Stepper
+from ._stepper import StepperState as StepperState
+from ._time_grid import TimeGrid as TimeGrid
+from ._time_grid import build_time_grid as build_time_grid
+from ._time_grid import time_grid as time_grid
+from ._uniformity import Uniformity as Uniformity
+from ._uniformity import uniformity as uniformity

@@ -1,0 +1,70 @@
+"""What is compiled where a diffrax solver runs a twin: one run, or a chunk of draws.
+
+The default solver does without diffrax, which takes a third of a second to import.
+"""
+
+from collections.abc import Mapping
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._compilation import persistent_jit
+from ..io import Experiment
+from ..physics import Twin
+from ._diffeqsolve import DiffraxMethod, solve_with_diffrax
+from ._initial import CheckedInitial, keeps_symmetry
+from ._modes import run_modes
+from ._refinement import stability_number
+from ._time_grid import TimeGrid
+
+
+def is_successful(result: diffrax.RESULTS) -> Bool[Array, ""]:
+    """Whether a solve came to its end."""
+    return result == diffrax.RESULTS.successful
+
+
+@eqx.filter_jit
+def diffrax_run(
+    twin: Twin, initial: CheckedInitial, experiment: Experiment, method: DiffraxMethod
+) -> tuple[Float[Array, "times rig_nodes"], Float[Array, "times channels"], diffrax.RESULTS]:
+    """Absolute temperatures of the rig's nodes and of its channels, K, and diffrax's result."""
+    system = twin.system(lumped=keeps_symmetry(initial))
+    return solve_with_diffrax(system, experiment, initial, method)
+
+
+@persistent_jit
+def diffrax_chunk(
+    twin: Twin,
+    draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
+    grid: TimeGrid,
+    initial: CheckedInitial,
+    experiment: Experiment,
+    method: DiffraxMethod,
+) -> tuple[
+    Float[Array, "chunk times channels"], Float[Array, "chunk elements"], Bool[Array, " chunk"]
+]:
+    """Runs draws by a diffrax solver.
+
+    **Returns:** temperatures of all channels at the samples and of the plate's elements at the
+    last one, degC, NaN where the draw failed, and whether it did.
+    """
+
+    def solve_draw(
+        values: Mapping[str, Float[Array | np.ndarray, ""]],
+    ) -> tuple[Array, Array, Array]:
+        system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
+        is_resolved = ~jnp.isnan(stability_number(system, run_modes(system, grid), grid))
+        states, readings, result = solve_with_diffrax(system, experiment, initial, method)
+        is_solved = (result == diffrax.RESULTS.successful) & jnp.all(jnp.isfinite(states))
+        failed = ~(system.is_valid & is_resolved & is_solved)
+        plate = states[-1, : len(system.wiring.rig_elements)]
+        temperatures, plate = (
+            jnp.where(failed, jnp.nan, kelvin - 273.15) for kelvin in (readings, plate)
+        )
+        return temperatures, plate, failed
+
+    return jax.vmap(solve_draw)(draws)
