@@ -24,12 +24,12 @@ def print_programs(command: Sequence[str]) -> None:
     seconds: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
     times: dict[str, int] = defaultdict(int)
 
-    def listen(event: str, duration: float, **about: Any) -> None:
+    def listen(event: str, duration_secs: float, **about: Any) -> None:
         name = re.sub(r"^jit\((.*)\)$|^jit_", r"\1", str(about.get("fun_name", "")))
         if event in TRACE:
-            seconds[name][0] += duration
+            seconds[name][0] += duration_secs
         elif event == COMPILE:
-            seconds[name][1] += duration
+            seconds[name][1] += duration_secs
             times[name] += 1
 
     jax.monitoring.register_event_duration_secs_listener(listen)

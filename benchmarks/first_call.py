@@ -130,7 +130,7 @@ def main() -> None:
             print(f"| {row.name} |", " | ".join(cells), f"| {load} |", flush=True)
 
 
-def _recordings() -> tuple[list[Path], bool]:
+def _recordings() -> tuple[Sequence[Path], bool]:
     try:
         return jt.find_recordings(), True
     except jt.JaxtwinError:

@@ -31,7 +31,7 @@ MOST_PROGRAMS = 16
 """That one function holds in memory; the oldest goes first. Each maps memory some forty times, and
 Linux ends a process with 65 530 such maps."""
 
-COMPILER_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
+COMPILER_OPTIONS: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}
 """XLA's older way from fused operations to machine code takes half as long to compile as the newer
 one, and its code is as fast here (`benchmarks/NOTES.md`)."""
 
