@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from .._arguments import check_callable, finite_number, names_of, of_kind
 from .._errors import MatchError
@@ -27,6 +27,10 @@ from ._validation import Prediction, Validation
 
 LEAST = 30
 """Samples of each channel of a predicted part: fewer say little about a prediction."""
+
+OUTSIDE = 0.2
+"""A prediction that leaves the range of the given readings by more than this part of it is warned
+of."""
 
 
 @announced("validation")
@@ -212,10 +216,33 @@ def _predict_rest(
     """The rest of a recording of a new group, from its first part."""
     start = _start_of_rest(name, recording, "given", given)
     first = match_first_part(fit, recording, given, group)
-    run = _from(simulate(first.twin, recording), start)
+    whole = simulate(first.twin, recording)
+    run = _from(whole, start)
     (own,) = first.recording_values.values()
     estimated = {**own, **first.group_values[group]}
-    return Prediction(name, run, first.twin, estimated, (), first)
+    warnings = _beyond_given(whole.temperatures, recording.time < start, given)
+    return Prediction(name, run, first.twin, estimated, warnings, first)
+
+
+def _beyond_given(
+    predicted: Float[np.ndarray, "times channels"],
+    is_given: Bool[np.ndarray, " times"],
+    given: float,
+) -> tuple[str, ...]:
+    """A warning where temperatures are predicted far outside of those in the given part."""
+    low, high = predicted[is_given].min(axis=0), predicted[is_given].max(axis=0)
+    later = predicted[~is_given]
+    outside = np.maximum(later.max(axis=0) - high, low - later.min(axis=0))
+    farthest = int(np.argmax(outside))
+    span = float(high[farthest] - low[farthest])
+    if outside[farthest] <= OUTSIDE * span:
+        return ()
+    warning = (
+        f"readings are predicted up to {outside[farthest]:.1f} K outside of the first {given:g} s, "
+        f"whose range is {span:.1f} K: there the prediction and its band rest on how the earlier "
+        "match expects groups to differ; give a longer part"
+    )
+    return (warning,)
 
 
 def _start_of_rest(name: str, recording: Experiment, what: str, span: float) -> float:
