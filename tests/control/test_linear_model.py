@@ -143,6 +143,7 @@ def test_a_model_starts_where_a_duty_was_held_for_long():
     np.testing.assert_allclose(change, gain @ np.array([0.1, -0.1]), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_duty_for_temperatures_is_found():
     twin = Twin("dual-cell")
     point = linearize(twin, temperatures={"TAM": 40.0, "TCM": 35.0}).operating_point
@@ -155,6 +156,7 @@ def test_the_duty_for_temperatures_is_found():
     assert mean.duty[0] == mean.duty[1]
 
 
+@pytest.mark.slow
 def test_more_temperatures_than_cells_are_met_as_well_as_possible():
     """At the optimum nothing is gained by moving either cell's duty."""
     twin = Twin("dual-cell")
@@ -166,6 +168,7 @@ def test_more_temperatures_than_cells_are_met_as_well_as_possible():
     assert 0.1 < np.abs(off).max() < 10
 
 
+@pytest.mark.slow
 def test_models_of_many_draws_are_those_of_each():
     twin, values = Twin("dual-cell"), np.array([1.8, 2.2])
 
@@ -184,6 +187,7 @@ def test_models_of_many_draws_are_those_of_each():
         np.testing.assert_allclose(outputs, single.operating_point.outputs, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("keywords", [{"duty": [0.4, 0.3]}, {"temperatures": 30.0}])
 def test_derivatives_by_a_parameter_are_exact(keywords, float64):
     twin = Twin("single-cell" if "temperatures" in keywords else "dual-cell")

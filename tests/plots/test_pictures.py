@@ -17,7 +17,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from small_results import analysis, fit, recordings
 
-from jaxtwin import Experiment, Run, SimulationError, ThermoelectricModule, plots
+from jaxtwin import (
+    ControlError,
+    Experiment,
+    LinearModel,
+    Run,
+    SimulationError,
+    ThermoelectricModule,
+    plots,
+)
 from jaxtwin._number_text import interval_text, short_number
 from jaxtwin.matching import FittedParameters
 from jaxtwin.plots._labels import space_apart
@@ -272,3 +280,28 @@ def test_labels_keep_their_order_and_distance_and_move_no_more_than_needed(posit
     assert moved.mean() == pytest.approx(given_positions.mean(), abs=1e-9)
     if np.all(np.diff(given_positions[order]) >= spacing):
         np.testing.assert_allclose(moved, given_positions, atol=1e-9)
+
+
+def test_a_bode_diagram_shows_the_mean_of_the_channels_and_their_range():
+    """A first order of gain 4 and one of gain 2, behind a delay: 3 between 2 and 4."""
+    model = LinearModel(
+        np.diag([-0.1, -0.1]), [[0.4], [0.2]], np.eye(2), np.zeros((2, 1)), delay_s=1.0
+    )
+    frequencies = [0.001, 0.1, 1.0]
+    figure = plots.plot_bode({"first": model, "second": model}, frequencies)
+    gain, phase = figure.axes
+    response = 1 / (10j * np.array(frequencies) + 1)
+    np.testing.assert_allclose(heights(gain.lines[0]), 3 * np.abs(response))
+    late = np.degrees(np.angle(response) - np.array(frequencies))
+    np.testing.assert_allclose(heights(phase.lines[0]), late, atol=1e-9)
+    assert [text.get_text() for text in gain.get_legend().get_texts()] == ["first", "second"]  # pyright: ignore
+    band = gain.collections[0].get_paths()[0].vertices
+    assert np.min(np.asarray(band)[:, 1]) == pytest.approx(2 * np.abs(response[-1]))
+    assert np.max(np.asarray(band)[:, 1]) == pytest.approx(4 * np.abs(response[0]))
+
+
+def test_a_bode_diagram_of_models_with_other_inputs_is_refused():
+    single = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    double = LinearModel([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]])
+    with pytest.raises(ControlError, match="with the same inputs"):
+        plots.plot_bode({"one": single, "two": double})

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .._errors import ControlError
 from .._lapack import solve
 from ._operating_point import OperatingPoint
-from ._precision import plain, precision_for
+from ._precision import is_traced, plain, precision_for
 from ._to_control import discrete
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class DiscreteModel(eqx.Module):
         **Raises:** `ControlError` where the command is not for the inputs of the model.
         """
         with precision_for(self, state, duty):
-            return plain(self.A @ jnp.asarray(state) + self.B @ self._change(duty))
+            return plain(self.A @ state + self.B @ self._change(duty))
 
     def outputs(
         self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
@@ -87,7 +87,7 @@ class DiscreteModel(eqx.Module):
         The command matters only where `D` is not 0, as in models of reduced order.
         """
         with precision_for(self, state, duty):
-            change = self.C @ jnp.asarray(state) + self.D @ self._change(duty)
+            change = self.C @ state + self.D @ self._change(duty)
             return plain(self.operating_point.outputs + change)
 
     def simulate(
@@ -101,8 +101,14 @@ class DiscreteModel(eqx.Module):
         - `start`: the state at the first of them; None: the operating point.
         """
         with precision_for(self, duty, start):
-            first = self.start() if start is None else start
-            return plain(_outputs(self, first, jnp.asarray(duty, self.A.dtype)))
+            state = self.start() if start is None else start
+            if is_traced(self, duty, state):
+                return _outputs(self, jnp.asarray(state), jnp.asarray(duty, self.A.dtype))
+            rows = []
+            for command in np.asarray(duty, float):
+                rows.append(self.outputs(state, command))
+                state = self.step(state, command)
+            return np.array(rows).reshape(len(rows), len(self.output_names))
 
     def to_control(self) -> "control.StateSpace":
         """The model for python-control (extra `control`), exact with lag and delay.
@@ -111,9 +117,9 @@ class DiscreteModel(eqx.Module):
         """
         return discrete(self)
 
-    def _change(self, duty: ArrayLike | float | int) -> Float[Array, " input"]:
+    def _change(self, duty: ArrayLike | float | int) -> Float[Array | np.ndarray, " input"]:
         """A command as deviation from the operating point."""
-        command = jnp.asarray(duty, self.A.dtype)
+        command = jnp.asarray(duty) if is_traced(duty) else np.asarray(duty, float)
         inputs = len(self.input_names)
         if command.shape not in ((), (inputs,)):
             raise ControlError(

@@ -8,28 +8,40 @@ while the same command $u$ arrives. With a delay of $(n + r) T_s$, $0 \le r < 1$
 $n + 1$ steps ago arrives for the first $r T_s$ of a step and that of $n$ steps ago for the rest.
 """
 
-from typing import TYPE_CHECKING
+from typing import Any, TypeAlias
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from .._compilation import persistent_jit
 from ._matrix_exponential import matrix_exponential
 
-if TYPE_CHECKING:
-    from ._linear_model import LinearModel
+Matrices: TypeAlias = tuple[Any, Any, Any, Any]
 
 ROUNDING = 1e-9
 """Parts of a step that are taken for 0, so that a delay of n steps is one."""
 
 
+@persistent_jit
 def held(
-    model: "LinearModel", sample_time: float, shifts: int
-) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
-    """A, B, C and D of the discrete model, with room for so many commands on their way."""
-    F, H, output, direct = _lagged(model)
+    matrices: Matrices,
+    delay: Float[Array | np.ndarray, ""],
+    lag: Float[Array | np.ndarray, ""] | None,
+    sample_time: Float[Array, ""],
+    shifts: int,
+) -> Matrices:
+    """A, B, C and D of the discrete model, with room for so many commands on their way.
+
+    **Arguments:**
+
+    - `matrices`: A, B, C and D of the model.
+    - `delay`, `lag`, `sample_time`: s.
+    """
+    F, H, output, direct = _lagged(matrices, lag)
     states, inputs = H.shape
     # Steps of the delay; the command of `whole` steps ago arrives after the rest.
-    late = model.delay_s / sample_time if shifts else jnp.zeros((), F.dtype)
+    late = delay / sample_time if shifts else jnp.zeros((), F.dtype)
     whole = jnp.floor(late + ROUNDING)
     rest = jnp.maximum(late - whole, 0.0)
     rest = jnp.where(rest < ROUNDING, 0.0, rest) * sample_time
@@ -56,13 +68,13 @@ def held(
     )
 
 
-def _lagged(model: "LinearModel") -> tuple[Array, Array, Array, Array]:
+def _lagged(matrices: Matrices, lag: Float[Array | np.ndarray, ""] | None) -> Matrices:
     """The model with the duty that the cells get among its states, where it lags."""
-    A, B, C, D = (jnp.asarray(matrix) for matrix in (model.A, model.B, model.C, model.D))
-    if not model.is_lagged:
+    A, B, C, D = (jnp.asarray(matrix) for matrix in matrices)
+    if lag is None:
         return A, B, C, D
     states, inputs = B.shape
-    follow = jnp.eye(inputs, dtype=A.dtype) / model.lag_s
+    follow = jnp.eye(inputs, dtype=A.dtype) / lag
     F = jnp.block([[A, B], [jnp.zeros((inputs, states)), -follow]])
     H = jnp.concatenate([jnp.zeros((states, inputs)), follow])
     return F, H, jnp.concatenate([C, D], axis=1), jnp.zeros_like(D)

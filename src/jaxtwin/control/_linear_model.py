@@ -128,7 +128,10 @@ class LinearModel(eqx.Module):
             )
         shifts = self._shifts(sample_time, longest_delay_s)
         with precision_for(self):
-            A, B, C, D = plain(held(self, sample_time, shifts))
+            time = jnp.asarray(sample_time, self.A.dtype)
+            lag = self.lag_s if self.is_lagged else None
+            matrices = self.A, self.B, self.C, self.D
+            A, B, C, D = plain(held(matrices, self.delay_s, lag, time, shifts))
         lagged = [f"duty {name}" for name in self.input_names] if self.is_lagged else []
         waiting = [f"{name} {n + 1} ago" for n in range(shifts) for name in self.input_names]
         return DiscreteModel(

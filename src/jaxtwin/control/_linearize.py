@@ -57,8 +57,9 @@ def linearize(
 
     The bridge of a cell has a kink at a duty of 0: heating and cooling both add Joule heat.
     Exactly at 0 the model therefore has the mean of the two slopes, which is what a small signal
-    of both signs sees. With on/off averaging the slopes of heating and cooling lie some 30 % above
-    and below it; a model at a small duty on either side has one of them.
+    of both signs sees at first. The two can differ much: on `dual-cell` the gain at rest is 49 K
+    per unit of duty on the heating side and about 0 on the cooling side. A model at a small duty
+    of either sign has that side's slope.
 
     The result can be differentiated by the twin's parameters, and may be made inside of `jax.jit`,
     `jax.vmap` and `jax.grad`. Outside of them it is computed in float64.
