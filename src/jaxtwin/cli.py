@@ -18,6 +18,7 @@ from ._errors import JaxtwinError, SafetyStop
 from .commands import (
     _backup,
     _conform,
+    _control,
     _data,
     _dc_sweep,
     _demo,
@@ -140,6 +141,13 @@ _add(
     LIVE,
     _drive.drive,
     "jaxtwin drive dual-cell --link socket://127.0.0.1:7000 --duty 0:0.5,500:0.78 --duration 1000",
+)
+_add(
+    "control",
+    LIVE,
+    _control.control,
+    "jaxtwin control dual-cell --link socket://127.0.0.1:7000 --controller pid.toml "
+    "--reference 0:35,600:45 --duration 1200 --out session.db",
 )
 _add(
     "watch",

@@ -135,3 +135,26 @@ def test_seebeck_voltage_of_a_shorted_cell_conducts_heat():
     step = 1e-3
     slope = (heat("voltage", "brake", 0.0, 300.0, 300.0 + step).cold) / step
     assert slope == pytest.approx(-(ALPHA**2) * 300 / LOOP, rel=1e-4)
+
+
+@pytest.mark.parametrize(("averaging", "off_phase"), MODES)
+@pytest.mark.parametrize("duty", [1.0, 0.4, 0.0, -0.7])
+def test_the_supply_gives_the_power_of_cell_and_resistances(averaging, off_phase, duty: float):
+    """12 V times the current, which becomes the cell's power and heat in the resistances."""
+    cold, hot = 290.0, 300.0
+    emf, share = ALPHA * (hot - cold), abs(duty)
+    with jax.enable_x64(True):
+        bridge = Bridge(SUPPLY, SUPPLY_RESISTANCE, ON_RESISTANCE, averaging, off_phase)
+        module = ThermoelectricModule(ALPHA, R_E, 1.5)
+        arrays = (jnp.array([value]) for value in (duty, cold, hot))
+        found = float(bridge.supply_power(module, *arrays)[0])
+    if averaging == "voltage":
+        current = (-duty * SUPPLY - emf) / (LOOP + share * SUPPLY_RESISTANCE)
+        cell = current * (emf + R_E * current)
+        lost = current**2 * (ON_RESISTANCE + share * SUPPLY_RESISTANCE)
+        assert found == pytest.approx(cell + lost)
+    else:
+        current = (-np.sign(duty) * SUPPLY - emf) / (LOOP + SUPPLY_RESISTANCE)
+        cell = current * (emf + R_E * current)
+        lost = current**2 * (ON_RESISTANCE + SUPPLY_RESISTANCE)
+        assert found == pytest.approx(share * (cell + lost))

@@ -112,3 +112,30 @@ def test_a_delay_longer_than_the_queue_is_refused_and_a_traced_one_needs_a_bound
 def test_values_that_no_simulation_can_take_are_refused():
     with pytest.raises(ParameterError, match="expected a value above 0"):
         Stepper(Twin("paper-2024", {"R_pc": -1.0}))
+
+
+def test_heat_into_a_node_warms_the_rig_by_its_energy():
+    """For a second nothing of it is lost yet."""
+    twin = Twin("dual-cell")
+    stepper = Stepper(twin, 0.1)
+    still = stepper.start(16.0)
+    heat = np.zeros(len(twin.netlist.nodes))
+    heat[3] = 5.0
+    warm = stepper.step(still, [0.0, 0.0], 16.0, steps=10, heat=heat)
+    energy = np.asarray(stepper.system.capacitance) @ (np.asarray(warm.nodes) - 16.0)
+    np.testing.assert_allclose(energy, 5.0, rtol=5e-3)
+    assert int(np.argmax(warm.nodes)) == 3
+
+
+def test_gradients_pass_backwards_through_steps():
+    twin = Twin("paper-2024")
+    with jax.enable_x64(True):
+
+        def end(duty: jax.Array) -> jax.Array:
+            stepper = Stepper(twin, 1.0)
+            state = stepper.step(stepper.start(), jnp.stack([duty, duty]), steps=5)
+            return stepper.channels(state).mean()
+
+        at = jnp.array(0.5)
+        forwards = jax.jacfwd(end)(at)
+        np.testing.assert_allclose(jax.grad(end)(at), forwards, rtol=1e-10)

@@ -144,7 +144,8 @@ class Document:
     """Begin or end of a commanded run (`kind` is `start` or `stop`), as in bluesky's documents.
 
     The two have the same `uid`. `content` says at the start who asked for what, at the stop how it
-    ended.
+    ended. In between, each sample of a controller is a document of the kind `decision`, whose `uid`
+    is `control`.
     """
 
     arrival: int

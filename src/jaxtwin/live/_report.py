@@ -72,7 +72,8 @@ def report(session: Session) -> dict[str, Any]:
     lost = dict(execute("SELECT stream, sum(count) FROM gaps GROUP BY stream").fetchall())
     events = dict(execute("SELECT kind, count(*) FROM events GROUP BY kind").fetchall())
     documents: dict[str, dict[str, Any]] = {}
-    for uid, content in execute("SELECT uid, content FROM documents ORDER BY id"):
+    begins_and_ends = "SELECT uid, content FROM documents WHERE kind != 'decision' ORDER BY id"
+    for uid, content in execute(begins_and_ends):
         documents.setdefault(uid, {}).update(json.loads(content))
     drives = [
         {key: found.get(key, "") for key in ("operator", "owner", "plan", "status", "reason")}

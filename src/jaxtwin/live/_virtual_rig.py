@@ -30,12 +30,7 @@ from ._messages import (
 )
 from ._output_stage import Answer, OutputStage
 from ._picture import Picture
-
-SHUTTER_SECONDS = 1.0
-"""How long a recalibration freezes the image."""
-
-JUMP_KELVIN, JUMP_DECAY = 0.8, 25.0
-"""A recalibration moves the camera's offset by about so much, for about so many seconds."""
+from ._recalibration import Recalibrations
 
 OVER_LIMIT = 10.0
 """A device trips by itself where a channel is so much above the rig file's limit, K."""
@@ -103,7 +98,7 @@ class VirtualRig:
             else (rig.maximum_temperature - 273.15 + OVER_LIMIT)
         )
         self._rests: dict[object, bytes] = {}
-        self._jump = self._jump_at = 0.0
+        self._recalibrations = Recalibrations(self.faults.jumps, seed)
         self._frozen: np.ndarray | None = None
         self._done: set[str] = set()
         self._cuts = 0
@@ -198,9 +193,7 @@ class VirtualRig:
         if faults.fail and time >= faults.fail[1] and "fail" not in self._done:
             self._done.add("fail")
             self.twin.replace(failed(self.twin.system, self._cells.index(faults.fail[0])))
-        if faults.jumps and time >= self._jump_at + faults.jumps:
-            self._jump_at += faults.jumps
-            self._jump = self._random.normal(0, JUMP_KELVIN)
+        self._recalibrations.advance(time)
         answer = self.stage.check(time / self.hello.rate)
         if any(self.pwm) and self.twin.temperatures.max() > self._hottest:
             answer = self.stage.trip("over-temperature")
@@ -237,10 +230,9 @@ class VirtualRig:
             )
             return self._sent(data)
         assert self._picture is not None
-        since = time - self._jump_at
-        closed = self.faults.jumps > 0 and self._jump_at > 0 and since < SHUTTER_SECONDS
+        closed = self._recalibrations.is_closed(time)
         if not closed or self._frozen is None:
-            offset = self._jump * np.exp(-since / JUMP_DECAY)
+            offset = self._recalibrations.offset(time)
             shape = (self.hello.camera or (1, 1))[::-1]
             error = offset + self._random.normal(0, self._noise, shape)
             self._frozen = self._picture.frame(self.twin.nodes, self.twin.ambient, error)

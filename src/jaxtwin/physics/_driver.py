@@ -84,3 +84,26 @@ class Bridge(eqx.Module):
             square = share * on**2 + (1 - share) * off**2
         cold, hot = module.mean_heat_flows(current, square, cold_temperature, hot_temperature)
         return CellHeat(cold, hot, current, hot - cold)
+
+    def supply_power(
+        self,
+        module: ThermoelectricModule,
+        duty: Float[Array, " cells"],
+        cold_temperature: Float[Array, " cells"],
+        hot_temperature: Float[Array, " cells"],
+    ) -> Float[Array, " cells"]:
+        """Mean power that each cell's bridge draws from the supply, W.
+
+        It is that of the cell, and what supply, leads and switches turn into heat; below 0 where a
+        cell that is hot enough drives its current back.
+
+        **Arguments:** those of `heat`.
+        """
+        loop = module.electrical_resistance + self.on_resistance
+        emf = module.emf(hot_temperature - cold_temperature)
+        share = jnp.abs(duty)
+        if self.averaging == "voltage":
+            drive = -duty * self.supply_voltage
+            return drive * (drive - emf) / (loop + share * self.supply_resistance)
+        drive = -jnp.sign(duty) * self.supply_voltage
+        return share * drive * (drive - emf) / (loop + self.supply_resistance)

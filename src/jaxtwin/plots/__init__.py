@@ -6,6 +6,7 @@ They are drawn with matplotlib in a style of their own; matplotlib's settings ar
 from ._bands import plot_bands
 from ._bode import plot_bode
 from ._camera_error import plot_camera_error
+from ._closed_loop import plot_closed_loop
 from ._comparison import plot_comparison, plot_residuals
 from ._correlation import plot_correlation
 from ._dc_sweep import plot_dc_curves, plot_dc_sweep
@@ -27,6 +28,7 @@ __all__ = [
     "plot_bands",
     "plot_bode",
     "plot_camera_error",
+    "plot_closed_loop",
     "plot_comparison",
     "plot_correlation",
     "plot_dc_curves",

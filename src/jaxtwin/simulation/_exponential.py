@@ -35,15 +35,19 @@ class Inputs(eqx.Module):
     Where the driver lags behind its command the duty cycles change within the step, and there is
     one row each for its start, its middle and its end; likewise where the ambient drifts. In a
     table of many steps both have a leading axis for the steps.
+
+    `heat` is what else flows into the modes during the step, V^T q, None for nothing.
     """
 
     duty: Float[Array, "*steps_and_stages cells"]
     ambient: Float[Array, "*steps_stages"]
+    heat: Float[Array, " modes"] | None = None
 
     def at(self, stage: int) -> "Inputs":
         """At the start (0), in the middle (1) or at the end (2) of the step."""
         duty = self.duty if self.duty.ndim == 1 else self.duty[stage]
-        return Inputs(duty, self.ambient if self.ambient.ndim == 0 else self.ambient[stage])
+        ambient = self.ambient if self.ambient.ndim == 0 else self.ambient[stage]
+        return Inputs(duty, ambient, self.heat)
 
 
 @final
@@ -84,6 +88,8 @@ class ModalField(eqx.Module):
         heat = system.cell_heat(deviation + self.reference, inputs.duty)
         flow = jnp.concatenate([-heat.cold, heat.hot]) + modes.linearised_conductance @ deviation
         force = modes.sides.T @ flow + self.surroundings * inputs.ambient
+        if inputs.heat is not None:
+            force = force + inputs.heat
         linearised = modes.linearised_loss
         if system.loss is not None and modes.plate is not None and linearised is not None:
             plate = modes.plate @ amplitudes

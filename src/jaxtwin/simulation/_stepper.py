@@ -155,6 +155,7 @@ class Stepper(eqx.Module):
         ambient: ArrayLike | float | int | None = None,
         *,
         steps: ArrayLike | int = 1,
+        heat: ArrayLike | None = None,
     ) -> StepperState:
         """The state after a step under a command.
 
@@ -164,10 +165,12 @@ class Stepper(eqx.Module):
         - `duty`: what is commanded during the step, `(cells,)`, -1 to 1.
         - `ambient`: temperature of the surroundings during the step, degC; None: that of the rig.
         - `steps`: how many steps are taken under this command, in one compiled call.
+        - `heat`: what else flows into the nodes during the step, `(nodes,)`, W, such as the heat of
+          a hand on the plate; None for nothing.
 
         **Raises:** `SimulationError` where the command is not for the cells of the rig.
         """
-        with self._settings(state, duty, ambient, steps):
+        with self._settings(state, duty, ambient, steps, heat):
             dtype = self.reference.dtype
             command = jnp.asarray(duty, dtype)
             cells = len(self.system.wiring.cold)
@@ -177,7 +180,12 @@ class Stepper(eqx.Module):
                     f"array of shape {command.shape}"
                 )
             ambient = self.ambient if ambient is None else jnp.asarray(ambient, dtype)
-            return _steps(self, state, command, ambient, jnp.asarray(steps))
+            if heat is not None:
+                heat = jnp.asarray(heat, dtype)
+            if isinstance(steps, int) and _is_traced((self.reference, state, command, ambient)):
+                # As a number it is a loop of known length, through which gradients pass.
+                return _take_steps(self, state, command, ambient, steps, heat)
+            return _steps(self, state, command, ambient, jnp.asarray(steps), heat)
 
     def channels(
         self, state: StepperState, ambient: ArrayLike | float | int | None = None
@@ -248,22 +256,23 @@ def _prepared(
     return whole, sizes, step_factors(modes.rates, sizes), field, stability
 
 
-@jax.jit
-def _steps(
+def _take_steps(
     stepper: Stepper,
     state: StepperState,
     command: Float[Array, " cells"],
     ambient: Float[Array, ""],
-    steps: Int[Array, ""],
+    steps: Int[Array, ""] | int,
+    heat: Float[Array, " nodes"] | None,
 ) -> StepperState:
     system, modes, reference = stepper.system, stepper.field.modes, stepper.reference
     surroundings = ambient + ZERO_CELSIUS - reference
+    modal_heat = None if heat is None else modes.shapes.T @ heat
 
     def part(
         carry: tuple[Array, Array], arriving: tuple[Array, Array, StepFactors]
     ) -> tuple[tuple[Array, Array], None]:
         (amplitudes, duty), (arrived, size, factors) = carry, arriving
-        inputs, duty = _inputs(system, duty, arrived, size, surroundings)
+        inputs, duty = _inputs(system, duty, arrived, size, surroundings, modal_heat)
         force = stepper.field.force(amplitudes, inputs.at(0))
         end, _ = exponential_step(amplitudes, force, factors, stepper.field, inputs)
         return (end, duty), None
@@ -286,20 +295,24 @@ def _steps(
     return StepperState(modes.shapes @ amplitudes + reference - ZERO_CELSIUS, duty, commands)
 
 
+_steps = jax.jit(_take_steps)
+
+
 def _inputs(
     system: System,
     duty: Float[Array, " cells"],
     command: Float[Array, " cells"],
     size: Float[Array, ""],
     surroundings: Float[Array, ""],
+    heat: Float[Array, " modes"] | None,
 ) -> tuple[Inputs, Float[Array, " cells"]]:
     """The inputs of a step under a command that has arrived, and the duty at its end."""
     if system.lag is None:
-        return Inputs(command, surroundings), command
+        return Inputs(command, surroundings, heat), command
     # du/dt = (command - u) / lag, at the start, in the middle and at the end.
     elapsed = size * jnp.array([0.0, 0.5, 1.0], size.dtype)
     stages = command + (duty - command) * jnp.exp(-elapsed / system.lag)[:, None]
-    return Inputs(stages, surroundings), stages[-1]
+    return Inputs(stages, surroundings, heat), stages[-1]
 
 
 @jax.jit

@@ -1,0 +1,221 @@
+"""A closed loop as a pure JAX function: twin, controller, and what happens to them."""
+
+from typing import Any, NamedTuple, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, PyTree
+
+from .._compilation import persistent_jit
+from ..physics import Twin
+from ..simulation import Stepper, StepperState
+from ..simulation._stepper import ZERO_CELSIUS
+from ._controller import AbstractController
+
+
+@final
+class Scenario(eqx.Module):
+    """What a closed loop goes through, made by `jaxtwin.control.scenario`.
+
+    A sample of the controller is followed by `substeps` steps of the plant. Where a row has two
+    leading axes they are the samples and the steps in them.
+
+    **Arguments:**
+
+    - `time`: of the samples, s. `reference`: degC.
+    - `output_weights`: of the channels in the controller's outputs.
+    - `initial`: of the nodes, degC.
+    - `ambient`: degC. `heat`, `conductance`: of disturbances, W and W/K; None for none.
+    - `error`, `arrives`: of the readings, K.
+    - `step_s`: of the plant, s. `longest_delay_s`: of the driver, s.
+    - `sensor_delay_steps`: by how many of them readings are late.
+    - `counts`: full duty in counts; None where the duty is not quantised.
+    - `silence_s`: so long without a reading, and the cells are off for good.
+    """
+
+    time: Float[Array | np.ndarray, " samples"]
+    reference: Float[Array | np.ndarray, "samples outputs"]
+    output_weights: Float[Array | np.ndarray, "outputs channels"]
+    initial: Float[Array | np.ndarray, " nodes"] | None
+    ambient: Float[Array | np.ndarray, "samples substeps"]
+    heat: Float[Array | np.ndarray, "samples substeps nodes"] | None
+    conductance: Float[Array | np.ndarray, "samples substeps nodes"] | None
+    error: Float[Array | np.ndarray, "samples channels"]
+    arrives: Bool[Array | np.ndarray, " samples"]
+    step_s: float = eqx.field(static=True)
+    longest_delay_s: float = eqx.field(static=True)
+    sensor_delay_steps: int = eqx.field(static=True)
+    counts: int | None = eqx.field(static=True)
+    silence_s: float = eqx.field(static=True)
+
+
+@final
+class ClosedLoop(eqx.Module):
+    """What happened in a closed loop, at every step of the plant; what measures are taken of.
+
+    **Arguments:**
+
+    - `time`: s.
+    - `reference`, `output`: what the controlled temperatures should have been, and were, degC.
+    - `measurement`: what the controller believed: with noise, late or held, degC.
+    - `temperatures`: of the channels, without noise, degC.
+    - `nodes`: of the twin's nodes, degC.
+    - `duty`: commanded from this time on, -1 to 1.
+    - `power`: that each cell's bridge draws from the supply, W.
+    - `elements`: how many of the nodes, the first ones, are the plate's.
+    - `sides`: which nodes are sides of the cells.
+    """
+
+    time: Float[Array | np.ndarray, "*draws times"]
+    reference: Float[Array | np.ndarray, "*draws times outputs"]
+    output: Float[Array | np.ndarray, "*draws times outputs"]
+    measurement: Float[Array | np.ndarray, "*draws times outputs"]
+    temperatures: Float[Array | np.ndarray, "*draws times channels"]
+    nodes: Float[Array | np.ndarray, "*draws times nodes"]
+    duty: Float[Array | np.ndarray, "*draws times cells"]
+    power: Float[Array | np.ndarray, "*draws times cells"]
+    elements: int = eqx.field(static=True)
+    sides: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def plate(self) -> Float[Array | np.ndarray, "*draws times elements"]:
+        """Of the plate's elements, degC."""
+        return self.nodes[..., : self.elements]
+
+    @property
+    def cell_sides(self) -> Float[Array | np.ndarray, "*draws times sides"]:
+        """Of the cells' sides, degC."""
+        return self.nodes[..., np.array(self.sides)]
+
+
+class _Loop(NamedTuple):
+    """The state of a loop between two samples."""
+
+    plant: StepperState
+    controller: PyTree
+    seen: Float[Array, " outputs"]
+    missing_s: Float[Array, ""]
+    is_off: Bool[Array, ""]
+    late: Float[Array, "delay channels"]
+
+
+def closed_loop(twin: Twin, controller: AbstractController, scenario: Scenario) -> ClosedLoop:
+    """Runs a controller on a twin; a pure JAX function of both, and of the scenario.
+
+    For one's own `jax.jit`, `jax.vmap`, `jax.jacfwd` or `jax.grad`; `simulate_closed_loop` is this
+    with checks and labels. Its precision is that of the surroundings: wrap it in
+    `jax.enable_x64(True)` for float64. Derivatives pass over the rounding of the duty to counts as
+    if it were not there.
+
+    **Arguments:**
+
+    - `twin`: rig and parameters.
+    - `controller`: its outputs must be those that the scenario was made for.
+    - `scenario`: what happens.
+    """
+    stepper = Stepper(twin, scenario.step_s, longest_delay=scenario.longest_delay_s)
+    return run_loop(stepper, controller, scenario)
+
+
+@persistent_jit
+def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenario) -> ClosedLoop:
+    """The same on a twin that is ready to be stepped, in its precision."""
+    dtype = stepper.reference.dtype
+    controller, scenario = in_precision((controller, scenario), dtype)
+    system, wiring = stepper.system, stepper.system.wiring
+    cells, channels = len(wiring.cold), len(wiring.channels)
+    weights = jnp.asarray(scenario.output_weights)
+    interval = controller.sample_time_s
+
+    def reading(plant: StepperState, ambient: Array) -> Array:
+        return stepper.channels(plant, ambient)
+
+    def sample(loop: _Loop, row: Any) -> tuple[_Loop, Any]:
+        reference, ambient, heat, conductance, error, arrives = row
+        now = reading(loop.plant, ambient[0])
+        then = loop.late[-1] if scenario.sensor_delay_steps else now
+        output = weights @ (then + error)
+        is_new = arrives & jnp.all(jnp.isfinite(error)) & jnp.all(jnp.isfinite(output))
+        seen = jnp.where(is_new, output, loop.seen)
+        missing = jnp.where(is_new, 0.0, loop.missing_s + interval).astype(dtype)
+        is_off = loop.is_off | (missing > scenario.silence_s)
+        asked, state = controller.step(loop.controller, reference, seen)
+        duty = jnp.where(is_off, 0.0, jnp.clip(asked, -1.0, 1.0))
+        if scenario.counts is not None:
+            rounded = jnp.round(duty * scenario.counts) / scenario.counts
+            duty = duty + jax.lax.stop_gradient(rounded - duty)
+
+        def step(carry: tuple[StepperState, Array], row: Any) -> tuple[Any, Any]:
+            (plant, late), (ambient, heat, conductance) = carry, row
+            channels = reading(plant, ambient)
+            applied = duty if system.lag is None else plant.duty
+            cold, hot = (plant.nodes[side] + ZERO_CELSIUS for side in (wiring.cold, wiring.hot))
+            power = system.bridge.supply_power(system.module, applied, cold, hot)
+            if conductance is not None:
+                heat = heat - conductance * (plant.nodes - ambient)
+            if scenario.sensor_delay_steps:
+                late = jnp.concatenate([channels[None], late[:-1]])
+            found = plant.nodes, channels, power
+            return (stepper.step(plant, duty, ambient, heat=heat), late), found
+
+        steps = ambient, heat, conductance
+        (plant, late), found = jax.lax.scan(step, (loop.plant, loop.late), steps)
+        later = _Loop(plant, state, seen, missing, is_off, late)
+        return later, (*found, duty, seen)
+
+    idle = jnp.zeros(cells, dtype)
+    plant = stepper.start(scenario.initial, idle)
+    first = reading(plant, jnp.asarray(scenario.ambient)[0, 0])
+    seen = weights @ (first + jnp.nan_to_num(jnp.asarray(scenario.error)[0]))
+    late = jnp.broadcast_to(first, (scenario.sensor_delay_steps, channels))
+    start = _Loop(
+        plant,
+        controller.init(idle, seen),
+        seen,
+        jnp.zeros((), dtype),
+        jnp.zeros((), bool),
+        late,
+    )
+    rows = (
+        scenario.reference,
+        scenario.ambient,
+        scenario.heat,
+        scenario.conductance,
+        scenario.error,
+        scenario.arrives,
+    )
+    _, (nodes, readings, power, duty, measured) = jax.lax.scan(sample, start, rows)
+    substeps = scenario.ambient.shape[1]
+    count = (len(scenario.time) - 1) * substeps + 1
+
+    def of_steps(values: Array) -> Array:
+        return values.reshape(-1, values.shape[-1])[:count]
+
+    def of_samples(values: Array) -> Array:
+        return jnp.repeat(values, substeps, axis=0)[:count]
+
+    temperatures = of_steps(readings)
+    return ClosedLoop(
+        time=scenario.step_s * jnp.arange(count, dtype=dtype),
+        reference=of_samples(jnp.asarray(scenario.reference)),
+        output=temperatures @ weights.T,
+        measurement=of_samples(measured),
+        temperatures=temperatures,
+        nodes=of_steps(nodes),
+        duty=of_samples(duty),
+        power=of_steps(power),
+        elements=wiring.elements,
+        sides=tuple(int(side) for side in np.concatenate([wiring.cold, wiring.hot])),
+    )
+
+
+def in_precision(tree: PyTree, dtype: Any) -> PyTree:
+    """Floating-point leaves in a precision."""
+
+    def cast(leaf: Any) -> Any:
+        is_floating = eqx.is_array(leaf) and jnp.issubdtype(leaf.dtype, jnp.floating)
+        return jnp.asarray(leaf, dtype) if is_floating else leaf
+
+    return jax.tree.map(cast, tree)

@@ -1,0 +1,154 @@
+"""A controller on a live rig, behind all interlocks."""
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, final
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+
+from .._compilation import persistent_jit
+from .._errors import SafetyStop
+from .._jax_settings import own_settings
+from ..live import Bench, Document, Moment, operate
+from ..physics import Twin
+from ._controller import AbstractController
+from ._reach import check_reach, check_sample_time
+from ._references import reference_samples, sample_times
+
+NEXT_SAMPLE = 1e-6
+"""A moment so short before a sample counts as the sample, s."""
+
+
+def control(
+    bench: Bench,
+    twin: Twin,
+    controller: AbstractController,
+    references: Any,
+    *,
+    duration_s: float | int,
+    silence: float | int = 3.0,
+    reset: bool = False,
+    about: Mapping[str, Any] | None = None,
+    stop: threading.Event | None = None,
+    progress: Callable[[float, tuple[int, ...]], None] | None = None,
+) -> Literal["completed", "stopped"]:
+    """Runs a controller on a live rig; the cells are off when it returns, however it returns.
+
+    The controller takes its samples in the time of the rig. Its decisions are in the recording,
+    beside the readings: a document of the kind `decision` for each sample, with time, references,
+    measurements and duty.
+
+    **Arguments:**
+
+    - `bench`: its links, started.
+    - `twin`: of the rig, whose file must state `limits.temperature`; its interlocks ask it.
+    - `controller`: what commands the cells.
+    - `references`: as in `simulate_closed_loop`.
+    - `duration_s`: after which it ends, s of the rig: a multiple of the sample time.
+    - `silence`, `reset`, `about`, `stop`, `progress`: as in `jaxtwin.live.operate`.
+
+    **Returns:** whether it came to its end, or was stopped.
+
+    **Raises:** `SafetyStop` when an interlock trips, the rig does not come up, or the controller
+    asks for something that is no duty; `SimulationError` for references that are none or are out of
+    reach.
+    """
+    loop = LiveLoop(bench, twin, controller, references, duration_s=duration_s)
+    plan = {"references": loop.text, "duration_s": float(duration_s)}
+    return operate(
+        bench,
+        twin,
+        loop,
+        silence=silence,
+        reset=reset,
+        about={"control": plan, **(about or {})},
+        stop=stop,
+        progress=progress,
+    )
+
+
+@final
+class LiveLoop:
+    """A controller as what `operate` asks for the duty.
+
+    Between two samples the duty stands; where the rig was not asked for longer than that, the
+    samples in between are left out. A channel without a number never reaches the controller: the
+    run is stopped.
+
+    **Arguments:** those of `control`.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        twin: Twin,
+        controller: AbstractController,
+        references: Any,
+        *,
+        duration_s: float | int,
+    ):
+        self.text = references if isinstance(references, str) else np.asarray(references).tolist()
+        self._bench, self._controller = bench, controller
+        self._duration = float(duration_s)
+        self._weights = np.asarray(controller.output_weights(twin.channels), float)
+        times = sample_times("control", duration_s, controller.sample_time_s)
+        self._references = reference_samples(
+            "control: references", references, times, len(self._weights)
+        )
+        with own_settings():
+            system = twin.system()
+            room = float(system.ambient_temperature) - 273.15
+            check_sample_time(twin, controller.sample_time_s)
+            check_reach(system, self._weights, self._references, times, np.full((1, 1), room))
+            # Compiled now: a rig that is connected sends, and nobody would listen.
+            off = np.zeros(len(twin.rig.cells))
+            still = self._references[0]
+            self._state: Any = jax.tree.map(np.asarray, controller.init(off, still))
+            _step(controller, self._state, still, still)
+        self._sample: int | None = None
+        self._duty = np.zeros(len(twin.rig.cells))
+
+    def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
+        """The duty now; None at the end."""
+        if moment.time >= self._duration - NEXT_SAMPLE:
+            return None
+        sample = int((moment.time + NEXT_SAMPLE) / self._controller.sample_time_s)
+        if self._sample is not None and sample <= self._sample:
+            return self._duty
+        measurement = self._weights @ np.asarray(moment.temperatures, float)
+        if not np.isfinite(measurement).all():
+            raise SafetyStop(
+                "stopped: the controller has no reading of what it controls", "controller"
+            )
+        reference = self._references[sample]
+        with own_settings():
+            if self._sample is None:
+                begun = self._controller.init(np.asarray(moment.duty, float), measurement)
+                self._state = jax.tree.map(np.asarray, begun)
+            asked, state = _step(self._controller, self._state, reference, measurement)
+            self._state = jax.tree.map(np.asarray, state)
+        duty = np.asarray(asked, float)
+        if duty.shape != self._duty.shape or not np.isfinite(duty).all():
+            raise SafetyStop(f"stopped: the controller asked for duty {duty}", "controller")
+        self._sample, self._duty = sample, np.clip(duty, -1.0, 1.0)
+        content = {
+            "time": moment.time,
+            "reference": reference.tolist(),
+            "measurement": measurement.tolist(),
+            "duty": self._duty.tolist(),
+        }
+        bench = self._bench
+        bench.note(Document(bench.clock.now(), "decision", "control", content))
+        return self._duty
+
+
+@persistent_jit
+def _step(
+    controller: AbstractController,
+    state: PyTree,
+    reference: Float[Array | np.ndarray, " outputs"],
+    measurement: Float[Array | np.ndarray, " outputs"],
+) -> tuple[Float[Array, " cells"], PyTree]:
+    return controller.step(state, reference, measurement)

@@ -1,0 +1,197 @@
+r"""PI on the mean and on the differences of several outputs.
+
+With $\bar e$ the mean error and $e_i - \bar e$ the differences,
+
+$$w_i = (P + I)_{mean}(\bar e) + (P + I)_{diff}(e_i - \bar e), \quad u = \mathrm{sat}(D w).$$
+
+Two cells on a plate warm each other: a duty that is meant for the difference then also moves the
+mean, unless the matrix $D$, the inverse of the plate's gain, undoes that.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+from numpy.typing import ArrayLike
+
+from .._errors import SimulationError
+from ._controller import (
+    AbstractController,
+    Numbers,
+    check_parameters,
+    checked_limits,
+    checked_measured,
+    checked_sample_time,
+    means_of,
+)
+from ._pid import as_parameter, tracking_share
+
+
+class DecoupledPIState(NamedTuple):
+    """What it remembers: the integral parts, before the decoupling."""
+
+    integral: Float[Array, " cells"]
+
+
+@final
+class DecoupledPI(AbstractController):
+    """A multivariable PI: one pair of gains for the mean of the outputs, another for how they
+    differ.
+
+    There are as many outputs as cells, output i being where cell i acts most.
+
+    **Arguments:**
+
+    - `Kp_mean`, `Kp_difference`: 1/K. `Ki_mean`, `Ki_difference`: 1/(K s).
+    - `measured`: the outputs, each a channel or a group of channels whose mean counts.
+    - `decoupling`: D, `(cells, cells)`; None: the unit matrix. `decoupling_of` makes it.
+    - `setpoint_weight`, `limits`, `sample_time_s`: as in `PID`.
+
+    **Raises:** `SimulationError` where a gain is no finite number of at least 0, the decoupling is
+    singular or of another shape, the limits are not from -1 to 1, or the sample time is not above
+    0.
+    """
+
+    Kp_mean: Float[ArrayLike, ""]
+    Ki_mean: Float[ArrayLike, ""]
+    Kp_difference: Float[ArrayLike, ""]
+    Ki_difference: Float[ArrayLike, ""]
+    decoupling: Float[ArrayLike, "cells cells"]
+    setpoint_weight: Float[ArrayLike, ""]
+    limits: tuple[float, float] = eqx.field(static=True)
+    sample_time_s: float = eqx.field(static=True)
+    measured: tuple[tuple[str, ...], ...] = eqx.field(static=True)
+
+    def __init__(
+        self,
+        Kp_mean: Numbers,
+        Ki_mean: Numbers,
+        Kp_difference: Numbers,
+        Ki_difference: Numbers,
+        *,
+        measured: Sequence[str | Sequence[str]],
+        decoupling: Numbers | None = None,
+        setpoint_weight: Numbers = 1.0,
+        limits: Sequence[float | int] = (-1.0, 1.0),
+        sample_time_s: float | int = 1.0,
+    ):
+        check_parameters(
+            "DecoupledPI",
+            Kp_mean=Kp_mean,
+            Ki_mean=Ki_mean,
+            Kp_difference=Kp_difference,
+            Ki_difference=Ki_difference,
+            setpoint_weight=setpoint_weight,
+        )
+        self.Kp_mean, self.Ki_mean = as_parameter(Kp_mean), as_parameter(Ki_mean)
+        self.Kp_difference = as_parameter(Kp_difference)
+        self.Ki_difference = as_parameter(Ki_difference)
+        self.setpoint_weight = as_parameter(setpoint_weight)
+        groups = checked_measured("DecoupledPI", measured)
+        if groups is None:
+            raise SimulationError("DecoupledPI: measured: expected an output for each cell")
+        self.measured = groups
+        self.decoupling = as_parameter(np.eye(len(groups)) if decoupling is None else decoupling)
+        if isinstance(self.decoupling, np.ndarray):
+            size = (len(groups), len(groups))
+            found = self.decoupling
+            if found.shape != size or np.linalg.matrix_rank(found) < len(groups):
+                raise SimulationError(
+                    f"DecoupledPI: decoupling: expected an invertible matrix {size}, got "
+                    f"{found.tolist()}"
+                )
+        self.limits = checked_limits("DecoupledPI", limits)
+        self.sample_time_s = checked_sample_time("DecoupledPI", sample_time_s)
+
+    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
+        """Means over the channels of each output."""
+        return means_of(self.measured, channels)
+
+    def init(
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+    ) -> PyTree:
+        """The state from which the duty goes on where it is, with the reference at the
+        measurement."""
+        asked = self._undo(jnp.asarray(duty))
+        proportional = self._gained(
+            (self.setpoint_weight - 1) * jnp.asarray(measurement), self.Kp_mean, self.Kp_difference
+        )
+        return DecoupledPIState(asked - proportional)
+
+    def step(
+        self,
+        state: PyTree,
+        reference: Float[ArrayLike, " outputs"],
+        measurement: Float[ArrayLike, " outputs"],
+    ) -> tuple[Float[Array, " cells"], PyTree]:
+        """One sample."""
+        r, y, h = jnp.asarray(reference), jnp.asarray(measurement), self.sample_time_s
+        seen = self.setpoint_weight * r - y
+        asked = self._gained(seen, self.Kp_mean, self.Kp_difference) + state.integral
+        wanted = jnp.asarray(self.decoupling) @ asked
+        duty = jnp.clip(wanted, *self.limits)
+        cut = self._undo(duty - wanted)
+        integral = (
+            state.integral
+            + h * self._gained(r - y, self.Ki_mean, self.Ki_difference)
+            + self._gained(
+                cut,
+                tracking_share(self.Kp_mean, self.Ki_mean, None, h),
+                tracking_share(self.Kp_difference, self.Ki_difference, None, h),
+            )
+        )
+        return duty, DecoupledPIState(integral)
+
+    def _gained(
+        self,
+        values: Float[Array, " cells"],
+        mean_gain: Float[ArrayLike, ""],
+        difference_gain: Float[ArrayLike, ""],
+    ) -> Float[Array, " cells"]:
+        mean = values.mean()
+        return mean_gain * mean + difference_gain * (values - mean)
+
+    def _undo(self, duty: Float[Array, " cells"]) -> Float[Array, " cells"]:
+        return inverse(jnp.asarray(self.decoupling, duty.dtype)) @ duty
+
+
+def decoupling_of(gain: ArrayLike) -> Float[np.ndarray, "cells cells"]:
+    """The decoupling that makes a plate answer as if its cells did not warm each other.
+
+    D = g G⁻¹ with G the steady gain from duty to outputs, K, and g the change of the mean output
+    under equal duty: an equal duty stays about what it is, and gains keep their meaning.
+
+    **Arguments:**
+
+    - `gain`: G, `(cells, cells)`, such as `jaxtwin.linearize(...).dcgain` in the outputs.
+
+    **Raises:** `SimulationError` where it is not square, or singular: the cells cannot tell the
+    outputs apart.
+    """
+    G = np.asarray(gain, float)
+    if G.ndim != 2 or G.shape[0] != G.shape[1] or not np.isfinite(G).all():
+        raise SimulationError(f"decoupling_of: gain: expected a square matrix, got {gain!r}")
+    if np.linalg.cond(G) > 1e6:
+        raise SimulationError(
+            "decoupling_of: gain: expected outputs that the cells move differently, got a matrix "
+            f"with condition number {np.linalg.cond(G):.3g}; measure nearer to the cells"
+        )
+    return float(G.sum(axis=1).mean()) * np.linalg.inv(G)
+
+
+def inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """The inverse of a small matrix by Gauss-Jordan elimination in plain operations.
+
+    LAPACK calls inside of batches wait for each other, see `_lapack`; a matrix of one row or
+    column for each cell is done in a few multiplications. Pivots are taken as they come, those of
+    a decoupling are near 1.
+    """
+    size = matrix.shape[0]
+    both = jnp.concatenate([matrix, jnp.eye(size, dtype=matrix.dtype)], axis=1)
+    for pivot in range(size):
+        row = both[pivot] / both[pivot, pivot]
+        both = (both - jnp.outer(both[:, pivot], row)).at[pivot].set(row)
+    return both[:, size:]

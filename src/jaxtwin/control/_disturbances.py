@@ -1,0 +1,108 @@
+"""What disturbs a plate under control: draughts, and hands upon it."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arguments import finite_number, of_kind
+from .._errors import SimulationError
+from ..physics import Twin
+from ..rig._problems import unknown
+
+
+@final
+@dataclass(frozen=True)
+class Draught:
+    """Air that blows upon some elements of the plate.
+
+    **Arguments:**
+
+    - `elements`: of the plate, such as `("V11", "V12")`.
+    - `start_s`, `end_s`: when, s.
+    - `film_coefficient`: by how much that of the upper face grows, W/(m^2 K).
+    """
+
+    elements: tuple[str, ...]
+    start_s: float | int
+    end_s: float | int
+    film_coefficient: float | int
+
+
+@final
+@dataclass(frozen=True)
+class HeatInput:
+    """Heat into some elements of the plate: a hand upon it, say.
+
+    **Arguments:**
+
+    - `elements`: of the plate, which share it equally.
+    - `start_s`, `end_s`: when, s.
+    - `heat`: W, below 0 where it is taken away.
+    """
+
+    elements: tuple[str, ...]
+    start_s: float | int
+    end_s: float | int
+    heat: float | int
+
+
+Disturbance: TypeAlias = Draught | HeatInput
+
+
+def disturbance_tables(
+    where: str,
+    twin: Twin,
+    disturbances: Iterable[Disturbance],
+    times: Float[np.ndarray, " times"],
+) -> tuple[Float[np.ndarray, "times nodes"], Float[np.ndarray, "times nodes"]]:
+    """Heat into the nodes, W, and further conductance to the surroundings, W/K, at given times.
+
+    **Raises:** `SimulationError` for an element that the plate does not have, and numbers that are
+    none.
+    """
+    plate = twin.rig.plate
+    columns = {node.name: number for number, node in enumerate(twin.netlist.nodes)}
+    heat = np.zeros((len(times), len(columns)))
+    conductance = np.zeros_like(heat)
+    for number, disturbance in enumerate(disturbances):
+        at = f"{where}: disturbances[{number}]"
+        if not isinstance(disturbance, HeatInput):
+            of_kind(at, disturbance, Draught, "a Draught or a HeatInput", SimulationError)
+        elements = _checked_elements(at, disturbance.elements, plate.element_names)
+        start, end = (
+            finite_number(f"{at}.{name}", getattr(disturbance, name), SimulationError)
+            for name in ("start_s", "end_s")
+        )
+        if not start < end:
+            raise SimulationError(f"{at}: expected an end after the start at {start:g} s")
+        # A sample is the begin of a step: it counts where the step begins.
+        during = (times >= start - 1e-9) & (times < end - 1e-9)
+        for element in elements:
+            if isinstance(disturbance, HeatInput):
+                q = finite_number(f"{at}.heat", disturbance.heat, SimulationError)
+                heat[during, columns[element]] += q / len(elements)
+            else:
+                film = finite_number(
+                    f"{at}.film_coefficient", disturbance.film_coefficient, SimulationError
+                )
+                if film < 0:
+                    raise SimulationError(
+                        f"{at}.film_coefficient: expected at least 0, got {film:g}"
+                    )
+                left, right, top, bottom = plate.extent(element)
+                area = (right - left) * (bottom - top)
+                conductance[during, columns[element]] += film * area
+    return heat, conductance
+
+
+def _checked_elements(at: str, elements: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    names = (elements,) if isinstance(elements, str) else tuple(elements)
+    if not names:
+        raise SimulationError(f"{at}.elements: expected elements of the plate, got none")
+    for name in names:
+        if name not in known:
+            raise SimulationError(f"{at}.elements: {unknown('element', name, known)}")
+    return names

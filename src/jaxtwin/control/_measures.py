@@ -1,0 +1,143 @@
+"""Measures of a closed loop: pure JAX functions of a `ClosedLoop`, each a single number."""
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._closed_loop import ClosedLoop
+
+SETTLED = 0.5
+"""How far an output may be from its reference and count as settled, K."""
+
+AT_REST = 0.1
+"""The last part of a run in which the plate counts as at rest."""
+
+FULL_DUTY = 1 - 0.5 / 255
+"""A duty of at least so much is at the limit."""
+
+Measure: TypeAlias = Callable[[ClosedLoop], Float[Array, ""]]
+
+
+def settling_time(loop: ClosedLoop) -> Float[Array, ""]:
+    """From the last change of a reference until all outputs stay within 0.5 K of theirs, s;
+    infinite where they never do."""
+    time, change = jnp.asarray(loop.time), _last_change(loop)
+    is_out = jnp.any(jnp.abs(_error(loop)) > SETTLED, axis=1)
+    last_out = jnp.max(jnp.where(is_out, jnp.arange(time.size), -1))
+    settled = jnp.where(last_out < change, 0.0, time[jnp.minimum(last_out + 1, time.size - 1)])
+    settled = settled - jnp.where(last_out < change, 0.0, time[change])
+    return jnp.where(last_out == time.size - 1, jnp.inf, settled)
+
+
+def overshoot(loop: ClosedLoop) -> Float[Array, ""]:
+    """How far an output goes beyond its reference after the last change, in its direction, K."""
+    change = _last_change(loop)
+    output, reference = jnp.asarray(loop.output), jnp.asarray(loop.reference)
+    direction = jnp.sign(reference[change] - output[change])
+    beyond = jnp.where(_since(change, loop), direction * (output - reference), 0.0)
+    return jnp.maximum(beyond.max(), 0.0)
+
+
+def integral_absolute_error(loop: ClosedLoop) -> Float[Array, ""]:
+    """IAE, the mean over the outputs, K s."""
+    return _integral(loop, jnp.abs(_error(loop)).mean(axis=1))
+
+
+def integral_squared_error(loop: ClosedLoop) -> Float[Array, ""]:
+    """ISE, the mean over the outputs, K^2 s."""
+    return _integral(loop, (_error(loop) ** 2).mean(axis=1))
+
+
+def integral_time_absolute_error(loop: ClosedLoop) -> Float[Array, ""]:
+    """ITAE, the mean over the outputs, time counted from the last change of a reference, K s^2."""
+    time = jnp.asarray(loop.time)
+    since = jnp.maximum(time - time[_last_change(loop)], 0.0)
+    return _integral(loop, since * jnp.abs(_error(loop)).mean(axis=1))
+
+
+def spread_at_rest(loop: ClosedLoop) -> Float[Array, ""]:
+    """Between the hottest and the coldest element of the plate, the mean over the last tenth of the
+    run, K."""
+    time, spread = jnp.asarray(loop.time), _spread(loop)
+    is_rest = time >= time[0] + (1 - AT_REST) * (time[-1] - time[0])
+    return jnp.sum(jnp.where(is_rest, spread, 0.0)) / jnp.sum(is_rest)
+
+
+def largest_spread(loop: ClosedLoop) -> Float[Array, ""]:
+    """The largest difference within the plate on the way, K."""
+    return _spread(loop).max()
+
+
+def energy(loop: ClosedLoop) -> Float[Array, ""]:
+    """Electrical, drawn from the supply, J."""
+    return _integral(loop, jnp.asarray(loop.power).sum(axis=1))
+
+
+def peak_power(loop: ClosedLoop) -> Float[Array, ""]:
+    """The largest power that all cells together draw, W."""
+    return jnp.asarray(loop.power).sum(axis=1).max()
+
+
+def hottest_cell_side(loop: ClosedLoop) -> Float[Array, ""]:
+    """The highest temperature of a side of a cell, degC."""
+    return jnp.asarray(loop.cell_sides).max()
+
+
+def saturation_share(loop: ClosedLoop) -> Float[Array, ""]:
+    """The share of the time in which at least one cell has full duty."""
+    is_full = jnp.any(jnp.abs(jnp.asarray(loop.duty)) >= FULL_DUTY, axis=1)
+    return _integral(loop, is_full.astype(jnp.asarray(loop.time).dtype)) / _duration(loop)
+
+
+def wear(loop: ClosedLoop) -> Float[Array, ""]:
+    """How much the duty moves: the sum of its changes over all cells."""
+    return jnp.abs(jnp.diff(jnp.asarray(loop.duty), axis=0)).sum()
+
+
+MEASURES: dict[str, tuple[Measure, str]] = {
+    "settling_time": (settling_time, "s"),
+    "overshoot": (overshoot, "K"),
+    "integral_absolute_error": (integral_absolute_error, "K s"),
+    "integral_squared_error": (integral_squared_error, "K^2 s"),
+    "integral_time_absolute_error": (integral_time_absolute_error, "K s^2"),
+    "spread_at_rest": (spread_at_rest, "K"),
+    "largest_spread": (largest_spread, "K"),
+    "energy": (energy, "J"),
+    "peak_power": (peak_power, "W"),
+    "hottest_cell_side": (hottest_cell_side, "degC"),
+    "saturation_share": (saturation_share, ""),
+    "wear": (wear, ""),
+}
+"""Name -> function and unit."""
+
+
+def _error(loop: ClosedLoop) -> Float[Array, "times outputs"]:
+    return jnp.asarray(loop.reference) - jnp.asarray(loop.output)
+
+
+def _spread(loop: ClosedLoop) -> Float[Array, " times"]:
+    plate = jnp.asarray(loop.plate)
+    return plate.max(axis=1) - plate.min(axis=1)
+
+
+def _last_change(loop: ClosedLoop) -> Array:
+    """The first time at which the last references hold."""
+    reference = jnp.asarray(loop.reference)
+    changes = jnp.any(jnp.diff(reference, axis=0) != 0, axis=1)
+    return jnp.max(jnp.where(changes, 1 + jnp.arange(changes.size), 0))
+
+
+def _since(change: Array, loop: ClosedLoop) -> Array:
+    return (jnp.arange(jnp.asarray(loop.time).size) >= change)[:, None]
+
+
+def _integral(loop: ClosedLoop, values: Float[Array, " times"]) -> Float[Array, ""]:
+    """Each value holds until the next time, as commands do."""
+    return jnp.sum(values[:-1] * jnp.diff(jnp.asarray(loop.time)))
+
+
+def _duration(loop: ClosedLoop) -> Float[Array, ""]:
+    time = jnp.asarray(loop.time)
+    return time[-1] - time[0]

@@ -1,0 +1,74 @@
+"""What the duty of a rig can reach, and how fast the rig answers: checked before a loop is run."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._compilation import persistent_jit
+from .._errors import SimulationError
+from ..physics import System, Twin
+from ..simulation._modes import network_modes
+
+LEVELS = np.linspace(-1, 1, 17)
+"""Equal duty cycles that are tried: a cell that cools does so best with less than full duty."""
+
+MARGIN = 1e-6
+
+
+def check_reach(
+    system: System,
+    weights: Float[np.ndarray, "outputs channels"],
+    reference: Float[np.ndarray, "samples outputs"],
+    times: Float[np.ndarray, " samples"],
+    ambient: Float[np.ndarray, "rows substeps"],
+) -> None:
+    """Refuses references beyond what equal duty of all cells holds in the end.
+
+    **Raises:** `SimulationError` that names reference, time and reach.
+    """
+    reached = weights @ np.asarray(_steady_channels(system)).T
+    lowest = reached.min(axis=1) + float(ambient.min())
+    highest = reached.max(axis=1) + float(ambient.max())
+    wrong = (reference < lowest - MARGIN) | (reference > highest + MARGIN)
+    if not wrong.any():
+        return
+    sample, output = np.argwhere(wrong)[0]
+    raise SimulationError(
+        f"references: expected {lowest[output]:.1f} to {highest[output]:.1f} degC, which the duty "
+        f"can hold, got {reference[sample, output]:.1f} degC at {times[sample]:g} s"
+    )
+
+
+def check_sample_time(twin: Twin, sample_time_s: float) -> None:
+    """Refuses a controller that looks less often than the plate's slowest change takes.
+
+    **Raises:** `SimulationError`.
+    """
+    slowest = float(_slowest_time_constant(twin))
+    if sample_time_s > slowest:
+        raise SimulationError(
+            f"sample_time_s: expected at most the rig's longest time constant, {slowest:.0f} s (a "
+            f"tenth of it is usual), got {sample_time_s:g} s"
+        )
+
+
+@persistent_jit
+def _steady_channels(system: System) -> Float[Array, "levels channels"]:
+    """Rises of the channels above the surroundings under equal duty of all cells, K."""
+    reference = jnp.asarray(system.ambient_temperature)
+    cells = len(system.wiring.cold)
+
+    def channels(level: Float[Array, ""]) -> Float[Array, " channels"]:
+        duty = jnp.full(cells, level, reference.dtype)
+        return system.channel_temperatures(system.steady_state(duty, reference))
+
+    return jax.vmap(channels)(jnp.asarray(LEVELS, reference.dtype))
+
+
+@persistent_jit
+def _slowest_time_constant(twin: Twin) -> Float[Array, ""]:
+    system = twin.system()
+    reference = jnp.asarray(system.ambient_temperature)
+    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
+    return 1 / network_modes(system, idle, reference).rates[0]

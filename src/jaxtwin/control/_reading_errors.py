@@ -1,0 +1,96 @@
+"""What a controller reads of a rig, sample by sample: noise, recalibrations, lost messages."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .._arguments import finite_number, mapping_of
+from .._errors import SimulationError
+from ..live import Faults
+from ..live._recalibration import Recalibrations
+from ..physics import pixel_weights
+from ..rig import Rig
+from ..rig._problems import unknown
+
+FRAMES_PER_SECOND = 9.0
+"""Of the camera, as the virtual rig sends them."""
+
+
+class ReadingErrors(NamedTuple):
+    """Errors of the channels at each sample.
+
+    - `error`: `(samples, channels)`, K; NaN from when a channel has failed.
+    - `arrives`: whether there is a new reading, `(samples,)`.
+    """
+
+    error: Float[np.ndarray, "samples channels"]
+    arrives: Bool[np.ndarray, " samples"]
+
+
+def reading_errors(
+    where: str,
+    rig: Rig,
+    times: Float[np.ndarray, " samples"],
+    *,
+    noise: bool,
+    faults: Faults,
+    failed_channels: Mapping[str, float],
+    seed: int,
+) -> ReadingErrors:
+    """The errors of a camera, or of point sensors, as the virtual rig makes them.
+
+    **Arguments:**
+
+    - `times`: of the controller's samples, s.
+    - `noise`: whether readings have the noise that the rig file states.
+    - `faults`: its `drop`, `jumps` and `stall` count here.
+    - `failed_channels`: channel -> time from which on it reads nothing, s.
+
+    **Raises:** `SimulationError` for a channel that the rig does not have, and faults that a
+    simulated loop does not have.
+    """
+    names = tuple(channel.name for channel in rig.channels)
+    if faults.loosen or faults.fail or faults.corrupt or faults.disconnect:
+        raise SimulationError(
+            f"{where}: faults: expected drop, jumps and stall, which a simulated loop has, got "
+            f"{faults}; the others are those of jaxtwin virtual-rig"
+        )
+    if faults.jumps and rig.camera is None:
+        raise SimulationError(
+            f"{where}: faults: jumps: expected a rig with a camera, {rig.name} has none"
+        )
+    random = np.random.default_rng(seed)
+    error = np.zeros((len(times), len(names)))
+    if noise:
+        error += random.normal(size=error.shape) @ _noise_factor(rig).T
+    interval = times[1] - times[0] if len(times) > 1 else 1.0
+    frames = 1 if rig.camera is None else max(1, int(interval * FRAMES_PER_SECOND))
+    # The newest of several frames counts: nothing arrives where all of them are lost.
+    arrives = random.random(len(times)) >= faults.drop**frames
+    if faults.stall:
+        every, length = faults.stall
+        arrives &= ~((times >= every) & (times % every < length))
+    recalibrations = Recalibrations(faults.jumps, seed)
+    for sample, time in enumerate(times.tolist()):
+        recalibrations.advance(time)
+        error[sample] += recalibrations.offset(time)
+        arrives[sample] &= not recalibrations.is_closed(time)
+    mapping_of(f"{where}: failed_channels", failed_channels, "channel -> time", SimulationError)
+    for name, start in failed_channels.items():
+        if name not in names:
+            raise SimulationError(f"{where}: failed_channels: {unknown('channel', name, names)}")
+        begin = finite_number(f"{where}: failed_channels: {name}", start, SimulationError)
+        error[times >= begin, names.index(name)] = np.nan
+    return ReadingErrors(error, arrives)
+
+
+def _noise_factor(rig: Rig) -> Float[np.ndarray, "channels channels"]:
+    """F with F F^T the covariance of the channels' noise, K^2: zones that share pixels share
+    noise."""
+    if rig.camera is None:
+        return rig.noise * np.eye(len(rig.channels))
+    weights = pixel_weights(rig).reshape(len(rig.channels), -1)
+    values, vectors = np.linalg.eigh(weights @ weights.T)
+    return rig.noise * vectors * np.sqrt(np.maximum(values, 0.0))

@@ -1,0 +1,104 @@
+"""References of a closed loop: what each output should be at each sample."""
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arguments import finite_number
+from .._errors import SimulationError
+
+
+def reference_samples(
+    where: str, references: Any, times: Float[np.ndarray, " samples"], outputs: int
+) -> Float[np.ndarray, "samples outputs"]:
+    """References at the samples, degC.
+
+    **Arguments:**
+
+    - `where`: what they are, for messages.
+    - `references`: a number for all outputs; text such as `"0:35,600:45"` or `"0:35/37"` (times
+      in s, a value for all outputs or one each, held until the next time); or an array
+      `(outputs,)` or `(samples, outputs)`.
+    - `times`: of the samples, s.
+
+    **Raises:** `SimulationError` that quotes what is wrong.
+    """
+    if isinstance(references, str):
+        return _scheduled(where, references, times, outputs)
+    try:
+        values = np.asarray(references, float)
+        shaped = np.broadcast_to(values, (len(times), outputs))
+    except (TypeError, ValueError):
+        raise SimulationError(
+            f"{where}: expected a number, text such as '0:35,600:45', or an array of shape "
+            f"({outputs},) or ({len(times)}, {outputs}), in degC, got "
+            f"{_described(references)}"
+        ) from None
+    if not np.isfinite(shaped).all():
+        raise SimulationError(f"{where}: expected finite numbers, in degC, got {references!r}")
+    return shaped.copy()
+
+
+def _scheduled(
+    where: str, text: str, times: Float[np.ndarray, " samples"], outputs: int
+) -> Float[np.ndarray, "samples outputs"]:
+    entries = [_entry(where, part, outputs) for part in text.split(",")]
+    switches = [time for time, _ in entries]
+    if switches[0] != 0 or any(b <= a for a, b in pairwise(switches)):
+        raise SimulationError(
+            f"{where}: expected times that begin at 0 and increase, such as '0:35,600:45', got "
+            f"{text!r}"
+        )
+    if switches[-1] > times[-1]:
+        raise SimulationError(
+            f"{where}: expected times up to the end at {times[-1]:g} s, got {switches[-1]:g} s in "
+            f"{text!r}"
+        )
+    held = np.searchsorted(np.array(switches), times + 1e-9 * max(times[-1], 1), side="right") - 1
+    return np.array([values for _, values in entries])[held]
+
+
+def _entry(where: str, part: str, outputs: int) -> tuple[float, Float[np.ndarray, " outputs"]]:
+    time_text, colon, value_text = part.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        time, *values = (float(word) for word in (time_text, *value_text.split("/")))
+        if not all(math.isfinite(number) for number in (time, *values)):
+            raise ValueError
+    except ValueError:
+        raise SimulationError(
+            f"{where}: expected 'time:temperature' such as '600:45', or a temperature for each "
+            f"output such as '600:45/47', got {part.strip()!r}"
+        ) from None
+    if len(values) not in (1, outputs):
+        raise SimulationError(
+            f"{where}: expected one temperature for all outputs, or one for each of the {outputs}, "
+            f"got {len(values)} in {part.strip()!r}"
+        )
+    return time, np.broadcast_to(values, (outputs,))
+
+
+def sample_times(
+    where: str, duration_s: Any, sample_time_s: float
+) -> Float[np.ndarray, " samples"]:
+    """Times of the samples from 0 to the duration, s.
+
+    **Raises:** `SimulationError` where the duration is no multiple of the sample time.
+    """
+    duration = finite_number(f"{where}: duration_s", duration_s, SimulationError)
+    count = round(duration / sample_time_s)
+    if count < 1 or not math.isclose(count * sample_time_s, duration, rel_tol=1e-9):
+        raise SimulationError(
+            f"{where}: duration_s: expected a multiple of the controller's sample time "
+            f"{sample_time_s:g} s, got {duration:g} s"
+        )
+    return sample_time_s * np.arange(count + 1)
+
+
+def _described(value: Any) -> str:
+    shape = getattr(value, "shape", None)
+    return repr(value) if shape is None else f"an array of shape {shape}"

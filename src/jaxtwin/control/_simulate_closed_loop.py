@@ -1,0 +1,465 @@
+"""Closed loops with checks and labels: one, or many draws of plant and controller."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, overload
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from .._arguments import finite_number, mapping_of, whole_number
+from .._compilation import persistent_jit
+from .._errors import SimulationError
+from .._jax_settings import own_settings
+from .._waiting import announced
+from ..live import Faults
+from ..matching import Fit
+from ..physics import Twin, check_twin
+from ..rig._problems import unknown
+from ..simulation import Precision, Reductions, Stepper, checked_precision
+from ..simulation._check_values import check_values
+from ..simulation._draws import work_in_chunks
+from ..simulation._simulate_batch import _checked_draws
+from ._closed_loop import ClosedLoop, Scenario, in_precision, run_loop
+from ._closed_loop_run import ClosedLoopRun
+from ._controller import AbstractController, ControlFunction, as_controller
+from ._disturbances import Disturbance, disturbance_tables
+from ._measures import MEASURES, Measure
+from ._reach import check_reach, check_sample_time
+from ._reading_errors import reading_errors
+from ._references import reference_samples, sample_times
+
+LONGEST_STEP = 1.0
+"""Of the plant, s: with a step of 1 s the channels are right to some millikelvin."""
+
+CHUNK = 64
+"""Loops that one core works on at a time."""
+
+
+@overload
+def simulate_closed_loop(
+    twin: Twin | Fit,
+    controller: AbstractController | ControlFunction,
+    references: float | int | str | ArrayLike,
+    *,
+    duration_s: float | int,
+    draws: None = None,
+    controller_draws: None = None,
+    **settings: Any,
+) -> ClosedLoopRun: ...
+
+
+@overload
+def simulate_closed_loop(
+    twin: Twin | Fit,
+    controller: AbstractController | ControlFunction,
+    references: float | int | str | ArrayLike,
+    *,
+    duration_s: float | int,
+    draws: Mapping[str, ArrayLike] | None = None,
+    controller_draws: Mapping[str, ArrayLike] | None = None,
+    measures: Iterable[str] | Mapping[str, Measure] | None = None,
+    precision: Precision = "float64",
+    workers: int | None = None,
+    **settings: Any,
+) -> Reductions: ...
+
+
+@announced("closed loop")
+def simulate_closed_loop(
+    twin: Twin | Fit,
+    controller: AbstractController | ControlFunction,
+    references: float | int | str | ArrayLike,
+    *,
+    duration_s: float | int,
+    draws: Mapping[str, ArrayLike] | None = None,
+    controller_draws: Mapping[str, ArrayLike] | None = None,
+    measures: Iterable[str] | Mapping[str, Measure] | None = None,
+    precision: Precision = "float64",
+    workers: int | None = None,
+    **settings: Any,
+) -> ClosedLoopRun | Reductions:
+    """Runs a controller on a twin.
+
+    ```python
+    pid = jaxtwin.control.PID(Kp=0.1, Ki=0.001)
+    run = jt.simulate_closed_loop(twin, pid, "0:35,600:45", duration_s=1800)
+    run.measures()
+    ```
+
+    The controller reads the channels at its own sample time, with the noise that the rig file
+    states, and commands a duty that is rounded to the driver's counts; the plant goes on in the
+    exact steps of `Stepper`, with the driver's delay and lag. A reading that does not come, or is
+    NaN, leaves the last one standing; after `silence_s` without any the cells are off for the rest,
+    as `jaxtwin control` switches a rig off.
+
+    **Arguments:**
+
+    - `twin`: rig and parameters, or a fit.
+    - `controller`: a controller, or a function `(time_s, reference, measurement) -> duty` in
+      `jax.numpy` that sees every channel.
+    - `references`: for its outputs, degC: a number, text such as `"0:35,600:45"` or
+      `"0:35/37"`, or an array `(outputs,)` or `(samples, outputs)`.
+    - `duration_s`: a multiple of the controller's sample time, s.
+    - `draws`: many loops at once: parameter of the twin -> values `(draws,)`, in the unit of the
+      rig's table.
+    - `controller_draws`: parameter of the controller, such as `"Kp"` -> values `(draws, ...)`.
+    - `measures`: of many loops, what to keep of each: names of `jaxtwin.control.MEASURES`, or name
+      -> a pure JAX function of a `ClosedLoop`. None: all measures that have a name.
+    - `precision`: of many loops.
+    - `workers`: threads that work on many loops, by default one a core.
+    - `settings`: the further keywords of `jaxtwin.control.scenario`: disturbances, noise, faults,
+      delays.
+
+    **Returns:** a `ClosedLoopRun`; of many loops `Reductions`, whose quantities are the measures.
+
+    **Raises:** `SimulationError` where twin, controller, references and settings do not fit each
+    other, a reference is out of reach, or the temperatures do not stay finite; `ParameterError`
+    where a parameter of the twin is wrong.
+    """
+    plant = twin.twin if isinstance(twin, Fit) else twin
+    check_twin("simulate_closed_loop: twin", plant, SimulationError)
+    chosen = as_controller(
+        "simulate_closed_loop: controller", controller, settings.pop("sample_time_s", None)
+    )
+    count = _count(plant, chosen, draws, controller_draws)
+    held = _held(plant, draws)
+    check_values(held)
+    happens = scenario(held, chosen, references, duration_s=duration_s, **settings)
+    with own_settings():
+        if count is not None:
+            happens = replace(happens, longest_delay_s=_longest_delay(held, draws))
+            return _many(
+                held,
+                chosen,
+                happens,
+                draws=_checked_draws(plant, draws) if draws else {},
+                controller_draws=controller_draws or {},
+                count=count,
+                measures=_checked_measures(measures),
+                precision=checked_precision(precision),
+                workers=workers,
+            )
+        for name, value in (("measures", measures), ("workers", workers)):
+            if value is not None:
+                raise SimulationError(
+                    f"simulate_closed_loop: {name}: expected only beside draws or "
+                    f"controller_draws, got {value!r}"
+                )
+        stepper = Stepper(held, happens.step_s, longest_delay=happens.longest_delay_s)
+        loop = jax.tree.map(np.asarray, run_loop(stepper, chosen, happens))
+    if not (np.isfinite(loop.nodes).all() and np.isfinite(loop.duty).all()):
+        raise SimulationError(
+            f"{plant.rig.name}: closed loop: the temperatures or the duty do not stay finite; look "
+            "at the controller's parameters"
+        )
+    weights = np.asarray(happens.output_weights)
+    ambient = np.asarray(happens.ambient).reshape(-1)[: len(loop.time)]
+    return ClosedLoopRun.of(plant, loop, _output_names(weights, plant.channels), ambient)
+
+
+def scenario(
+    twin: Twin | Fit,
+    controller: AbstractController | ControlFunction,
+    references: float | int | str | ArrayLike,
+    *,
+    duration_s: float | int,
+    initial: float | int | ArrayLike | None = None,
+    ambient: float | int | str | ArrayLike | None = None,
+    disturbances: Sequence[Disturbance] = (),
+    noise: bool = True,
+    faults: Faults | str = "",
+    failed_channels: Mapping[str, float] | None = None,
+    seed: int = 0,
+    quantised: bool = True,
+    sensor_delay_s: float | int = 0.0,
+    silence_s: float | int = 3.0,
+) -> Scenario:
+    """What a closed loop goes through, for `closed_loop` and `simulate_closed_loop`.
+
+    **Arguments:**
+
+    - `twin`, `controller`, `references`, `duration_s`: as in `simulate_closed_loop`.
+    - `initial`: temperatures at the start: a number for all nodes or `(nodes,)`, degC; None: as the
+      rig says.
+    - `ambient`: of the room: a number, a schedule such as `"0:16,600:22"`, or `(samples,)`, degC;
+      None: that of the rig.
+    - `disturbances`: each a `Draught` or a `HeatInput`.
+    - `noise`: whether readings have the noise that the rig file states, the same in all draws.
+    - `faults`: of camera and link, as `jaxtwin virtual-rig` has them: `"drop=0.01,jumps=164"`,
+      `"stall=30/5"`. The same seed gives the same jumps.
+    - `failed_channels`: channel -> time from which on it reads NaN, s.
+    - `seed`: of noise and faults.
+    - `quantised`: whether the duty is rounded to the driver's counts.
+    - `sensor_delay_s`: by how much readings are late, s.
+    - `silence_s`: so long without a reading, and the cells are off for the rest, s.
+
+    **Raises:** `SimulationError` for what is none of these, a reference out of the duty's reach, or
+    a sample time above the plant's time constants.
+    """
+    where = "scenario"
+    plant = twin.twin if isinstance(twin, Fit) else twin
+    chosen = as_controller(f"{where}: controller", controller)
+    interval = chosen.sample_time_s
+    times = sample_times(where, duration_s, interval)
+    weights = np.asarray(chosen.output_weights(plant.channels), float)
+    reference = reference_samples(f"{where}: references", references, times, len(weights))
+    # A hair more than a whole number of steps is that number.
+    substeps = max(1, math.ceil(interval / LONGEST_STEP * (1 - 1e-9)))
+    step = interval / substeps
+    with own_settings():
+        system = plant.system()
+        room = float(system.ambient_temperature) - 273.15
+        delay = 0.0 if system.delay is None else float(system.delay)
+        rows = (times[:, None] + step * np.arange(substeps)).reshape(-1)
+        surroundings = reference_samples(
+            f"{where}: ambient", room if ambient is None else ambient, rows, 1
+        ).reshape(len(times), substeps)
+        check_sample_time(plant, interval)
+        check_reach(system, weights, reference, times, surroundings)
+    late = finite_number(f"{where}: sensor_delay_s", sensor_delay_s, SimulationError)
+    late_steps = round(late / step)
+    if late < 0 or not math.isclose(late_steps * step, late, abs_tol=1e-9):
+        raise SimulationError(
+            f"{where}: sensor_delay_s: expected a multiple of the step of the plant, {step:g} s, "
+            f"of at least 0, got {late:g} s"
+        )
+    errors = reading_errors(
+        where,
+        plant.rig,
+        times,
+        noise=noise,
+        faults=Faults.parse(faults) if isinstance(faults, str) else faults,
+        failed_channels={} if failed_channels is None else failed_channels,
+        seed=whole_number(f"{where}: seed", seed, 0, SimulationError),
+    )
+    heat = conductance = None
+    if disturbances:
+        tables = disturbance_tables(where, plant, disturbances, rows)
+        heat, conductance = (table.reshape(len(times), substeps, -1) for table in tables)
+    return Scenario(
+        time=times,
+        reference=reference,
+        output_weights=weights,
+        initial=_initial(where, plant, initial),
+        ambient=surroundings,
+        heat=heat,
+        conductance=conductance,
+        error=errors.error,
+        arrives=errors.arrives,
+        step_s=step,
+        longest_delay_s=delay,
+        sensor_delay_steps=late_steps,
+        counts=plant.rig.driver.counts if quantised else None,
+        silence_s=finite_number(f"{where}: silence_s", silence_s, SimulationError),
+    )
+
+
+def _initial(where: str, twin: Twin, initial: Any) -> Float[np.ndarray, " nodes"] | None:
+    if initial is None:
+        return None
+    count = len(twin.netlist.nodes)
+    try:
+        values = np.broadcast_to(np.asarray(initial, float), (count,)).copy()
+        if not np.isfinite(values).all():
+            raise ValueError
+    except (TypeError, ValueError):
+        raise SimulationError(
+            f"{where}: initial: expected a temperature, or one for each of the {count} nodes, in "
+            f"degC, got {initial!r}"
+        ) from None
+    return values
+
+
+def _output_names(
+    weights: Float[np.ndarray, "outputs channels"], channels: Sequence[str]
+) -> tuple[str, ...]:
+    names = []
+    for row in weights:
+        counted = [channel for channel, weight in zip(channels, row, strict=True) if weight]
+        everything = len(counted) == len(channels) > 1
+        names.append("mean of all" if everything else " ".join(counted))
+    return tuple(names)
+
+
+def _count(
+    twin: Twin,
+    controller: AbstractController,
+    draws: Mapping[str, ArrayLike] | None,
+    controller_draws: Mapping[str, ArrayLike] | None,
+) -> int | None:
+    """How many loops are asked for; None for a single one."""
+    where = "simulate_closed_loop"
+    lengths: dict[str, int] = {}
+    for name, values in (_checked_draws(twin, draws) if draws else {}).items():
+        lengths[name] = len(values)
+    if controller_draws is not None:
+        at = f"{where}: controller_draws"
+        mapping_of(at, controller_draws, "name -> values", SimulationError)
+        known = [
+            name
+            for name, leaf in vars(controller).items()
+            if eqx.is_array(leaf) or isinstance(leaf, float)
+        ]
+        for name, values in controller_draws.items():
+            if name not in known:
+                raise SimulationError(f"{at}: {unknown('parameter', name, known)}")
+            array = np.asarray(values)
+            if array.ndim == 0 or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+                raise SimulationError(
+                    f"{at}: {name}: expected finite numbers (draws, ...), got {values!r}"
+                )
+            lengths[name] = len(array)
+    if draws is not None and not draws and not controller_draws:
+        raise SimulationError(f"{where}: draws: expected name -> values, got none")
+    if len(set(lengths.values())) > 1:
+        found = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise SimulationError(
+            f"{where}: draws: expected the same number of draws for each, got {found}"
+        )
+    return next(iter(lengths.values()), None)
+
+
+def _held(twin: Twin, draws: Mapping[str, ArrayLike] | None) -> Twin:
+    """The twin with a single value of what is drawn, for whatever is checked beforehand."""
+    if not draws:
+        return twin
+    middles = {name: float(np.median(np.asarray(values))) for name, values in draws.items()}
+    return twin.with_parameters(middles)
+
+
+def _longest_delay(twin: Twin, draws: Mapping[str, ArrayLike] | None) -> float:
+    """Of the driver in all draws, s."""
+    if twin.system().delay is None:
+        return 0.0
+    if not draws:
+        return float(twin.system().delay or 0.0)
+
+    def delay(values: Mapping[str, Array]) -> Array:
+        found = twin.with_parameters(values).system().delay
+        return jnp.zeros(()) if found is None else found
+
+    arrays = {name: jnp.asarray(values, float) for name, values in draws.items()}
+    return float(jnp.max(jax.vmap(delay)(arrays)))
+
+
+def _checked_measures(
+    measures: Iterable[str] | Mapping[str, Measure] | None,
+) -> dict[str, Measure]:
+    if measures is None:
+        return {name: function for name, (function, _) in MEASURES.items()}
+    where = "simulate_closed_loop: measures"
+    if isinstance(measures, Mapping):
+        for name, function in measures.items():
+            if not callable(function) or name == "failed":
+                raise SimulationError(
+                    f"{where}: {name}: expected a JAX function of a ClosedLoop, got {function!r}"
+                )
+        return dict(measures)
+    names = (measures,) if isinstance(measures, str) else tuple(measures)
+    for name in names:
+        if name not in MEASURES:
+            raise SimulationError(f"{where}: {unknown('measure', name, MEASURES)}")
+    return {name: MEASURES[name][0] for name in names}
+
+
+def _many(
+    twin: Twin,
+    controller: AbstractController,
+    happens: Scenario,
+    *,
+    draws: Mapping[str, Float[np.ndarray, " draws"]],
+    controller_draws: Mapping[str, ArrayLike],
+    count: int,
+    measures: Mapping[str, Measure],
+    precision: Precision,
+    workers: int | None,
+) -> Reductions:
+    dtype = jnp.float32 if precision == "float32" else jnp.float64
+    rows = {f"plant {name}": np.asarray(values) for name, values in draws.items()}
+    rows |= {f"controller {name}": np.asarray(v, float) for name, v in controller_draws.items()}
+    if not draws:  # of which every loop has the same twin
+        rows["number"] = np.arange(count, dtype=float)
+
+    def work(chunk: Mapping[str, np.ndarray]) -> Mapping[str, Array]:
+        with own_settings():
+            plant, loops = (
+                {
+                    name.removeprefix(kind): values
+                    for name, values in chunk.items()
+                    if name.startswith(kind)
+                }
+                for kind in ("plant ", "controller ")
+            )
+            size = len(next(iter(chunk.values())))
+            parameters = plant or {
+                name: np.full(size, value) for name, value in _any_parameter(twin).items()
+            }
+            steppers = _steppers(twin, parameters, happens.step_s, happens.longest_delay_s)
+            steppers, fixed, varied = in_precision((steppers, happens, loops), dtype)
+            chosen = in_precision(controller, dtype)
+            return _measured(steppers, chosen, varied, fixed, tuple(measures.items()))
+
+    results = work_in_chunks(rows, work, chunk_size=CHUNK, workers=workers)
+    return Reductions.of(twin.channels, results)
+
+
+def _any_parameter(twin: Twin) -> dict[str, float]:
+    """A parameter at its value: all loops then have the same twin."""
+    name, value = next(iter(twin.parameters.items()))
+    return {name: float(value)}
+
+
+@persistent_jit
+def _steppers(
+    twin: Twin,
+    draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
+    step_s: float,
+    longest_delay_s: float,
+) -> Stepper:
+    """A stepper for each draw; of a draw that is no twin it is NaN."""
+
+    def stepper_of(values: Mapping[str, Array]) -> Stepper:
+        made = Stepper(twin.with_parameters(values), step_s, longest_delay=longest_delay_s)
+        valid = made.system.is_valid
+
+        def marked(leaf: Array) -> Array:
+            is_real = jnp.issubdtype(leaf.dtype, jnp.floating)
+            return jnp.where(valid, leaf, jnp.nan) if is_real else leaf
+
+        return jax.tree.map(marked, made)
+
+    return jax.vmap(stepper_of)({name: jnp.asarray(values) for name, values in draws.items()})
+
+
+@persistent_jit
+def _measured(
+    steppers: Stepper,
+    controller: AbstractController,
+    varied: Mapping[str, Float[Array | np.ndarray, "chunk ..."]],
+    happens: Scenario,
+    measures: tuple[tuple[str, Measure], ...],
+) -> dict[str, Array]:
+    def of_draw(stepper: Stepper, values: Mapping[str, Array]) -> dict[str, Array]:
+        changed = controller
+        for name, value in values.items():
+            changed = eqx.tree_at(lambda c, name=name: getattr(c, name), changed, value)
+        loop: ClosedLoop = run_loop(stepper, changed, happens)
+        found = {name: jnp.asarray(function(loop)) for name, function in measures}
+        is_finite = jnp.all(jnp.isfinite(loop.nodes[-1])) & jnp.all(jnp.isfinite(loop.duty))
+        found = {
+            name: (
+                jnp.where(is_finite, value, jnp.nan)
+                if jnp.issubdtype(value.dtype, jnp.floating)
+                else value
+            )
+            for name, value in found.items()
+        }
+        return {**found, "failed": ~is_finite}
+
+    return jax.vmap(of_draw)(steppers, dict(varied))

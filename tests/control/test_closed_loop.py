@@ -1,0 +1,203 @@
+"""Closed loops: the plant is the Stepper's, the faults those that were asked for."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxtwin as jt
+from jaxtwin import SimulationError, Stepper, Twin
+from jaxtwin.control import (
+    MEASURES,
+    PID,
+    Draught,
+    HeatInput,
+    closed_loop,
+    scenario,
+    simulate_closed_loop,
+)
+
+DURATION = 120.0
+"""Of all loops, s: the same shapes compile nothing anew."""
+
+
+def test_a_loop_is_controller_and_stepper_in_turns(twin: Twin, pid: PID):
+    """By hand, sample by sample, with quantised duty."""
+    run = simulate_closed_loop(twin, pid, "0:20,20:24", duration_s=DURATION, noise=False)
+    with jax.enable_x64(True):
+        stepper = Stepper(twin, 1.0)
+        plant = stepper.start()
+        state = pid.init(np.zeros(2), np.asarray(stepper.channels(plant)).mean(keepdims=True))
+        for sample in range(40):
+            channels = np.asarray(stepper.channels(plant))
+            np.testing.assert_allclose(run.run.temperatures[sample], channels, atol=1e-9)
+            reference = np.array([20.0 if sample < 20 else 24.0])
+            duty, state = pid.step(state, reference, channels.mean(keepdims=True))
+            counts = np.round(np.asarray(duty) * 255)
+            np.testing.assert_allclose(run.duty[sample] * 255, counts, atol=1e-9)
+            plant = stepper.step(plant, counts / 255)
+    assert abs(run.output[-1, 0] - 24) < 0.5
+    table = run.measures()
+    assert table.loc["energy", "value"] == pytest.approx(run.energy[-1])
+    assert set(run.to_xarray()) >= {"temperature", "duty", "power", "energy", "controlled"}
+    assert list(run.to_dataframe().columns)[:2] == ["reference mean of all", "mean of all"]
+
+
+def test_gradients_are_those_of_differences(twin: Twin):
+    happens = scenario(twin, PID(0.05), 35, duration_s=DURATION, quantised=False)
+
+    def cost(Kp: jax.Array, resistance: jax.Array) -> jax.Array:
+        plant = twin.with_parameters({"R_E": resistance})
+        loop = closed_loop(plant, PID(Kp=Kp, Ki=0.001), happens)
+        return MEASURES["integral_squared_error"][0](loop)
+
+    with jax.enable_x64(True):
+        at = jnp.array(0.02), jnp.array(2.0)
+        compiled = jax.jit(cost)
+        gradient = jax.jit(jax.grad(cost, (0, 1)))(*at)
+        for place, (slope, size) in enumerate(zip(gradient, (1e-5, 1e-4), strict=True)):
+            up, down = (
+                compiled(*(x + sign * size * (n == place) for n, x in enumerate(at)))
+                for sign in (1, -1)
+            )
+            np.testing.assert_allclose(slope, (up - down) / (2 * size), rtol=1e-5)
+
+
+def test_draws_are_loops_side_by_side(twin: Twin, pid: PID):
+    """Of plant and controller, in both precisions, and with a function of one's own."""
+    draws = {"R_E": [1.9, 2.1, -1.0], "t_delay": [1.0, 3.5, 2.0]}
+    found = simulate_closed_loop(
+        twin,
+        pid,
+        35,
+        duration_s=DURATION,
+        draws=draws,
+        controller_draws={"Kp": [0.05, 0.2, 0.1]},
+    )
+    assert found.failed.tolist() == [False, False, True]
+    single = simulate_closed_loop(
+        twin.with_parameters({"R_E": 2.1, "t_delay": 3.5}),
+        PID(Kp=0.2, Ki=0.001),
+        35,
+        duration_s=DURATION,
+    ).measures()["value"]
+    for name in MEASURES:
+        np.testing.assert_allclose(found[name][1], single[name], rtol=1e-6, err_msg=name)
+    fast = simulate_closed_loop(
+        twin,
+        pid,
+        35,
+        duration_s=DURATION,
+        controller_draws={"Kp": [0.05, 0.2]},
+        measures={"hottest": lambda loop: loop.plate.max()},
+        precision="float32",
+    )
+    assert fast["hottest"].shape == (2,)
+    assert fast["hottest"][0] < fast["hottest"][1]
+
+
+def test_a_stall_and_a_failed_channel_end_with_the_cells_off(twin: Twin, pid: PID):
+    """The last reading stands for silence_s; then the cells are off, for good."""
+    lost = simulate_closed_loop(
+        twin, pid, 45, duration_s=DURATION, failed_channels={"T14": 60.0}, noise=False
+    )
+    assert np.all(lost.duty[60:63] != 0)
+    assert np.all(lost.measurement[60:] == lost.measurement[59])
+    assert np.all(lost.duty[64:] == 0)
+    stalled = simulate_closed_loop(twin, pid, 45, duration_s=DURATION, faults="stall=60/6")
+    assert np.all(stalled.duty[64:] == 0)
+    brief = simulate_closed_loop(twin, pid, 45, duration_s=DURATION, faults="stall=60/2,drop=0.3")
+    assert np.all(brief.duty[70:] != 0)
+
+
+def test_recalibrations_are_those_of_the_virtual_rig(twin: Twin, pid: PID):
+    happens = scenario(twin, pid, 35, duration_s=DURATION, faults="jumps=60", noise=False, seed=3)
+    random = np.random.default_rng([3, 1])
+    jump = random.normal(0, 0.8)
+    assert not happens.arrives[60]
+    assert happens.arrives[61]
+    np.testing.assert_allclose(happens.error[85], jump * np.exp(-1.0))
+    np.testing.assert_array_equal(happens.error[:60], 0)
+
+
+def test_noise_is_that_of_the_camera_s_zones(twin: Twin, pid: PID):
+    happens = scenario(twin, pid, 35, duration_s=3000)
+    deviation = np.asarray(happens.error).std(axis=0)
+    pixels = 80 * 36 / 12  # of a zone; each has 0.1 K
+    np.testing.assert_allclose(deviation[0], 0.1 / np.sqrt(pixels), rtol=0.1)
+
+
+def test_disturbances_warm_and_cool_the_plate(twin: Twin):
+    hand = HeatInput(("V14", "V15"), 40, 80, 10.0)
+    draught = Draught(("V14", "V15"), 40, 80, 40.0)
+    off = PID(0.0)
+    settings = {"duration_s": DURATION, "noise": False, "initial": 40.0}
+    still = simulate_closed_loop(twin, off, 30, **settings).run.node("V14")
+    warm = simulate_closed_loop(twin, off, 30, disturbances=[hand], **settings).run.node("V14")
+    cool = simulate_closed_loop(twin, off, 30, disturbances=[draught], **settings).run.node("V14")
+    np.testing.assert_array_equal(warm[:41], still[:41])
+    assert 2 < (warm - still)[79] < 30
+    assert -8 < (cool - still)[79] < -0.3
+    room = simulate_closed_loop(twin, off, 30, ambient="0:16,40:26", **settings).run.node("V14")
+    assert (room - still)[-1] > 1
+
+
+def test_late_readings_are_those_of_before(twin: Twin, pid: PID):
+    settings = {"duration_s": DURATION, "noise": False}
+    late = simulate_closed_loop(twin, pid, 35, sensor_delay_s=4, **settings)
+    np.testing.assert_allclose(late.measurement[4:], late.output[:-4], atol=1e-12)
+
+
+def test_a_slow_controller_has_steps_of_the_plant_between_its_samples(twin: Twin):
+    slow = simulate_closed_loop(
+        twin, PID(0.1, 0.001, sample_time_s=2.5), 35, duration_s=DURATION, noise=False
+    )
+    assert len(slow.time) == 48 * 3 + 1
+    np.testing.assert_array_equal(slow.duty[0], slow.duty[2])
+    again = jt.simulate(twin, slow.run.experiment)
+    np.testing.assert_allclose(slow.run.temperatures, again.temperatures, atol=5e-3)
+
+
+def test_power_is_what_the_supply_gives(twin: Twin):
+    """Half duty on both cells: half the current of a cell that is connected, from 12 V."""
+    run = simulate_closed_loop(twin, lambda t, r, y: jnp.full(2, 0.5), 30, duration_s=DURATION)
+    values = twin.parameters
+    sides = [[run.run.node(f"P{cell}.{side}")[-1] for side in ("TC", "TH")] for cell in (1, 2)]
+    duty = round(0.5 * 255) / 255
+    for (cold, hot), power in zip(sides, run.power[-1], strict=True):
+        emf = values["alpha"] * (hot - cold)
+        current = (12 + emf) / (values["R_E"] + 0.1 + values["R_supply"])
+        np.testing.assert_allclose(power, 12 * duty * current, rtol=1e-3)
+    assert run.energy[-1] == pytest.approx(run.measures().loc["energy", "value"])
+
+
+@pytest.mark.parametrize(
+    ("references", "settings", "message"),
+    [
+        (200, {}, "expected .* to .* degC, which the duty can hold, got 200.0 degC at 0 s"),
+        ("0:35,600:45", {}, "expected times up to the end at 120 s, got 600 s"),
+        ("10:35", {}, "expected times that begin at 0"),
+        ("0:35/36", {}, "expected one temperature for all outputs, or one for each of the 1"),
+        ("0:warm", {}, "expected 'time:temperature'"),
+        ([1.0, 2.0], {}, "expected a number, text such as"),
+        (35, {"duration_s": 0.5}, "expected a multiple of the controller's sample time"),
+        (35, {"faults": "fail=P1@60"}, "expected drop, jumps and stall"),
+        (35, {"sensor_delay_s": 0.3}, "expected a multiple of the step of the plant"),
+        (35, {"failed_channels": {"T99": 1.0}}, "unknown channel 'T99'"),
+        (35, {"disturbances": [Draught(("V99",), 0, 1, 1)]}, "unknown element 'V99'"),
+        (35, {"controller_draws": {"Kx": [1.0]}}, "unknown parameter 'Kx'"),
+        (35, {"draws": {"R_E": [1.0]}, "controller_draws": {"Kp": [1, 2]}}, "same number of draws"),
+        (35, {"draws": {"R_E": [2.0]}, "measures": ["speed"]}, "unknown measure 'speed'"),
+        (35, {"measures": ["energy"]}, "expected only beside draws"),
+    ],
+)
+def test_what_does_not_fit_is_refused(
+    twin: Twin, pid: PID, references: object, settings: dict, message: str
+):
+    with pytest.raises(SimulationError, match=message):
+        simulate_closed_loop(twin, pid, references, **{"duration_s": DURATION, **settings})
+
+
+def test_a_controller_slower_than_the_plate_is_refused(twin: Twin):
+    with pytest.raises(SimulationError, match="at most the rig's longest time constant"):
+        simulate_closed_loop(twin, PID(0.1, sample_time_s=3000), 35, duration_s=6000)

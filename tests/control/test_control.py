@@ -1,0 +1,121 @@
+"""A controller on the virtual rig: it holds the reference; the cells go off whatever happens."""
+
+import json
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hand_clock import HandClock, virtual_bench
+
+import jaxtwin as jt
+from jaxtwin import SafetyStop, SimulationError, Twin
+from jaxtwin.cli import run as run_command
+from jaxtwin.control import PID, FunctionController, control, save_controller
+from jaxtwin.io import Session
+from jaxtwin.live import Faults, Recorder, SystemClock, TcpServer, VirtualRig, report, serve
+
+OFF = (0, 0)
+
+
+@pytest.fixture
+def clock() -> HandClock:
+    return HandClock()
+
+
+def test_the_rig_does_what_the_simulated_loop_did(
+    twin: Twin, pid: PID, clock: HandClock, tmp_path: Path
+):
+    """With recalibrations of the same seed, every channel within 0.3 K; recorded."""
+    device = VirtualRig(twin, speed=4, seed=4, faults=Faults.parse("jumps=60"))
+    with Recorder(tmp_path / "session.db", twin.rig, clock=clock) as recorder:
+        bench = virtual_bench(twin.rig, device, clock, journal=recorder)
+        outcome = control(bench, twin, pid, "0:30,100:35", duration_s=200)
+    assert outcome == "completed"
+    assert device.pwm == OFF
+    simulated = jt.simulate_closed_loop(
+        twin, pid, "0:30,100:35", duration_s=200, seed=4, faults="jumps=60"
+    )
+    with Session(tmp_path / "session.db") as session:
+        rows = session.database.execute(
+            "SELECT content FROM documents WHERE kind = 'decision' ORDER BY id"
+        ).fetchall()
+        decisions = [json.loads(content) for (content,) in rows]
+        found = report(session)
+    assert len(found["drives"]) == 1
+    times = [decision["time"] for decision in decisions]
+    assert len(decisions) > 60
+    assert {decision["reference"][0] for decision in decisions} == {30.0, 35.0}
+    expected = np.interp(times, simulated.time, simulated.measurement[:, 0])
+    measured = [decision["measurement"][0] for decision in decisions]
+    np.testing.assert_allclose(measured, expected, rtol=0, atol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("faults", "reason"),
+    [("stall=20/9", r"no controller sample|is down|no temperature"), ("disconnect=20", "is down")],
+)
+def test_a_silent_rig_is_off(twin: Twin, pid: PID, clock: HandClock, faults: str, reason: str):
+    device = VirtualRig(twin, faults=Faults.parse(faults))
+    with pytest.raises(SafetyStop, match=reason):
+        control(virtual_bench(twin.rig, device, clock), twin, pid, 40, duration_s=60)
+    for _ in range(30):
+        clock.turn(0.1)
+        device.due(clock.now())
+    assert device.pwm == OFF
+
+
+def test_dropped_frames_do_not_stop_it(twin: Twin, pid: PID, clock: HandClock):
+    device = VirtualRig(twin, speed=10, faults=Faults.parse("drop=0.2"))
+    bench = virtual_bench(twin.rig, device, clock)
+    assert control(bench, twin, pid, 30, duration_s=100) == "completed"
+    assert device.pwm == OFF
+    assert device.twin.temperatures.mean() > 20
+
+
+@pytest.mark.parametrize("asked", [np.nan, np.inf])
+def test_a_duty_that_is_none_switches_off(twin: Twin, clock: HandClock, asked: float):
+    device = VirtualRig(twin)
+    wrong = FunctionController(lambda t, r, y: 0.5 + asked * (t > 5))
+    with pytest.raises(SafetyStop, match="the controller asked for duty"):
+        control(virtual_bench(twin.rig, device, clock), twin, wrong, 40, duration_s=60)
+    assert device.pwm == OFF
+
+
+def test_a_reference_out_of_reach_is_refused_before_anything_is_sent(
+    twin: Twin, pid: PID, clock: HandClock
+):
+    device = VirtualRig(twin)
+    with pytest.raises(SimulationError, match=r"the duty can hold, got 300\.0 degC"):
+        control(virtual_bench(twin.rig, device, clock), twin, pid, 300, duration_s=60)
+    assert device.pwm == OFF
+
+
+def test_the_command_controls_a_rig_over_tcp(
+    twin: Twin, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    save_controller(tmp_path / "pid.toml", PID(0.1, 0.001), twin.rig)
+    server, stop = TcpServer("127.0.0.1:0"), threading.Event()
+    device = VirtualRig(twin, speed=20)
+    thread = threading.Thread(target=serve, args=(device, server, SystemClock(), stop))
+    thread.start()
+    words = ["control", "dual-cell", "--link", server.url, "--reference", "0:30"]
+    words += ["--controller", str(tmp_path / "pid.toml")]
+    try:
+        code = run_command([*words, "--duration", "60", "--out", str(tmp_path / "run.db")])
+        assert code == 0
+        assert "the cells are off" in capsys.readouterr().err
+        assert device.pwm == OFF
+        text = (tmp_path / "pid.toml").read_text().replace("dual-cell", "another")
+        (tmp_path / "pid.toml").write_text(text)
+        assert run_command(words) == 2
+        assert "expected a controller for 'dual-cell'" in capsys.readouterr().err
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
+    with Session(tmp_path / "run.db") as session:
+        (content,) = session.database.execute(
+            "SELECT content FROM documents WHERE kind = 'start'"
+        ).fetchone()
+    assert json.loads(content)["control"]["references"] == "0:30"

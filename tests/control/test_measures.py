@@ -1,0 +1,61 @@
+"""Measures of loops whose answers are known beforehand."""
+
+import numpy as np
+import pytest
+
+from jaxtwin.control import MEASURES, ClosedLoop
+
+
+def loop(output: np.ndarray, reference: np.ndarray, duty: np.ndarray) -> ClosedLoop:
+    times = len(output)
+    nodes = np.stack([output, output + 2.0, np.full(times, 50.0)], axis=1)
+    return ClosedLoop(
+        time=np.arange(times, dtype=float),
+        reference=reference[:, None],
+        output=output[:, None],
+        measurement=output[:, None],
+        temperatures=output[:, None],
+        nodes=nodes,
+        duty=duty[:, None],
+        power=10 * duty[:, None],
+        elements=2,
+        sides=(2,),
+    )
+
+
+OUTPUT = np.array([20, 20, 25, 29, 32, 31, 30.2, 29.9, 30, 30, 30])
+REFERENCE = np.array([20.0] + [30.0] * 10)
+DUTY = np.array([0, 1, 1, 0.5, 0, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("settling_time", 5.0),
+        ("overshoot", 2.0),
+        ("integral_absolute_error", 10 + 5 + 1 + 2 + 1 + 0.2 + 0.1),
+        ("integral_squared_error", 100 + 25 + 1 + 4 + 1 + 0.04 + 0.01),
+        ("integral_time_absolute_error", 0 + 5 + 2 + 6 + 4 + 5 * 0.2 + 6 * 0.1),
+        ("spread_at_rest", 2.0),
+        ("largest_spread", 2.0),
+        ("energy", 10 * DUTY[:-1].sum()),
+        ("peak_power", 10.0),
+        ("hottest_cell_side", 50.0),
+        ("saturation_share", 0.2),
+        ("wear", 1 + 0.5 + 0.5 + 0.25 + 0.25),
+    ],
+)
+def test_a_measure_is_its_definition(name: str, expected: float, float64: None):
+    found = MEASURES[name][0](loop(OUTPUT, REFERENCE, DUTY))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_what_never_settles_takes_for_ever(float64: None):
+    settling = MEASURES["settling_time"][0]
+    assert settling(loop(OUTPUT, REFERENCE + 5, DUTY)) == np.inf
+    assert settling(loop(REFERENCE, REFERENCE, DUTY)) == 0
+
+
+def test_an_undershoot_counts_on_the_way_down(float64: None):
+    found = MEASURES["overshoot"][0](loop(-OUTPUT, -REFERENCE, DUTY))
+    np.testing.assert_allclose(found, 2.0)
