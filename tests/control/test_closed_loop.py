@@ -1,5 +1,7 @@
 """Closed loops: the plant is the Stepper's, the faults those that were asked for."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -131,7 +133,7 @@ def test_disturbances_warm_and_cool_the_plate(twin: Twin):
     hand = HeatInput(("V14", "V15"), 40, 80, 10.0)
     draught = Draught(("V14", "V15"), 40, 80, 40.0)
     off = PID(0.0)
-    settings = {"duration_s": DURATION, "noise": False, "initial": 40.0}
+    settings: dict[str, Any] = {"duration_s": DURATION, "noise": False, "initial": 40.0}
     still = simulate_closed_loop(twin, off, 30, **settings).run.node("V14")
     warm = simulate_closed_loop(twin, off, 30, disturbances=[hand], **settings).run.node("V14")
     cool = simulate_closed_loop(twin, off, 30, disturbances=[draught], **settings).run.node("V14")
@@ -143,7 +145,7 @@ def test_disturbances_warm_and_cool_the_plate(twin: Twin):
 
 
 def test_late_readings_are_those_of_before(twin: Twin, pid: PID):
-    settings = {"duration_s": DURATION, "noise": False}
+    settings: dict[str, Any] = {"duration_s": DURATION, "noise": False}
     late = simulate_closed_loop(twin, pid, 35, sensor_delay_s=4, **settings)
     np.testing.assert_allclose(late.measurement[4:], late.output[:-4], atol=1e-12)
 
@@ -192,7 +194,7 @@ def test_power_is_what_the_supply_gives(twin: Twin):
     ],
 )
 def test_what_does_not_fit_is_refused(
-    twin: Twin, pid: PID, references: object, settings: dict, message: str
+    twin: Twin, pid: PID, references: Any, settings: dict[str, Any], message: str
 ):
     with pytest.raises(SimulationError, match=message):
         simulate_closed_loop(twin, pid, references, **{"duration_s": DURATION, **settings})

@@ -37,7 +37,7 @@ def test_units_become_those_of_the_si(tmp_path: Path, twin: Twin):
     assert pid.sample_time_s == 30
     assert pid.limits == (0.0, 0.9)
     assert pid.measured == (("T11", "T21"), ("T16",))
-    np.testing.assert_allclose(pid.Ki, [0.002, 0.001])
+    np.testing.assert_allclose(np.asarray(pid.Ki), [0.002, 0.001])
     assert float(np.asarray(pid.tracking_time_s)) == 60
 
 

@@ -150,9 +150,11 @@ def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenari
         def step(carry: tuple[StepperState, Array], row: Any) -> tuple[Any, Any]:
             (plant, late), (ambient, heat, conductance) = carry, row
             channels = reading(plant, ambient)
-            applied = duty if system.lag is None else plant.duty
-            cold, hot = (plant.nodes[side] + ZERO_CELSIUS for side in (wiring.cold, wiring.hot))
-            power = system.bridge.supply_power(system.module, applied, cold, hot)
+            applied = duty if system.lag is None else jnp.asarray(plant.duty)
+            sides = jnp.asarray(plant.nodes) + ZERO_CELSIUS
+            power = system.bridge.supply_power(
+                system.module, applied, sides[wiring.cold], sides[wiring.hot]
+            )
             if conductance is not None:
                 heat = heat - conductance * (plant.nodes - ambient)
             if scenario.sensor_delay_steps:

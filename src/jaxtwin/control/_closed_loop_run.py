@@ -165,5 +165,7 @@ class ClosedLoopRun:
         )
 
     def _repr_html_(self) -> str:
-        rows = [(name, f"{row.value:.4g}", row.unit) for name, row in self.measures().iterrows()]
+        table = self.measures().reset_index()
+        named = zip(table["measure"], table["value"], table["unit"], strict=True)
+        rows = [(str(name), f"{value:.4g}", str(unit)) for name, value, unit in named]
         return html_table(repr(self), ("measure", "value", "unit"), rows)

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, PyTree
 from numpy.typing import ArrayLike
 
@@ -85,7 +86,12 @@ class FunctionController(AbstractController):
     """
 
     function: ControlFunction = eqx.field(static=True)
-    sample_time_s: float = eqx.field(static=True, default=1.0)
+    sample_time_s: float = eqx.field(static=True)
+
+    def __init__(self, function: ControlFunction, sample_time_s: float | int = 1.0):
+        check_callable("FunctionController: function", function, SimulationError)
+        self.function = function
+        self.sample_time_s = checked_sample_time("FunctionController", sample_time_s)
 
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
         """Each channel is an output."""
@@ -207,7 +213,7 @@ def check_parameters(where: str, **parameters: Any) -> None:
     **Raises:** `SimulationError` that names the first.
     """
     for name, value in parameters.items():
-        if isinstance(value, jax.core.Tracer) or not _is_array(value):
+        if isinstance(value, Tracer) or not _is_array(value):
             continue  # tree transformations put other things into the leaves of a module
         array = np.asarray(value)
         if array.dtype.kind not in "iuf" or not np.all(np.isfinite(array) & (array >= 0)):

@@ -14,9 +14,9 @@ Ki = "0.002 1/(K s)"
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from ..rig._units import Kind, parse_quantity, range_problem
 from ._controller import AbstractController
 from ._decoupled_pi import DecoupledPI
 from ._pid import PID
+
+Refuse: TypeAlias = Callable[[str, str], NoReturn]
+"""Of field and message."""
 
 FORMAT = 1
 
@@ -154,7 +157,7 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
     write_whole_file(Path(path), ("\n".join(lines) + "\n").encode(), SimulationError)
 
 
-def _quantity(found: Any, name: str, kind: Kind, no: Any) -> Any:
+def _quantity(found: Any, name: str, kind: Kind, no: Refuse) -> Any:
     """A number with its unit, or a list with one for each cell; in SI units."""
     if isinstance(found, list) and found:
         return np.array([_quantity(part, f"{name}[{n}]", kind, no) for n, part in enumerate(found)])
@@ -170,14 +173,14 @@ def _quantity(found: Any, name: str, kind: Kind, no: Any) -> Any:
     return number
 
 
-def _numbers(found: Any, name: str, no: Any) -> list[float]:
+def _numbers(found: Any, name: str, no: Refuse) -> list[float]:
     is_list = isinstance(found, list)
     if not is_list or any(isinstance(n, bool) or not isinstance(n, int | float) for n in found):
         no(name, f"expected a list of numbers, got {found!r}")
     return [float(number) for number in found]
 
 
-def _checked_measured(found: Any, no: Any) -> list[Any]:
+def _checked_measured(found: Any, no: Refuse) -> list[Any]:
     def is_names(part: Any) -> bool:
         return isinstance(part, list) and bool(part) and all(isinstance(n, str) for n in part)
 
@@ -189,7 +192,7 @@ def _checked_measured(found: Any, no: Any) -> list[Any]:
 
 
 def _check_cells(
-    arguments: Mapping[str, Any], fields: Mapping[str, Kind], cells: int, no: Any
+    arguments: Mapping[str, Any], fields: Mapping[str, Kind], cells: int, no: Refuse
 ) -> None:
     for name in fields:
         value = arguments.get(_ARGUMENTS.get(name, name))

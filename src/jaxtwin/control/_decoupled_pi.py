@@ -27,7 +27,7 @@ from ._controller import (
     checked_sample_time,
     means_of,
 )
-from ._pid import as_parameter, tracking_share
+from ._pid import Parameter, as_parameter, tracking_share
 
 
 class DecoupledPIState(NamedTuple):
@@ -55,12 +55,12 @@ class DecoupledPI(AbstractController):
     0.
     """
 
-    Kp_mean: Float[ArrayLike, ""]
-    Ki_mean: Float[ArrayLike, ""]
-    Kp_difference: Float[ArrayLike, ""]
-    Ki_difference: Float[ArrayLike, ""]
-    decoupling: Float[ArrayLike, "cells cells"]
-    setpoint_weight: Float[ArrayLike, ""]
+    Kp_mean: Parameter
+    Ki_mean: Parameter
+    Kp_difference: Parameter
+    Ki_difference: Parameter
+    decoupling: Parameter
+    setpoint_weight: Parameter
     limits: tuple[float, float] = eqx.field(static=True)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] = eqx.field(static=True)
@@ -117,7 +117,9 @@ class DecoupledPI(AbstractController):
         measurement."""
         asked = self._undo(jnp.asarray(duty))
         proportional = self._gained(
-            (self.setpoint_weight - 1) * jnp.asarray(measurement), self.Kp_mean, self.Kp_difference
+            (jnp.asarray(self.setpoint_weight) - 1) * jnp.asarray(measurement),
+            self.Kp_mean,
+            self.Kp_difference,
         )
         return DecoupledPIState(asked - proportional)
 
@@ -129,7 +131,7 @@ class DecoupledPI(AbstractController):
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """One sample."""
         r, y, h = jnp.asarray(reference), jnp.asarray(measurement), self.sample_time_s
-        seen = self.setpoint_weight * r - y
+        seen = jnp.asarray(self.setpoint_weight) * r - y
         asked = self._gained(seen, self.Kp_mean, self.Kp_difference) + state.integral
         wanted = jnp.asarray(self.decoupling) @ asked
         duty = jnp.clip(wanted, *self.limits)
@@ -148,11 +150,11 @@ class DecoupledPI(AbstractController):
     def _gained(
         self,
         values: Float[Array, " cells"],
-        mean_gain: Float[ArrayLike, ""],
-        difference_gain: Float[ArrayLike, ""],
+        mean_gain: Parameter,
+        difference_gain: Parameter,
     ) -> Float[Array, " cells"]:
         mean = values.mean()
-        return mean_gain * mean + difference_gain * (values - mean)
+        return jnp.asarray(mean_gain) * mean + difference_gain * (values - mean)
 
     def _undo(self, duty: Float[Array, " cells"]) -> Float[Array, " cells"]:
         return inverse(jnp.asarray(self.decoupling, duty.dtype)) @ duty

@@ -13,7 +13,7 @@ differences, which is stable for every sample time).
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, final
+from typing import NamedTuple, TypeAlias, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,6 +30,9 @@ from ._controller import (
     checked_sample_time,
     means_of,
 )
+
+Parameter: TypeAlias = Float[Array | np.ndarray, "..."]
+"""A single value, or one for each cell."""
 
 
 class PIDState(NamedTuple):
@@ -70,13 +73,13 @@ class PID(AbstractController):
     not from -1 to 1, or the sample time is not above 0.
     """
 
-    Kp: Float[ArrayLike, "*cells"]
-    Ki: Float[ArrayLike, "*cells"]
-    Kd: Float[ArrayLike, "*cells"]
-    Tf: Float[ArrayLike, "*cells"]
-    setpoint_weight: Float[ArrayLike, "*cells"]
-    derivative_weight: Float[ArrayLike, "*cells"]
-    tracking_time_s: Float[ArrayLike, "*cells"] | None
+    Kp: Parameter
+    Ki: Parameter
+    Kd: Parameter
+    Tf: Parameter
+    setpoint_weight: Parameter
+    derivative_weight: Parameter
+    tracking_time_s: Parameter | None
     limits: tuple[float, float] = eqx.field(static=True)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
@@ -135,7 +138,7 @@ class PID(AbstractController):
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """One sample."""
         r, y, h = jnp.asarray(reference), jnp.asarray(measurement), self.sample_time_s
-        seen = self.derivative_weight * r - y
+        seen = jnp.asarray(self.derivative_weight) * r - y
         derivative = (self.Tf * state.derivative + self.Kd * (seen - state.last)) / (self.Tf + h)
         asked = self.Kp * (self.setpoint_weight * r - y) + state.integral + derivative
         duty = jnp.clip(asked, *self.limits)
@@ -145,9 +148,9 @@ class PID(AbstractController):
 
 
 def tracking_share(
-    Kp: Float[ArrayLike, "*cells"],
-    Ki: Float[ArrayLike, "*cells"],
-    tracking_time_s: Float[ArrayLike, "*cells"] | None,
+    Kp: Parameter,
+    Ki: Parameter,
+    tracking_time_s: Parameter | None,
     sample_time_s: float,
 ) -> Float[Array, "*cells"]:
     """Which part of what the limits cut off leaves the integral in a sample: h / Tt, at most 1.
@@ -156,12 +159,14 @@ def tracking_share(
     """
     Kp, Ki = jnp.asarray(Kp), jnp.asarray(Ki)
     # Both branches stay finite, and so do their derivatives.
-    time = Kp / jnp.where(Ki > 0, Ki, 1.0) if tracking_time_s is None else tracking_time_s
+    time = tracking_time_s
+    if time is None:
+        time = Kp / jnp.where(Ki > 0, Ki, 1.0)
     share = sample_time_s / jnp.maximum(jnp.asarray(time), sample_time_s)
     return jnp.where(Ki > 0, share, 0.0)
 
 
-def as_parameter(value: Numbers) -> Array | np.ndarray:
+def as_parameter(value: Numbers) -> Parameter:
     """A parameter as an array that leaves the choice of precision to JAX."""
     if isinstance(value, int | float | list | tuple | np.generic):
         return np.asarray(value, np.float64)

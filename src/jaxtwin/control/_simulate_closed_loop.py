@@ -445,7 +445,7 @@ def _measured(
     happens: Scenario,
     measures: tuple[tuple[str, Measure], ...],
 ) -> dict[str, Array]:
-    def of_draw(stepper: Stepper, values: Mapping[str, Array]) -> dict[str, Array]:
+    def of_draw(stepper: Stepper, values: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
         changed = controller
         for name, value in values.items():
             changed = eqx.tree_at(lambda c, name=name: getattr(c, name), changed, value)
