@@ -1,8 +1,8 @@
 # The public names of jaxtwin.control; `__init__.py` reads this file at run time.
 
-from ._closed_loop import closed_loop as closed_loop  # a closed loop as a pure JAX function
 from ._closed_loop import ClosedLoop as ClosedLoop  # what happened in a closed loop
 from ._closed_loop import Scenario as Scenario  # what a closed loop goes through
+from ._closed_loop import closed_loop as closed_loop  # a closed loop as a pure JAX function
 from ._closed_loop_run import ClosedLoopRun as ClosedLoopRun  # the result, with labels
 from ._control import control as control  # a controller on a live rig
 from ._controller import AbstractController as AbstractController
@@ -17,9 +17,9 @@ from ._disturbances import Draught as Draught  # air upon the plate
 from ._disturbances import HeatInput as HeatInput  # a hand upon the plate
 from ._linear_model import LinearModel as LinearModel  # a twin near an operating point
 from ._linearize import linearize as linearize  # twin or fit -> LinearModel
-from ._margins import disk_margin as disk_margin  # of a loop with one channel or several
 from ._margins import DiskMargin as DiskMargin  # of gain and phase together
 from ._margins import Margins as Margins  # gm, pm, wcg, wcp
+from ._margins import disk_margin as disk_margin  # of a loop with one channel or several
 from ._margins import margins as margins  # of a loop with a single channel
 from ._margins import sensitivity_peak as sensitivity_peak  # by how much a loop makes worse
 from ._measures import MEASURES as MEASURES  # name -> function of a ClosedLoop, unit
