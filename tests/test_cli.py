@@ -63,6 +63,7 @@ COMMANDS = [
     ["data", "list"],
     ["data", "fetch"],
     ["doctor"],
+    ["warm-up"],
 ]
 
 

@@ -36,6 +36,7 @@ from .commands import (
     _sweep,
     _validate,
     _virtual_rig,
+    _warm_up,
     _watch,
 )
 from .commands._output import printable
@@ -168,6 +169,13 @@ app.add_typer(data, name="data", rich_help_panel=MACHINE)
 data.command("list", epilog=_example("jaxtwin data list"))(_data.list_recordings)
 data.command("fetch", epilog=_example("jaxtwin data fetch --to recordings"))(_data.fetch)
 _add("doctor", MACHINE, _doctor.doctor, "jaxtwin doctor")
+_add(
+    "warm-up",
+    MACHINE,
+    _warm_up.warm_up,
+    "jaxtwin warm-up paper-2024",
+    "jaxtwin warm-up dual-cell monday.csv tuesday.csv",
+)
 
 
 def _show_version(wanted: bool) -> bool:

@@ -196,7 +196,7 @@ def _step(
     evaluation = state.evaluation
     if jacobians is not None:
         new = Evaluation(errors, jacobians)
-        if evaluation is None:
+        if evaluation is None or accepted.all():
             evaluation = new
         elif accepted.any():
             evaluation = _select(jax.device_put(accepted), new, evaluation)

@@ -1,0 +1,43 @@
+"""After `jaxtwin warm-up` nothing is compiled any more."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CODE = """
+import jax
+import jaxtwin as jt
+from jaxtwin.data import synthetic_recordings
+
+compiled = []
+
+def listen(event, seconds, **about):
+    if event == "/jax/core/compile/backend_compile_duration":
+        compiled.append(about.get("fun_name"))
+
+jax.monitoring.register_event_duration_secs_listener(listen)
+twin = jt.Twin("paper-2024", {"R_E": 2.1})
+recording = jt.read_recording(synthetic_recordings()[0])
+twin.simulate(recording)
+jt.validate(jt.match(twin, recording, max_iterations=5), recording)
+print(compiled)
+"""
+
+
+@pytest.mark.slow  # half a minute of compilation
+def test_a_match_after_it_compiles_nothing(tmp_path: Path):
+    """Neither the large programs nor small ones that NumPy would do for."""
+    environment = os.environ | {"JAXTWIN_COMPILATION_CACHE": str(tmp_path)}
+
+    def printed(*arguments: str) -> str:
+        command = [sys.executable, *arguments]
+        done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+        return done.stdout.strip()
+
+    said = printed("-m", "jaxtwin", "warm-up", "paper-2024", "synthetic-A")
+    assert said.endswith(f"MiB in {tmp_path}")
+    assert len(list(tmp_path.iterdir())) > 8
+    assert printed("-c", CODE) == "[]"
