@@ -19,6 +19,7 @@ def test_hankel_singular_values_of_first_orders_by_hand():
     assert model.error_bound(1) == pytest.approx(2 * 2 / 8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", ["paper-2024", "dual-cell"])
 @pytest.mark.parametrize("order", [2, 4, 6, 10])
 def test_the_error_stays_within_its_bound_and_is_none_at_rest(rig: str, order: int):

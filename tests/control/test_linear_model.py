@@ -58,6 +58,7 @@ def test_matrices_are_the_derivatives_of_the_twin(rig: str, duty: list[float], f
     assert not np.any(model.D)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rig", "duty"), POINTS)
 def test_the_operating_point_is_where_a_long_run_ends(rig: str, duty: list[float]):
     twin = Twin(rig)
