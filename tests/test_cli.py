@@ -55,6 +55,7 @@ COMMANDS = [
     ["virtual-rig"],
     ["record"],
     ["drive"],
+    ["control"],
     ["watch"],
     ["conform"],
     ["backup"],

@@ -4,6 +4,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -42,6 +43,13 @@ def test_a_loop_is_controller_and_stepper_in_turns(twin: Twin, pid: PID):
     table = run.measures()
     assert table.loc["energy", "value"] == pytest.approx(run.energy[-1])
     assert set(run.to_xarray()) >= {"temperature", "duty", "power", "energy", "controlled"}
+    above, duty, power = run.plot().axes
+    assert [axes.get_ylabel() for axes in (above, duty, power)] == [
+        "temperature, °C",
+        "duty, %",
+        "power, W",
+    ]
+    plt.close("all")
     assert list(run.to_dataframe().columns)[:2] == ["reference mean of all", "mean of all"]
 
 
