@@ -128,7 +128,7 @@ def test_white_noise_is_white_and_nothing_is_nothing():
 
 
 def test_a_level_that_the_prior_holds_is_known_as_well_as_both_say():
-    # One unknown: n samples of white noise with a variance of 1, and a prior whose standard deviation
+    # One unknown: n samples of white noise of variance 1, and a prior whose standard deviation
     # is 1 / p: the variance is 1 / (n + p^2), and the recordings alone narrow it by sqrt(n) / p.
     normal, precision = np.array([[25.0]]), np.array([[4.0]])
     scale, slopes, inside = np.array([0.5]), np.ones(1), np.ones(1, dtype=bool)
