@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import SimulationError, Stepper, Twin
+from jaxtwin import ControlError, SimulationError, Stepper, Twin
 from jaxtwin.control import (
     MEASURES,
     PID,
@@ -204,10 +204,15 @@ def test_power_is_what_the_supply_gives(twin: Twin):
 def test_what_does_not_fit_is_refused(
     twin: Twin, pid: PID, references: Any, settings: dict[str, Any], message: str
 ):
-    with pytest.raises(SimulationError, match=message):
+    with pytest.raises(ControlError, match=message):
         simulate_closed_loop(twin, pid, references, **{"duration_s": DURATION, **settings})
 
 
+def test_a_duty_that_does_not_stay_finite_ends_the_simulation(twin: Twin):
+    with pytest.raises(SimulationError, match="do not stay finite"):
+        simulate_closed_loop(twin, lambda time, *_: time * jnp.inf, 35, duration_s=DURATION)
+
+
 def test_a_controller_slower_than_the_plate_is_refused(twin: Twin):
-    with pytest.raises(SimulationError, match="at most the rig's longest time constant"):
+    with pytest.raises(ControlError, match="at most the rig's longest time constant"):
         simulate_closed_loop(twin, PID(0.1, sample_time_s=3000), 35, duration_s=6000)

@@ -9,7 +9,7 @@ import pytest
 from hand_clock import HandClock, virtual_bench
 
 import jaxtwin as jt
-from jaxtwin import SafetyStop, SimulationError, Twin
+from jaxtwin import ControlError, SafetyStop, Twin
 from jaxtwin.cli import run as run_command
 from jaxtwin.control import PID, FunctionController, control, save_controller
 from jaxtwin.io import Session
@@ -89,7 +89,7 @@ def test_a_reference_out_of_reach_is_refused_before_anything_is_sent(
     twin: Twin, pid: PID, clock: HandClock
 ):
     device = VirtualRig(twin)
-    with pytest.raises(SimulationError, match=r"the duty can hold, got 300\.0 degC"):
+    with pytest.raises(ControlError, match=r"the duty can hold, got 300\.0 degC"):
         control(virtual_bench(twin.rig, device, clock), twin, pid, 300, duration_s=60)
     assert device.pwm == OFF
 

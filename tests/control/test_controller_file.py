@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import JaxtwinError, SimulationError, Twin
+from jaxtwin import ControlError, JaxtwinError, Twin
 from jaxtwin.control import PID, DecoupledPI, FunctionController, read_controller, save_controller
 
 PID_FILE = """
@@ -84,7 +84,7 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin, controller):
 )
 def test_a_wrong_field_is_named(tmp_path: Path, twin: Twin, old: str, new: str, message: str):
     assert old in PID_FILE
-    with pytest.raises(SimulationError, match=message) as error:
+    with pytest.raises(ControlError, match=message) as error:
         read(tmp_path, PID_FILE.replace(old, new), twin)
     assert str(error.value).startswith(str(tmp_path / "controller.toml"))
 
@@ -109,5 +109,5 @@ def test_no_value_of_a_field_ends_in_another_error(
 
 
 def test_a_function_has_no_file(tmp_path: Path, twin: Twin):
-    with pytest.raises(SimulationError, match="expected a PID or a DecoupledPI"):
+    with pytest.raises(ControlError, match="expected a PID or a DecoupledPI"):
         save_controller(tmp_path / "c.toml", FunctionController(lambda t, r, y: 0.0), twin.rig)

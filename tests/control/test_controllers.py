@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin import SimulationError
+from jaxtwin import ControlError
 from jaxtwin.control import PID, AbstractController, DecoupledPI, FunctionController, decoupling_of
 
 GROUPS = (("T11",), ("T16",))
@@ -127,7 +127,7 @@ def test_groups_of_channels_are_means():
     pid = PID(0.1, measured=[["a", "b"], "c"])
     np.testing.assert_array_equal(pid.output_weights(["a", "b", "c"]), [[0.5, 0.5, 0], [0, 0, 1]])
     np.testing.assert_allclose(PID(0.1).output_weights(["a", "b"]), [[0.5, 0.5]])
-    with pytest.raises(SimulationError, match="measured: unknown channel 'd'"):
+    with pytest.raises(ControlError, match="measured: unknown channel 'd'"):
         PID(0.1, measured=["d"]).output_weights(["a", "b"])
 
 
@@ -144,14 +144,14 @@ def test_groups_of_channels_are_means():
     ],
 )
 def test_wrong_parameters_are_refused(arguments: dict, message: str):
-    with pytest.raises(SimulationError, match=message):
+    with pytest.raises(ControlError, match=message):
         PID(**arguments)
 
 
 def test_a_decoupling_that_is_none_is_refused():
-    with pytest.raises(SimulationError, match="expected an invertible matrix"):
+    with pytest.raises(ControlError, match="expected an invertible matrix"):
         DecoupledPI(1, 0, 1, 0, measured=GROUPS, decoupling=[[1, 1], [1, 1]])
-    with pytest.raises(SimulationError, match="that the cells move differently"):
+    with pytest.raises(ControlError, match="that the cells move differently"):
         decoupling_of([[1.0, 1.0], [1.0, 1.0]])
-    with pytest.raises(SimulationError, match="expected a square matrix"):
+    with pytest.raises(ControlError, match="expected a square matrix"):
         decoupling_of([1.0, 2.0])

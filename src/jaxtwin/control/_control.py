@@ -52,7 +52,7 @@ def control(
     **Returns:** whether it came to its end, or was stopped.
 
     **Raises:** `SafetyStop` when an interlock trips, the rig does not come up, or the controller
-    asks for something that is no duty; `SimulationError` for references that are none or are out of
+    asks for something that is no duty; `ControlError` for references that are none or are out of
     reach.
     """
     loop = LiveLoop(bench, twin, controller, references, duration_s=duration_s)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, PyTree
 from numpy.typing import ArrayLike
 
 from .._arguments import check_callable, finite_number
-from .._errors import SimulationError
+from .._errors import ControlError
 from ..rig._problems import unknown
 
 Numbers: TypeAlias = ArrayLike | float | int
@@ -41,7 +41,7 @@ class AbstractController(eqx.Module):
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
         """How much each channel of a rig counts in each output.
 
-        **Raises:** `SimulationError` where the rig does not have a channel that it measures.
+        **Raises:** `ControlError` where the rig does not have a channel that it measures.
         """
 
     @abstractmethod
@@ -89,7 +89,7 @@ class FunctionController(AbstractController):
     sample_time_s: float = eqx.field(static=True)
 
     def __init__(self, function: ControlFunction, sample_time_s: float | int = 1.0):
-        check_callable("FunctionController: function", function, SimulationError)
+        check_callable("FunctionController: function", function, ControlError)
         self.function = function
         self.sample_time_s = checked_sample_time("FunctionController", sample_time_s)
 
@@ -127,28 +127,28 @@ def as_controller(
     - `where`: function and argument, for the message.
     - `sample_time_s`: of a plain function; None: 1 s.
 
-    **Raises:** `SimulationError` where it is neither, or a controller that has a sample time is
+    **Raises:** `ControlError` where it is neither, or a controller that has a sample time is
     given another.
     """
     if isinstance(controller, AbstractController):
         if sample_time_s is not None and sample_time_s != controller.sample_time_s:
-            raise SimulationError(
+            raise ControlError(
                 f"{where}: expected a sample time only beside a plain function, got "
                 f"{sample_time_s!r} s beside a controller with {controller.sample_time_s:g} s"
             )
         return controller
     if controller is None:
-        raise SimulationError(f"{where}: expected a controller or a function, got None")
-    check_callable(where, controller, SimulationError)
+        raise ControlError(f"{where}: expected a controller or a function, got None")
+    check_callable(where, controller, ControlError)
     interval = 1.0 if sample_time_s is None else sample_time_s
     return FunctionController(controller, checked_sample_time(where, interval))
 
 
 def checked_sample_time(where: str, sample_time_s: Any) -> float:
-    """**Raises:** `SimulationError` where it is no number above 0."""
-    number = finite_number(f"{where}: sample_time_s", sample_time_s, SimulationError)
+    """**Raises:** `ControlError` where it is no number above 0."""
+    number = finite_number(f"{where}: sample_time_s", sample_time_s, ControlError)
     if number <= 0:
-        raise SimulationError(
+        raise ControlError(
             f"{where}: sample_time_s: expected a number above 0, in s, got {sample_time_s!r}"
         )
     return number
@@ -159,7 +159,7 @@ def means_of(
 ) -> Float[np.ndarray, "outputs channels"]:
     """Weights of outputs that are each the mean of some channels; None: one mean over all.
 
-    **Raises:** `SimulationError` where the rig does not have one of them.
+    **Raises:** `ControlError` where the rig does not have one of them.
     """
     if measured is None:
         return np.full((1, len(channels)), 1 / len(channels))
@@ -167,7 +167,7 @@ def means_of(
     for output, names in enumerate(measured):
         for name in names:
             if name not in channels:
-                raise SimulationError(f"measured: {unknown('channel', name, channels)}")
+                raise ControlError(f"measured: {unknown('channel', name, channels)}")
             weights[output, list(channels).index(name)] += 1 / len(names)
     return weights
 
@@ -177,13 +177,13 @@ def checked_measured(
 ) -> tuple[tuple[str, ...], ...] | None:
     """Outputs as tuples of channels; a single name is an output of one channel.
 
-    **Raises:** `SimulationError` where there is none, or one without a channel.
+    **Raises:** `ControlError` where there is none, or one without a channel.
     """
     if measured is None:
         return None
     groups = tuple((part,) if isinstance(part, str) else tuple(part) for part in measured)
     if not groups or not all(groups) or isinstance(measured, str):
-        raise SimulationError(
+        raise ControlError(
             f"{where}: measured: expected channels, or groups of channels, such as "
             f"[['T11', 'T12'], ['T15', 'T16']], got {measured!r}"
         )
@@ -193,14 +193,14 @@ def checked_measured(
 def checked_limits(where: str, limits: Sequence[float | int]) -> tuple[float, float]:
     """Lowest and highest duty.
 
-    **Raises:** `SimulationError` where they are not from -1 to 1, or not in this order.
+    **Raises:** `ControlError` where they are not from -1 to 1, or not in this order.
     """
     try:
         lowest, highest = (float(limit) for limit in limits)
         if not -1 <= lowest < highest <= 1:
             raise ValueError
     except (TypeError, ValueError):
-        raise SimulationError(
+        raise ControlError(
             f"{where}: limits: expected the lowest and the highest duty, from -1 to 1, got "
             f"{limits!r}"
         ) from None
@@ -210,14 +210,14 @@ def checked_limits(where: str, limits: Sequence[float | int]) -> tuple[float, fl
 def check_parameters(where: str, **parameters: Any) -> None:
     """Refuses parameters that are no finite numbers of at least 0; traced ones have none yet.
 
-    **Raises:** `SimulationError` that names the first.
+    **Raises:** `ControlError` that names the first.
     """
     for name, value in parameters.items():
         if isinstance(value, Tracer) or not _is_array(value):
             continue  # tree transformations put other things into the leaves of a module
         array = np.asarray(value)
         if array.dtype.kind not in "iuf" or not np.all(np.isfinite(array) & (array >= 0)):
-            raise SimulationError(
+            raise ControlError(
                 f"{where}: {name}: expected finite numbers of at least 0, got {value!r}"
             )
 

@@ -20,7 +20,7 @@ from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 
-from .._errors import SimulationError
+from .._errors import ControlError
 from .._whole_file import check_ending, write_whole_file
 from ..rig import Rig
 from ..rig._bundled import read_toml
@@ -78,13 +78,13 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
     - `path`: of the file, .toml.
     - `rig`: that it must be for.
 
-    **Raises:** `SimulationError` that names the file, the field and what is allowed, where the file
+    **Raises:** `ControlError` that names the file, the field and what is allowed, where the file
     cannot be read, is for another rig, or holds what no controller of its kind has.
     """
-    data, source = read_toml(path, SimulationError)
+    data, source = read_toml(path, ControlError)
 
     def no(field: str, message: str) -> NoReturn:
-        refuse(source, field, message, SimulationError)
+        refuse(source, field, message, ControlError)
 
     if data.get("format") != FORMAT:
         no("format", f"expected {FORMAT}, got {data.get('format')!r}")
@@ -117,7 +117,7 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
     try:
         controller: AbstractController = (PID if kind == "pid" else DecoupledPI)(**arguments)
         outputs = len(controller.output_weights([channel.name for channel in rig.channels]))
-    except (SimulationError, TypeError, ValueError) as error:
+    except (ControlError, TypeError, ValueError) as error:
         no("", str(error))
     if outputs not in (1, len(rig.cells)) or (kind != "pid" and outputs != len(rig.cells)):
         no("measured", f"expected an output for each of the {len(rig.cells)} cells, got {outputs}")
@@ -128,13 +128,13 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
 def save_controller(path: str | os.PathLike[str], controller: AbstractController, rig: Rig) -> None:
     """Writes a controller for a rig: as a whole or not at all.
 
-    **Raises:** `SimulationError` where it is of a kind that has no file, the ending is another than
+    **Raises:** `ControlError` where it is of a kind that has no file, the ending is another than
     .toml, or the file cannot be written.
     """
-    check_ending(path, [".toml"], SimulationError)
+    check_ending(path, [".toml"], ControlError)
     kind = {PID: "pid", DecoupledPI: "decoupled-pi"}.get(type(controller))
     if kind is None:
-        raise SimulationError(
+        raise ControlError(
             f"save_controller: controller: expected a PID or a DecoupledPI, got {controller!r}"
         )
     lines = [
@@ -154,7 +154,7 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
             lines.append(f"{name} = {json.dumps(texts[0] if np.ndim(value) == 0 else texts)}")
     if isinstance(controller, DecoupledPI):
         lines.append(f"decoupling = {json.dumps(np.asarray(controller.decoupling).tolist())}")
-    write_whole_file(Path(path), ("\n".join(lines) + "\n").encode(), SimulationError)
+    write_whole_file(Path(path), ("\n".join(lines) + "\n").encode(), ControlError)
 
 
 def _quantity(found: Any, name: str, kind: Kind, no: Refuse) -> Any:

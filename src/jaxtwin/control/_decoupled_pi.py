@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 from numpy.typing import ArrayLike
 
-from .._errors import SimulationError
+from .._errors import ControlError
 from ._controller import (
     AbstractController,
     Numbers,
@@ -50,7 +50,7 @@ class DecoupledPI(AbstractController):
     - `decoupling`: D, `(cells, cells)`; None: the unit matrix. `decoupling_of` makes it.
     - `setpoint_weight`, `limits`, `sample_time_s`: as in `PID`.
 
-    **Raises:** `SimulationError` where a gain is no finite number of at least 0, the decoupling is
+    **Raises:** `ControlError` where a gain is no finite number of at least 0, the decoupling is
     singular or of another shape, the limits are not from -1 to 1, or the sample time is not above
     0.
     """
@@ -92,14 +92,14 @@ class DecoupledPI(AbstractController):
         self.setpoint_weight = as_parameter(setpoint_weight)
         groups = checked_measured("DecoupledPI", measured)
         if groups is None:
-            raise SimulationError("DecoupledPI: measured: expected an output for each cell")
+            raise ControlError("DecoupledPI: measured: expected an output for each cell")
         self.measured = groups
         self.decoupling = as_parameter(np.eye(len(groups)) if decoupling is None else decoupling)
         if isinstance(self.decoupling, np.ndarray):
             size = (len(groups), len(groups))
             found = self.decoupling
             if found.shape != size or np.linalg.matrix_rank(found) < len(groups):
-                raise SimulationError(
+                raise ControlError(
                     f"DecoupledPI: decoupling: expected an invertible matrix {size}, got "
                     f"{found.tolist()}"
                 )
@@ -170,14 +170,14 @@ def decoupling_of(gain: ArrayLike) -> Float[np.ndarray, "cells cells"]:
 
     - `gain`: G, `(cells, cells)`, such as `jaxtwin.linearize(...).dcgain` in the outputs.
 
-    **Raises:** `SimulationError` where it is not square, or singular: the cells cannot tell the
+    **Raises:** `ControlError` where it is not square, or singular: the cells cannot tell the
     outputs apart.
     """
     G = np.asarray(gain, float)
     if G.ndim != 2 or G.shape[0] != G.shape[1] or not np.isfinite(G).all():
-        raise SimulationError(f"decoupling_of: gain: expected a square matrix, got {gain!r}")
+        raise ControlError(f"decoupling_of: gain: expected a square matrix, got {gain!r}")
     if np.linalg.cond(G) > 1e6:
-        raise SimulationError(
+        raise ControlError(
             "decoupling_of: gain: expected outputs that the cells move differently, got a matrix "
             f"with condition number {np.linalg.cond(G):.3g}; measure nearer to the cells"
         )

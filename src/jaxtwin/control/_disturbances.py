@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import finite_number, of_kind
-from .._errors import SimulationError
+from .._errors import ControlError
 from ..physics import Twin
 from ..rig._problems import unknown
 
@@ -60,7 +60,7 @@ def disturbance_tables(
 ) -> tuple[Float[np.ndarray, "times nodes"], Float[np.ndarray, "times nodes"]]:
     """Heat into the nodes, W, and further conductance to the surroundings, W/K, at given times.
 
-    **Raises:** `SimulationError` for an element that the plate does not have, and numbers that are
+    **Raises:** `ControlError` for an element that the plate does not have, and numbers that are
     none.
     """
     plate = twin.rig.plate
@@ -70,28 +70,26 @@ def disturbance_tables(
     for number, disturbance in enumerate(disturbances):
         at = f"{where}: disturbances[{number}]"
         if not isinstance(disturbance, HeatInput):
-            of_kind(at, disturbance, Draught, "a Draught or a HeatInput", SimulationError)
+            of_kind(at, disturbance, Draught, "a Draught or a HeatInput", ControlError)
         elements = _checked_elements(at, disturbance.elements, plate.element_names)
         start, end = (
-            finite_number(f"{at}.{name}", getattr(disturbance, name), SimulationError)
+            finite_number(f"{at}.{name}", getattr(disturbance, name), ControlError)
             for name in ("start_s", "end_s")
         )
         if not start < end:
-            raise SimulationError(f"{at}: expected an end after the start at {start:g} s")
+            raise ControlError(f"{at}: expected an end after the start at {start:g} s")
         # A sample is the begin of a step: it counts where the step begins.
         during = (times >= start - 1e-9) & (times < end - 1e-9)
         for element in elements:
             if isinstance(disturbance, HeatInput):
-                q = finite_number(f"{at}.heat", disturbance.heat, SimulationError)
+                q = finite_number(f"{at}.heat", disturbance.heat, ControlError)
                 heat[during, columns[element]] += q / len(elements)
             else:
                 film = finite_number(
-                    f"{at}.film_coefficient", disturbance.film_coefficient, SimulationError
+                    f"{at}.film_coefficient", disturbance.film_coefficient, ControlError
                 )
                 if film < 0:
-                    raise SimulationError(
-                        f"{at}.film_coefficient: expected at least 0, got {film:g}"
-                    )
+                    raise ControlError(f"{at}.film_coefficient: expected at least 0, got {film:g}")
                 left, right, top, bottom = plate.extent(element)
                 area = (right - left) * (bottom - top)
                 conductance[during, columns[element]] += film * area
@@ -101,8 +99,8 @@ def disturbance_tables(
 def _checked_elements(at: str, elements: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     names = (elements,) if isinstance(elements, str) else tuple(elements)
     if not names:
-        raise SimulationError(f"{at}.elements: expected elements of the plate, got none")
+        raise ControlError(f"{at}.elements: expected elements of the plate, got none")
     for name in names:
         if name not in known:
-            raise SimulationError(f"{at}.elements: {unknown('element', name, known)}")
+            raise ControlError(f"{at}.elements: {unknown('element', name, known)}")
     return names

@@ -69,7 +69,7 @@ class PID(AbstractController):
     - `measured`: the outputs, each a channel or a group of channels whose mean counts; None: the
       mean over all channels.
 
-    **Raises:** `SimulationError` where a gain is no finite number of at least 0, the limits are
+    **Raises:** `ControlError` where a gain is no finite number of at least 0, the limits are
     not from -1 to 1, or the sample time is not above 0.
     """
 

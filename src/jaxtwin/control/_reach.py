@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._compilation import persistent_jit
-from .._errors import SimulationError
+from .._errors import ControlError
 from ..physics import System, Twin
 from ..simulation._modes import network_modes
 
@@ -25,7 +25,7 @@ def check_reach(
 ) -> None:
     """Refuses references beyond what equal duty of all cells holds in the end.
 
-    **Raises:** `SimulationError` that names reference, time and reach.
+    **Raises:** `ControlError` that names reference, time and reach.
     """
     reached = weights @ np.asarray(_steady_channels(system)).T
     lowest = reached.min(axis=1) + float(ambient.min())
@@ -34,7 +34,7 @@ def check_reach(
     if not wrong.any():
         return
     sample, output = np.argwhere(wrong)[0]
-    raise SimulationError(
+    raise ControlError(
         f"references: expected {lowest[output]:.1f} to {highest[output]:.1f} degC, which the duty "
         f"can hold, got {reference[sample, output]:.1f} degC at {times[sample]:g} s"
     )
@@ -43,11 +43,11 @@ def check_reach(
 def check_sample_time(twin: Twin, sample_time_s: float) -> None:
     """Refuses a controller that looks less often than the plate's slowest change takes.
 
-    **Raises:** `SimulationError`.
+    **Raises:** `ControlError`.
     """
     slowest = float(_slowest_time_constant(twin))
     if sample_time_s > slowest:
-        raise SimulationError(
+        raise ControlError(
             f"sample_time_s: expected at most the rig's longest time constant, {slowest:.0f} s (a "
             f"tenth of it is usual), got {sample_time_s:g} s"
         )

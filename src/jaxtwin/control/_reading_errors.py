@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .._arguments import finite_number, mapping_of
-from .._errors import SimulationError
+from .._errors import ControlError
 from ..live import Faults
 from ..live._recalibration import Recalibrations
 from ..physics import pixel_weights
@@ -48,17 +48,17 @@ def reading_errors(
     - `faults`: its `drop`, `jumps` and `stall` count here.
     - `failed_channels`: channel -> time from which on it reads nothing, s.
 
-    **Raises:** `SimulationError` for a channel that the rig does not have, and faults that a
+    **Raises:** `ControlError` for a channel that the rig does not have, and faults that a
     simulated loop does not have.
     """
     names = tuple(channel.name for channel in rig.channels)
     if faults.loosen or faults.fail or faults.corrupt or faults.disconnect:
-        raise SimulationError(
+        raise ControlError(
             f"{where}: faults: expected drop, jumps and stall, which a simulated loop has, got "
             f"{faults}; the others are those of jaxtwin virtual-rig"
         )
     if faults.jumps and rig.camera is None:
-        raise SimulationError(
+        raise ControlError(
             f"{where}: faults: jumps: expected a rig with a camera, {rig.name} has none"
         )
     random = np.random.default_rng(seed)
@@ -77,11 +77,11 @@ def reading_errors(
         recalibrations.advance(time)
         error[sample] += recalibrations.offset(time)
         arrives[sample] &= not recalibrations.is_closed(time)
-    mapping_of(f"{where}: failed_channels", failed_channels, "channel -> time", SimulationError)
+    mapping_of(f"{where}: failed_channels", failed_channels, "channel -> time", ControlError)
     for name, start in failed_channels.items():
         if name not in names:
-            raise SimulationError(f"{where}: failed_channels: {unknown('channel', name, names)}")
-        begin = finite_number(f"{where}: failed_channels: {name}", start, SimulationError)
+            raise ControlError(f"{where}: failed_channels: {unknown('channel', name, names)}")
+        begin = finite_number(f"{where}: failed_channels: {name}", start, ControlError)
         error[times >= begin, names.index(name)] = np.nan
     return ReadingErrors(error, arrives)
 

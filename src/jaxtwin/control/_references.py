@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import finite_number
-from .._errors import SimulationError
+from .._errors import ControlError
 
 
 def reference_samples(
@@ -24,7 +24,7 @@ def reference_samples(
       `(outputs,)` or `(samples, outputs)`.
     - `times`: of the samples, s.
 
-    **Raises:** `SimulationError` that quotes what is wrong.
+    **Raises:** `ControlError` that quotes what is wrong.
     """
     if isinstance(references, str):
         return _scheduled(where, references, times, outputs)
@@ -32,13 +32,13 @@ def reference_samples(
         values = np.asarray(references, float)
         shaped = np.broadcast_to(values, (len(times), outputs))
     except (TypeError, ValueError):
-        raise SimulationError(
+        raise ControlError(
             f"{where}: expected a number, text such as '0:35,600:45', or an array of shape "
             f"({outputs},) or ({len(times)}, {outputs}), in degC, got "
             f"{_described(references)}"
         ) from None
     if not np.isfinite(shaped).all():
-        raise SimulationError(f"{where}: expected finite numbers, in degC, got {references!r}")
+        raise ControlError(f"{where}: expected finite numbers, in degC, got {references!r}")
     return shaped.copy()
 
 
@@ -48,12 +48,12 @@ def _scheduled(
     entries = [_entry(where, part, outputs) for part in text.split(",")]
     switches = [time for time, _ in entries]
     if switches[0] != 0 or any(b <= a for a, b in pairwise(switches)):
-        raise SimulationError(
+        raise ControlError(
             f"{where}: expected times that begin at 0 and increase, such as '0:35,600:45', got "
             f"{text!r}"
         )
     if switches[-1] > times[-1]:
-        raise SimulationError(
+        raise ControlError(
             f"{where}: expected times up to the end at {times[-1]:g} s, got {switches[-1]:g} s in "
             f"{text!r}"
         )
@@ -70,12 +70,12 @@ def _entry(where: str, part: str, outputs: int) -> tuple[float, Float[np.ndarray
         if not all(math.isfinite(number) for number in (time, *values)):
             raise ValueError
     except ValueError:
-        raise SimulationError(
+        raise ControlError(
             f"{where}: expected 'time:temperature' such as '600:45', or a temperature for each "
             f"output such as '600:45/47', got {part.strip()!r}"
         ) from None
     if len(values) not in (1, outputs):
-        raise SimulationError(
+        raise ControlError(
             f"{where}: expected one temperature for all outputs, or one for each of the {outputs}, "
             f"got {len(values)} in {part.strip()!r}"
         )
@@ -87,12 +87,12 @@ def sample_times(
 ) -> Float[np.ndarray, " samples"]:
     """Times of the samples from 0 to the duration, s.
 
-    **Raises:** `SimulationError` where the duration is no multiple of the sample time.
+    **Raises:** `ControlError` where the duration is no multiple of the sample time.
     """
-    duration = finite_number(f"{where}: duration_s", duration_s, SimulationError)
+    duration = finite_number(f"{where}: duration_s", duration_s, ControlError)
     count = round(duration / sample_time_s)
     if count < 1 or not math.isclose(count * sample_time_s, duration, rel_tol=1e-9):
-        raise SimulationError(
+        raise ControlError(
             f"{where}: duration_s: expected a multiple of the controller's sample time "
             f"{sample_time_s:g} s, got {duration:g} s"
         )

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, mapping_of, whole_number
 from .._compilation import persistent_jit
-from .._errors import SimulationError
+from .._errors import ControlError, SimulationError
 from .._jax_settings import own_settings
 from .._waiting import announced
 from ..live import Faults
@@ -118,12 +118,12 @@ def simulate_closed_loop(
 
     **Returns:** a `ClosedLoopRun`; of many loops `Reductions`, whose quantities are the measures.
 
-    **Raises:** `SimulationError` where twin, controller, references and settings do not fit each
-    other, a reference is out of reach, or the temperatures do not stay finite; `ParameterError`
-    where a parameter of the twin is wrong.
+    **Raises:** `ControlError` where twin, controller, references and settings do not fit each
+    other, or a reference is out of reach; `ParameterError` where a parameter of the twin is wrong;
+    `SimulationError` where the temperatures or the duty of a single loop do not stay finite.
     """
     plant = twin.twin if isinstance(twin, Fit) else twin
-    check_twin("simulate_closed_loop: twin", plant, SimulationError)
+    check_twin("simulate_closed_loop: twin", plant, ControlError)
     chosen = as_controller(
         "simulate_closed_loop: controller", controller, settings.pop("sample_time_s", None)
     )
@@ -142,12 +142,12 @@ def simulate_closed_loop(
                 controller_draws=controller_draws or {},
                 count=count,
                 measures=_checked_measures(measures),
-                precision=checked_precision(precision),
+                precision=checked_precision(precision, ControlError),
                 workers=workers,
             )
         for name, value in (("measures", measures), ("workers", workers)):
             if value is not None:
-                raise SimulationError(
+                raise ControlError(
                     f"simulate_closed_loop: {name}: expected only beside draws or "
                     f"controller_draws, got {value!r}"
                 )
@@ -199,7 +199,7 @@ def scenario(
     - `sensor_delay_s`: by how much readings are late, s.
     - `silence_s`: so long without a reading, and the cells are off for the rest, s.
 
-    **Raises:** `SimulationError` for what is none of these, a reference out of the duty's reach, or
+    **Raises:** `ControlError` for what is none of these, a reference out of the duty's reach, or
     a sample time above the plant's time constants.
     """
     where = "scenario"
@@ -222,10 +222,10 @@ def scenario(
         ).reshape(len(times), substeps)
         check_sample_time(plant, interval)
         check_reach(system, weights, reference, times, surroundings)
-    late = finite_number(f"{where}: sensor_delay_s", sensor_delay_s, SimulationError)
+    late = finite_number(f"{where}: sensor_delay_s", sensor_delay_s, ControlError)
     late_steps = round(late / step)
     if late < 0 or not math.isclose(late_steps * step, late, abs_tol=1e-9):
-        raise SimulationError(
+        raise ControlError(
             f"{where}: sensor_delay_s: expected a multiple of the step of the plant, {step:g} s, "
             f"of at least 0, got {late:g} s"
         )
@@ -236,7 +236,7 @@ def scenario(
         noise=noise,
         faults=Faults.parse(faults) if isinstance(faults, str) else faults,
         failed_channels={} if failed_channels is None else failed_channels,
-        seed=whole_number(f"{where}: seed", seed, 0, SimulationError),
+        seed=whole_number(f"{where}: seed", seed, 0, ControlError),
     )
     heat = conductance = None
     if disturbances:
@@ -256,7 +256,7 @@ def scenario(
         longest_delay_s=delay,
         sensor_delay_steps=late_steps,
         counts=plant.rig.driver.counts if quantised else None,
-        silence_s=finite_number(f"{where}: silence_s", silence_s, SimulationError),
+        silence_s=finite_number(f"{where}: silence_s", silence_s, ControlError),
     )
 
 
@@ -269,7 +269,7 @@ def _initial(where: str, twin: Twin, initial: Any) -> Float[np.ndarray, " nodes"
         if not np.isfinite(values).all():
             raise ValueError
     except (TypeError, ValueError):
-        raise SimulationError(
+        raise ControlError(
             f"{where}: initial: expected a temperature, or one for each of the {count} nodes, in "
             f"degC, got {initial!r}"
         ) from None
@@ -300,7 +300,7 @@ def _count(
         lengths[name] = len(values)
     if controller_draws is not None:
         at = f"{where}: controller_draws"
-        mapping_of(at, controller_draws, "name -> values", SimulationError)
+        mapping_of(at, controller_draws, "name -> values", ControlError)
         known = [
             name
             for name, leaf in vars(controller).items()
@@ -308,18 +308,18 @@ def _count(
         ]
         for name, values in controller_draws.items():
             if name not in known:
-                raise SimulationError(f"{at}: {unknown('parameter', name, known)}")
+                raise ControlError(f"{at}: {unknown('parameter', name, known)}")
             array = np.asarray(values)
             if array.ndim == 0 or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-                raise SimulationError(
+                raise ControlError(
                     f"{at}: {name}: expected finite numbers (draws, ...), got {values!r}"
                 )
             lengths[name] = len(array)
     if draws is not None and not draws and not controller_draws:
-        raise SimulationError(f"{where}: draws: expected name -> values, got none")
+        raise ControlError(f"{where}: draws: expected name -> values, got none")
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise SimulationError(
+        raise ControlError(
             f"{where}: draws: expected the same number of draws for each, got {found}"
         )
     return next(iter(lengths.values()), None)
@@ -357,14 +357,14 @@ def _checked_measures(
     if isinstance(measures, Mapping):
         for name, function in measures.items():
             if not callable(function) or name == "failed":
-                raise SimulationError(
+                raise ControlError(
                     f"{where}: {name}: expected a JAX function of a ClosedLoop, got {function!r}"
                 )
         return dict(measures)
     names = (measures,) if isinstance(measures, str) else tuple(measures)
     for name in names:
         if name not in MEASURES:
-            raise SimulationError(f"{where}: {unknown('measure', name, MEASURES)}")
+            raise ControlError(f"{where}: {unknown('measure', name, MEASURES)}")
     return {name: MEASURES[name][0] for name in names}
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from .._arguments import check_callable, mapping_of, whole_number
-from .._errors import ParameterError, SimulationError
+from .._errors import JaxtwinError, ParameterError, SimulationError
 from .._waiting import announced
 from ..io import Experiment
 from ..physics import Twin
@@ -210,8 +210,10 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, ArrayLike]) -> dict[str,
     return draws
 
 
-def checked_precision(precision: Precision) -> Precision:
-    """**Raises:** `SimulationError` where it is none."""
+def checked_precision(
+    precision: Precision, error: type[JaxtwinError] = SimulationError
+) -> Precision:
+    """**Raises:** `error` where it is none."""
     if not (isinstance(precision, str) and precision in ("float64", "float32")):
-        raise SimulationError(f'precision: expected "float64" or "float32", got {precision!r}')
+        raise error(f'precision: expected "float64" or "float32", got {precision!r}')
     return precision
