@@ -10,7 +10,7 @@ from ._errors import RecordingError as RecordingError
 from ._errors import RigError as RigError
 from ._errors import SafetyStop as SafetyStop
 from ._errors import SimulationError as SimulationError
-from .c_export import export_c as export_c  # a model as C for a microcontroller
+from .c_export import export_c as export_c  # a model or controller as C
 from .control import LinearModel as LinearModel  # a twin near an operating point
 from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin

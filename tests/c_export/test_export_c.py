@@ -1,15 +1,15 @@
 """The C sources, compiled for this machine, beside the model in Python."""
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from compiled_c import compiled, ran
 
 from jaxtwin import ControlError, LinearModel, Twin, linearize
-from jaxtwin.c_export import CSources, export_c
+from jaxtwin.c_export import export_c
 from jaxtwin.control import DiscreteModel
 
 MAIN = """
@@ -41,22 +41,6 @@ int main(void)
 """
 
 pytestmark = pytest.mark.c_compiler
-
-
-def compiled(sources: CSources, precision: str) -> Path:
-    main = sources.source.with_name("main.c")
-    main.write_text(MAIN % {"real": precision})
-    program = sources.source.with_name("program")
-    command = [shutil.which("cc") or "cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
-    command += ["-Wconversion", "-Wdouble-promotion", "-O2", str(sources.source), str(main)]
-    subprocess.run([*command, "-o", str(program)], check=True)
-    return program
-
-
-def ran(program: Path, duty: np.ndarray) -> np.ndarray:
-    text = "\n".join(" ".join(f"{value!r}" for value in row.tolist()) for row in duty)
-    done = subprocess.run([program], input=text, capture_output=True, text=True, check=True)
-    return np.array([[float(word) for word in line.split()] for line in done.stdout.splitlines()])
 
 
 def an_hour(inputs: int, sample_time: float) -> np.ndarray:
@@ -91,7 +75,7 @@ def test_an_hour_in_c_is_the_hour_in_python(make, precision, tmp_path: Path):
     duty = an_hour(len(model.input_names), model.sample_time_s)
     if precision == "float":
         duty = duty.astype(np.float32).astype(float)
-    found, expected = ran(compiled(sources, precision), duty), model.simulate(duty)
+    found, expected = ran(compiled(sources, MAIN % {"real": precision}), duty), model.simulate(duty)
     assert found.shape == expected.shape
     allowed = 0.01 if precision == "float" else 1e-12 * np.abs(expected).max()
     np.testing.assert_allclose(found, expected, rtol=0, atol=allowed)
@@ -123,7 +107,7 @@ def test_sizes_are_those_of_the_compiler(tmp_path: Path):
 
 def test_comments_hold_no_end_of_a_comment(tmp_path: Path):
     sources = export_c(small(), tmp_path, origin="a */ b\nc ??/ ü")
-    compiled(sources, "double")
+    compiled(sources, MAIN % {"real": "double"})
 
 
 def test_what_c_cannot_say_is_refused(tmp_path: Path):

@@ -1,4 +1,4 @@
-"""C for a microcontroller: models as C99 sources."""
+"""C for a microcontroller: models and controllers as C99 sources."""
 
 from ._export_c import CSources, export_c
 

@@ -8,9 +8,8 @@ the change $(A - I) x + B u$ is computed and added: the entries of $A - I$ keep 
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import ControlError
 from ..control import DiscreteModel
-from ._text import Code, comment_block, table
+from ._text import Code, comment_block, tables_c
 
 
 def discrete_model_c(model: DiscreteModel, name: str, precision: str, origin: str) -> Code:
@@ -32,22 +31,14 @@ def discrete_model_c(model: DiscreteModel, name: str, precision: str, origin: st
     }
     if not D.any():
         del tables[f"{name}_D"]
-    for constant, (values, _) in tables.items():
-        with np.errstate(over="ignore"):
-            cast = values.astype(np.float32 if precision == "float" else float)
-        if not np.isfinite(cast).all():
-            raise ControlError(
-                f"export_c: {constant}: expected finite numbers in {precision}, got "
-                f"{values[~np.isfinite(cast)][0]:g}"
-            )
+    constants, coefficients = tables_c(tables, precision)
     source = "".join(
         [
             f'#include "{name}.h"\n\n',
-            *(table(key, values, precision, text) + "\n" for key, (values, text) in tables.items()),
+            constants,
             _functions(name, precision, states, own, inputs, len(C), has_direct=bool(D.any())),
         ]
     )
-    coefficients = sum(values.size for values, _ in tables.values())
     return Code(_header(model, name, precision, origin, states), source, coefficients, states)
 
 

@@ -1,4 +1,4 @@
-"""Models as C99 sources for a microcontroller."""
+"""Models and controllers as C99 sources for a microcontroller."""
 
 import os
 import re
@@ -8,7 +8,9 @@ from typing import Literal, final
 
 from .._arguments import of_kind, path_of
 from .._errors import ControlError
-from ..control import DiscreteModel
+from ..control import PID, DecoupledPI, DiscreteModel
+from ..rig import Rig
+from ._controller_c import controller_c
 from ._discrete_model_c import discrete_model_c
 
 PRECISIONS = ("double", "float")
@@ -30,14 +32,16 @@ class CSources:
 
 
 def export_c(
-    model: DiscreteModel,
+    model: DiscreteModel | PID | DecoupledPI,
     folder: str | os.PathLike[str],
     *,
+    rig: Rig | None = None,
     name: str = "model",
     precision: Literal["double", "float"] = "double",
     origin: str = "",
 ) -> CSources:
-    """Writes a model as `name.h` and `name.c`: C99, no memory from the heap, no library.
+    """Writes a model or a controller as `name.h` and `name.c`: C99, no memory from the heap, no
+    library but `math.h` for controllers.
 
     All that changes is in a struct, so that several models run beside each other:
 
@@ -54,10 +58,21 @@ def export_c(
     With `float`, what a step adds to the state is computed instead of the new state, since the
     slow poles of a plate lie so near to 1 that `float` would round their time constants.
 
+    A controller has two functions, as in Python. Without a measurement (NaN) it goes on with the
+    last one, and after 3 s its duty is 0 until it is started anew, as in `simulate_closed_loop`:
+
+    ```c
+    pid_init(&state, duty, measurement);       /* without a bump */
+    for (;;) {                                 /* every PID_SAMPLE_TIME_S */
+        pid_step(&state, reference, measurement, duty);
+    }
+    ```
+
     **Arguments:**
 
-    - `model`: a model at sample times, from `LinearModel.discretise`; reduce it first where memory
-      is short.
+    - `model`: a model at sample times, from `LinearModel.discretise` (reduce it first where memory
+      is short), or a controller.
+    - `rig`: of a controller: its cells and channels. None: of a model, which knows them.
     - `folder`: where to write; made where it does not exist. Files of these names are replaced.
     - `name`: of the files, and the beginning of all names in them.
     - `precision`: of all numbers.
@@ -65,11 +80,9 @@ def export_c(
 
     **Returns:** the files and their sizes.
 
-    **Raises:** `ControlError` for a model that is none or not finite, or a name or a precision that
-    C does not have.
+    **Raises:** `ControlError` for a model that is none or not finite, a controller that is not for
+    the rig, or a name or a precision that C does not have.
     """
-    expected = "a DiscreteModel, as LinearModel.discretise makes it"
-    of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
     if re.fullmatch(r"[A-Za-z]\w*", str(name), flags=re.ASCII) is None:
         raise ControlError(
             f"export_c: name: expected letters, digits and _, beginning with a letter, got {name!r}"
@@ -77,7 +90,15 @@ def export_c(
     if precision not in PRECISIONS:
         raise ControlError(f"export_c: precision: expected 'double' or 'float', got {precision!r}")
     target = path_of("export_c: folder", folder, ControlError)
-    code = discrete_model_c(model, name, precision, origin)
+    if isinstance(model, PID | DecoupledPI):
+        of_rig = of_kind("export_c: rig", rig, Rig, "the controller's, as twin.rig", ControlError)
+        code = controller_c(model, of_rig, name, precision, origin)
+    else:
+        expected = "a DiscreteModel, as LinearModel.discretise makes it, a PID or a DecoupledPI"
+        of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
+        if rig is not None:
+            raise ControlError(f"export_c: rig: expected none beside a model, got {rig.name}")
+        code = discrete_model_c(model, name, precision, origin)
     target.mkdir(parents=True, exist_ok=True)
     header, source = target / f"{name}.h", target / f"{name}.c"
     header.write_text(code.header, encoding="ascii")

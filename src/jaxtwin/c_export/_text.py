@@ -1,14 +1,16 @@
 """Numbers, arrays and comments as C."""
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from .._errors import ControlError
+
 
 class Code(NamedTuple):
-    """Header and source of a model; how many constants and how many states it has."""
+    """Header and source; how many constants there are, and how many numbers in the state."""
 
     header: str
     source: str
@@ -23,7 +25,7 @@ def number(value: float, precision: str) -> str:
     return f"{np.float32(value).item()!r}f" if value else "0.0f"
 
 
-def table(name: str, values: np.ndarray, precision: str, comment: str) -> str:
+def table(name: str, values: np.ndarray, comment: str, precision: str) -> str:
     """A constant array of one or two dimensions."""
     sizes = "".join(f"[{size}]" for size in values.shape)
     rows = values if values.ndim == 2 else values[None]
@@ -39,9 +41,27 @@ def table(name: str, values: np.ndarray, precision: str, comment: str) -> str:
     )
 
 
+def tables_c(tables: Mapping[str, tuple[np.ndarray, str]], precision: str) -> tuple[str, int]:
+    """Constant arrays, name -> values and comment, and how many numbers they have.
+
+    **Raises:** `ControlError` where a number is not finite in this precision.
+    """
+    for name, (values, _) in tables.items():
+        with np.errstate(over="ignore"):
+            cast = values.astype(np.float32 if precision == "float" else float)
+        if not np.isfinite(cast).all():
+            raise ControlError(
+                f"export_c: {name}: expected finite numbers in {precision}, got "
+                f"{values[~np.isfinite(cast)][0]:g}"
+            )
+    text = "".join(table(name, *of, precision) + "\n" for name, of in tables.items())
+    return text, sum(values.size for values, _ in tables.values())
+
+
 def comment_block(lines: Iterable[str]) -> str:
-    """Lines as a comment."""
-    return "/*\n" + "".join(f" * {ascii_text(line)}".rstrip() + "\n" for line in lines) + " */\n"
+    """Lines as a comment; spaces at their beginning stay."""
+    texts = (" " * (len(line) - len(line.lstrip(" "))) + ascii_text(line) for line in lines)
+    return "/*\n" + "".join(f" * {text}".rstrip() + "\n" for text in texts) + " */\n"
 
 
 def ascii_text(text: str) -> str:

@@ -1,0 +1,213 @@
+"""A controller as C, with what the closed loop of Python does about readings that do not come.
+
+The controllers differ in their law, `_pid_c` and `_decoupled_pi_c`; what is around it is here. In
+`float` the integral is a compensated sum (Kahan 1965), since a few millikelvin for a tenth of a
+second change a duty by less than `float` can add to it.
+"""
+
+import numpy as np
+
+from .._errors import ControlError
+from ..control import PID, DecoupledPI
+from ..rig import Rig
+from ._decoupled_pi_c import decoupled_pi_law
+from ._law import Law
+from ._pid_c import pid_law
+from ._text import Code, comment_block, number, tables_c
+
+SILENCE_S = 3.0
+"""Without a reading, until the cells are off, s: that of `simulate_closed_loop`."""
+
+
+def controller_c(
+    controller: PID | DecoupledPI, rig: Rig, name: str, precision: str, origin: str
+) -> Code:
+    """Header and source.
+
+    **Raises:** `ControlError` where the controller is not for the rig, or a number of it is not
+    finite in this precision.
+    """
+    weights = controller.output_weights([channel.name for channel in rig.channels])
+    cells, outputs = len(rig.cells), len(weights)
+    if outputs != cells and (outputs > 1 or isinstance(controller, DecoupledPI)):
+        raise ControlError(
+            f"export_c: measured: expected an output for each of the {cells} cells of {rig.name}, "
+            f"got {outputs}"
+        )
+    if isinstance(controller, PID):
+        law = pid_law(controller, cells, outputs, name, precision)
+    else:
+        law = decoupled_pi_law(controller, name, precision)
+    tables, coefficients = tables_c(law.tables, precision)
+    fields = {"integral": cells, **law.fields, "seen": outputs}
+    if precision == "float":
+        fields["lost"] = cells
+    source = f"""#include <math.h>
+
+#include "{name}.h"
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "-ffast-math takes NaN for a reading: compile without it"
+#endif
+
+{tables}{_functions(controller, law, name, precision)}"""
+    header = _header(controller, rig, weights, law, fields, name, precision, origin)
+    return Code(header, source, coefficients, sum(fields.values()) + 1)
+
+
+def _header(
+    controller: PID | DecoupledPI,
+    rig: Rig,
+    weights: np.ndarray,
+    law: Law,
+    fields: dict[str, int],
+    name: str,
+    real: str,
+    origin: str,
+) -> str:
+    upper = name.upper()
+    channels = np.array([channel.name for channel in rig.channels])
+    lowest, highest = controller.limits
+    about = comment_block(
+        [
+            f"{name}: {law.kind} for the rig {rig.name}, written by jaxtwin.",
+            f"Parameters: {origin}" if origin else "Parameters of a jaxtwin.control controller:",
+            *(f"  {line}" for line in law.parameters),
+            "",
+            f"Sample time: {controller.sample_time_s!r} s. Numbers: {real}.",
+            "References and measurements, degC, each the mean of these channels:",
+            *(f"  {n}: {', '.join(channels[row > 0])}" for n, row in enumerate(weights)),
+            f"Duty cycles from {lowest:g} to {highest:g}, positive heats, of the cells:",
+            *(f"  {n}: {cell.name}" for n, cell in enumerate(rig.cells)),
+            "",
+            "A measurement that is no finite number leaves the last ones standing. After",
+            f"{upper}_SILENCE_S without any, all duty cycles are 0 until {name}_init is called;",
+            "they are at once where a reference or a duty is no finite number. missing_s is above",
+            f"{upper}_SILENCE_S then. Whoever calls must switch off where calls stop (a watchdog).",
+        ]
+    )
+    struct = "".join(f"    {real} {field}[{size}];\n" for field, size in fields.items())
+    return f"""{about}#ifndef {upper}_H
+#define {upper}_H
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+#define {upper}_SAMPLE_TIME_S {number(controller.sample_time_s, real)}
+#ifndef {upper}_SILENCE_S
+#define {upper}_SILENCE_S {number(SILENCE_S, real)}
+#endif
+#define {upper}_OUTPUTS {len(weights)}
+#define {upper}_CELLS {len(rig.cells)}
+
+typedef struct {{
+{struct}    {real} missing_s; /* since the last measurement */
+}} {name}_state;
+
+/* Starts without a bump: with the reference at the measurement, the duty goes on where it is. */
+void {name}_init({name}_state *state, const {real} duty[{upper}_CELLS],
+                 const {real} measurement[{upper}_OUTPUTS]);
+
+/* The duty cycles until the next sample. */
+void {name}_step({name}_state *state, const {real} reference[{upper}_OUTPUTS],
+                 const {real} measurement[{upper}_OUTPUTS], {real} duty[{upper}_CELLS]);
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def _functions(controller: PID | DecoupledPI, law: Law, name: str, real: str) -> str:
+    upper = name.upper()
+    zero = number(0.0, real)
+    lowest, highest = (number(limit, real) for limit in controller.limits)
+    if real == "float":
+        add = """    const float rest = change - state->lost[i];
+    const float sum = state->integral[i] + rest;
+    state->lost[i] = (sum - state->integral[i]) - rest;
+    state->integral[i] = sum;
+"""
+        forget = "        state->lost[i] = 0.0f;\n"
+    else:
+        add, forget = "    state->integral[i] += change;\n", ""
+    return f"""static int {name}_all_finite(const {real} *values, int count)
+{{
+    int i;
+    for (i = 0; i < count; ++i) {{
+        if (!isfinite(values[i])) {{
+            return 0;
+        }}
+    }}
+    return 1;
+}}
+
+static {real} {name}_limited({real} duty)
+{{
+    if (duty < {lowest}) {{
+        return {lowest};
+    }}
+    return duty > {highest} ? {highest} : duty;
+}}
+
+static void {name}_integrate({name}_state *state, int i, {real} change)
+{{
+{add}}}
+
+static void {name}_stop({name}_state *state)
+{{
+    state->missing_s = {upper}_SILENCE_S + {upper}_SAMPLE_TIME_S;
+}}
+
+void {name}_init({name}_state *state, const {real} duty[{upper}_CELLS],
+{" " * len(f"void {name}_init(")}const {real} measurement[{upper}_OUTPUTS])
+{{
+    int i;
+    for (i = 0; i < {upper}_OUTPUTS; ++i) {{
+        state->seen[i] = measurement[i];
+    }}
+    for (i = 0; i < {upper}_CELLS; ++i) {{
+{law.init}{forget}    }}
+    state->missing_s = {zero};
+    if (!{name}_all_finite(duty, {upper}_CELLS)
+        || !{name}_all_finite(measurement, {upper}_OUTPUTS)) {{
+        {name}_stop(state);
+    }}
+}}
+
+static void {name}_law({name}_state *state, const {real} reference[{upper}_OUTPUTS],
+{" " * len(f"static void {name}_law(")}{real} duty[{upper}_CELLS])
+{{
+{law.step}}}
+
+void {name}_step({name}_state *state, const {real} reference[{upper}_OUTPUTS],
+{" " * len(f"void {name}_step(")}const {real} measurement[{upper}_OUTPUTS],
+{" " * len(f"void {name}_step(")}{real} duty[{upper}_CELLS])
+{{
+    int i;
+    if (state->missing_s <= {upper}_SILENCE_S) {{
+        if ({name}_all_finite(measurement, {upper}_OUTPUTS)) {{
+            for (i = 0; i < {upper}_OUTPUTS; ++i) {{
+                state->seen[i] = measurement[i];
+            }}
+            state->missing_s = {zero};
+        }} else {{
+            state->missing_s += {upper}_SAMPLE_TIME_S;
+        }}
+    }}
+    if (state->missing_s <= {upper}_SILENCE_S) {{
+        {name}_law(state, reference, duty);
+        if ({name}_all_finite(reference, {upper}_OUTPUTS)
+            && {name}_all_finite(duty, {upper}_CELLS)) {{
+            return;
+        }}
+        {name}_stop(state);
+    }}
+    for (i = 0; i < {upper}_CELLS; ++i) {{
+        duty[i] = {zero};
+    }}
+}}
+"""

@@ -1,0 +1,47 @@
+"""What distinguishes the C of one kind of controller from that of another."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import ControlError
+from ..control._controller import Numbers
+
+
+class Law(NamedTuple):
+    """A control law as C.
+
+    - `kind`: what it is, for the header. `parameters`: with units, a line each.
+    - `fields`: of the state beside the integral and what was seen, name -> length.
+    - `tables`: constants, name -> values and comment.
+    - `init`: body of the loop over cells `i` that sets the state, from `duty` and `measurement`.
+    - `step`: body of the function from `state` and `reference` to `duty`.
+    """
+
+    kind: str
+    parameters: list[str]
+    fields: dict[str, int]
+    tables: Mapping[str, tuple[np.ndarray, str]]
+    init: str
+    step: str
+
+
+def of_cells(name: str, value: Numbers, cells: int) -> Float[np.ndarray, " cells"]:
+    """A parameter of each cell.
+
+    **Raises:** `ControlError` where there is another number of them.
+    """
+    found = np.asarray(value, float)
+    if found.shape not in ((), (cells,)):
+        raise ControlError(
+            f"export_c: {name}: expected one value, or one for each of the {cells} cells, got "
+            f"{found.tolist()}"
+        )
+    return np.broadcast_to(found, (cells,)).copy()
+
+
+def parameter_text(name: str, value: Numbers, unit: str) -> str:
+    """Name, value or values, and unit."""
+    return f"{name}: {np.asarray(value, float).tolist()!r} {unit}".rstrip()
