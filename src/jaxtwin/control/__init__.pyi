@@ -15,8 +15,10 @@ from ._directions import Directions as Directions  # mean and uniformity
 from ._discrete_model import DiscreteModel as DiscreteModel  # a linear model step by step
 from ._disturbances import Draught as Draught  # air upon the plate
 from ._disturbances import HeatInput as HeatInput  # a hand upon the plate
+from ._kalman import KalmanFilter as KalmanFilter  # with the disturbance
 from ._linear_model import LinearModel as LinearModel  # a twin near an operating point
 from ._linearize import linearize as linearize  # twin or fit -> LinearModel
+from ._lqi import LQI as LQI  # state feedback with integral action
 from ._margins import DiskMargin as DiskMargin  # of gain and phase together
 from ._margins import Margins as Margins  # gm, pm, wcg, wcp
 from ._margins import disk_margin as disk_margin  # of a loop with one channel or several

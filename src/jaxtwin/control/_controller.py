@@ -222,5 +222,23 @@ def check_parameters(where: str, **parameters: Any) -> None:
             )
 
 
+def checked_deviations(
+    where: str, name: str, value: Numbers, size: int
+) -> Float[np.ndarray, " size"]:
+    """A deviation, or one for each output or cell, at which a design is aimed.
+
+    **Raises:** `ControlError` where it is neither, or not finite and above 0.
+    """
+    try:
+        numbers = np.broadcast_to(np.asarray(value, float), (size,)).copy()
+        if not np.all(np.isfinite(numbers) & (numbers > 0)):
+            raise ValueError
+    except (TypeError, ValueError):
+        raise ControlError(
+            f"{where}: {name}: expected a finite number above 0, or {size} of them, got {value!r}"
+        ) from None
+    return numbers
+
+
 def _is_array(value: Any) -> bool:
     return isinstance(value, int | float | str | bool | np.ndarray | np.generic | jax.Array | list)

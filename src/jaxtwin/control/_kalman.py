@@ -1,0 +1,89 @@
+r"""A steady-state Kalman filter that also estimates what disturbs the plant.
+
+The states are those of the plant and a disturbance for each output, in K that it moves the output
+by at rest. It drifts as a random walk and acts as a duty would, so that the model at rest agrees
+with the readings whatever the model's error:
+
+$$x_{k+1} = A x_k + B (u_k + G^+ d_k), \quad d_{k+1} = d_k + w_k, \quad y_k = C x_k + v_k$$
+
+with $G$ the gain at rest (Pannocchia and Rawlings, AIChE J. 49, 2003, on disturbance models
+without offset).
+"""
+
+from typing import final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ._plant import Plant
+from ._riccati import filter_gain
+
+
+@final
+class KalmanFilter(eqx.Module):
+    """All duty and temperatures are deviations from the plant's operating point.
+
+    **Arguments:** the states are those of the plant, then the disturbances, K.
+
+    - `A`, `B`, `C`: of both.
+    - `L`: of the correction by a reading.
+    - `by_duty`, `by_disturbance`: the states at rest, per duty and per K.
+    """
+
+    A: Float[Array | np.ndarray, "state state"]
+    B: Float[Array | np.ndarray, "state cell"]
+    C: Float[Array | np.ndarray, "output state"]
+    L: Float[Array | np.ndarray, "state output"]
+    by_duty: Float[Array | np.ndarray, "state cell"]
+    by_disturbance: Float[Array | np.ndarray, "state output"]
+
+    def init(
+        self, duty: Float[Array, " cell"], outputs: Float[Array, " output"]
+    ) -> Float[Array, " state"]:
+        """The states at rest under a duty, with the disturbance that explains the outputs."""
+        at_rest = jnp.asarray(self.by_duty) @ duty
+        return at_rest + jnp.asarray(self.by_disturbance) @ (outputs - self.C @ at_rest)
+
+    def correct(
+        self, states: Float[Array, " state"], outputs: Float[Array, " output"]
+    ) -> Float[Array, " state"]:
+        """The states as predicted, after a reading."""
+        return states + self.L @ (outputs - self.C @ states)
+
+    def predict(
+        self, states: Float[Array, " state"], duty: Float[Array, " cell"]
+    ) -> Float[Array, " state"]:
+        """The states a sample later."""
+        return jnp.asarray(self.A) @ states + jnp.asarray(self.B) @ duty
+
+
+def kalman_filter(
+    where: str,
+    plant: Plant,
+    drift: Float[np.ndarray, " output"],
+    reading_noise: Float[np.ndarray, " output"],
+    sample_time_s: float,
+) -> KalmanFilter:
+    """**Arguments:**
+
+    - `drift`: of the disturbances, K at rest per square root of a second.
+    - `reading_noise`: standard deviation of a reading of each output, K.
+
+    **Raises:** `ControlError` where there is no such filter.
+    """
+    states, outputs = len(plant.A), len(plant.C)
+    unit, zero = np.eye(outputs), np.zeros((outputs, states))
+    A = np.block([[plant.A, plant.B @ plant.inverse], [zero, unit]])
+    C = np.hstack([plant.C, np.zeros((outputs, outputs))])
+    process = np.zeros((states + outputs, states + outputs))
+    process[states:, states:] = np.diag(drift**2 * sample_time_s)
+    return KalmanFilter(
+        A=A,
+        B=np.vstack([plant.B, np.zeros((outputs, plant.B.shape[1]))]),
+        C=C,
+        L=filter_gain(where, A, C, process, np.diag(reading_noise**2)),
+        by_duty=np.vstack([plant.rest, np.zeros((outputs, plant.rest.shape[1]))]),
+        by_disturbance=np.vstack([plant.rest @ plant.inverse, unit]),
+    )

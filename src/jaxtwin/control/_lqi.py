@@ -1,0 +1,176 @@
+r"""LQI: state feedback with integral action, on the states that a Kalman filter estimates.
+
+With deviations from the operating point, $q$ the integrated errors and $\hat x$ the filter's
+estimate of the states,
+
+$$v_k = b\,N r_k - K_x \hat x_k + K_i q_k, \quad u_k = \mathrm{sat}(v_k), \quad
+q_{k+1} = q_k + h (r_k - y_k) + K_i^+ (u_k - v_k),$$
+
+the gains minimise $\sum (y / \Delta y)^2 + (q / \Delta q)^2 + (u / \Delta u)^2$ (Bryson's rule:
+each quantity counts in the deviation that is still accepted of it).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+from numpy.typing import ArrayLike
+
+from ._controller import (
+    AbstractController,
+    Numbers,
+    check_parameters,
+    checked_deviations,
+    checked_limits,
+    checked_measured,
+    means_of,
+)
+from ._discrete_model import DiscreteModel
+from ._kalman import KalmanFilter, kalman_filter
+from ._pid import Parameter, as_parameter
+from ._plant import plant_of
+from ._riccati import regulator
+
+
+class LQIState(NamedTuple):
+    """What it remembers: the predicted states, the integrated errors (K s), and the part of the
+    duty at the start that no integral can hold."""
+
+    states: Float[Array, " state"]
+    integral: Float[Array, " outputs"]
+    kept: Float[Array, " cells"]
+
+
+@final
+class LQI(AbstractController):
+    """State feedback with integral action and a Kalman filter, designed on a linear model.
+
+    ```python
+    model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(1.0)
+    lqi = LQI(model, measured=["TAM", "TCM"], limits=(0, 1))
+    ```
+
+    The gains are computed here, once, and are parameters like those of a `PID`: they can be
+    differentiated and drawn. Its sample time is the model's.
+
+    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
+
+    - `model`: of the rig near its operating point, from `discretise`; delay and lag are states.
+    - `measured`: the outputs, at most as many as cells, each a channel or a group of channels whose
+      mean counts; None: the mean over all channels.
+    - `output_deviation`, K, `integral_deviation`, K s, `duty_deviation`: what is accepted of each;
+      a smaller one makes that quantity smaller, and a smaller integral deviation errors shorter.
+    - `drift`: by how much unknown heat moves the outputs at rest, K per square root of a second.
+    - `reading_noise`: standard deviation of a reading of each output, K. The ratio of both says how
+      far the filter trusts the model.
+    - `setpoint_weight`: b, how much of the duty for a new reference comes at once; 0 leaves all of
+      it to the integral, which overshoots least.
+    - `limits`: of the duty, within -1 to 1. At a limit the integral is set back to what the limit
+      leaves (back-calculation), and the filter knows what the cells get.
+
+    **Raises:** `ControlError` where the model is none, or has no stable design, a deviation or a
+    noise is no finite number above 0, or the limits are not from -1 to 1.
+    """
+
+    Kx: Parameter
+    Ki: Parameter
+    Kt: Parameter
+    N: Parameter
+    setpoint_weight: Parameter
+    kalman: KalmanFilter
+    duty: Float[Array | np.ndarray, " cells"]
+    outputs: Float[Array | np.ndarray, " outputs"]
+    limits: tuple[float, float] = eqx.field(static=True)
+    sample_time_s: float = eqx.field(static=True)
+    measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        model: DiscreteModel,
+        *,
+        measured: Sequence[str | Sequence[str]] | None = None,
+        output_deviation: Numbers = 1.0,
+        integral_deviation: Numbers = 30.0,
+        duty_deviation: Numbers = 0.5,
+        drift: Numbers = 0.1,
+        reading_noise: Numbers = 0.1,
+        setpoint_weight: Numbers = 0.0,
+        limits: Sequence[float | int] = (-1.0, 1.0),
+    ):
+        self.limits = checked_limits("LQI", limits)
+        self.measured = checked_measured("LQI", measured)
+        check_parameters("LQI", setpoint_weight=setpoint_weight)
+        self.setpoint_weight = as_parameter(setpoint_weight)
+        plant = plant_of("LQI", model, self.measured)
+        self.sample_time_s = h = model.sample_time_s
+        (states, cells), outputs = plant.B.shape, len(plant.C)
+        y, q, u, w, v = (
+            checked_deviations("LQI", name, value, size)
+            for name, value, size in (
+                ("output_deviation", output_deviation, outputs),
+                ("integral_deviation", integral_deviation, outputs),
+                ("duty_deviation", duty_deviation, cells),
+                ("drift", drift, outputs),
+                ("reading_noise", reading_noise, outputs),
+            )
+        )
+        A = np.block(
+            [[plant.A, np.zeros((states, outputs))], [-h * plant.C, np.eye(outputs)]],
+        )
+        B = np.vstack([plant.B, np.zeros((outputs, cells))])
+        Q = np.zeros_like(A)
+        Q[:states, :states] = plant.C.T @ np.diag(y**-2.0) @ plant.C
+        Q[states:, states:] = np.diag(q**-2.0)
+        K, _ = regulator("LQI", A, B, Q, np.diag(u**-2.0))
+        self.Kx, self.Ki = K[:, :states], -K[:, states:]
+        self.Kt = np.linalg.pinv(self.Ki)
+        self.N = (np.eye(cells) + self.Kx @ plant.rest) @ plant.inverse
+        self.kalman = kalman_filter("LQI", plant, w, v, h)
+        self.duty, self.outputs = plant.duty, plant.outputs
+
+    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
+        """Means over the channels of each output."""
+        return means_of(self.measured, channels)
+
+    def init(
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+    ) -> PyTree:
+        """The state from which the duty goes on where it is, with the reference at the
+        measurement."""
+        u, y = jnp.asarray(duty) - self.duty, jnp.asarray(measurement) - self.outputs
+        states = self.kalman.init(u, y)
+        missing = u - self._feedback(states, y)
+        integral = jnp.asarray(self.Kt) @ missing
+        return LQIState(states, integral, missing - self.Ki @ integral)
+
+    def step(
+        self,
+        state: PyTree,
+        reference: Float[ArrayLike, " outputs"],
+        measurement: Float[ArrayLike, " outputs"],
+    ) -> tuple[Float[Array, " cells"], PyTree]:
+        """One sample."""
+        r, y = jnp.asarray(reference) - self.outputs, jnp.asarray(measurement) - self.outputs
+        states = self.kalman.correct(state.states, y)
+        asked = self.duty + self._feedback(states, r) + self.Ki @ state.integral + state.kept
+        duty = jnp.clip(asked, *self.limits)
+        integral = state.integral + self.sample_time_s * (r - y) + self.Kt @ (duty - asked)
+        later = self.kalman.predict(states, duty - self.duty)
+        return duty, LQIState(later, integral, state.kept)
+
+    def _feedback(
+        self, states: Float[Array, " state"], reference: Float[Array, " outputs"]
+    ) -> Float[Array, " cells"]:
+        of_plant = states[: self.Kx.shape[1]]
+        at_once = jnp.asarray(self.N) @ reference
+        return jnp.asarray(self.setpoint_weight) * at_once - jnp.asarray(self.Kx) @ of_plant
+
+    def __repr__(self) -> str:
+        cells, outputs = self.Ki.shape
+        return (
+            f"<LQI: {outputs} outputs, {cells} cells, {self.Kx.shape[1]} states, sample time "
+            f"{self.sample_time_s:g} s>"
+        )

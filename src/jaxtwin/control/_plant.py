@@ -1,0 +1,92 @@
+"""What a controller is designed on: a discrete model, seen through the controller's outputs."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arguments import of_kind
+from .._errors import ControlError
+from ._controller import means_of
+from ._discrete_model import DiscreteModel
+from ._precision import is_traced
+
+LARGEST_CONDITION = 1e6
+"""Of the gain at rest, beyond which the outputs count as moved alike by all cells."""
+
+
+class Plant(NamedTuple):
+    r"""$x_{k+1} = A x_k + B u_k$, $y_k = C x_k$, as deviations from `duty` and `outputs`.
+
+    - `rest`: the states at rest per duty; `gain`: the outputs, K; `inverse`: the smallest duty that
+      changes the outputs at rest by 1 K.
+    """
+
+    A: Float[np.ndarray, "state state"]
+    B: Float[np.ndarray, "state cell"]
+    C: Float[np.ndarray, "output state"]
+    duty: Float[np.ndarray, " cell"]
+    outputs: Float[np.ndarray, " output"]
+    rest: Float[np.ndarray, "state cell"]
+    gain: Float[np.ndarray, "output cell"]
+    inverse: Float[np.ndarray, "cell output"]
+
+
+def plant_of(where: str, model: Any, measured: Sequence[Sequence[str]] | None) -> Plant:
+    """The plant between the duty and means over some channels.
+
+    A model of reduced order has fast states that are always at rest: its outputs follow the
+    command at once. What is read when a command is about to be given still follows the last
+    command, which then is a state.
+
+    **Raises:** `ControlError` where it is no discrete model with numbers, has no steady state, or
+    the outputs are more than the inputs, or moved alike by all of them.
+    """
+    expected = "a DiscreteModel, such as linearize(...).reduce(4).discretise(1.0)"
+    of_kind(f"{where}: model", model, DiscreteModel, expected, ControlError)
+    if is_traced(model):
+        raise ControlError(
+            f"{where}: model: expected numbers, got values that JAX traces; design outside of "
+            "jax.jit, jax.vmap and jax.grad"
+        )
+    weights = means_of(measured, model.output_names)
+    A, B, C, D = (np.asarray(matrix, float) for matrix in (model.A, model.B, model.C, model.D))
+    if not all(np.isfinite(matrix).all() for matrix in (A, B, C, D)):
+        raise ControlError(f"{where}: model: expected finite numbers, got some that are not")
+    C, D = weights @ C, weights @ D
+    states, inputs = B.shape
+    if D.any():
+        A = np.block([[A, np.zeros((states, inputs))], [np.zeros((inputs, states + inputs))]])
+        B, C = np.vstack([B, np.eye(inputs)]), np.hstack([C, D])
+    outputs = len(weights)
+    if outputs > inputs:
+        raise ControlError(
+            f"{where}: measured: expected at most as many outputs as the {inputs} cells, got "
+            f"{outputs}"
+        )
+    slow = np.eye(len(A)) - A
+    if np.linalg.cond(slow) > 1 / np.finfo(float).eps:
+        raise ControlError(
+            f"{where}: model: expected one that comes to rest under a constant duty, got a pole "
+            "at 1"
+        )
+    rest = np.linalg.solve(slow, B)
+    gain = C @ rest
+    condition = np.linalg.cond(gain)
+    if not condition < LARGEST_CONDITION:
+        raise ControlError(
+            f"{where}: measured: expected outputs that the cells move differently, got a gain at "
+            f"rest with condition number {condition:.3g}; measure nearer to the cells"
+        )
+    point = model.operating_point
+    return Plant(
+        A,
+        B,
+        C,
+        np.broadcast_to(np.asarray(point.duty, float), (inputs,)).copy(),
+        weights @ np.asarray(point.outputs, float),
+        rest,
+        gain,
+        np.linalg.pinv(gain),
+    )
