@@ -1,7 +1,8 @@
 """The command line: `jaxtwin --help`.
 
-Exit codes: 0; 1 where a check found something wrong; 2 with one line on standard error that says
-what was wrong; 3 where an interlock switched a rig off; 130 where Ctrl-C stopped it.
+Exit codes: 0 on success; 1 if a check found an error; 2 on an error, with a line on standard error
+that describes it; 3 if an interlock switched a rig off; 4 if `record` raised an alarm; 130 after
+Ctrl-C.
 """
 
 import os

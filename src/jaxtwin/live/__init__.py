@@ -1,7 +1,8 @@
 """A live rig: links, protocol, recorder, drive, virtual rig, replay.
 
-Bytes become records (`Sample`, `Reading`, ...), which are in the journal before anyone sees them.
-The contract is in docs/reliability.md, what goes over the wire in docs/protocol.md.
+Bytes become records (`Sample`, `Reading`, ...), which are written to the recording (the journal)
+before any other part of the program gets them. docs/reliability.md states the guarantees,
+docs/protocol.md specifies the protocol.
 
 The public names stand in `__init__.pyi` and are imported when they are first used.
 """

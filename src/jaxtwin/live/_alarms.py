@@ -1,4 +1,4 @@
-"""Alarms of a recording that nobody watches: raised once, and again after they were over."""
+"""Alarms of an unattended recording. An alarm is raised again only after its cause was absent."""
 
 import shutil
 from collections.abc import Sequence
@@ -12,26 +12,26 @@ from ._time import seconds
 from ._trip import Trip
 
 DISK_BYTES = 2**30
-"""Below so much free room the disk counts as nearly full."""
+"""Free space below which the disk counts as nearly full."""
 
 DISK_SECONDS = 10.0
-"""Between two looks at the disk, s."""
+"""Interval between two checks of the disk, s."""
 
 CALM_SECONDS = 10.0
-"""An alarm is over when its cause has been away for so long, s."""
+"""An alarm is over when its cause has been absent for this time, s."""
 
 
 @final
 class Alarms:
-    """Watches records as they are written; pure but for the look at the disk.
+    """Watches records as they are written. It reads nothing else than the disk's free space.
 
     **Arguments:**
 
     - `channels`: names of the temperatures.
-    - `hottest`: a reading above is an alarm, degC; `None`: no reading is.
+    - `hottest`: a reading above it raises an alarm, degC; `None`: no reading does.
     - `silence`: longest time without data or temperatures, s.
     - `file`: the recording; its disk is watched.
-    - `now`: host time at the begin, ns.
+    - `now`: host time at the start, ns.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The bench: all links of a rig, one stream of records, journalled before anyone sees them."""
+"""The bench: all links of a rig, a single stream of records, which the journal gets first."""
 
 import queue
 import secrets
@@ -21,22 +21,22 @@ from ._transport import Opener
 from ._view import View
 
 BATCH = 128
-"""Reads that are journalled together at most."""
+"""Largest number of reads that are written to the journal together."""
 
 ASK_AGAIN = 1.0
-"""Pause between two questions for a greeting, s."""
+"""Interval at which a device is asked for its greeting, s."""
 
 
 @runtime_checkable
 class Journal(Protocol):
-    """Where records are kept; the recorder."""
+    """What keeps the records: a `Recorder`, for example."""
 
     def counted(self, link: str) -> Counters:
-        """How far the devices of a link are in it already."""
+        """Up to which message each device of a link has been recorded."""
         ...
 
     def write(self, records: Sequence[Record]) -> None:
-        """Keeps them, or raises: then nobody sees them."""
+        """Keeps the records. If it raises, the bench does not hand them on."""
         ...
 
 
@@ -53,7 +53,7 @@ class Bench:
 
     - `rig`: which rig must be at the other end.
     - `links`: name -> how it is opened.
-    - `journal`: keeps the records before anyone sees them.
+    - `journal`: keeps the records before the bench hands them on.
     - `clock`: host time.
     - `stale_after`: silence after which a link counts as stale, s.
     """
@@ -90,9 +90,9 @@ class Bench:
         self._commands: list[Record] = []
         self._number = 0
         self.owner = secrets.token_hex(4)
-        """Whose commands these are: a device obeys one commander at a time. No secret."""
+        """Name under which the bench commands; a device obeys one host at a time. No secret."""
         self.ended = False
-        """Whether it has been closed; a replay also ends by itself."""
+        """Whether the bench has been closed; a replay also ends by itself."""
 
     def __enter__(self) -> "Bench":
         for link in self._links.values():
@@ -113,18 +113,18 @@ class Bench:
 
     @property
     def states(self) -> dict[str, LinkState]:
-        """How each link stands."""
+        """State of each link."""
         return {name: receiver.state for name, receiver in self._receivers.items()}
 
     @property
     def refusals(self) -> dict[str, str]:
-        """Links whose peer was last refused, and why."""
+        """Links whose device was refused, with the reason."""
         return {
             name: why for name, receiver in self._receivers.items() if (why := receiver.refused)
         }
 
     def record_into(self, journal: Journal) -> None:
-        """Goes on in another journal, which is told first who is there."""
+        """Continues in another journal, which first gets the greetings of the connected devices."""
         now = self.clock.now()
         journal.write(
             [
@@ -142,16 +142,16 @@ class Bench:
         return view
 
     def step_links(self) -> None:
-        """One attempt or read of each link here and now, instead of by threads (see `Link`)."""
+        """Opens or reads each link once, in this thread instead of the links' own (see `Link`)."""
         for link in self._links.values():
             link.step()
 
     def poll(self, timeout: float | int = 0.1) -> list[Record]:
-        """What came since the last call, after waiting at most `timeout` seconds for it.
+        """The records since the last call, after waiting for at most `timeout` seconds.
 
-        **Returns:** records that are in the journal already.
+        **Returns:** records that have been written to the journal.
 
-        **Raises:** what the journal raises; the records are then not handed on.
+        **Raises:** the errors of the journal; the records are then not handed on.
         """
         records = self._commands
         self._commands = []
@@ -174,27 +174,28 @@ class Bench:
         return records
 
     def send_duty(self, pwm: tuple[int, ...]) -> bool:
-        """Sends counts to every device that drives cells; whether all were handed over.
+        """Sends counts to every device that drives cells. Returns whether all were sent.
 
-        The command is journalled with the next poll: a command to switch off waits for no disk.
+        The command is written to the journal at the next poll, so that a command to switch off does
+        not wait for the disk.
         """
         return self._send(lambda number: Duty(number, pwm, self.owner), pwm, "duty")
 
     def send_order(self, kind: Literal["stop", "reset", "release"]) -> bool:
-        """The same for a command without counts."""
+        """Sends a command without counts. Returns whether it was sent."""
         return self._send(lambda number: Order(kind, number, self.owner), (), kind)
 
     @property
     def number(self) -> int:
-        """Of the last command; each has its own."""
+        """Number of the last command; each command has a new number."""
         return self._number
 
     def note(self, record: Record) -> None:
-        """Has a record of the host's own journalled and shown with the next poll."""
+        """Adds a record of the host, which the next poll writes to the journal and returns."""
         self._commands.append(record)
 
     def close(self) -> None:
-        """Ends the links; what had arrived is journalled."""
+        """Closes the links, and writes to the journal what has arrived."""
         self.ended = True
         for link in self._links.values():
             link.close()
@@ -245,7 +246,7 @@ def connect(
     baud: int = 115_200,
     clock: Clock | None = None,
 ) -> Bench:
-    """The bench of a rig behind one or several links, a controller's and a camera's, say.
+    """The bench of a rig behind one or several links, such as those of a controller and a camera.
 
     **Arguments:**
 
@@ -255,8 +256,8 @@ def connect(
     - `baud`: of serial ports.
     - `clock`: host time.
 
-    **Raises:** `LinkError` for a link that does not exist in any form. One that is merely not there
-    now is waited for.
+    **Raises:** `LinkError` for an address of no known kind. A device that is not connected yet is
+    waited for.
     """
     if not urls or len(set(urls)) < len(urls):
         raise LinkError(f"links: expected at least one, each once, got {urls}")

@@ -1,6 +1,7 @@
 """Messages -> frames and back.
 
-Every number from the wire is bounded here; what does not fit exactly is no message.
+Every number from the wire is checked against its bounds here. A frame that does not follow the
+protocol exactly is refused.
 """
 
 import math
@@ -34,7 +35,7 @@ _LATEST = 2**62  # microseconds
 def parse(frame: str | bytes) -> Message:
     """The message in a frame.
 
-    **Raises:** `LinkError` that quotes what is no message of this version.
+    **Raises:** `LinkError`, which quotes the frame, if it is not a message of this version.
     """
     try:
         return _parse_line(frame) if isinstance(frame, str) else _parse_packet(frame)

@@ -1,4 +1,4 @@
-"""Does a device keep the protocol? A script of greetings, commands and faults, and what is wrong.
+"""Tests whether a device follows the protocol, by a script of greetings, commands and faults.
 
 It commands the cells, briefly and with little duty. Run it with the supply's current limit low, or
 without the cells.
@@ -17,28 +17,28 @@ from ._time import Clock
 from ._transport import Transport
 
 SMALL = 10
-"""Counts that the script asks for."""
+"""Counts that the script commands."""
 
 OWNER, OTHER = "conform-1", "conform-2"
 
 
 class Finding(NamedTuple):
-    """What a step of the script tried, and what was wrong (`""`: nothing)."""
+    """What a step of the script tested, and what was wrong (`""`: nothing)."""
 
     step: str
     wrong: str
 
 
 def conform(rig: Rig, transport: Transport, clock: Clock) -> Iterator[Finding]:
-    """Tries a device, step by step.
+    """Tests a device, step by step.
 
     **Arguments:**
 
-    - `rig`: that it should be.
+    - `rig`: the rig to which the device should belong.
     - `transport`: an open connection to it.
     - `clock`: host time.
 
-    **Returns:** what each step found, as it is found.
+    **Returns:** an iterator over the finding of each step.
     """
     talk = Dialogue(transport, clock, OWNER)
     talk.say(encode(Ask(VERSION)))

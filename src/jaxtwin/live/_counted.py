@@ -1,4 +1,4 @@
-"""What a recording holds already of each device, so that no message is recorded a second time."""
+"""Which messages of each device a recording contains, so that none is recorded a second time."""
 
 import sqlite3
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from ._records import Stream
 
 
 class Counted(NamedTuple):
-    """How far a stream of a start of a device has been recorded.
+    """Up to which message a stream of one start of a device has been recorded.
 
     - `expected`: the next number.
     - `device_us`: the device's time of the last message.
@@ -19,11 +19,11 @@ class Counted(NamedTuple):
 
 
 Counters = Mapping[str, Mapping[Stream, Counted]]
-"""Start of a device (`boot`) -> stream -> how far."""
+"""Start of a device (`boot`) -> stream -> `Counted`."""
 
 
 def counted_in(database: sqlite3.Connection) -> dict[str, dict[str, dict[Stream, Counted]]]:
-    """How far a recording goes: link -> start of a device -> stream."""
+    """Up to which message a recording goes: link -> start of a device -> stream -> `Counted`."""
     found: dict[str, dict[str, dict[Stream, Counted]]] = {}
     starts = "SELECT link, boot, max(id), min(arrival), max(hello) FROM greetings GROUP BY 1, 2"
     for link, boot, _, first, hello in database.execute(f"{starts} ORDER BY 3").fetchall():

@@ -1,18 +1,19 @@
-"""Whether a device's clock can be believed: it runs about as fast as the host's, and never back."""
+"""Plausibility of a device's clock: it runs about as fast as the host's, and never back."""
 
 from typing import final
 
 from .._errors import LinkError
 
 AHEAD = 60.0
-"""By which a device may be ahead of its own clock, s of the host: bytes that waited in a buffer at
-the start, a pause of the host."""
+"""How far a device's time may run ahead of the host's, s of the host. Bytes that waited in a buffer
+at the start, or during a pause of the host, have this effect."""
 
 FASTER = 1.01
-"""A crystal is never a hundredth too fast."""
+"""Highest plausible ratio of a device's clock to the host's; crystals are far more accurate."""
 
 AGREE = 10
-"""Messages in a row that agree with each other: then the clock has stepped, and they are right."""
+"""After so many implausible messages in a row that are consistent with each other, the clock is
+taken to have stepped."""
 
 
 @final
@@ -26,17 +27,17 @@ class DeviceTime:
 
     def __init__(self, rate: float):
         self.steps = 0
-        """How often it has stepped."""
+        """Number of steps of the clock."""
         self._rate = rate
         self._first: tuple[int, int] | None = None  # device microseconds, arrival in ns
         self._doubted: tuple[int, int] | None = None
         self._agreeing = 0
 
     def check(self, device_us: int, arrival: int) -> bool:
-        """Takes the stamp of a message; whether the clock has stepped with it, and is believed.
+        """Checks the time of a message. Returns whether the clock has stepped, and is accepted.
 
-        **Raises:** `LinkError` where a stamp cannot be true: one alone must not make the host deaf
-        until the device's clock has caught up with it.
+        **Raises:** `LinkError` for an implausible time. If the host accepted it, it would refuse
+        all later messages until the device's clock had caught up with it.
         """
         if self._first is None:
             self._first = device_us, arrival

@@ -1,4 +1,4 @@
-"""A conversation with one device, line by line, as a script needs it."""
+"""Lines to and from a single device, for scripts that test it."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -17,18 +17,18 @@ PATIENCE = 3.0
 
 @final
 class Dialogue:
-    """Says something to a device and waits for what it answers.
+    """Sends lines to a device and waits for its answers.
 
     **Arguments:**
 
     - `transport`: an open connection.
     - `clock`: host time.
-    - `owner`: in whose name it commands.
+    - `owner`: name under which it commands.
     """
 
     def __init__(self, transport: Transport, clock: Clock, owner: str):
         self.nonsense: list[str] = []
-        """What the device said that is not of the protocol."""
+        """Bytes of the device that do not follow the protocol."""
         self.clock = clock
         self._transport = transport
         self._owner = owner
@@ -37,11 +37,11 @@ class Dialogue:
         self._number = 0
 
     def say(self, content: bytes) -> None:
-        """Sends bytes, whatever they are."""
+        """Sends any bytes."""
         self._transport.write(content)
 
     def command(self, *pwm: int, owner: str | None = None) -> int:
-        """Sends a duty; its number."""
+        """Sends a duty. Returns its number."""
         self._number += 1
         self.say(encode(Duty(self._number, pwm, owner or self._owner)))
         return self._number
@@ -52,7 +52,7 @@ class Dialogue:
         self.say(encode(Order(kind, self._number, owner or self._owner)))
 
     def listen(self, seconds: float) -> Iterator[Message]:
-        """What the device says within so long."""
+        """Messages of the device within a time."""
         end = self.clock.now() + round(seconds * 1e9)
         while True:
             while self._waiting:
@@ -69,7 +69,7 @@ class Dialogue:
                     self.nonsense.append(str(error))
 
     def hears(self, what: Callable[[Message], bool], seconds: float = PATIENCE) -> bool:
-        """Whether it says what is expected."""
+        """Whether the device sends an expected message."""
         return any(what(message) for message in self.listen(seconds))
 
     def reports(self, seconds: float = PATIENCE, **wanted: object) -> bool:

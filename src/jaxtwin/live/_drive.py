@@ -25,7 +25,7 @@ def drive(
     stop: threading.Event | None = None,
     progress: Callable[[float, tuple[int, ...]], None] | None = None,
 ) -> Literal["completed", "stopped"]:
-    """Runs a plan's duty on a live rig; the cells are off when it returns, however it returns.
+    """Applies a plan's duty to a live rig. The cells are off when it returns, also after an error.
 
     **Arguments:**
 
@@ -36,10 +36,10 @@ def drive(
         (`Experiment.schedule`).
     - `silence`, `reset`, `about`, `stop`, `progress`: as in `operate`.
 
-    **Returns:** whether it came to its end, or was stopped.
+    **Returns:** `"completed"`, or `"stopped"` if `stop` ended it.
 
-    **Raises:** `SafetyStop` when an interlock trips, and where the rig does not come up;
-    `JaxtwinError` where the rig states no limit or the plan is for another number of cells.
+    **Raises:** `SafetyStop` if an interlock trips, or the rig does not become ready;
+    `JaxtwinError` if the rig file states no limit or the plan is for another number of cells.
     """
     twin = rig if isinstance(rig, Twin) else Twin(rig)
     cells = len(twin.rig.cells)

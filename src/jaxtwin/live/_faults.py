@@ -1,4 +1,4 @@
-"""What goes wrong with a virtual rig, and when."""
+"""Faults of a virtual rig."""
 
 import re
 from dataclasses import dataclass
@@ -19,17 +19,16 @@ _EXAMPLES = (
 @final
 @dataclass(frozen=True)
 class Faults:
-    """Times are rig time, s.
+    """Faults and their times, in s of the rig.
 
     **Arguments:**
 
     - `drop`, `corrupt`: probability that a message is lost, or that bytes of it are changed.
-    - `jumps`: interval of the camera's recalibrations; after each its offset is another one. 0:
-        never.
-    - `stall`: every so often, silent for so long.
+    - `jumps`: interval of the camera's recalibrations; each changes its offset. 0: never.
+    - `stall`: (interval, duration) of silences.
     - `disconnect`: interval after which the connection is cut. 0: never.
-    - `loosen`: (cell, when, factor): its contacts to the plate get that many times worse.
-    - `fail`: (cell, when): it breaks, no current flows any more.
+    - `loosen`: (cell, time, factor) by which its contact resistances to the plate are multiplied.
+    - `fail`: (cell, time): its circuit is interrupted, no current flows any more.
     """
 
     drop: float = 0.0
@@ -44,7 +43,7 @@ class Faults:
     def parse(cls, text: str) -> "Faults":
         """From words such as `"drop=0.01,stall=30/5,loosen=P1@300/10"`.
 
-        **Raises:** `LinkError` that quotes the word which is wrong.
+        **Raises:** `LinkError`, which quotes the wrong word.
         """
         fields: dict[str, object] = {}
         for word in filter(None, (part.strip() for part in text.split(","))):

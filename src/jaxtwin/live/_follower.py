@@ -1,4 +1,4 @@
-"""The twin beside the rig: it gets the same duty and is asked for the same channels."""
+"""The twin beside the rig: it gets the same duty and predicts the same channels."""
 
 from collections.abc import Sequence
 from typing import final
@@ -15,8 +15,9 @@ from ._records import Greeting, Reading, Record, Sample
 class Follower:
     """Follows a live or replayed rig.
 
-    The twin starts when the first temperatures come, all its nodes at their mean: what was before,
-    nobody knows, and a rig that was not at rest shows it for some minutes.
+    The twin starts with the first temperatures, all its nodes at their mean, because the earlier
+    state of the rig is not known. If the rig was not at rest, the prediction is wrong for some
+    minutes.
 
     **Arguments:**
 
@@ -25,9 +26,9 @@ class Follower:
 
     def __init__(self, twin: Twin):
         self.measured: Float[np.ndarray, " channels"] | None = None
-        """The last temperatures, degC."""
+        """The last measured temperatures, degC."""
         self.predicted: Float[np.ndarray, " channels"] | None = None
-        """The twin's for the same moment, degC."""
+        """The twin's prediction of them, degC."""
         self._twin = LiveTwin(twin)
         self._driver = twin.rig.driver
         self._rate = 1.0
@@ -40,7 +41,7 @@ class Follower:
 
     @property
     def ambient(self) -> float:
-        """Of the twin's surroundings, degC."""
+        """Ambient temperature of the twin, degC."""
         return self._twin.ambient
 
     def update(self, records: Sequence[Record]) -> None:

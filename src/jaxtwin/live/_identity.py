@@ -1,4 +1,4 @@
-"""Which bench a rig file describes, as its devices must introduce it; frames -> channels."""
+"""What the devices of a rig must name in their greetings; camera frames -> channels."""
 
 from dataclasses import dataclass
 from typing import final
@@ -16,16 +16,16 @@ CENTIKELVIN = 0.01
 ZERO_CELSIUS = 273.15
 
 WATCHDOG_SECONDS = 0.1, 5.0
-"""What a device's watchdog may wait; longer, and nobody would call it one."""
+"""Shortest and longest time of a device's watchdog, s."""
 
 RATES = 0.1, 1000.0
-"""Of a device's time to the host's."""
+"""Lowest and highest ratio of device time to host time."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Identity:
-    """A rig as the protocol sees it.
+    """The properties of a rig that the protocol uses.
 
     **Arguments:**
 
@@ -45,7 +45,7 @@ class Identity:
 
     @classmethod
     def of(cls, rig: Rig) -> "Identity":
-        """That of a rig.
+        """The identity of a rig.
 
         **Raises:** `LinkError` where a name is too long for a greeting.
         """
@@ -84,7 +84,8 @@ class Identity:
     def temperatures(
         self, pixels: UInt16[np.ndarray, "height width"]
     ) -> Float[np.ndarray, " channels"]:
-        """Channels of a frame in centikelvin, degC: means by area over each channel's pixels."""
+        """Temperatures of the channels, degC, from a frame in 0.01 K: means by area over the pixels
+        of each channel."""
         return self.weights @ pixels.ravel() * CENTIKELVIN - ZERO_CELSIUS
 
 

@@ -1,7 +1,7 @@
-"""Interlocks: each looks at what comes from a rig and says when the cells must go off.
+"""Interlocks: each checks the records of a rig and decides when the cells must be switched off.
 
-They are pure: records, commands and the time go in, a trip comes out. `Guard` is all of them
-together, and stands between a rig and whatever commands it.
+They have no side effects: from records, commands and the time they compute a trip. `Guard`
+combines them, and checks every run that commands a rig.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,26 +19,26 @@ from ._twin_watch import TwinWatch
 
 @runtime_checkable
 class Interlock(Protocol):
-    """Looks at one kind of danger."""
+    """Checks for one kind of danger."""
 
     def see(self, record: Record) -> Trip | None:
-        """Takes what came from the rig; the reason to stop, if there is any."""
+        """Checks a record of the rig. Returns the reason to stop, if there is any."""
         ...
 
     def check(self, now: int) -> Trip | None:
-        """The same for what did not come, by host time `now`, ns."""
+        """Checks for missing records at host time `now`, ns. Returns the reason to stop, if any."""
         ...
 
 
 @final
 class Guard:
-    """Says when the cells must go off: all interlocks of a rig.
+    """All interlocks of a rig.
 
     **Arguments:**
 
     - `twin`: of the rig, whose file must state `limits.temperature`.
-    - `owner`: in whose name the rig is commanded (`Bench.owner`).
-    - `silence`: longest time without a controller sample, or without temperatures that count, s.
+    - `owner`: name under which the rig is commanded (`Bench.owner`).
+    - `silence`: longest time without a controller sample, or without valid temperatures, s.
 
     **Raises:** `JaxtwinError` where the rig file states no limit.
     """
@@ -61,11 +61,11 @@ class Guard:
         )
 
     def wait(self, records: Sequence[Record]) -> Trip | None:
-        """Before anything was commanded: links may come and go, readings must make sense."""
+        """Checks before the first command: links may be lost, readings must be plausible."""
         return _first(lock.see(r) for r in records for lock in (self._readings, self._twin))
 
     def begin(self, now: int, boots: Mapping[str, str]) -> None:
-        """From now on all count; `boots` are the devices' present starts by link."""
+        """Begins to check all interlocks; `boots` are the present starts of the devices by link."""
         self._presence.begin(now, boots)
 
     def commanded(self, now: int, number: int, pwm: tuple[int, ...]) -> None:
@@ -77,7 +77,7 @@ class Guard:
 
         **Arguments:**
 
-        - `records`: what came since the last call.
+        - `records`: those since the last call.
         - `now`: host time, ns.
         """
         seen = _first(lock.see(record) for record in records for lock in self._interlocks)

@@ -1,4 +1,4 @@
-"""One link: opened again for ever and read by a thread of its own."""
+"""One link: opened again without limit, and read by its own thread."""
 
 import logging
 import queue
@@ -14,11 +14,12 @@ FIRST_RETRY, LONGEST_RETRY = 0.1, 5.0
 """Pause after the first failure, s; it doubles with each further one up to the longest."""
 
 LASTING = 5.0
-"""A connection that was good for so long is opened again at once, s. A device that greets and hangs
-up is not asked ten times a second for ever."""
+"""A connection that was valid for this time, s, is opened again at once. A device that greets and
+then closes the connection is thus not opened ten times a second."""
 
 INBOX = 256
-"""Reads that may wait for the bench; then the thread waits, and TCP lets the sender wait."""
+"""Number of reads that may wait for the bench. Beyond it the thread waits, and TCP lets the sender
+wait."""
 
 log = logging.getLogger("jaxtwin.live")
 
@@ -41,8 +42,8 @@ class Link:
     """A connection to a device, opened again whenever it is lost.
 
     The thread opens, reads and closes, and does nothing else: no parsing, no waiting for a disk.
-    What it read and whether it is open goes into the inbox, in order. Whether the bytes make sense
-    only the bench can tell: it calls `heard` when they do and `drop` when they do not.
+    It puts what it has read, and whether the link is open, into the inbox, in order. The bench
+    parses the bytes; it calls `heard` if they are valid and `drop` if they are not.
 
     **Arguments:**
 
@@ -95,7 +96,7 @@ class Link:
             self._put(Arrived(self.name, self._clock.now(), data))
 
     def send(self, data: bytes) -> bool:
-        """Sends bytes; whether they were handed over. A link that breaks here is opened again."""
+        """Sends bytes. Returns whether they were sent. A link that breaks here is opened again."""
         transport = self._transport
         if transport is None:
             return False

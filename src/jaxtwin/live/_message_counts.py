@@ -1,4 +1,4 @@
-"""Each message of a device once: what was seen before, what is missing, when its clock steps."""
+"""Sequence numbers of a device: repeated messages, missing messages, steps of its clock."""
 
 from typing import NamedTuple, final
 
@@ -11,11 +11,11 @@ BOOTS = 8  # starts of a device whose counters are remembered
 
 
 class Place(NamedTuple):
-    """Where a message stands in its stream.
+    """Position of a message in its stream.
 
-    - `first`, `missing`: the numbers before it that never came: the first of them, and how many.
-    - `boot`: the start of the device that it belongs to; another one than before where the device's
-        clock has stepped, since one start has one clock.
+    - `first`, `missing`: first number and count of the messages that are missing before it.
+    - `boot`: the start of the device to which it belongs. A step of the device's clock counts as a
+        new start, because each start has a single clock.
     """
 
     first: int
@@ -29,7 +29,7 @@ class MessageCounts:
 
     **Arguments:**
 
-    - `counted`: how far they were counted already, in an earlier run.
+    - `counted`: up to which message they were counted in an earlier run.
     """
 
     def __init__(self, counted: Counters | None = None):
@@ -40,7 +40,7 @@ class MessageCounts:
         self._names: dict[str, str] = {}
 
     def begin(self, boot: str, rate: float) -> str:
-        """A device greets; under which name its present start is counted."""
+        """Registers a greeting. Returns the name under which its device is counted."""
         name = self._names.setdefault(boot, boot)
         self._counts.setdefault(name, {})
         self._times.setdefault(name, DeviceTime(rate))
@@ -52,10 +52,10 @@ class MessageCounts:
     def place(
         self, boot: str, stream: Stream, seq: int, device_us: int, arrival: int
     ) -> Place | None:
-        """Counts a message; `None` where it was counted before.
+        """Position of a message; `None` if it was counted before.
 
-        **Raises:** `LinkError` where its time cannot be true. It is not counted then: its number
-        shows as missing with the next one.
+        **Raises:** `LinkError` if its time is implausible. It is then not counted, and the next
+        message reports its number as missing.
         """
         counts, time = self._counts[boot], self._times[boot]
         known = counts.get(stream)
@@ -70,7 +70,7 @@ class MessageCounts:
         return Place(seq if known is None else known.expected, missing, boot)
 
     def _stepped(self, boot: str) -> str:
-        """Goes on with the same numbers and another clock, under another name."""
+        """Continues with the same numbers and a new clock, under a new name."""
         origin = next(first for first, name in self._names.items() if name == boot)
         time = self._times.pop(boot)
         name = f"{origin[:24]}.{time.steps}"

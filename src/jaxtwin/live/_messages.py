@@ -18,18 +18,18 @@ MOST_NAMES = 64  # cells or channels in a greeting
 @final
 @dataclass(frozen=True)
 class Hello:
-    """A device's greeting: who it is and what it will send.
+    """A device's greeting: what it is and what it will send.
 
     **Arguments:**
 
     - `version`: of the protocol.
     - `rig`: name of the rig.
-    - `boot`: new at every start of the device, since its counters begin anew then.
-    - `cells`, `channels`: names; cells where it drives any, channels where it measures them itself.
+    - `boot`: differs at every start of the device, because its counters begin again.
+    - `cells`, `channels`: names of the cells that it drives and the channels that it measures.
     - `camera`: width and height of its frames, pixels, or `None`.
     - `counts`: PWM counts of full duty.
-    - `watchdog`: without a duty command for this long it switches the cells off, seconds of a
-        clock on the wall; `None` where it drives no cells.
+    - `watchdog`: time without a duty command after which it switches the cells off, s of real
+        time; `None` where it drives no cells.
     - `rate`: seconds of device time in a second; 1 but for a virtual or replayed rig.
     """
 
@@ -51,16 +51,16 @@ class Data:
 
     **Arguments:**
 
-    - `seq`: counts up by 1, modulo 2^32.
-    - `device_us`: when, on the device's clock, microseconds since its start.
+    - `seq`: sequence number, modulo 2^32.
+    - `device_us`: time of the device's clock, microseconds since its start.
     - `pwm`: counts that are applied to the cells now.
     - `ambient`: degC, or `None` without a sensor for it.
     - `temperatures`: of the greeting's channels, degC; empty where a camera measures them. NaN
         where a channel has failed.
-    - `faults`: number of a channel -> in one word, why it has failed.
-    - `owner`, `number`: who commands the cells, and the number of his last command that was obeyed;
-        `""` and `None` while nobody does.
-    - `trip`: why the device refuses every duty until it is reset; `""` while it does not.
+    - `faults`: number of a channel -> reason of its failure, a single word.
+    - `owner`, `number`: the host that commands the cells, and the number of its last command that
+        was applied; `""` and `None` if there is none.
+    - `trip`: why the device refuses every duty until it is reset; `""` if it has not tripped.
     """
 
     seq: int
@@ -88,14 +88,14 @@ class Image:
 @final
 @dataclass(frozen=True)
 class Notice:
-    """Something that happened on the device, such as its watchdog's stop.
+    """An event on the device, such as a stop by its watchdog.
 
     **Arguments:**
 
     - `seq`, `device_us`: as in `Data`.
-    - `kind`: in one word.
-    - `owner`, `number`: of the command that it is about, if any.
-    - `why`: in one word.
+    - `kind`: a single word.
+    - `owner`, `number`: of the command that caused it, if any.
+    - `why`: the reason, a single word.
     """
 
     seq: int
@@ -109,7 +109,7 @@ class Notice:
 @final
 @dataclass(frozen=True)
 class Beat:
-    """Sign of life of a device that has nothing to say."""
+    """Message of a device that has nothing else to send."""
 
     device_us: int
 
@@ -129,9 +129,9 @@ class Duty:
 
     **Arguments:**
 
-    - `number`: counts a host's commands.
+    - `number`: of the command; a host increases it by 1.
     - `pwm`: counts.
-    - `owner`: who commands. A device obeys one at a time.
+    - `owner`: the host that commands. A device obeys one at a time.
     """
 
     number: int
@@ -146,8 +146,8 @@ class Order:
 
     **Arguments:**
 
-    - `kind`: `stop` switches off, whoever says it, and the device trips; `reset` ends a trip;
-        `release` switches off and lets another command.
+    - `kind`: `stop`, from any host, switches the cells off and trips the device; `reset` ends a
+        trip; `release` switches the cells off and lets another host command.
     - `number`, `owner`: as in `Duty`.
     """
 

@@ -1,9 +1,9 @@
-"""MQTT: the protocol through a broker, and decoded records for whoever subscribes.
+"""MQTT: the protocol through a broker, and decoded records for subscribers.
 
 A broker carries the bytes of a link unchanged, device to host on `TOPIC/up` and host to device on
-`TOPIC/down`, so all that holds for other links holds here: sequence numbers show what a broker
-lost. What a broker retained from before is passed over: an old command must not heat a rig that
-has just been switched on. Needs the extra `mqtt` (paho-mqtt).
+`TOPIC/down`. Sequence numbers show which messages a broker has lost, as on other links. Retained
+messages are ignored, because an old command must not heat a rig that has just been switched on.
+Needs the extra `mqtt` (paho-mqtt).
 """
 
 import contextlib
@@ -25,7 +25,7 @@ CONNECT_SECONDS = 5.0
 WAITING = 1000  # messages that wait at most, coming and going
 MOST_WAITING = 2**22  # bytes of those that come
 LARGEST = 2 * PACKET_BYTES
-"""Bytes of a message; the broker keeps larger ones to itself (MQTT 5, maximum packet size)."""
+"""Largest message, bytes; the broker does not deliver larger ones (MQTT 5, maximum packet size)."""
 
 log = logging.getLogger("jaxtwin.live")
 
@@ -91,7 +91,7 @@ class MqttTransport:
         return first + self.waiting()
 
     def waiting(self) -> bytes:
-        """What is there already."""
+        """The bytes that have arrived."""
         parts = []
         with contextlib.suppress(queue.Empty):
             while True:
@@ -113,7 +113,7 @@ class MqttTransport:
 class Publisher:
     """Publishes records as JSON: `TOPIC/readings`, `TOPIC/duty`, `TOPIC/events`.
 
-    A view like any other: a slow broker loses messages here, never in the recording.
+    With a slow broker, messages are lost here, and never in the recording.
 
     **Arguments:**
 
@@ -136,7 +136,7 @@ class Publisher:
         self._client.loop_start()
 
     def publish(self, records: Sequence[Record]) -> None:
-        """Hands records to the broker; does not wait for it."""
+        """Sends records to the broker without waiting for it."""
         for record in records:
             topic, content = self._message(record)
             if topic:

@@ -1,4 +1,4 @@
-"""Interlock: the cells get what was commanded, and nobody else commands them."""
+"""Interlock: the device applies what was commanded, and no other host commands it."""
 
 from collections import deque
 from typing import NamedTuple, final
@@ -7,7 +7,7 @@ from ._records import Record, Sample
 from ._trip import Trip
 
 ROUNDING = 1
-"""Counts by which a driver may differ from its command."""
+"""Largest difference between applied and commanded counts."""
 
 
 class _Sent(NamedTuple):
@@ -20,15 +20,15 @@ class _Sent(NamedTuple):
 class Obedience:
     """Compares the counts that a device reports with those that were commanded.
 
-    A driver may obey late and by a ramp: its counts must lie between the lowest and the highest of
-    all commands that were in force within the delay before the report. The number of a command that
-    is older must have come back.
+    A driver may apply a command late and by a ramp. Its counts must therefore lie between the
+    lowest and the highest of all commands that were in force within the delay before the report. A
+    command that is older than the delay must have been acknowledged.
 
     **Arguments:**
 
-    - `owner`: whose commands these are.
+    - `owner`: name of the host that commands.
     - `cells`: their names.
-    - `delay`: the longest that a driver may take, ramp included, s.
+    - `delay`: longest time until a driver applies a command, ramp included, s.
     """
 
     def __init__(self, owner: str, cells: tuple[str, ...], delay: float):

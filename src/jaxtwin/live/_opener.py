@@ -1,4 +1,4 @@
-"""The address of a link -> how it is opened. A new kind of link gets its line here."""
+"""The address of a link -> a function that opens it. A new kind of link is added here."""
 
 import socket
 from urllib.parse import urlsplit
@@ -11,11 +11,11 @@ from ._mqtt_address import MqttAddress
 from ._transport import Opener, SerialTransport, SocketTransport
 
 CONNECT_SECONDS = 3.0
-"""The longest that opening a TCP link takes."""
+"""Longest time for opening a TCP link, s."""
 
 
 def opener(url: str, *, baud: int = 115_200) -> Opener:
-    """How to open a link, without opening it.
+    """A function that opens a link.
 
     **Arguments:**
 

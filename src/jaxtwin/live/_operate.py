@@ -1,4 +1,4 @@
-"""Commanding a rig behind its guard, whatever says the duty: a plan or a controller."""
+"""Commanding a rig behind its interlocks, by a plan or a controller."""
 
 import contextlib
 import logging
@@ -21,10 +21,10 @@ from ._records import Document, Reading, Record, Sample
 from ._time import seconds
 
 INTERVAL = 0.25
-"""Between two commands, s; each one also feeds the watchdog of the device."""
+"""Interval between two commands, s; each also resets the watchdog of the device."""
 
 OFF_SECONDS = 2.0
-"""How long a stop waits for the controller to report that the cells are off, s."""
+"""Longest time for which a stop waits until the controller reports that the cells are off, s."""
 
 _UNCONFIRMED = (
     "the controller does not report that the cells are off; its watchdog switches them off when "
@@ -35,12 +35,12 @@ log = logging.getLogger("jaxtwin.live")
 
 
 class Moment(NamedTuple):
-    """What a controller knows when it is asked for the duty.
+    """The state of the rig that a controller gets when it is asked for the duty.
 
-    - `time`: since the begin, s of the rig.
-    - `temperatures`: the last ones that count, degC `(channels,)`.
-    - `duty`: that the cells get now, as the device reports it, -1 to 1, positive heats `(cells,)`.
-    - `ambient`: degC, or `None` where nobody measures it.
+    - `time`: since the start of the run, s of the rig.
+    - `temperatures`: the last valid ones, degC `(channels,)`.
+    - `duty`: of the cells now, as the device reports it, -1 to 1, positive heats `(cells,)`.
+    - `ambient`: degC, or `None` if it is not measured.
     """
 
     time: float
@@ -64,7 +64,7 @@ def operate(
     stop: threading.Event | None = None,
     progress: Callable[[float, tuple[int, ...]], None] | None = None,
 ) -> Literal["completed", "stopped"]:
-    """Commands a live rig; the cells are off when it returns, however it returns.
+    """Commands a live rig. The cells are off when it returns, also after an error.
 
     **Arguments:**
 
@@ -73,14 +73,14 @@ def operate(
     - `duty`: asked every quarter of a second.
     - `silence`: longest time without data, s.
     - `reset`: end a trip of the device first, on purpose.
-    - `about`: kept with the begin of the run in a recording: a plan, a command line, say.
+    - `about`: stored at the start of the run in a recording: a plan or a command line, for example.
     - `stop`: ends it early when set.
     - `progress`: called with the time (s of the rig) and the counts after each command.
 
-    **Returns:** whether `duty` ended it, or `stop`.
+    **Returns:** `"completed"` if `duty` ended the run, `"stopped"` if `stop` did.
 
-    **Raises:** `SafetyStop` when an interlock trips, and where the rig does not come up;
-    `JaxtwinError` where the rig states no limit.
+    **Raises:** `SafetyStop` if an interlock trips, or the rig does not become ready; `JaxtwinError`
+    if the rig file states no limit.
     """
     guard = Guard(twin, bench.owner, silence=silence)
     run = _Run(bench, twin.rig, guard)
@@ -108,9 +108,9 @@ def operate(
 
 
 def switch_off(bench: Bench, cells: int) -> bool:
-    """Sends duty 0 until the controller reports it; whether it did within `OFF_SECONDS`.
+    """Sends duty 0 until the controller reports it. Returns whether it did within `OFF_SECONDS`.
 
-    The first command is sent before anything that could fail, such as the journal.
+    The first command is sent before any step that could fail, such as writing the journal.
     """
     off = (0,) * cells
     begin = bench.clock.now()
@@ -135,7 +135,7 @@ def counts_of(rig: Rig, duty: Sequence[float] | np.ndarray) -> tuple[int, ...]:
 def _outcome(
     status: str, error: BaseException | None, off: bool, commanding: bool
 ) -> Literal["completed", "stopped"]:
-    """The end of a run as its caller is told."""
+    """The end of a run as it is returned to the caller."""
     outcome = "the cells are off" if off else _UNCONFIRMED
     if isinstance(error, SafetyStop) and commanding:
         raise SafetyStop(f"{error}; {outcome}", error.kind) from None
@@ -150,11 +150,11 @@ def _outcome(
 
 @final
 class _Run:
-    """One run: what is known of the rig while it is commanded."""
+    """The state of a run while it commands the rig."""
 
     def __init__(self, bench: Bench, rig: Rig, guard: Guard):
         self.commanding = False
-        """Whether anything was commanded yet."""
+        """Whether a command has been sent."""
         self._bench, self._rig, self._guard = bench, rig, guard
         self._reading: Reading | None = None
         self._sample: Sample | None = None
@@ -212,7 +212,7 @@ class _Run:
 
 
 def _checked(duty: Sequence[float] | np.ndarray, cells: int) -> np.ndarray:
-    """A duty as it may be sent: NaN or 3 of a controller must not reach a driver."""
+    """A duty that may be sent. Values such as NaN or 3 must not reach a driver."""
     values = np.asarray(duty, np.float64)
     if values.shape != (cells,) or not np.all(np.abs(values) <= 1):
         raise JaxtwinError(f"duty: expected {cells} numbers from -1 to 1, got {duty}")

@@ -1,4 +1,4 @@
-"""What a rig may do and what of it is believed: a rig file's limits, the rest from physics."""
+"""Limits of a rig and of plausible readings: those of the rig file, with defaults from physics."""
 
 import math
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ from ..physics import Twin
 from ._live_twin import LiveTwin
 
 SOLDER = 138.0
-"""Bismuth-tin, the solder of ordinary modules that melts first, degC. A module that its rig file
-says nothing about must stay below."""
+"""Melting point of bismuth-tin, the softest solder of ordinary modules, degC: the default limit of
+a cell."""
 
 COLDEST = -73.0
-"""No module of a single stage cools anything further, degC."""
+"""Lowest temperature that a module of a single stage reaches, degC."""
 
 RATE_FACTOR = 3.0
-"""On the twin's fastest change: contacts may be better than the rig file says."""
+"""Factor on the twin's fastest change: contacts may be better than the rig file says."""
 
 PROBE_SECONDS = 120
-"""How long the twin is driven to see how fast it can change."""
+"""Time for which the twin is driven to find its fastest change, s."""
 
 _ROOM = 20.0  # K by which a room may be colder than the rig file says
 _CAMERA_JUMP = 4.0  # K; a recalibration moves all of an uncooled camera's readings by up to 2 K
@@ -42,10 +42,11 @@ class OperatingLimits:
     - `hottest`, `lowest`: of a reading.
     - `cell`: of a cell's sides, in the twin.
     - `rate`: of a reading, K/s in the time of the rig.
-    - `jump`: by which a reading may differ at once, noise and recalibrations of a camera, K.
-    - `frozen`: a driven reading that stands still so long is none, s in the time of the rig.
-    - `deviation`: from the twin, beside half of its rise, K.
-    - `command_delay`: by which a command may be obeyed late, s.
+    - `jump`: largest change at once, by noise and recalibrations of a camera, K.
+    - `frozen`: longest time for which a reading may stay the same while the cells are driven, s of
+        the rig.
+    - `deviation`: from the twin, in addition to half of its rise, K.
+    - `command_delay`: longest time until a command is applied, s.
     """
 
     hottest: float
@@ -59,7 +60,7 @@ class OperatingLimits:
 
     @classmethod
     def of(cls, twin: Twin) -> "OperatingLimits":
-        """Those of a twin's rig.
+        """The limits of a twin's rig.
 
         **Raises:** `JaxtwinError` where its file states no limit of temperature.
         """
@@ -87,7 +88,7 @@ class OperatingLimits:
 
 
 def _lowest(twin: Twin) -> float:
-    r"""The coldest that a cell can make its cold side, $T_h - \frac12 Z T_c^2$, in a cold room."""
+    r"""The lowest temperature of a cell's cold side, $T_h - \frac12 Z T_c^2$, in a cold room."""
     hot = LiveTwin(twin).ambient - _ROOM + 273.15
     coldest = math.inf
     for cell in twin.rig.cells:

@@ -1,7 +1,7 @@
-"""A device's side of the commands: whom it obeys, what it refuses, when it trips.
+"""How a device handles commands: which host it obeys, what it refuses, when it trips.
 
-One host at a time commands, the owner: he who spoke first while nobody did, for as long as he
-speaks. A trip switches the cells off and stays until somebody resets it, on purpose.
+A single host commands, the owner: the first that sends a duty while there is no owner, for as long
+as it keeps sending. A trip switches the cells off and lasts until a host resets it on purpose.
 """
 
 from typing import final
@@ -9,29 +9,29 @@ from typing import final
 from ._messages import Duty, Order
 
 Answer = tuple[str, str]
-"""What a device announces of a command: a kind of event, and why."""
+"""The event with which a device answers a command: its kind and reason."""
 
 
 @final
 class OutputStage:
-    """What drives the cells of a device, without a device around it.
+    """The output stage of a device: it decides which counts are applied to the cells.
 
     **Arguments:**
 
     - `cells`: how many.
     - `counts`: of full duty.
-    - `watchdog`: without a command for so long the cells go off, s.
+    - `watchdog`: time without a command after which the cells are switched off, s.
     """
 
     def __init__(self, cells: int, counts: int, watchdog: float):
         self.pwm = (0,) * cells
         """Counts that are applied now."""
         self.owner = ""
-        """Who commands; `""` while nobody does."""
+        """The host that commands; `""` if there is none."""
         self.number: int | None = None
-        """Of the owner's last command that was obeyed."""
+        """Number of the owner's last command that was applied."""
         self.trip_reason = ""
-        """In one word; `""` while it has not tripped."""
+        """A single word; `""` if it has not tripped."""
         self._off = self.pwm
         self._counts = counts
         self._watchdog = watchdog
@@ -40,7 +40,7 @@ class OutputStage:
     def obey(self, command: Duty | Order, now: float) -> Answer | None:
         """Takes a command at time `now`, s.
 
-        **Returns:** what to announce; `None` for an ordinary duty.
+        **Returns:** the event to send; `None` for an ordinary duty.
         """
         match command:
             case Order(kind="stop"):  # anyone may stop
@@ -64,7 +64,7 @@ class OutputStage:
         return None
 
     def check(self, now: float) -> Answer | None:
-        """Looks for silence; what to announce of it."""
+        """Checks for silence. Returns the event to send, if there is any."""
         if not self.owner or now - self._commanded <= self._watchdog:
             return None
         if not any(self.pwm):

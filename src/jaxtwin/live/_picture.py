@@ -1,4 +1,4 @@
-"""Node temperatures -> a camera frame whose channels read exactly what the twin says they read."""
+"""Node temperatures -> a camera frame whose channels have exactly the twin's readings."""
 
 from dataclasses import replace
 from typing import final
@@ -14,10 +14,10 @@ from ..rig import Camera, Channel, Rig, Value
 class Picture:
     """Renders frames of a twin, linear in its temperatures.
 
-    A pixel shows the plate elements that it covers, by area, and the surroundings elsewhere. Upon
-    that comes the smallest correction (least squares) with which each channel's mean is the
-    channel's reading, gains included: cameras see a surface of uneven emissivity, and its map is
-    known by its channel means only.
+    A pixel is the mean of the plate elements that it covers, by area, and the surroundings
+    elsewhere. The smallest correction (least squares) is added with which each channel's mean
+    equals the channel's reading, gains included. It stands for the uneven emissivity of the
+    surface, of which only the means over the channels are known.
     """
 
     def __init__(self, twin: Twin, camera: Camera, system: System):

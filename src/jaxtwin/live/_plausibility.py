@@ -1,4 +1,4 @@
-"""Interlock: readings that can be true, and are not too hot."""
+"""Interlock: readings that are plausible and not too hot."""
 
 from collections import deque
 from typing import final
@@ -10,7 +10,7 @@ from ._records import Greeting, Reading, Record, Sample
 from ._trip import Trip
 
 WINDOW = 2.0
-"""Over which a rate is taken, s of the rig: one sample's noise is no rate."""
+"""Time over which a rate is computed, s of the rig, so that noise does not count as a rate."""
 
 
 @final

@@ -1,4 +1,4 @@
-"""Interlock: the rig is there. No silence, no lost link, no restart."""
+"""Interlock: silence, a lost link, or a restart of a device."""
 
 from collections.abc import Mapping
 from typing import final
@@ -12,7 +12,7 @@ from ._trip import Trip
 class Presence:
     """Trips on silence, a lost link, or a device that has restarted.
 
-    A frame that the camera took while it recalibrated itself shows nothing, so it ends no silence.
+    A frame that the camera took while it recalibrated itself does not count as a reading.
 
     **Arguments:**
 
@@ -26,7 +26,7 @@ class Presence:
         self._recalibrating = False
 
     def begin(self, now: int, boots: Mapping[str, str]) -> None:
-        """Silence counts from here; `boots` are the devices' present starts by link."""
+        """Begins to check for silence; `boots` are the present starts of the devices by link."""
         self._sample = self._reading = now
         self._boots = boots
 

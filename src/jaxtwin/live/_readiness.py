@@ -1,4 +1,4 @@
-"""Before the first command: all links live, temperatures that make sense, a device that obeys."""
+"""Conditions for the first command: live links, plausible temperatures, a device that obeys."""
 
 import threading
 from typing import NamedTuple
@@ -10,11 +10,11 @@ from ._records import Greeting, LinkState, Reading, Record, Sample
 from ._time import seconds
 
 PATIENCE = 30.0
-"""How long a rig may take to be there, s."""
+"""Longest time until a rig is ready, s."""
 
 FRESH = 1.5
-"""How old the newest sample and reading may be at the first command, s. What waited while this
-process was busy, compiling say, says nothing of the rig as it is now."""
+"""Largest age of the newest sample and reading at the first command, s. Older ones, which waited
+while this process was busy compiling, for example, do not show the present state of the rig."""
 
 RESET_AGAIN = 0.5
 """Between two resets, s, while the device reports a trip."""
@@ -41,11 +41,11 @@ def wait_until_ready(
     **Arguments:**
 
     - `bench`: its links, started.
-    - `guard`: looks at the readings meanwhile.
+    - `guard`: checks the readings meanwhile.
     - `reset`: end a trip of the device.
     - `stop`: ends the waiting when set.
 
-    **Raises:** `SafetyStop` where it does not come up, or must not be driven.
+    **Raises:** `SafetyStop` if the rig does not become ready, or must not be driven.
     """
     begin = bench.clock.now()
     rate, boots = 1.0, dict[str, str]()
@@ -100,7 +100,7 @@ def _is_fresh(record: Sample | Reading | None, bench: Bench) -> bool:
 
 
 def _missing(bench: Bench, sample: Sample | None, reading: Reading | None) -> str:
-    """What a rig lacks that did not come up."""
+    """What a rig lacks that did not become ready."""
     words = [", ".join(f"{name} {state}" for name, state in bench.states.items())]
     words += [f"{name}: {why}" for name, why in bench.refusals.items()]
     words += [] if reading is not None else ["no temperatures"]

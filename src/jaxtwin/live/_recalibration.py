@@ -6,10 +6,10 @@ from typing import final
 import numpy as np
 
 SHUTTER_SECONDS = 1.0
-"""How long a recalibration freezes the image."""
+"""Time for which a recalibration freezes the image, s."""
 
 JUMP_KELVIN, JUMP_DECAY = 0.8, 25.0
-"""A recalibration moves the camera's offset by about so much, for about so many seconds."""
+"""Size and duration of the change of the camera's offset at a recalibration."""
 
 
 @final
@@ -30,7 +30,7 @@ class Recalibrations:
         self._at = self._jump = 0.0
 
     def advance(self, time: float) -> None:
-        """Goes on to a time, s; never back."""
+        """Advances to a time, s."""
         while self._interval and time >= self._at + self._interval:
             self._at += self._interval
             self._jump = self._random.normal(0, JUMP_KELVIN)
@@ -40,5 +40,5 @@ class Recalibrations:
         return self._at > 0 and time - self._at < SHUTTER_SECONDS
 
     def offset(self, time: float) -> float:
-        """Of all pixels, K."""
+        """Offset of all pixels, K."""
         return self._jump * math.exp(-(time - self._at) / JUMP_DECAY)

@@ -1,4 +1,4 @@
-"""Bytes of one link -> records, each message once, and what is missing."""
+"""Bytes of a link -> records, each message once, with the gaps between them."""
 
 import logging
 import re
@@ -30,14 +30,14 @@ from ._records import (
 from ._time import seconds
 
 MOST_GARBAGE = 200_000
-"""Bytes without a valid message among them after which a peer is dropped: three camera frames that
-were hit, or a serial line at the wrong speed for a quarter of a minute."""
+"""Number of bytes without a valid message after which a device is disconnected: about those of
+three damaged camera frames, or of a serial line with the wrong baud rate for 15 s."""
 
 MOST_MESSAGES = 20_000
-"""Messages in a second above which a peer is dropped."""
+"""Messages in a second above which a device is disconnected."""
 
 MOST_TOLD = 20
-"""Reasons of nonsense that are logged for a connection."""
+"""Number of implausible messages that are logged for a connection."""
 
 _DIGITS = re.compile("[0-9.]+")
 
@@ -46,19 +46,19 @@ log = logging.getLogger("jaxtwin.live")
 
 @final
 class Receiver:
-    """Turns what a link read into records; knows no threads and no clock but the arrivals'.
+    """Turns the bytes of a link into records. It has no thread, and no clock but arrival times.
 
-    Nothing counts before a greeting that fits the rig. Each stream of a device is counted: what was
-    seen before is dropped, what is missing becomes a `Gap`. Counters survive a lost connection, and
-    begin anew with a new start (`boot`) of the device.
+    Messages before a greeting that fits the rig are ignored. Each stream of a device has sequence
+    numbers: a repeated message is dropped, missing ones become a `Gap`. The numbers continue after
+    a lost connection, and begin again with a new start (`boot`) of the device.
 
     **Arguments:**
 
     - `link`: its name.
-    - `identity`: the rig that the link must lead to.
-    - `stale_after`: silence after which the link is stale, s; after three times that it should be
-        dropped, since a dead peer and a silent one look the same.
-    - `counted`: how far its devices were counted already, in an earlier run.
+    - `identity`: the rig to which the device must belong.
+    - `stale_after`: silence after which the link is stale, s. After three times this silence it
+        should be closed, because a lost connection may show no other sign.
+    - `counted`: up to which message its devices were counted in an earlier run.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Receiver:
         self.state = LinkState.DOWN
         self.hello: Hello | None = None
         self.verdict: str | None = None
-        """Why the peer is not worth listening to; `None` while it is."""
+        """Why the device should be disconnected; `None` if it should not."""
         self.refused: str | None = None
         """Why the last greeting was refused; `None` once one was accepted."""
         self.last_valid = 0
@@ -132,7 +132,7 @@ class Receiver:
         return records
 
     def check(self, now: int) -> list[Record]:
-        """Looks for silence at host time `now`, ns, when all that arrived has been received."""
+        """Checks for silence at host time `now`, ns, after all arrived bytes were received."""
         silent = seconds(now - self.last_valid)
         if self.state is LinkState.DOWN or silent <= self._stale_after:
             return []
@@ -236,7 +236,7 @@ class Receiver:
                 return [Event(link, arrival, kind, "", device_us), reading]
 
     def _faults_changed(self, faults: dict[int, str], arrival: int, device_us: int) -> list[Record]:
-        """An event where other channels have failed than before, or for other reasons."""
+        """An event if the failed channels, or the reasons of their failures, have changed."""
         if faults == self._faults:
             return []
         self._faults = faults
@@ -246,7 +246,7 @@ class Receiver:
         return [Event(self._link, arrival, kind, detail, device_us)]
 
     def _tell(self, why: str) -> None:
-        """Logs each reason once a connection: a device that is wrong is wrong a thousand times."""
+        """Logs each reason once for a connection, because a faulty device repeats its error."""
         reason = _DIGITS.sub("", why.rpartition(":")[2])
         if reason not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(reason)
@@ -263,7 +263,7 @@ class Receiver:
 
 
 def _detail(notice: Notice) -> str:
-    """What a notice says of the command that it is about, for people."""
+    """The command to which a notice refers, as text."""
     words = [f"of {notice.owner}"] if notice.owner else []
     words += [f"command {notice.number}"] if notice.number is not None else []
     return ", ".join(words + ([notice.why] if notice.why else []))

@@ -1,4 +1,4 @@
-"""The recorder: records -> an SQLite file that survives what happens to the process and the power.
+"""The recorder: records -> an SQLite file that survives a kill of the process and a power failure.
 
 SQLite in WAL mode (https://sqlite.org/wal.html). Every call of `write` is one transaction, handed
 to the operating system before it returns: a killed process loses nothing that was written. Once a
@@ -24,14 +24,14 @@ from ._tables import create_tables, mark, metadata_of, versions
 from ._time import Clock, SystemClock, seconds
 
 SYNC_SECONDS = 1.0
-"""The sync window: what is younger may be lost in a power failure."""
+"""The sync window: newer records may be lost in a power failure."""
 
 COMPARE_SECONDS = 600.0
-"""How often is noted how far the system's clock and the recording's are apart."""
+"""Interval at which the difference of the system's clock and the recording's is noted."""
 
 BETWEEN_RUNS = 10**9
-"""Where the host's clock was set back, a run begins so long after the end of the one before, ns: in
-a recording the order of times is the order of runs."""
+"""If the host's clock was set back, a run begins this time after the end of the earlier run, ns, so
+that the order of times in a recording is the order of runs."""
 
 STEP_SECONDS = 1.0
 """A step of the system's clock by more than this, or a suspend, is noted at once."""
@@ -44,13 +44,13 @@ _CHECKPOINT_PAGES = 1000
 
 @final
 class Recorder:
-    """A recording that is being written. Close it, or use it as a context manager.
+    """Writes a recording. Close it, or use it as a context manager.
 
     **Arguments:**
 
-    - `file`: where to. A file that is there is refused unless `append` is set.
-    - `rig`: whose records these are.
-    - `append`: go on with a recording of the same rig; the time in between is a gap, noted as such.
+    - `file`: the recording. An existing file is refused unless `append` is set.
+    - `rig`: the rig that is recorded.
+    - `append`: continue a recording of the same rig; the time in between is recorded as a gap.
     - `keep_frames`: keep camera frames as well as the channels taken from them.
     - `clock`: host time.
 
@@ -115,18 +115,17 @@ class Recorder:
         self.close("stopped" if kind is None else kind.__name__)
 
     def counted(self, link: str) -> Counters:
-        """How far the devices of a link were recorded before this run, so that what they repeat is
-        not recorded again and what was lost meanwhile is a gap."""
+        """Up to which message the devices of a link were recorded before this run, so that repeated
+        messages are not recorded again and messages lost meanwhile are a gap."""
         return self._counted.get(link, {})
 
     def write(self, records: Sequence[Record]) -> None:
-        """Keeps records; when it returns, the death of this process cannot take them any more.
+        """Writes records. Once it returns, they survive the death of this process.
 
-        With nothing to write it only sees to the sync, so call it regularly.
+        Without records it only syncs to the disk when this is due, so call it regularly.
 
-        **Raises:** `RecordingError` where the disk is full or fails, or somebody has moved or
-        deleted the file. None of these records is kept then, all earlier ones are, and the recorder
-        is closed.
+        **Raises:** `RecordingError` if the disk is full or fails, or the file was moved or deleted.
+        Then none of these records is kept, all earlier ones are, and the recorder is closed.
         """
         if self._ended:
             raise RecordingError(f"{self.file}: the recording is closed")
@@ -206,7 +205,7 @@ class Recorder:
                 )
 
     def _begin(self, metadata: dict[str, Any] | None) -> int:
-        """Makes the tables where they are missing, and begins a run."""
+        """Creates the tables if they are missing, and begins a run."""
         execute = self._database.execute
         now = self._clock.now()
         execute("PRAGMA synchronous = FULL")
@@ -235,7 +234,7 @@ class Recorder:
         return run
 
     def _break(self, alive: int, ended: str | None, now: int) -> tuple[str, str]:
-        """What is to be said of the time since the run before: an event's kind and detail."""
+        """Kind and detail of the event that describes the time since the earlier run."""
         how = f"the run before {f'ended ({ended})' if ended else 'broke off'}"
         silent = seconds(now - alive)
         if not self._shift or silent >= 0:

@@ -1,4 +1,4 @@
-"""What a bench yields: samples, readings, and everything that happened to them, in one order.
+"""The records of a bench, in their order: samples, readings, gaps, events, commands.
 
 All records carry `arrival`, the host time (ns since 1970) at which their bytes were read.
 """
@@ -18,12 +18,12 @@ Stream = Literal["data", "image", "event"]
 
 
 class LinkState(StrEnum):
-    """How a link stands.
+    """State of a link.
 
-    - `connecting`: open, but nobody has made himself known yet.
+    - `connecting`: open, but no device has identified itself yet.
     - `live`: valid frames of the rig come in.
-    - `stale`: was live, but silent for longer than its limit.
-    - `down`: not open; it is tried again after a while, for ever.
+    - `stale`: was live, but has been silent for longer than its limit.
+    - `down`: not open; it is opened again after a pause, without limit.
     """
 
     CONNECTING = "connecting"
@@ -35,7 +35,7 @@ class LinkState(StrEnum):
 @final
 @dataclass(frozen=True)
 class Greeting:
-    """A device made itself known: first record of every connection."""
+    """A device has identified itself: the first record of every connection."""
 
     link: str
     arrival: int
@@ -47,8 +47,8 @@ class Greeting:
 class Sample:
     """A controller's sample: the counts on the cells, and ambient (degC) where it is measured.
 
-    `owner` commands the cells, `number` is that of his last command that was obeyed, and `trip`
-    says why the device refuses every duty (`""`: it does not); see `OutputStage`.
+    `owner` is the host that commands the cells, `number` that of its last command that was applied,
+    and `trip` says why the device refuses every duty (`""`: it has not tripped); see `OutputStage`.
     """
 
     link: str
@@ -87,7 +87,7 @@ class Reading:
 @final
 @dataclass(frozen=True)
 class Gap:
-    """`count` messages of a stream, from number `first` on, never came."""
+    """`count` messages of a stream, from number `first` on, are missing."""
 
     link: str
     arrival: int
@@ -99,7 +99,7 @@ class Gap:
 @final
 @dataclass(frozen=True)
 class LinkChange:
-    """A link is in another state now; `detail` says why."""
+    """The state of a link has changed; `detail` says why."""
 
     link: str
     arrival: int
@@ -110,10 +110,10 @@ class LinkChange:
 @final
 @dataclass(frozen=True)
 class Event:
-    """Anything else that a reader of a recording must know.
+    """Any other event.
 
     `kind` is one word (`recalibration-start`, `duplicate`, `nonsense`, ...). That of a device's own
-    notice begins with `device/`, so that no device can say what only a host may. The `device_us`
+    notice begins with `device/`, which tells it from an event of the host. The `device_us`
     and the number `seq` are `None` where it happened on the host.
     """
 
@@ -128,7 +128,7 @@ class Event:
 @final
 @dataclass(frozen=True)
 class Command:
-    """A command that was handed to the link: `kind` is `duty`, `stop`, `reset` or `release`."""
+    """A command that was sent to the link: `kind` is `duty`, `stop`, `reset` or `release`."""
 
     link: str
     arrival: int
@@ -143,8 +143,8 @@ class Command:
 class Document:
     """Begin or end of a commanded run (`kind` is `start` or `stop`), as in bluesky's documents.
 
-    The two have the same `uid`. `content` says at the start who asked for what, at the stop how it
-    ended. In between, each sample of a controller is a document of the kind `decision`, whose `uid`
+    Both have the same `uid`. `content` holds the operator and plan at the start, the outcome at the
+    stop. In between, each sample of a controller is a document of the kind `decision`, whose `uid`
     is `control`.
     """
 

@@ -1,4 +1,4 @@
-"""A recording once more: the same records in the order of their arrival, at any speed."""
+"""Replay of a recording: the same records in the order of their arrival, at any speed."""
 
 import heapq
 import json
@@ -31,12 +31,12 @@ from ._view import View
 Rows = Generator[Record, None, None]
 
 MOST_AT_ONCE = 1000
-"""Records that one poll returns at most."""
+"""Largest number of records of one poll."""
 
 
 @final
 class Replay:
-    """Yields what a bench yielded while it was recorded; used like a `Bench`.
+    """Yields the records that the bench yielded during the recording. It is used like a `Bench`.
 
     Records keep the times of the recording; those of one read, which arrived together, come by
     kind. Frames are there where the recorder kept them.
@@ -44,7 +44,7 @@ class Replay:
     **Arguments:**
 
     - `file`: a recording.
-    - `speed`: recorded seconds in a second; infinite: as fast as they are taken.
+    - `speed`: recorded seconds in a second; infinite: as fast as the records are read.
     - `clock`: host time.
 
     **Raises:** `RecordingError` where it is no recording.
@@ -87,7 +87,7 @@ class Replay:
         return view
 
     def poll(self, timeout: float | int = 0.1) -> list[Record]:
-        """What is due by now, after waiting at most `timeout` seconds for it."""
+        """The records that are due, after waiting for at most `timeout` seconds."""
         if self._begin is None:
             self._begin = self.clock.now()
         if not self._is_due() and self._upcoming is not None:
@@ -103,11 +103,11 @@ class Replay:
         return records
 
     def send_duty(self, pwm: tuple[int, ...]) -> bool:
-        """Nothing is driven: always false, as on a lost link."""
+        """A replay drives nothing: always false, as on a lost link."""
         return False
 
     def close(self) -> None:
-        """Lets the file go."""
+        """Closes the file."""
         for table in self._tables:  # their cursors first
             table.close()
         self.session.close()

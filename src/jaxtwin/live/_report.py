@@ -1,4 +1,4 @@
-"""What a recording holds and what it lacks: counts, losses, jitter, gaps, clocks."""
+"""Statistics of a recording: counts, losses, jitter, gaps, clocks."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -41,8 +41,7 @@ def report(session: Session) -> dict[str, Any]:
     """Counts of everything in a recording, as plain data for people and for JSON.
 
     **Returns:** `streams` (`StreamReport`s as dictionaries), `lost` by stream, `events` by kind,
-    `runs` with their begin, end and how they ended, `drives` with who asked for what and how it
-    ended.
+    `runs` with their start, end and outcome, `drives` with operator, plan and outcome.
     """
     execute = session.database.execute
     streams = []

@@ -1,4 +1,4 @@
-"""A virtual rig behind a TCP port, a pseudo-terminal, an MQTT broker, or no wire at all."""
+"""A virtual rig behind a TCP port, a pseudo-terminal, an MQTT broker, or a call in this process."""
 
 import contextlib
 import errno
@@ -18,11 +18,11 @@ from ._time import Clock
 from ._virtual_rig import VirtualRig
 
 TICK = 0.005
-"""Pause between two looks at the rig, s."""
+"""Interval between two steps of the rig, s."""
 
 MOST_CLIENTS = 8
 MOST_UNSENT = 2**20
-"""Bytes that wait for a slow client; then it is cut off."""
+"""Number of bytes that may wait for a slow client; beyond it, the client is disconnected."""
 
 log = logging.getLogger("jaxtwin.live")
 
@@ -32,10 +32,10 @@ class Server(Protocol):
     """Where a virtual rig is reached."""
 
     url: str
-    """What to connect to."""
+    """The address to connect to."""
 
     def tick(self, data: bytes, device: VirtualRig) -> None:
-        """Sends what the rig has to say and hands it what came."""
+        """Sends the messages of the rig, and passes received bytes to it."""
         ...
 
     def hang_up(self) -> None:
@@ -221,7 +221,7 @@ class MqttServer:
             raise LinkError(f"{self.url}: {error}") from None
 
     def hang_up(self) -> None:
-        """A broker keeps its connections; the fault is none here."""
+        """Does nothing: the fault does not apply to a broker."""
 
     def close(self) -> None:
         self._transport.close()
@@ -229,7 +229,7 @@ class MqttServer:
 
 @final
 class InProcess:
-    """A virtual rig without a wire: a transport that calls it. Time passes when the clock says so.
+    """A virtual rig in this process: a transport that calls it. The clock decides how time passes.
 
     **Arguments:**
 

@@ -7,7 +7,7 @@ from typing import Protocol, final, runtime_checkable
 
 @runtime_checkable
 class Clock(Protocol):
-    """What the live parts ask for the time; tests pass one that they turn themselves."""
+    """The clock of the live parts; tests pass a simulated clock."""
 
     def now(self) -> int:
         """Host time, ns. It increases steadily, whatever happens to the system's clock."""
@@ -18,7 +18,7 @@ class Clock(Protocol):
         ...
 
     def wait(self, event: threading.Event, seconds: float) -> bool:
-        """Waits until the event is set or the time is over; whether it is set."""
+        """Waits until the event is set or the time is over. Returns whether it is set."""
         ...
 
 
@@ -26,8 +26,8 @@ class Clock(Protocol):
 class SystemClock:
     """The monotonic clock, set to UTC once, when it is made.
 
-    The system's clock is not followed afterwards: a step of it (NTP, a user) would fold or tear the
-    time axis of a recording. The recorder notes how far the two are apart.
+    It does not follow the system's clock afterwards, because a step of that clock (NTP, a user)
+    would break the time axis of a recording. The recorder notes the difference of the two.
     """
 
     def __init__(self) -> None:

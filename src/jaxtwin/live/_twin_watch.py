@@ -1,4 +1,4 @@
-"""Interlock: what the twin knows and no sensor sees."""
+"""Interlock: temperatures that the twin predicts, also where there is no sensor."""
 
 from typing import final
 
@@ -11,12 +11,13 @@ from ._records import Reading, Record, Sample
 from ._trip import Trip
 
 SHARE = 0.5
-"""Of the predicted rise, by which a reading may differ from it: rigs are driven before a match."""
+"""Share of the predicted rise by which a reading may differ from it: a rig may be driven before its
+twin is matched."""
 
 
 @final
 class TwinWatch:
-    """Follows the rig with its twin; trips where a cell is too hot, or a reading cannot be right.
+    """Runs the twin beside the rig. Trips if its cells are too hot, or a reading deviates from it.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""What an onlooker of a bench has not seen yet."""
+"""A view of a bench: the records that a reader has not taken yet."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -9,9 +9,9 @@ from ._records import Record
 
 @final
 class View:
-    """What one onlooker has not seen yet.
+    """The records that a reader has not taken yet.
 
-    An onlooker that is too slow loses the oldest records, here alone: the journal never waits.
+    A reader that is too slow loses the oldest records of its view. The journal never waits for it.
     """
 
     def __init__(self, capacity: int):

@@ -1,7 +1,7 @@
-"""The twin behind the protocol: a device that can stand in for the bench, faults included.
+"""The twin behind the protocol: a device that simulates a rig, faults included.
 
-It does no input or output and asks for no time: `receive` and `due` are given both. So it runs
-behind TCP, behind a pseudo-terminal, or inside a test, in real time or in none.
+It performs no input or output and reads no clock: `receive` and `due` get bytes and time as
+arguments. It can thus run behind TCP, behind a pseudo-terminal, or inside a test.
 """
 
 import math
@@ -33,10 +33,10 @@ from ._picture import Picture
 from ._recalibration import Recalibrations
 
 OVER_LIMIT = 10.0
-"""A device trips by itself where a channel is so much above the rig file's limit, K."""
+"""The device trips by itself if a channel is this far above the rig file's limit, K."""
 
 MOST_BEHIND = 5.0
-"""Seconds of the rig that are made up for at once; a program that slept longer has lost them."""
+"""Longest pause that is made up for in a call, s of the rig; the rest is skipped."""
 
 
 @final
@@ -51,7 +51,7 @@ class VirtualRig:
     - `camera_hz`, `controller_hz`: frames and controller samples per rig second. Without a camera
       the controller reads the sensors.
     - `faults`: what goes wrong.
-    - `watchdog`: without a duty command for so many seconds (of the host) the cells go off.
+    - `watchdog`: time without a duty command after which the cells are switched off, s of the host.
     - `boot`: names this start of the device; `None`: a new name.
 
     **Raises:** `LinkError` where a fault names a cell or a camera that the rig does not have.
@@ -130,7 +130,7 @@ class VirtualRig:
         self._rests.pop(client, None)
 
     def receive(self, data: bytes, client: object = None) -> bool:
-        """Bytes from a host; what is no command for this rig is passed over.
+        """Takes bytes from a host; what is not a command for this rig is ignored.
 
         **Returns:** whether there was a message among them.
         """
@@ -154,7 +154,7 @@ class VirtualRig:
         return heard
 
     def due(self, now: int) -> bytes:
-        """Steps the rig to host time `now`, ns, and returns what it sends meanwhile."""
+        """Advances the rig to host time `now`, ns. Returns the bytes that it sends meanwhile."""
         if self._start is None:
             self._start = now
         rate = self.hello.rate
@@ -208,7 +208,7 @@ class VirtualRig:
         return self._sent(Notice(*stamp, kind, about.owner, about.number, why))
 
     def _follow(self) -> None:
-        """Has the cells get what the stage applies."""
+        """Applies the counts of the output stage to the cells."""
         if self.stage.pwm != self._driven:
             self._driven = self.stage.pwm
             self.twin.drive(np.array(self._driven) * self._polarity / self.hello.counts)
@@ -239,7 +239,7 @@ class VirtualRig:
         return self._sent(Image(seq, _us(time), RECALIBRATING * closed, self._frozen))
 
     def _sensors(self) -> tuple[float, ...]:
-        """What point sensors read, degC; nothing where a camera does it."""
+        """Readings of point sensors, degC; empty for a rig with a camera."""
         if self._picture is not None:
             return ()
         exact = np.asarray(self.twin.temperatures)

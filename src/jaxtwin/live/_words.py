@@ -1,4 +1,4 @@
-"""Words of a line: numbers and names as the protocol writes them, each within its bounds."""
+"""Numbers, words and names in a line of the protocol, each checked against its bounds."""
 
 import re
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from urllib.parse import quote, unquote_to_bytes
 from ._messages import MOST_NAMES
 
 LONGEST_NAME = 32
-"""Characters of a name, as people see it."""
+"""Largest number of characters of a name, before it is encoded."""
 
 _WORD = re.compile(r"[A-Za-z0-9_.-]{1,32}")
 _QUOTED = re.compile(r"(?:[A-Za-z0-9_.-]|%[0-9A-F]{2})+")
@@ -41,8 +41,7 @@ def read_word(text: str) -> str:
 
 
 def write_name(name: str) -> str:
-    """A name of a rig, cell or channel as it stands in a line: other characters as `%` and two
-    hexadecimal digits for each byte of their UTF-8, as in URLs."""
+    """A name of a rig, cell or channel, percent-encoded as in URLs for a line."""
     return quote(name, safe="").replace("~", "%7E")
 
 
