@@ -10,6 +10,7 @@ import pytest
 
 from jaxtwin import ControlError
 from jaxtwin.control import PID, AbstractController, DecoupledPI, FunctionController, decoupling_of
+from jaxtwin.control._decoupled_pi import inverse
 
 GROUPS = (("T11",), ("T16",))
 
@@ -102,6 +103,38 @@ def test_a_decoupled_pi_does_not_wind_up():
     found = answers(controller, far, [[0.0, 0.0]] * 1800 + [[101.0, 101.0]] * 30)
     assert np.all(found[:1800] == 1)
     assert np.all(found[1800:] < 1)
+
+
+def test_cells_that_are_wired_the_other_way_round_get_the_same_duty():
+    """With a decoupling that has a zero on its diagonal, at the limits and away from them."""
+    straight, turned = (
+        DecoupledPI(
+            0.02,
+            0.001,
+            0.03,
+            0.002,
+            measured=GROUPS,
+            decoupling=decoupling,
+            setpoint_weight=0.5,
+        )
+        for decoupling in ([[1.0, 0.3], [0.0, 1.2]], [[0.0, 1.2], [1.0, 0.3]])
+    )
+    reference, readings = [[20.0, 90.0]] * 100 + [[1.0, 1.0]] * 100, [[0.0, 0.0]] * 200
+    found, expected = (answers(c, reference, readings) for c in (turned, straight))
+    assert (expected == 1).any()
+    assert (np.abs(expected) < 1).any()
+    np.testing.assert_allclose(found, expected[:, ::-1], rtol=0, atol=1e-12)
+
+
+def test_the_inverse_of_a_decoupling_passes_zeros_on_its_diagonal():
+    """And its derivative, -D⁻¹ dD D⁻¹, does."""
+    matrix = np.array([[0.0, 1.0, 0.2], [0.0, 0.3, 1.1], [1.2, 0.0, 0.0]])
+    change = np.array([[0.4, 0.1, 0.3], [-0.2, 0.7, 0.5], [0.6, -0.1, 0.2]])
+    expected = np.linalg.inv(matrix)
+    with jax.enable_x64(True):
+        found, moved = jax.jvp(inverse, (jnp.asarray(matrix),), (jnp.asarray(change),))
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+    np.testing.assert_allclose(moved, -expected @ change @ expected, atol=1e-14)
 
 
 def test_a_function_sees_the_time_and_every_channel():

@@ -188,12 +188,15 @@ def inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """The inverse of a small matrix by Gauss-Jordan elimination in plain operations.
 
     LAPACK calls inside of batches wait for each other, see `_lapack`; a matrix of one row or
-    column for each cell is done in a few multiplications. Pivots are taken as they come, those of
-    a decoupling are near 1.
+    column for each cell is done in a few multiplications. The largest number of a column is its
+    pivot: a decoupling may have zeros on its diagonal.
     """
     size = matrix.shape[0]
+    rows = jnp.arange(size)
     both = jnp.concatenate([matrix, jnp.eye(size, dtype=matrix.dtype)], axis=1)
     for pivot in range(size):
+        best = pivot + jnp.argmax(jnp.abs(both[pivot:, pivot]))
+        both = both[jnp.where(rows == pivot, best, jnp.where(rows == best, pivot, rows))]
         row = both[pivot] / both[pivot, pivot]
         both = (both - jnp.outer(both[:, pivot], row)).at[pivot].set(row)
     return both[:, size:]
