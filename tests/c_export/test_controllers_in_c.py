@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiled_c import compiled, ran
@@ -221,5 +222,10 @@ def test_controllers_that_c_cannot_say_are_refused(tmp_path: Path):
         export_c(PID(0.1, measured=["T11", "T12", "T13"]), tmp_path, rig=rig)
     with pytest.raises(ControlError, match="Kp: expected one value, or one for each of the 2"):
         export_c(PID([0.1, 0.1, 0.1]), tmp_path, rig=rig)
+    changed = DecoupledPI(
+        0.1, 0.0, 0.1, 0.0, measured=[LEFT, RIGHT], decoupling=jnp.array([[1.0, 1.0], [1.0, 1.0]])
+    )
+    with pytest.raises(ControlError, match="decoupling: expected an invertible matrix"):
+        export_c(changed, tmp_path, rig=rig)
     with pytest.raises(ControlError, match="model_Kp: expected finite numbers in float, got 1e"):
         export_c(PID(1e300), tmp_path, rig=rig, precision="float")

@@ -182,8 +182,9 @@ def test_wrong_parameters_are_refused(arguments: dict, message: str):
 
 
 def test_a_decoupling_that_is_none_is_refused():
-    with pytest.raises(ControlError, match="expected an invertible matrix"):
-        DecoupledPI(1, 0, 1, 0, measured=GROUPS, decoupling=[[1, 1], [1, 1]])
+    for decoupling in ([[1, 1], [1, 1]], [[1, float("nan")], [0, 1]], [[1, 0, 0], [0, 1, 0]]):
+        with pytest.raises(ControlError, match="expected an invertible matrix"):
+            DecoupledPI(1, 0, 1, 0, measured=GROUPS, decoupling=decoupling)
     with pytest.raises(ControlError, match="that the cells move differently"):
         decoupling_of([[1.0, 1.0], [1.0, 1.0]])
     with pytest.raises(ControlError, match="expected a square matrix"):

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from .._jax_settings import own_settings
 from ..control import DecoupledPI
 from ..control._controller import Numbers
+from ..control._decoupled_pi import check_decoupling
 from ..control._pid import tracking_share
 from ._law import Law, of_cells, parameter_text
 
@@ -14,7 +15,8 @@ from ._law import Law, of_cells, parameter_text
 def decoupled_pi_law(controller: DecoupledPI, name: str, precision: str) -> Law:
     """The law.
 
-    **Raises:** `ControlError` where a gain is neither a single number nor one for each cell.
+    **Raises:** `ControlError` where a gain is neither a single number nor one for each cell, or the
+    decoupling of a controller that was changed in JAX is not invertible.
     """
     h, cells = controller.sample_time_s, len(controller.measured)
     with own_settings():
@@ -22,6 +24,7 @@ def decoupled_pi_law(controller: DecoupledPI, name: str, precision: str) -> Law:
         of_difference = tracking_share(controller.Kp_difference, controller.Ki_difference, None, h)
         back = _matrix("share", np.asarray(of_mean), np.asarray(of_difference), cells)
     D = np.asarray(controller.decoupling, float)
+    check_decoupling("export_c", D, cells)
     undo = np.linalg.inv(D)
     b = of_cells("setpoint_weight", controller.setpoint_weight, cells)
     Kp = _matrix("Kp", controller.Kp_mean, controller.Kp_difference, cells)

@@ -96,13 +96,7 @@ class DecoupledPI(AbstractController):
         self.measured = groups
         self.decoupling = as_parameter(np.eye(len(groups)) if decoupling is None else decoupling)
         if isinstance(self.decoupling, np.ndarray):
-            size = (len(groups), len(groups))
-            found = self.decoupling
-            if found.shape != size or np.linalg.matrix_rank(found) < len(groups):
-                raise ControlError(
-                    f"DecoupledPI: decoupling: expected an invertible matrix {size}, got "
-                    f"{found.tolist()}"
-                )
+            check_decoupling("DecoupledPI", self.decoupling, len(groups))
         self.limits = checked_limits("DecoupledPI", limits)
         self.sample_time_s = checked_sample_time("DecoupledPI", sample_time_s)
 
@@ -182,6 +176,19 @@ def decoupling_of(gain: ArrayLike) -> Float[np.ndarray, "cells cells"]:
             f"with condition number {np.linalg.cond(G):.3g}; measure nearer to the cells"
         )
     return float(G.sum(axis=1).mean()) * np.linalg.inv(G)
+
+
+def check_decoupling(where: str, decoupling: np.ndarray, cells: int) -> None:
+    """**Raises:** `ControlError` where it is no invertible matrix of finite numbers."""
+    size = (cells, cells)
+    if (
+        decoupling.shape != size
+        or not np.isfinite(decoupling).all()
+        or np.linalg.matrix_rank(decoupling) < cells
+    ):
+        raise ControlError(
+            f"{where}: decoupling: expected an invertible matrix {size}, got {decoupling.tolist()}"
+        )
 
 
 def inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
