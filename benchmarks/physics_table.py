@@ -69,15 +69,15 @@ def with_mean_voltage(rig: Document) -> None:
 
 
 PARTS: tuple[tuple[str, Callable[[Document], None]], ...] = (
-    ("+ on/off switching", with_mean_voltage),
-    ("+ cells reach their neighbours", with_one_contact),
-    ("+ sinks with a mass", with_massless_sinks),
-    ("+ supply's resistance", with_ideal_supply),
-    ("+ losses that grow with the rise", with_linear_losses),
-    ("+ lag and delay of the command", without_lag),
+    ("+ on/off switching of the bridge", with_mean_voltage),
+    ("+ contacts to neighbouring elements", with_one_contact),
+    ("+ heat capacity of the sinks", with_massless_sinks),
+    ("+ resistance of the supply", with_ideal_supply),
+    ("+ natural convection and radiation", with_linear_losses),
+    ("+ lag and delay of the driver", without_lag),
     ("+ gain of each channel", without_gains),
-    ("+ where the camera looks", without_registration),
-    ("+ camera's common error: final", without_camera),
+    ("+ registration of the camera", without_registration),
+    ("+ camera's common error", without_camera),
 )
 """What each row adds, and how to take it away."""
 
@@ -179,13 +179,13 @@ def main() -> None:
     folder = parser.parse_args().folder
     experiments = [read_recording(folder / f"peltierMIMOStepSec{zone}.mat") for zone in "ABC"]
     print(
-        "| twin | fit % | RMSE K | second half predicted, K | k | AIC | BIC | hottest cell degC "
+        "| twin | fit % | RMSE K | RMSE of the predicted second half, K | k | AIC | BIC | hottest cell degC "
         "| wall s |"
     )
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     print(published(experiments), flush=True)
     as_built = Twin("paper-2024")
-    print(matched("as-built circuit, matched by us", as_built, experiments), flush=True)
+    print(matched("as-built circuit, matched with jaxtwin", as_built, experiments), flush=True)
     for name, twin in stages():
         print(matched(name, twin, experiments), flush=True)
 
