@@ -179,8 +179,8 @@ def main() -> None:
     folder = parser.parse_args().folder
     experiments = [read_recording(folder / f"peltierMIMOStepSec{zone}.mat") for zone in "ABC"]
     print(
-        "| twin | fit % | RMSE K | RMSE of the predicted second half, K | k | AIC | BIC | hottest cell degC "
-        "| wall s |"
+        "| twin | fit % | RMSE K | RMSE of the predicted second half, K | k | AIC | BIC "
+        "| hottest cell degC | wall s |"
     )
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     print(published(experiments), flush=True)
