@@ -195,7 +195,7 @@ def _jaxtwin(
         ),
     ] = False,
 ) -> None:
-    """Digital twins of multizone thermoelectric rigs: simulate, match to recordings, analyse."""
+    """Digital twins of thermoelectric rigs: simulate, match, validate, analyse, record, control."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

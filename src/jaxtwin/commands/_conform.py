@@ -7,9 +7,9 @@ from ._output import say
 
 
 def conform(rig: RigArgument, link: LinkOption, baud: BaudOption = 115_200) -> None:
-    """Try a device's firmware: greetings, commands and faults. It switches the cells on, a little.
+    """Test a device's firmware by greetings, commands and faults; this drives the cells briefly.
 
-    The exit code is 0 where all is well, 1 where something is wrong.
+    The exit code is 0 if the device passes, 1 if it does not.
     """
     from .._errors import LinkError
     from ..live import SystemClock, opener

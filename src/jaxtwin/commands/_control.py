@@ -47,9 +47,10 @@ def control(
     set_name: SetOption = None,
     baud: BaudOption = 115_200,
 ) -> None:
-    """Control a live rig; the cells are off afterwards, whatever happens.
+    """Control a live rig by a controller from a file, then switch the cells off.
 
-    The exit code is 0 after the whole time, 3 where an interlock stopped it, 130 after Ctrl-C.
+    The cells are also switched off after an error. The exit code is 0 after the whole time, 3 if an
+    interlock stopped it, 130 after Ctrl-C.
     """
     from ..control import control as run_controller
     from ..control import read_controller

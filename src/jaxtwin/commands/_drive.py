@@ -45,9 +45,10 @@ def drive(
     set_name: SetOption = None,
     baud: BaudOption = 115_200,
 ) -> None:
-    """Drive a live rig; the cells are off afterwards, whatever happens.
+    """Drive a live rig by a schedule of duty cycles, then switch the cells off.
 
-    The exit code is 0 after the whole schedule, 3 where an interlock stopped it, 130 after Ctrl-C.
+    The cells are also switched off after an error. The exit code is 0 after the whole schedule, 3
+    if an interlock stopped it, 130 after Ctrl-C.
     """
     from ..io import Experiment
     from ..live import Guard, Recorder, connect, opener

@@ -46,7 +46,7 @@ def virtual_rig(
     set_name: SetOption = None,
     seed: SeedOption = 0,
 ) -> None:
-    """Stand in for a rig: its twin, with noise and faults, until Ctrl-C."""
+    """Simulate a rig behind the protocol of a real one, with noise and faults, until Ctrl-C."""
     from ..live import Faults, SystemClock, VirtualRig, serve
     from ..rig import load_rig
 
