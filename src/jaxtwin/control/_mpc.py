@@ -1,0 +1,265 @@
+r"""Model predictive control with hard limits of the duty and of its rate.
+
+Each sample minimises, over the duty of the next $n$ samples,
+
+$$\sum_{k=1}^{n - 1} \left[\left(\frac{y_k - y^*_k}{\Delta y}\right)^2
++ \left(\frac{u_{k-1} - u^*_k}{\Delta u}\right)^2\right]
++ \sum_{k=1}^{n} \left(\frac{u_{k-1} - u_{k-2}}{\delta u}\right)^2 + V(x_n, u_{n-1})$$
+
+within the limits, and commands the first. $y^*_k$ and $u^*_k$ are where the plate comes to rest:
+the reference of sample $k - 1$ and its duty, under the disturbance that the Kalman filter finds, or
+the nearest that the limits leave. $V$ is the cost of going on for ever without limits: where no
+limit is active, this is the linear-quadratic regulator whatever the horizon (Rawlings, Mayne and
+Diehl, *Model Predictive Control*, 2017, chapters 1 and 2).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
+
+from .._arguments import finite_number, whole_number
+from .._errors import ControlError
+from ._controller import (
+    AbstractController,
+    Numbers,
+    checked_deviations,
+    checked_limits,
+    checked_measured,
+    means_of,
+)
+from ._discrete_model import DiscreteModel
+from ._kalman import KalmanFilter, kalman_filter
+from ._plant import Plant, plant_of
+from ._quadratic_program import QuadraticProgram, minimised
+from ._riccati import regulator
+
+
+class MPCState(NamedTuple):
+    """What it remembers: the predicted states, and what the cells get."""
+
+    states: Float[Array, " state"]
+    duty: Float[Array, " cells"]
+
+
+class Condensed(NamedTuple):
+    """The cost as a function of the duty alone, `(samples, cells)` in a row: its Hessian, and what
+    its slope gets from each of these."""
+
+    hessian: Float[Array | np.ndarray, "moves moves"]
+    by_states: Float[Array | np.ndarray, "moves state"]
+    by_last: Float[Array | np.ndarray, "moves cells"]
+    by_target: Float[Array | np.ndarray, "moves moves"]
+
+
+@final
+class MPC(AbstractController):
+    """Model predictive control, designed on a linear model.
+
+    ```python
+    model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(1.0)
+    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), rate_limit=0.05)
+    ```
+
+    It sees the reference of now and takes it for that of the whole horizon. In a loop of one's own
+    `step` takes `(horizon, outputs)` references too, those of this sample and the next ones. Its
+    sample time is the model's.
+
+    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
+
+    - `model`, `measured`, `output_deviation`, `drift`, `reading_noise`, `limits`: as in `LQI`.
+    - `duty_deviation`: how far the duty may be from that which holds the reference at rest. A
+      larger one hurries more, and overshoots where the plate is another than the model.
+    - `duty_change_deviation`: what is accepted of changes of the duty from sample to sample.
+    - `horizon`: samples that are planned.
+    - `rate_limit`: of each cell's duty, 1/s, hard; None: none.
+
+    **Raises:** `ControlError` where the model is none, or has no stable design, a deviation, a
+    noise or the rate is no finite number above 0, the horizon is no whole number above 0, or the
+    limits are not from -1 to 1.
+    """
+
+    condensed: Condensed
+    kalman: KalmanFilter
+    gain: Float[Array | np.ndarray, "outputs cells"]
+    inverse: Float[Array | np.ndarray, "cells outputs"]
+    output_deviation: Float[Array | np.ndarray, " outputs"]
+    duty: Float[Array | np.ndarray, " cells"]
+    outputs: Float[Array | np.ndarray, " outputs"]
+    horizon: int = eqx.field(static=True)
+    rate_limit: float | None = eqx.field(static=True)
+    limits: tuple[float, float] = eqx.field(static=True)
+    sample_time_s: float = eqx.field(static=True)
+    measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        model: DiscreteModel,
+        *,
+        measured: Sequence[str | Sequence[str]] | None = None,
+        horizon: int = 20,
+        output_deviation: Numbers = 1.0,
+        duty_deviation: Numbers = 0.05,
+        duty_change_deviation: Numbers = 0.05,
+        drift: Numbers = 0.1,
+        reading_noise: Numbers = 0.1,
+        limits: Sequence[float | int] = (-1.0, 1.0),
+        rate_limit: float | int | None = None,
+    ):
+        self.limits = checked_limits("MPC", limits)
+        self.measured = checked_measured("MPC", measured)
+        self.horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
+        self.rate_limit = None if rate_limit is None else _checked_rate(rate_limit)
+        plant = plant_of("MPC", model, self.measured)
+        self.sample_time_s = model.sample_time_s
+        cells, outputs = plant.B.shape[1], len(plant.C)
+        y, u, change, w, v = (
+            checked_deviations("MPC", name, value, size)
+            for name, value, size in (
+                ("output_deviation", output_deviation, outputs),
+                ("duty_deviation", duty_deviation, cells),
+                ("duty_change_deviation", duty_change_deviation, cells),
+                ("drift", drift, outputs),
+                ("reading_noise", reading_noise, outputs),
+            )
+        )
+        self.condensed = _condensed(plant, self.horizon, y, u, change)
+        self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
+        self.gain, self.inverse, self.output_deviation = plant.gain, plant.inverse, y
+        self.duty, self.outputs = plant.duty, plant.outputs
+
+    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
+        """Means over the channels of each output."""
+        return means_of(self.measured, channels)
+
+    def init(
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+    ) -> PyTree:
+        """The state at rest under this duty, with the disturbance that explains the measurement.
+
+        With as many outputs as cells and the reference at the measurement the duty goes on where it
+        is; with fewer it goes from there to the smallest that holds them.
+        """
+        u, y = jnp.asarray(duty) - self.duty, jnp.asarray(measurement) - self.outputs
+        return MPCState(self.kalman.init(u, y), u)
+
+    def step(
+        self,
+        state: PyTree,
+        reference: Float[ArrayLike, "*horizon outputs"],
+        measurement: Float[ArrayLike, " outputs"],
+    ) -> tuple[Float[Array, " cells"], PyTree]:
+        """One sample."""
+        states, moves = self._plan(state, jnp.asarray(reference), jnp.asarray(measurement))
+        low, high = (limit - self.duty for limit in self.limits)
+        now = moves[0]
+        if self.rate_limit is not None:
+            reach = self.rate_limit * self.sample_time_s
+            now = jnp.clip(now, state.duty - reach, state.duty + reach)
+        # Hard, whatever rounding left.
+        now = jnp.clip(now, low, high)
+        later = self.kalman.predict(states, now)
+        return jnp.clip(now + self.duty, *self.limits), MPCState(later, now)
+
+    def _plan(
+        self, state: MPCState, reference: Array, measurement: Array
+    ) -> tuple[Float[Array, " state"], Float[Array, "horizon cells"]]:
+        """The states after the reading, and the duty of the next samples as deviations."""
+        states = self.kalman.correct(state.states, measurement - self.outputs)
+        outputs, cells = self.gain.shape
+        missing = reference - self.outputs - states[-outputs:]
+        target = self._target(missing) if missing.ndim == 1 else jax.vmap(self._target)(missing)
+        targets = jnp.broadcast_to(target, (self.horizon, cells)).reshape(-1)
+        cost = self.condensed
+        slope = jnp.asarray(cost.by_states) @ states + jnp.asarray(cost.by_last) @ state.duty
+        slope = slope + jnp.asarray(cost.by_target) @ targets
+        matrix = jnp.eye(len(slope), dtype=slope.dtype)
+        low, high = (jnp.tile(limit - self.duty, self.horizon) for limit in self.limits)
+        if self.rate_limit is not None:
+            changes = matrix - jnp.eye(len(slope), k=-cells, dtype=slope.dtype)
+            last = jnp.zeros_like(slope).at[:cells].set(state.duty)
+            reach = self.rate_limit * self.sample_time_s
+            matrix = jnp.concatenate([matrix, changes])
+            low = jnp.concatenate([low, last - reach])
+            high = jnp.concatenate([high, last + reach])
+        program = QuadraticProgram(jnp.asarray(cost.hessian), slope, matrix, low, high)
+        return states, minimised(program).reshape(self.horizon, cells)
+
+    def _target(self, missing: Float[Array, " outputs"]) -> Float[Array, " cells"]:
+        """The smallest duty that changes the outputs at rest by this, or, where the limits leave
+        none, that which comes nearest in deviations."""
+        gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
+        scaled = gain / self.output_deviation[:, None]
+        size = jnp.sum(scaled**2) / len(gain)
+        unseen = jnp.eye(len(self.duty), dtype=gain.dtype) - inverse @ gain
+        low, high = (limit - jnp.asarray(self.duty) for limit in self.limits)
+        program = QuadraticProgram(
+            scaled.T @ scaled + size * unseen,
+            -scaled.T @ (missing / self.output_deviation),
+            jnp.eye(len(low), dtype=gain.dtype),
+            low,
+            high,
+        )
+        return minimised(program)
+
+    def __repr__(self) -> str:
+        outputs, cells = self.gain.shape
+        return (
+            f"<MPC: {outputs} outputs, {cells} cells, horizon {self.horizon}, sample time "
+            f"{self.sample_time_s:g} s>"
+        )
+
+
+def _condensed(
+    plant: Plant, horizon: int, y: np.ndarray, u: np.ndarray, change: np.ndarray
+) -> Condensed:
+    r"""With $\xi = (x, u_{-1})$, deviations from where the plate comes to rest, and $\Delta u$ as
+    input, the problem is a regulator of which the rest beyond the horizon is the Riccati cost.
+
+    **Raises:** `ControlError` where the plant has no stable design.
+    """
+    (n, cells), outputs = plant.B.shape, len(plant.C)
+    unit = np.eye(cells)
+    A = np.block([[plant.A, plant.B], [np.zeros((cells, n)), unit]])
+    B = np.vstack([plant.B, unit])
+    Q = np.asarray(block_diag(plant.C.T @ np.diag(y**-2.0) @ plant.C, np.diag(u**-2.0)))
+    _, P = regulator("MPC", A, B, Q, np.diag(change**-2.0))
+    moves, by_disturbance = horizon * cells, plant.B @ plant.inverse
+    # Row k of each: (x_k, u_{k-1}) for k = 1 to the horizon, by the states and by the moves.
+    state = np.eye(n, n + outputs)
+    disturbance = np.eye(outputs, n + outputs, n)
+    moved = np.zeros((n, moves))
+    by_states, by_moves, weights = [], [], []
+    for sample in range(horizon):
+        this = np.eye(cells, moves, sample * cells)
+        state = plant.A @ state + by_disturbance @ disturbance
+        moved = plant.A @ moved + plant.B @ this
+        by_states.append(np.vstack([state, np.zeros((cells, n + outputs))]))
+        by_moves.append(np.vstack([moved, this]))
+        weights.append(P if sample == horizon - 1 else Q)
+    aim = np.vstack([plant.rest, unit])  # (x, u) at rest per duty
+    at_rest = np.vstack([plant.rest @ plant.inverse @ disturbance, np.zeros_like(by_states[0][n:])])
+    E, W = np.vstack(by_moves), block_diag(*weights)
+    differences = np.eye(moves) - np.eye(moves, k=-cells)
+    S = np.diag(np.tile(change**-2.0, horizon))
+    first = np.eye(moves, cells)
+    hessian = E.T @ W @ E + differences.T @ S @ differences
+    return Condensed(
+        hessian=(hessian + hessian.T) / 2,
+        by_states=E.T @ W @ (np.vstack(by_states) - np.tile(at_rest, (horizon, 1))),
+        by_last=-differences.T @ S @ first,
+        by_target=-E.T @ W @ block_diag(*[aim] * horizon),
+    )
+
+
+def _checked_rate(rate_limit: float | int) -> float:
+    number = finite_number("MPC: rate_limit", rate_limit, ControlError)
+    if number <= 0:
+        raise ControlError(f"MPC: rate_limit: expected a number above 0, 1/s, got {number:g}")
+    return number

@@ -1,0 +1,140 @@
+"""MPC: the regulator where no limit is active, hard limits, and a loop without offset."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+
+from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
+from jaxtwin.control import MPC, DiscreteModel, HeatInput, LinearModel
+from jaxtwin.control._mpc import MPCState
+from jaxtwin.control._riccati import regulator
+
+BOTH = ("left", "right")
+
+
+def plate() -> DiscreteModel:
+    """Two places that warm each other, each with a cell behind lag and delay."""
+    A = np.array([[-0.03, 0.01], [0.008, -0.025]])
+    B = np.array([[1.2, 0.1], [0.1, 1.0]])
+    model = LinearModel(A, B, np.eye(2), np.zeros((2, 2)), output_names=BOTH, delay_s=2.5, lag_s=3)
+    return model.discretise(1.0)
+
+
+def followed(
+    mpc: MPC, model: DiscreteModel, references: np.ndarray, heat: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs and duty from rest, with heat that acts as a duty of all cells would."""
+    with jax.enable_x64(True):
+        weights = mpc.output_weights(model.output_names)
+        step = jax.jit(lambda state, r, y: mpc.step(state, r, y))
+        x = np.zeros(len(model.A))
+        state = jax.tree.map(jnp.asarray, mpc.init(np.zeros(2), np.zeros(len(weights))))
+        outputs, duties = [], []
+        for reference in references:
+            outputs.append(weights @ model.C @ x)
+            duty, state = step(state, reference, outputs[-1])
+            duties.append(np.asarray(duty))
+            x = model.A @ x + model.B @ (duties[-1] + heat)
+        return np.array(outputs), np.array(duties)
+
+
+@pytest.mark.parametrize("horizon", [1, 7])
+def test_without_an_active_limit_it_is_the_regulator(horizon: int):
+    """Of x and the last duty, with changes of the duty as input, whatever the horizon."""
+    model = plate()
+    mpc = MPC(model, measured=BOTH, horizon=horizon, output_deviation=2.0, duty_deviation=0.5)
+    n = len(model.A)
+    A = np.block([[model.A, model.B], [np.zeros((2, n)), np.eye(2)]])
+    Q = np.asarray(block_diag(model.C.T @ model.C / 4, np.eye(2) / 0.5**2))
+    K, _ = regulator("test", A, np.vstack([model.B, np.eye(2)]), Q, np.eye(2) / 0.05**2)
+    random = np.random.default_rng(3)
+    states, last = 0.02 * random.normal(size=n), np.array([0.01, -0.02])
+    reference = np.array([0.2, 0.1])
+    rest = np.linalg.solve(np.eye(n) - model.A, model.B)
+    aim = np.linalg.solve(model.C @ rest, reference)
+    change = -K @ np.r_[states - rest @ aim, last - aim]
+    with jax.enable_x64(True):
+        state = MPCState(jnp.asarray(np.r_[states, 0, 0]), jnp.asarray(last))
+        duty, _ = jax.jit(lambda s, r, y: mpc.step(s, r, y))(state, reference, model.C @ states)
+    np.testing.assert_allclose(duty, last + change, rtol=0, atol=1e-8)
+
+
+def test_limits_of_duty_and_rate_are_hard_and_nothing_is_left_of_heat():
+    model = plate()
+    mpc = MPC(model, measured=BOTH, limits=(0, 0.5), rate_limit=0.05, horizon=10)
+    outputs, duty = followed(mpc, model, np.tile([16.0, 13.0], (300, 1)), heat=0.05)
+    assert duty.min() >= 0
+    assert 0.5 - 1e-9 < duty.max() <= 0.5
+    changes = np.diff(duty, axis=0, prepend=0)
+    assert np.abs(changes).max() == pytest.approx(0.05, abs=1e-12)
+    np.testing.assert_allclose(outputs[-1], [16.0, 13.0], atol=1e-3)
+    assert np.max(outputs - [16.0, 13.0]) < 1.0
+
+
+def test_beyond_reach_it_comes_as_near_as_it_can_and_returns_at_once():
+    model = plate()
+    mpc = MPC(model, measured=BOTH, limits=(-1, 0.3), horizon=10)
+    aims = np.r_[np.full((300, 2), 60.0), np.full((5, 2), 5.0)]
+    _, duty = followed(mpc, model, aims)
+    np.testing.assert_allclose(duty[100:300], 0.3, atol=1e-6)
+    assert np.all(duty[300] < 0.25)
+
+
+def test_a_reference_that_is_known_before_is_met_before():
+    """The horizon in place of the reference of now: the duty moves before the step does."""
+    model = plate()
+    mpc = MPC(model, measured=BOTH, horizon=10, duty_deviation=0.5)
+    steps = np.where(np.arange(60)[:, None] < 30, 0.0, np.array([5.0, 4.0]))
+    preview = np.stack([steps[n : n + 10] for n in range(50)])
+    with_it, early = followed(mpc, model, preview)
+    without, late = followed(mpc, model, steps[:50])
+    assert np.all(np.abs(late[:30]) < 1e-8)
+    assert np.max(early[:30]) > 0.05
+    missed = [np.abs(outputs[:50] - steps[:50]).sum() for outputs in (with_it, without)]
+    assert missed[0] < 0.75 * missed[1]
+
+
+def test_a_start_has_no_bump():
+    mpc = MPC(plate(), measured=BOTH)
+    with jax.enable_x64(True):
+        step = jax.jit(lambda state, r, y: mpc.step(state, r, y))
+        duty, measurement = np.array([0.31, -0.12]), np.array([31.0, 33.0])
+        state = mpc.init(duty, measurement)
+        for _ in range(3):
+            found, state = step(state, measurement, measurement)
+            np.testing.assert_allclose(found, duty, rtol=0, atol=1e-7)
+
+
+def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
+    model = linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(2.0)
+    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), horizon=10)
+    hand = HeatInput(elements=("V14", "V15"), start_s=150, end_s=400, heat=2.0)
+    run = simulate_closed_loop(
+        twin,
+        mpc,
+        "0:33/31",
+        duration_s=400,
+        noise=False,
+        quantised=False,
+        disturbances=[hand],
+    )
+    np.testing.assert_allclose(run.output[-1], [33.0, 31.0], atol=0.02)
+    assert np.max(run.output - [33.0, 31.0]) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"horizon": 0}, "MPC: horizon: expected"),
+        ({"rate_limit": 0}, "MPC: rate_limit: expected a number above 0"),
+        ({"duty_change_deviation": -1.0}, "MPC: duty_change_deviation: expected a finite"),
+        ({"measured": ["left"] * 3}, "MPC: measured: expected at most as many outputs"),
+    ],
+)
+def test_designs_that_cannot_be_are_refused(arguments: dict[str, Any], message: str):
+    with pytest.raises(ControlError, match=message):
+        MPC(plate(), **arguments)
