@@ -368,6 +368,7 @@ def test_validate_takes_rooms_from_a_saved_fit(minute, tmp_path, capsys):
     assert json.loads(Path("numbers.json").read_text()) == expected.to_dict()
 
 
+@pytest.mark.slow
 def test_diff_counts_in_standard_errors(tmp_path, capsys):
     """A fit beside itself, and beside one whose room is two standard errors further."""
     room = fit()["T_amb"]

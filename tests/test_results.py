@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from small_results import analysis, fit, recordings
 
 import jaxtwin as jt
+from jaxtwin.control import PID, ClosedLoopRun
 from jaxtwin.physics import DCSweep
 from jaxtwin.simulation import Reductions
 
@@ -38,6 +39,11 @@ def swept(folder: Path) -> jt.Sweep:
     return jt.sweep(fit(), None, folder, draws=4, parameters=["R_E"], reductions=["final"])
 
 
+def closed_loop() -> ClosedLoopRun:
+    controller = PID(Kp=0.1, Ki=0.001)
+    return jt.simulate_closed_loop(fit().twin, controller, 25.0, duration_s=20)
+
+
 RESULTS: dict[str, Callable[[Path], Any]] = {
     "Run": lambda _: fit().runs["synthetic-A"],
     "Reductions": lambda _: reductions(),
@@ -48,10 +54,15 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Sensitivity": lambda _: analysis(),
     "Sweep": lambda folder: swept(folder / "sweep"),
     "DCSweep": lambda _: dc_sweep(),
+    "LinearModel": lambda _: jt.linearize(fit().twin, duty=0.4),
+    "ClosedLoopRun": lambda _: closed_loop(),
 }
 """Class -> one of it."""
 
-INPUTS = {"Experiment", "FitDifference", "Netlist", "PlateMap", "Rig", "Twin"}
+LONG = {"Band", "ClosedLoopRun", "Profile", "Run", "Sensitivity", "Validation"}
+"""Of these, those that take more than some seconds, nearly all of it compilation."""
+
+INPUTS = {"CSources", "Experiment", "FitDifference", "Netlist", "PlateMap", "Rig", "Twin"}
 """Classes that public functions give and that are no results."""
 
 
@@ -76,7 +87,7 @@ def test_every_class_that_a_public_function_gives_is_looked_at_here():
 
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param(kind, marks=pytest.mark.slow) if kind == "Profile" else kind for kind in RESULTS],
+    [pytest.param(kind, marks=pytest.mark.slow) if kind in LONG else kind for kind in RESULTS],
 )
 def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: Path):
     result = RESULTS[kind](tmp_path)

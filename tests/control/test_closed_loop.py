@@ -53,6 +53,7 @@ def test_a_loop_is_controller_and_stepper_in_turns(twin: Twin, pid: PID):
     assert list(run.to_dataframe().columns)[:2] == ["reference mean of all", "mean of all"]
 
 
+@pytest.mark.slow
 def test_gradients_are_those_of_differences(twin: Twin):
     happens = scenario(twin, PID(0.05), 35, duration_s=DURATION, quantised=False)
 
@@ -73,6 +74,7 @@ def test_gradients_are_those_of_differences(twin: Twin):
             np.testing.assert_allclose(slope, (up - down) / (2 * size), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_draws_are_loops_side_by_side(twin: Twin, pid: PID):
     """Of plant and controller, in both precisions, and with a function of one's own."""
     draws = {"R_E": [1.9, 2.1, -1.0], "t_delay": [1.0, 3.5, 2.0]}
@@ -137,6 +139,7 @@ def test_noise_is_that_of_the_camera_s_zones(twin: Twin, pid: PID):
     np.testing.assert_allclose(deviation[0], 0.1 / np.sqrt(pixels), rtol=0.1)
 
 
+@pytest.mark.slow
 def test_disturbances_warm_and_cool_the_plate(twin: Twin):
     hand = HeatInput(("V14", "V15"), 40, 80, 10.0)
     draught = Draught(("V14", "V15"), 40, 80, 40.0)
@@ -158,6 +161,7 @@ def test_late_readings_are_those_of_before(twin: Twin, pid: PID):
     np.testing.assert_allclose(late.measurement[4:], late.output[:-4], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_slow_controller_has_steps_of_the_plant_between_its_samples(twin: Twin):
     slow = simulate_closed_loop(
         twin, PID(0.1, 0.001, sample_time_s=2.5), 35, duration_s=DURATION, noise=False

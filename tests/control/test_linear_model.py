@@ -69,6 +69,7 @@ def test_the_operating_point_is_where_a_long_run_ends(rig: str, duty: list[float
     np.testing.assert_allclose(point.nodes, run.states[-1], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rig", "duty", "values"),
     [("dual-cell", [0.4, 0.3], {"t_delay": 2.4}), ("paper-2024", [0.3, 0.3], {})],

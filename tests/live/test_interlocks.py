@@ -191,6 +191,7 @@ def heated(twin: Twin, seconds: int, measured: float | None, limits: OperatingLi
     return Trip("", "")
 
 
+@pytest.mark.slow
 def test_the_twin_guards_the_cells_that_no_sensor_sees(twin: Twin) -> None:
     # The plate stays below 73 degC; the cells reach 106.
     limits = replace(LIMITS, cell=80.0)

@@ -82,6 +82,7 @@ def test_what_the_first_minute_does_not_show_is_said(fit: Fit, unseen: list[Expe
     assert any(": the first 60 s hardly show it, " in warning for warning in warnings)
 
 
+@pytest.mark.slow
 def test_a_recording_of_the_match_needs_no_estimate(fit: Fit):
     """Its own values were matched: the band is as wide as the noise of a reading asks for."""
     (one, *_) = fit.experiments
@@ -91,6 +92,7 @@ def test_a_recording_of_the_match_needs_no_estimate(fit: Fit):
     assert 0.9 <= held.mean() <= 1.0
 
 
+@pytest.mark.slow
 def test_a_band_follows_the_twin(fit: Fit):
     """The middle is the fitted run itself, however wide its parameters' intervals are."""
     (one, *_) = fit.experiments
@@ -101,6 +103,7 @@ def test_a_band_follows_the_twin(fit: Fit):
     np.testing.assert_allclose(ratio, 0.6745 / 1.9600, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_bands_that_cannot_be_drawn_say_why(fit: Fit, unseen: list[Experiment]):
     with pytest.raises(MatchError, match="recording: expected one of 0, 1, 2, 3, got 'monday'"):
         prediction_band(fit, "monday")

@@ -179,6 +179,7 @@ def test_a_new_group_is_the_normal_distribution_given_the_others(groups: int):
     assert added == pytest.approx(np.array([[0.04 * gain.sum() ** 2]]))
 
 
+@pytest.mark.slow
 def test_two_days_are_told_apart(both: Fit):
     """Shifts to a millimetre, contacts within three of their standard errors."""
     assert both.converged
@@ -192,6 +193,7 @@ def test_two_days_are_told_apart(both: Fit):
     assert both["k"].value == pytest.approx(240.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_row_of_a_groups_parameter_is_what_all_groups_share(both: Fit):
     """Between the days' values, drawn to the prior, and as uncertain as two days leave it."""
     row = both["R_pc"]
@@ -203,6 +205,7 @@ def test_the_row_of_a_groups_parameter_is_what_all_groups_share(both: Fit):
     assert math.sqrt(1 / 3) < row.relative_standard_error < math.sqrt(1 / 3) + 0.1
 
 
+@pytest.mark.slow
 def test_a_day_is_not_explained_by_the_values_of_another(rig: Rig, monday, friday, both: Fit):
     """By twenty times the noise."""
     for recording, other in ((monday[0], "friday"), (friday[0], "monday")):
@@ -216,6 +219,7 @@ def test_shared_values_alone_do_not_explain_two_days(rig: Rig, monday, friday, b
     assert shared.rmse > 3 * both.rmse
 
 
+@pytest.mark.slow
 def test_groups_given_by_name_take_the_place_of_the_recordings_own(rig: Rig, monday, friday, both):
     unnamed = [
         Experiment(e.time, e.duty, channels=e.channels, temperatures=e.temperatures, name=e.name)
@@ -225,6 +229,7 @@ def test_groups_given_by_name_take_the_place_of_the_recordings_own(rig: Rig, mon
     np.testing.assert_allclose(fit.vector, both.vector)
 
 
+@pytest.mark.slow
 def test_a_day_that_the_fit_knows_is_predicted_with_its_values(rig: Rig, both: Fit):
     """To what noise leaves: 0.05 K."""
     unseen = recording(rig, "friday", 2)
@@ -272,6 +277,7 @@ def test_what_is_given_of_a_new_day_makes_it_known(rig: Rig, first: Fit, friday)
     assert "given friday 0" in whole.kind
 
 
+@pytest.mark.slow
 def test_bands_of_a_new_day_hold_and_those_of_a_known_one_are_narrow(
     rig: Rig, first: Fit, both: Fit
 ):
@@ -290,6 +296,7 @@ def test_bands_of_a_new_day_hold_and_those_of_a_known_one_are_narrow(
     assert new[1] > 5 * known[1]
 
 
+@pytest.mark.slow
 def test_a_saved_fit_knows_its_groups(both: Fit, tmp_path, monday, friday):
     both.save(tmp_path / "fit.toml")
     loaded = Fit.load(tmp_path / "fit.toml", rig=both.twin.rig, experiments=[*friday, *monday])
@@ -320,6 +327,7 @@ def test_a_recording_without_a_group_among_others_is_refused(rig: Rig, monday):
         match(Twin(rig), monday, groups="monday")
 
 
+@pytest.mark.slow
 def test_what_is_known_cannot_be_given(rig: Rig, first: Fit, monday):
     with pytest.raises(MatchError, match="does not know, got for the group 'monday'"):
         validate(first, monday[0], given=150)

@@ -43,6 +43,7 @@ def test_a_correction_of_the_camera_is_not_taken_for_a_plate_that_warms_or_cools
     assert found["T_start"] == pytest.approx(22.0, abs=0.5)
 
 
+@pytest.mark.slow
 def test_values_that_the_minute_does_not_tell_stay_where_they_were(calm: dict[str, float]):
     assert calm["t_delay"] == pytest.approx(2.0, rel=0.01)
     assert set(calm) == {"t_delay", "T_amb", "T_start"}

@@ -79,6 +79,7 @@ def test_a_set_without_finite_residuals_loses_no_other(
     assert value(good) == pytest.approx(value(fits[0]), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "error", [SimulationError("the temperatures do not stay finite"), np.linalg.LinAlgError()]
 )
@@ -102,6 +103,7 @@ def test_a_set_of_which_no_fit_can_be_made_loses_no_other(
     assert value(good) == value(fits[0])
 
 
+@pytest.mark.slow
 def test_the_rest_of_the_sets_compiles_nothing_new(
     benches: list[Experiment],
     fits: tuple[Fit | None, ...],

@@ -90,6 +90,7 @@ def test_a_file_with_a_hole_matches_as_the_same_samples_masked(
     assert_same(missing, masked)
 
 
+@pytest.mark.slow
 @settings(max_examples=5)
 @given(
     seed=st.integers(0, 1000),

@@ -71,7 +71,8 @@ def known_error(name: str, rho: float) -> float:
     return float(np.sqrt(np.diag(covariance)[FREE.index(name)]))
 
 
-@pytest.mark.parametrize("rho", [pytest.param(0.0, marks=pytest.mark.slow), 0.8])
+@pytest.mark.slow
+@pytest.mark.parametrize("rho", [0.0, 0.8])
 def test_the_excess_at_three_standard_errors_is_nine(rho: float):
     """A parabola of the curvature 1 / se^2, by hand; in K^2 it would be a hundredth of that."""
     fit = fits(rho)[0]

@@ -79,6 +79,7 @@ def test_corrections_are_found_and_the_plate_keeps_its_dynamics(disturbed: Fit):
     assert disturbed.rmse < 0.1
 
 
+@pytest.mark.slow
 def test_a_saved_fit_has_the_cameras_error_again(disturbed: Fit, tmp_path: Path):
     """From the fitted twin's run and the corrections in the file; the match's own steps differ."""
     disturbed.save(tmp_path / "fit.toml")
@@ -366,6 +367,7 @@ def test_results_are_compared_by_what_they_are_not_by_their_arrays(calm: Fit):
         assert one in {one}
 
 
+@pytest.mark.slow
 def test_tables_can_be_pasted(disturbed: Fit):
     names = [row.name for row in disturbed.parameters.values() if row.free]
     markdown = disturbed.summary("markdown").splitlines()

@@ -144,6 +144,7 @@ def test_readings_have_derivatives_in_the_registration(rig: Rig):
             assert np.abs(slopes[name]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_draws_of_the_registration_are_the_single_runs(rig: Rig):
     drive = Experiment.schedule("0:0.8", duration=60, step=5.0, channels=("T2", "T1"), ambient=18.0)
     shifts = np.array([-9.0, 0.0, 12.0])

@@ -228,6 +228,7 @@ def test_tornado_sorts_the_correlations_and_spans_their_intervals():
         assert low < width < high
 
 
+@pytest.mark.slow
 def test_tornado_draws_into_given_axes():
     given_axes = pyplot.figure().subplots()
     assert analysis().tornado("mean", ax=given_axes) is given_axes

@@ -83,6 +83,7 @@ def test_explicit_solver_with_small_steps_gives_the_same(dual_cell):
     assert largest_difference(dual_cell, diffrax.Tsit5(), stepsize_controller=FIXED) < 1e-3
 
 
+@pytest.mark.slow
 def test_our_own_step_as_a_diffrax_solver_gives_the_same(dual_cell):
     """With diffrax choosing the steps by the embedded error estimate."""
     controller = diffrax.PIDController(rtol=1e-5, atol=1e-5)

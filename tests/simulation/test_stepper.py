@@ -46,6 +46,7 @@ def test_an_ambient_above_the_rigs_warms_an_idle_plate():
     assert np.all(np.asarray(warmer.nodes) < ambient + 10)
 
 
+@pytest.mark.slow
 def test_derivatives_with_respect_to_command_and_parameter_are_those_of_differences():
     twin, size = Twin("paper-2024"), 1e-4
 
@@ -68,6 +69,7 @@ def test_derivatives_with_respect_to_command_and_parameter_are_those_of_differen
             np.testing.assert_allclose(derivative, (above - below) / (2 * change), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_steppers_of_many_draws_are_made_and_stepped_in_one_vmap():
     twin, delays = Twin("dual-cell"), np.array([0.4, 1.2, 2.9])
 

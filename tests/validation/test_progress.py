@@ -65,6 +65,7 @@ def test_leave_one_out_tells_of_every_match(days: list[Experiment]):
     assert kinds[-1] is Prediction
 
 
+@pytest.mark.slow
 def test_the_command_says_how_many_are_predicted_and_how_far_the_match_is(
     days: list[Experiment],
 ):

@@ -84,6 +84,7 @@ def test_the_true_rig_predicts_an_unseen_day_to_the_noise(truth: Twin, days: lis
     assert result.rmse < 0.5
 
 
+@pytest.mark.slow
 def test_ambient_and_start_are_found_with_the_drive_on_from_the_start(
     truth: Twin, days: list[Experiment]
 ):
@@ -104,6 +105,7 @@ def test_a_plate_that_is_warmer_than_its_room_shows_it_by_cooling(truth: Twin):
     assert found["T_start"] == pytest.approx(25.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_nothing_after_the_warm_up_is_looked_at(truth: Twin, days: list[Experiment]):
     honest = validate(truth, days[0]).predictions[0]
     other = validate(truth, spoiled(days[0], 60.0)).predictions[0]
@@ -134,11 +136,13 @@ def test_a_match_never_sees_what_it_has_to_predict(split: Validation, days: list
     assert other.rmse > 25
 
 
+@pytest.mark.slow
 def test_a_twin_matched_to_the_first_part_predicts_the_rest_to_the_noise(split: Validation):
     assert split.rmse < 3 * NOISE
     assert [one.name for one in split.predictions] == ["monday", "tuesday"]
 
 
+@pytest.mark.slow
 def test_each_recording_is_predicted_by_a_match_to_the_others(crossed: Validation):
     for one, other in zip(crossed.predictions, ("tuesday", "monday"), strict=True):
         assert one.fit is not None
@@ -146,6 +150,7 @@ def test_each_recording_is_predicted_by_a_match_to_the_others(crossed: Validatio
         assert one.fit.parameter("C_load").value == pytest.approx(24.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_residuals_of_the_truth_itself_are_white(truth: Twin, days: list[Experiment]):
     """Noise alone is left, and the test of whiteness says so."""
     exact = truth.with_parameters({"T_amb": 20.0, "T_start": 18.5, "T_sink": 18.5})
@@ -154,6 +159,7 @@ def test_residuals_of_the_truth_itself_are_white(truth: Twin, days: list[Experim
     assert one.run.rmse == pytest.approx(NOISE, rel=0.2)
 
 
+@pytest.mark.slow
 def test_numbers_are_plain_and_complete(truth: Twin, days: list[Experiment]):
     result = validate(truth, days)
     numbers = json.loads(json.dumps(result.to_dict(), allow_nan=False))
@@ -165,6 +171,7 @@ def test_numbers_are_plain_and_complete(truth: Twin, days: list[Experiment]):
     assert all(name in text for name in ("monday", "wednesday", "T_amb", "white?"))
 
 
+@pytest.mark.slow
 def test_predictions_that_cannot_be_made_say_why(truth: Twin, days: list[Experiment]):
     with pytest.raises(MatchError, match=r"monday: split at 5 s: .* got 5 .*0 to 240 s"):
         validate_split(truth, days[0], 5.0)

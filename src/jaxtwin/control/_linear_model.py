@@ -10,7 +10,7 @@ from jaxtyping import Array, Complex, Float
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, whole_number
-from .._display import picture
+from .._display import html_table, picture
 from .._errors import ControlError
 from .._lapack import solve
 from ._balanced_truncation import Balanced, balanced, residualised
@@ -24,6 +24,8 @@ from ._to_control import continuous
 
 if TYPE_CHECKING:
     import control
+    import pandas
+    import xarray
     from matplotlib.figure import Figure
 
 
@@ -256,6 +258,44 @@ class LinearModel(eqx.Module):
         """
         return continuous(self, pade_order)
 
+    def to_xarray(self) -> "xarray.Dataset":
+        """The matrices `A`, `B`, `C` and `D`, with names; delay and lag are attributes, s.
+
+        The columns of `A` and `C` have the dimension `from_state`.
+        """
+        import xarray
+
+        dimensions = {
+            "A": ("state", "from_state"),
+            "B": ("state", "input"),
+            "C": ("output", "from_state"),
+            "D": ("output", "input"),
+        }
+        units = {"A": "1/s", "B": "K/s", "C": "1", "D": "K"}
+        return xarray.Dataset(
+            {
+                name: (axes, np.asarray(getattr(self, name)), {"units": units[name]})
+                for name, axes in dimensions.items()
+            },
+            coords={
+                "state": list(self.state_names),
+                "from_state": list(self.state_names),
+                "input": list(self.input_names),
+                "output": list(self.output_names),
+            },
+            attrs={"delay_s": float(self.delay_s), "lag_s": float(self.lag_s)},
+        )
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """The gain at rest, K per unit of duty: a row for each output, a column for each input."""
+        import pandas
+
+        return pandas.DataFrame(
+            np.asarray(self.dcgain),
+            index=pandas.Index(self.output_names, name="output"),
+            columns=pandas.Index(self.input_names, name="input"),
+        )
+
     def plot(self) -> "Figure":
         """The Bode diagram: `jaxtwin.plots.plot_bode`."""
         return picture("plot_bode", self)
@@ -288,9 +328,17 @@ class LinearModel(eqx.Module):
     def __repr__(self) -> str:
         outputs, states = self.C.shape
         return (
-            f"<LinearModel: {states} states, {self.B.shape[1]} inputs, {outputs} outputs, "
+            f"<LinearModel of {states} states, {self.B.shape[1]} inputs, {outputs} outputs, "
             f"delay {_text(self.delay_s)}, lag {_text(self.lag_s)}>"
         )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, *(f"{gain:.4g}" for gain in gains))
+            for name, gains in zip(self.output_names, np.asarray(self.dcgain), strict=True)
+        ]
+        head = ("gain at rest, K per unit of duty", *self.input_names)
+        return html_table(repr(self), head, rows)
 
 
 def _time(name: str, value: Any) -> Any:

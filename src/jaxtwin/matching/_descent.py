@@ -196,9 +196,10 @@ def _step(
     evaluation = state.evaluation
     if jacobians is not None:
         new = Evaluation(errors, jacobians)
-        if evaluation is None or accepted.all():
+        if evaluation is None or (len(accepted) == 1 and accepted.any()):
             evaluation = new
         elif accepted.any():
+            # Also where all are accepted: what is compiled does not depend on the recordings.
             evaluation = _select(jax.device_put(accepted), new, evaluation)
     trials = Trial(vectors, costs, mean_squares, factors)
     taken, optimiser = _update(solver, state.vectors, trials, space, state.optimiser, active)
