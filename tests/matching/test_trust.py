@@ -167,7 +167,7 @@ def test_a_report_says_once_what_the_ratio_means():
         ("a", "b"), together, together, np.eye(2), np.ones(2), np.ones(2), np.ones(2, bool)
     )
     report = known.report()
-    assert report.count("below 1 they say less than was known") == 1
+    assert report.count("below 1 the prior says more") == 1
     (direction,) = known.unidentifiable
     assert str(direction) == "+0.89 a -0.45 b (ratio 0.1)"
     assert f"unidentifiable: {direction}" in report.splitlines()

@@ -1,6 +1,7 @@
 """A fit as a table that people paste: plain text, Markdown or LaTeX."""
 
 import math
+from textwrap import wrap
 from typing import TYPE_CHECKING, Literal
 
 from .._measures import fit_text
@@ -15,7 +16,7 @@ COLUMNS = (
     "parameter",
     "initial",
     "published",
-    "ours",
+    "matched",
     "95 % interval",
     "prior",
     "min",
@@ -23,6 +24,9 @@ COLUMNS = (
     "unit",
     "",
 )
+WIDTH = 100
+"""Of lines of plain text, in characters."""
+
 NUMBERS = slice(1, 8)
 """Columns that are aligned to the right."""
 
@@ -31,7 +35,7 @@ LARGE_GAP = 0.01
 
 
 def summary_table(fit: "Fit", style: Style = "text") -> str:
-    """Table 4 of the paper with our column, 95 % intervals, priors and warnings.
+    """Table 4 of the paper with the matched values, 95 % intervals, priors and warnings.
 
     In plain text the fit of each channel follows, and what the recordings cannot tell.
     """
@@ -68,7 +72,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
     held = [row for row in fit.parameters.values() if not row.free]
     if held:
         values = ", ".join(f"{row.name} = {row.value:.4g} {row.unit}".rstrip() for row in held)
-        lines += ["", f"held: {values}"]
+        lines += ["", *wrap(f"fixed: {values}", WIDTH, subsequent_indent="  ")]
     of_groups = {name for values in fit.group_values.values() for name in values}
     of_recordings = {
         name: {key: value for key, value in values.items() if key not in of_groups}
@@ -92,7 +96,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
             if recording == name
         ]
         lines.append(f"{name}: {', '.join(channels)}")
-    lines += ["", "what the recordings tell:", fit.uncertainty.report()]
+    lines += ["", "identifiability:", fit.uncertainty.report()]
     return "\n".join(lines)
 
 

@@ -91,12 +91,13 @@ class Uncertainty:
 
     def report(self) -> str:
         """What the recordings cannot tell, in words."""
-        count = f"{len(self.singular_values)} directions, {len(self.unidentifiable)}"
-        lines = [f"{count} of them determined less by the recordings than beforehand"]
+        count, weak = len(self.singular_values), len(self.unidentifiable)
+        space = f"of {count} directions in the space of the parameters"
+        lines = [f"{space}, the recordings determine {weak or 'none'} less well than the priors"]
         if self.unidentifiable:
             lines.append(
-                "ratio: the standard deviation of the prior over the one that the recordings alone "
-                "would leave; below 1 they say less than was known"
+                "ratio: the standard deviation of the prior over that of an estimate from the "
+                "recordings alone; below 1 the prior says more"
             )
         lines += [f"insensitive: {', '.join(self.insensitive)}"] * bool(self.insensitive)
         lines += [f"unidentifiable: {direction}" for direction in self.unidentifiable]
