@@ -66,7 +66,8 @@ def test_in_a_batch_such_draws_are_marked_and_leave_the_others_alone(twins):
     assert found.final is not None
     assert np.isnan(found.final[1]).all()
     alone = twins["startup"].with_parameters({"R_pc": 1e-10}).simulate(HELD)
-    np.testing.assert_allclose(found.final[2], alone.temperatures[-1], atol=1e-6)
+    # Rounding at 1e-10 K/W is up to 2e-4 K (benchmarks/NOTES.md, 45), and a batch rounds otherwise.
+    np.testing.assert_allclose(found.final[2], alone.temperatures[-1], atol=2e-4)
 
 
 @pytest.mark.slow

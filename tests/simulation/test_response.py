@@ -109,7 +109,11 @@ def assert_equal_slopes(found, expected, relative: float) -> None:
     scope="module", params=["paper-2024", pytest.param("dual-cell", marks=pytest.mark.slow)]
 )
 def twin(request) -> Twin:
-    return Twin(request.param)
+    """With the camera's zones moved where the rig has a camera that can be: zones have a kink where
+    their edges meet those of elements."""
+    moved = {"d_x": 1.3, "d_y": -0.7, "s_view": 1.01, "r_view": 0.4}
+    twin = Twin(request.param)
+    return twin.with_parameters({key: moved[key] for key in moved if key in twin.parameters})
 
 
 @pytest.fixture
