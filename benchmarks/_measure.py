@@ -44,7 +44,7 @@ def rounds(
 
 def median_ratio(times: list[float], reference: list[float]) -> float:
     """The median over rounds of one way's time over another's."""
-    return median(one / other for one, other in zip(times, reference, strict=True))
+    return median(own / other for own, other in zip(times, reference, strict=True))
 
 
 def warm_median(way: Callable[[], object], count: int) -> float:

@@ -15,7 +15,7 @@ def lsoda(task: Task, count: int, tolerance: float) -> Callable[[], Float[np.nda
     networks = [equations(twin) for twin in task.twins(count)]
     parts = stretches(task.experiment, networks[0].delay)
 
-    def one(network: Equations) -> Float[np.ndarray, "t c"]:
+    def solve(network: Equations) -> Float[np.ndarray, "t c"]:
         states = [network.initial[None]]
         for start, end, command in parts:
             solution = odeint(
@@ -31,4 +31,4 @@ def lsoda(task: Task, count: int, tolerance: float) -> Callable[[], Float[np.nda
             states.append(solution[1:])
         return network.readings(np.concatenate(states))
 
-    return lambda: np.stack([one(network) for network in networks])
+    return lambda: np.stack([solve(network) for network in networks])

@@ -25,7 +25,7 @@ def kvaerno(solver: diffrax.AbstractSolver, task: Task, count: int, tolerance: f
     commands = jnp.stack([jnp.asarray(command) for _, _, command in parts])
     cells, draws = commands.shape[1], task.draws(count)
 
-    def one(values: dict[str, jax.Array]) -> jax.Array:
+    def solve(values: dict[str, jax.Array]) -> jax.Array:
         system = task.twin.with_parameters(values).system()
         reference = system.ambient_temperature
 
@@ -57,7 +57,7 @@ def kvaerno(solver: diffrax.AbstractSolver, task: Task, count: int, tolerance: f
         rises = solution.ys[:, : system.capacitance.size]
         return system.channel_temperatures(rises) + reference - 273.15
 
-    compiled = jax.jit(jax.vmap(one))
+    compiled = jax.jit(jax.vmap(solve))
 
     def run() -> Float[np.ndarray, "d t c"]:
         with jax.enable_x64(True):

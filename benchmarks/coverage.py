@@ -59,8 +59,10 @@ def synthetic(
             added = camera.offset * rng.standard_normal() + np.interp(drive.time, corners, drift)
             seen[number] += added[:, None]
     experiments = [
-        Experiment(drive.time, drive.duty, channels=CHANNELS, temperatures=one, name=f"{number}")
-        for number, one in enumerate(seen)
+        Experiment(
+            drive.time, drive.duty, channels=CHANNELS, temperatures=temperatures, name=f"{number}"
+        )
+        for number, temperatures in enumerate(seen)
     ]
     return experiments, truth
 
@@ -91,7 +93,7 @@ def main() -> None:
     twin = Twin("dual-cell")
     experiments, truth = synthetic(twin, options.recordings, options.seed, options.steady_camera)
     began, work = time.perf_counter(), time.process_time()
-    fits = match_many(twin, [[one] for one in experiments], free=FREE)
+    fits = match_many(twin, [[experiment] for experiment in experiments], free=FREE)
     wall, work = time.perf_counter() - began, time.process_time() - work
     kept = [number for number, fit in enumerate(fits) if fit is not None]
     print(

@@ -121,7 +121,7 @@ class Residuals:
 
 
 def _samples(experiments: list[jt.Experiment]) -> int:
-    return sum(len(one.time) * len(one.channels) for one in experiments)
+    return sum(len(experiment.time) * len(experiment.channels) for experiment in experiments)
 
 
 @eqx.filter_jit

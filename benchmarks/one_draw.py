@@ -62,8 +62,8 @@ def _call(rig: str, call: str) -> Callable[[], object]:
 
     import jaxtwin as jt
 
-    one = jt.load_rig(rig)
-    twin = jt.Twin(one, one.parameter_sets.get("published", {}))
+    description = jt.load_rig(rig)
+    twin = jt.Twin(description, description.parameter_sets.get("published", {}))
     experiment = jt.Experiment.schedule("0:0.502,500:0.784", duration=1000, cells=2)
     if call == "simulate":
         return lambda: jt.simulate(twin, experiment)

@@ -124,14 +124,16 @@ DIGITS = (1, 2, 2, 0, 0, 0, 0, 0)
 def matched(name: str, twin: Twin, experiments: list[Experiment]) -> str:
     fit = match(twin, experiments)
     tail = {
-        e: [(float(one.time[one.time > HALF][0]), float(one.time[-1]))]
-        for e, one in zip(fit.recordings, experiments, strict=True)
+        e: [(float(experiment.time[experiment.time > HALF][0]), float(experiment.time[-1]))]
+        for e, experiment in zip(fit.recordings, experiments, strict=True)
     }
     half = match(twin, experiments, masks=tail)
-    samples = sum(one.size for one in recorded_temperatures(experiments))
+    samples = sum(experiment.size for experiment in recorded_temperatures(experiments))
     shapes = sum(
-        1 + int(np.ceil(np.ptp(one.time) / error.drift_time) + 1) + len(error.relaxation) * len(c)
-        for one, c in zip(experiments, (c.events for c in fit.camera.values()), strict=True)
+        1
+        + int(np.ceil(np.ptp(experiment.time) / error.drift_time) + 1)
+        + len(error.relaxation) * len(c)
+        for experiment, c in zip(experiments, (c.events for c in fit.camera.values()), strict=True)
         if (error := fit.problem.common_error) is not None
     )
     n, k = samples / CORRELATED, len(fit.vector) + shapes
@@ -150,14 +152,16 @@ def matched(name: str, twin: Twin, experiments: list[Experiment]) -> str:
 
 
 def recorded_temperatures(experiments: list[Experiment]) -> list[np.ndarray]:
-    return [one.temperatures for one in experiments if one.temperatures is not None]
+    return [
+        experiment.temperatures for experiment in experiments if experiment.temperatures is not None
+    ]
 
 
 def published(experiments: list[Experiment]) -> str:
     """The paper's twin with the paper's values."""
     twin = Twin("paper-2024")
     twin = twin.with_parameters(twin.rig.parameter_sets["published"])
-    runs = [twin.simulate(one) for one in experiments]
+    runs = [twin.simulate(experiment) for experiment in experiments]
     pairs = [
         (recorded, run.temperatures)
         for recorded, run in zip(recorded_temperatures(experiments), runs, strict=True)
@@ -167,7 +171,7 @@ def published(experiments: list[Experiment]) -> str:
     late = np.concatenate(
         [(r - y)[e.time > HALF].ravel() for (y, r), e in zip(pairs, experiments, strict=True)]
     )
-    size, after = (float(np.sqrt(np.mean(one**2))) for one in (errors, late))
+    size, after = (float(np.sqrt(np.mean(part**2))) for part in (errors, late))
     hottest = hottest_cell(runs, twin)
     values = (float(fits.mean()), size, after, None, None, None, hottest, None)
     return row("paper's twin, published values", values, DIGITS)

@@ -46,9 +46,11 @@ GROUPS = ((0.2, 1.0), (0.1, 0.2), (0.0, 0.1))
 def costs(twin: Twin, experiments: Sequence[Experiment], draws: int, seed: int) -> Pair:
     """Costs of every channel and their mean, and the draws."""
     samples = normal_draws(central_values(twin, None), 0.25, seed, draws)
-    results = [simulate_batch(twin, one, samples, reductions=["cost"]) for one in experiments]
-    cost = np.column_stack([one.cost for one in results if one.cost is not None])
-    assert not any(one.failed.any() for one in results)
+    results = [
+        simulate_batch(twin, experiment, samples, reductions=["cost"]) for experiment in experiments
+    ]
+    cost = np.column_stack([result.cost for result in results if result.cost is not None])
+    assert not any(result.failed.any() for result in results)
     return np.column_stack([cost, cost.mean(axis=1)]), np.column_stack(list(samples.values()))
 
 
@@ -61,7 +63,7 @@ def fisher(y: np.ndarray, x: np.ndarray) -> np.ndarray:
 def accelerated_bootstrap(y: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Bias-corrected and accelerated percentiles of Pearson's correlation."""
     n, rng = len(y), np.random.default_rng(0)
-    y, x = ((one - one.mean(axis=0)) / one.std(axis=0) for one in (y, x))
+    y, x = ((columns - columns.mean(axis=0)) / columns.std(axis=0) for columns in (y, x))
     index = y.T @ x / n
     products = y[:, :, None] * x[:, None, :]
     influence = products - index * (y[:, :, None] ** 2 + x[:, None, :] ** 2) / 2
@@ -94,7 +96,7 @@ def coverage(analyses: Sequence[Pair], reference: Pair) -> list[str]:
     lines = []
     for name, (interval, index) in METHODS.items():
         truth = index(*reference)
-        ends = np.array([interval(*one) for one in analyses])
+        ends = np.array([interval(*analysis) for analysis in analyses])
         inside = (ends[..., 0] <= truth) & (truth <= ends[..., 1])
         words = [f"{name:24s}"]
         for low, high in GROUPS:

@@ -184,7 +184,8 @@ def test_the_virtual_rig_streams_sensors_and_no_frames(rig: Rig, tmp_path: Path)
     with Replay(file, speed=float("inf")) as replay:
         again = [record for record in replay if isinstance(record, Reading)]
     np.testing.assert_array_equal(
-        [one.temperatures for one in again], [one.temperatures for one in readings]
+        [recording.temperatures for recording in again],
+        [recording.temperatures for recording in readings],
     )
 
 

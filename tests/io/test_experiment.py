@@ -102,12 +102,12 @@ def test_select_of_what_is_not_there_says_what_is(asked, said):
 
 
 def test_equality_is_of_contents_and_not_of_names():
-    one, same = Experiment(TIME, DUTY, name="one"), Experiment(TIME, -DUTY, name="same")
-    assert one == same  # DUTY is 0.0 and -DUTY -0.0: the same number
-    assert hash(one) == hash(same)
-    assert one != Experiment(TIME, DUTY, ambient=15)
-    assert one != Experiment(TIME, DUTY, channels=["T"])
-    assert one != "one"
+    first, same = Experiment(TIME, DUTY, name="one"), Experiment(TIME, -DUTY, name="same")
+    assert first == same  # DUTY is 0.0 and -DUTY -0.0: the same number
+    assert hash(first) == hash(same)
+    assert first != Experiment(TIME, DUTY, ambient=15)
+    assert first != Experiment(TIME, DUTY, channels=["T"])
+    assert first != "one"
 
 
 def test_fingerprint_tells_shapes_apart_that_have_the_same_numbers():
@@ -121,8 +121,8 @@ def test_fingerprint_takes_every_kind_of_nan_for_the_same():
     plain = np.array([20, np.nan, 21, 22])
     assert np.isnan(other[1])
     assert other.tobytes() != plain.tobytes()
-    one, same = (Experiment(TIME, DUTY, channels=["T"], temperatures=t) for t in (other, plain))
-    assert one == same
+    first, same = (Experiment(TIME, DUTY, channels=["T"], temperatures=t) for t in (other, plain))
+    assert first == same
 
 
 @pytest.mark.parametrize(

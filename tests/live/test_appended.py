@@ -209,16 +209,18 @@ def test_missing_metadata_are_one_sentence(rig: Rig, file: Path) -> None:
 
 
 def test_names_that_differ_in_case_only_are_refused(rig: Rig, file: Path) -> None:
-    one, two, *rest = rig.channels
-    clash = replace(rig, channels=(replace(one, name="t"), replace(two, name="T"), *rest))
+    first, second, *rest = rig.channels
+    clash = replace(rig, channels=(replace(first, name="t"), replace(second, name="T"), *rest))
     with pytest.raises(JaxtwinError, match="upper and lower case only"):
         Recorder(file, clash)
     assert not file.exists()
 
 
 def test_names_survive_the_way_into_a_recording(rig: Rig, file: Path) -> None:
-    one, two, *rest = rig.channels
-    named = replace(rig, channels=(replace(one, name="Zone 1"), replace(two, name="Tü"), *rest))
+    first, second, *rest = rig.channels
+    named = replace(
+        rig, channels=(replace(first, name="Zone 1"), replace(second, name="Tü"), *rest)
+    )
     clock = HandClock()
     with Recorder(file, named, clock=clock) as recorder:
         recorder.write(minute(clock, "b1", 20.0))

@@ -146,10 +146,10 @@ def test_a_new_day_is_a_new_file_and_the_old_one_has_its_checksum(
         with Session(file) as session:
             rows = session.database.execute("SELECT count(*), min(seq), max(seq) FROM samples")
             counts[file.name] = rows.fetchone()
-    (first, one), (second, two) = counts.items()
+    (first, before), (second, after) = counts.items()
     assert (first, second) == ("s-2026-01-31.db", "s-2026-02-01.db")
-    assert one[0] + two[0] == 10
-    assert two[1] == one[2] + 1
+    assert before[0] + after[0] == 10
+    assert after[1] == before[2] + 1
     subprocess.run(["sha256sum", "--check", f"{first}.sha256"], cwd=tmp_path, check=True)
 
 

@@ -58,12 +58,12 @@ def file(tmp_path: Path) -> Path:
 def test_what_was_written_is_read_by_others_while_recording_goes_on(rig: Rig, file: Path) -> None:
     with Recorder(file, rig, keep_frames=True) as recorder:
         recorder.write([GREETING, sample(1), reading(1, frame=True)])
-        with Session(file) as one, Session(file) as two:
-            for session in (one, two):
+        with Session(file) as reader, Session(file) as other:
+            for session in (reader, other):
                 row = session.database.execute('SELECT "pwm_P1", "pwm_P2" FROM samples').fetchone()
                 assert row == (128, -3)
             recorder.write([sample(2)])
-            assert one.database.execute("SELECT count(*) FROM samples").fetchone() == (2,)
+            assert reader.database.execute("SELECT count(*) FROM samples").fetchone() == (2,)
         pixels = sqlite3.connect(file).execute("SELECT pixels FROM frames").fetchone()[0]
         assert pixels == np.full(4800, 1, "<u2").tobytes()
 

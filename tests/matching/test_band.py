@@ -48,11 +48,11 @@ def test_a_band_holds_95_percent_of_readings_that_were_not_matched(
 ):
     """Cold starts and warm ones; the first minute, from which the start is estimated, apart."""
     inside = []
-    for one in unseen:
-        band = prediction_band(fit, experiment=one)
-        late = one.time >= 60
-        assert one.temperatures is not None
-        held = (band.lower <= one.temperatures) & (one.temperatures <= band.upper)
+    for session in unseen:
+        band = prediction_band(fit, experiment=session)
+        late = session.time >= 60
+        assert session.temperatures is not None
+        held = (band.lower <= session.temperatures) & (session.temperatures <= band.upper)
         inside.append(held[late].mean())
     assert np.mean(inside) >= 0.9
     assert np.mean(inside[1::2]) >= 0.88
@@ -68,37 +68,37 @@ def test_a_band_is_no_wider_than_it_must_be(fit: Fit, unseen: list[Experiment]):
 @pytest.mark.slow
 def test_a_warm_load_is_not_taken_for_a_warm_room(fit: Fit, unseen: list[Experiment]):
     """The room is known from the matched sessions to a kelvin; the load is 2 to 6 K warmer."""
-    for one in unseen[1::2]:
-        found = estimate_initial_conditions(fit, one)
+    for session in unseen[1::2]:
+        found = estimate_initial_conditions(fit, session)
         assert found.values["T_amb"] == pytest.approx(ROOM, abs=1.5)
-        assert one.temperatures is not None
-        assert found.values["T_start"] == pytest.approx(one.temperatures[0, 0], abs=1.0)
+        assert session.temperatures is not None
+        assert found.values["T_start"] == pytest.approx(session.temperatures[0, 0], abs=1.0)
 
 
 @pytest.mark.slow
 def test_what_the_first_minute_does_not_show_is_said(fit: Fit, unseen: list[Experiment]):
     """Driven from the start on, the load says little of its room and its sink."""
-    warnings = [w for one in unseen for w in estimate_initial_conditions(fit, one).warnings]
+    warnings = [w for session in unseen for w in estimate_initial_conditions(fit, session).warnings]
     assert any(": the first 60 s hardly show it, " in warning for warning in warnings)
 
 
 @pytest.mark.slow
 def test_a_recording_of_the_match_needs_no_estimate(fit: Fit):
     """Its own values were matched: the band is as wide as the noise of a reading asks for."""
-    (one, *_) = fit.experiments
-    band = prediction_band(fit, one.name)
-    assert one.temperatures is not None
-    held = (band.lower <= one.temperatures) & (one.temperatures <= band.upper)
+    (session, *_) = fit.experiments
+    band = prediction_band(fit, session.name)
+    assert session.temperatures is not None
+    held = (band.lower <= session.temperatures) & (session.temperatures <= band.upper)
     assert 0.9 <= held.mean() <= 1.0
 
 
 @pytest.mark.slow
 def test_a_band_follows_the_twin(fit: Fit):
     """The middle is the fitted run itself, however wide its parameters' intervals are."""
-    (one, *_) = fit.experiments
-    band = prediction_band(fit, one.name)
-    np.testing.assert_allclose(band.middle, fit.runs[one.name].temperatures, atol=1e-9)
-    narrow = prediction_band(fit, one.name, level=0.5)
+    (session, *_) = fit.experiments
+    band = prediction_band(fit, session.name)
+    np.testing.assert_allclose(band.middle, fit.runs[session.name].temperatures, atol=1e-9)
+    narrow = prediction_band(fit, session.name, level=0.5)
     ratio = (narrow.upper - narrow.lower) / (band.upper - band.lower)
     np.testing.assert_allclose(ratio, 0.6745 / 1.9600, rtol=1e-4)
 

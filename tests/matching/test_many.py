@@ -30,13 +30,15 @@ def read(drive: Experiment, temperatures: np.ndarray, name: str = "bench") -> Ex
     )
 
 
-def spoiled(one: Experiment, added: np.ndarray | float) -> Experiment:
-    assert one.temperatures is not None
-    return read(one, one.temperatures + added, one.name)
+def spoiled(recording: Experiment, added: np.ndarray | float) -> Experiment:
+    assert recording.temperatures is not None
+    return read(recording, recording.temperatures + added, recording.name)
 
 
 def matched(*sets: Experiment, **options) -> tuple[Fit | None, ...]:
-    return match_many(Twin("single-cell"), [[one] for one in sets], free=FREE, **options)
+    return match_many(
+        Twin("single-cell"), [[recording] for recording in sets], free=FREE, **options
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,7 @@ def test_hubers_loss_forgives_outliers_of_the_only_channel(benches: list[Experim
     """A single channel has nothing alone; what counts less is found in what all share."""
     outliers = np.zeros((121, 1))
     outliers[10::40], outliers[30::40] = 8.0, -8.0
-    for fit in matched(*(spoiled(one, outliers) for one in benches[:2]), robust=2.0):
+    for fit in matched(*(spoiled(recording, outliers) for recording in benches[:2]), robust=2.0):
         assert fit is not None
         (weights,) = fit.weights.values()
         assert np.all(weights[10::20] < 0.2)
@@ -117,9 +119,9 @@ def test_the_rest_of_the_sets_compiles_nothing_new(
     with jax.log_compiles():
         caplog.clear()
         three = matched(*benches, on_progress=lambda iteration: told.add(iteration.start))
-        assert not [one.message for one in caplog.records if "Compiling" in one.message]
+        assert not [record.message for record in caplog.records if "Compiling" in record.message]
     assert told == {0, 1, 2}
-    assert [value(one) for one in three[:2]] == [value(one) for one in fits]
+    assert [value(fit) for fit in three[:2]] == [value(fit) for fit in fits]
     alone = matched(benches[2], benches[0])
     assert value(three[2]) == pytest.approx(value(alone[0]), rel=1e-9)
 
@@ -130,7 +132,10 @@ def test_sets_that_need_other_programs_are_refused():
     switched = Experiment(constant.time, np.resize([0.4, -0.3], (121, 1)), channels=("T",))
     warm = Experiment(constant.time, constant.duty, channels=("T",), ambient=20.0)
     for other in (longer, switched, warm):
-        sets = [read(one, np.full((len(one.time), 1), 18.0)) for one in (constant, other)]
+        sets = [
+            read(recording, np.full((len(recording.time), 1), 18.0))
+            for recording in (constant, other)
+        ]
         with pytest.raises(MatchError, match="set 1 with recordings of other shapes than set 0"):
             matched(*sets)
 

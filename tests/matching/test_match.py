@@ -125,7 +125,9 @@ def test_bounds_hold_and_are_reported(start: Twin):
 def test_further_starts_reach_the_same_optimum(start: Twin):
     fit = match(start, recordings(0.0), free=[*FREE, "T_amb"], starts=3, seed=1)
     assert len(fit.optima) == 3
-    assert [one.rmse for one in fit.optima] == sorted(one.rmse for one in fit.optima)
+    assert [optimum.rmse for optimum in fit.optima] == sorted(
+        optimum.rmse for optimum in fit.optima
+    )
     assert fit.optima[0].rmse < 1e-3
 
 

@@ -54,14 +54,14 @@ def with_holes(experiment: Experiment, holes: np.ndarray) -> Experiment:
     )
 
 
-def assert_same(one: Fit, other: Fit) -> None:
+def assert_same(fit: Fit, other: Fit) -> None:
     """Cost, values, standard errors and noise of two matches, all but exactly the same."""
-    assert one.cost == pytest.approx(other.cost, rel=1e-9)
-    np.testing.assert_allclose(one.vector, other.vector, rtol=1e-7)
+    assert fit.cost == pytest.approx(other.cost, rel=1e-9)
+    np.testing.assert_allclose(fit.vector, other.vector, rtol=1e-7)
     np.testing.assert_allclose(
-        one.uncertainty.covariance, other.uncertainty.covariance, rtol=1e-5, atol=1e-15
+        fit.uncertainty.covariance, other.uncertainty.covariance, rtol=1e-5, atol=1e-15
     )
-    for mine, others in zip(one.noise, other.noise, strict=True):
+    for mine, others in zip(fit.noise, other.noise, strict=True):
         assert mine.effective == pytest.approx(others.effective, rel=1e-6)
 
 
@@ -117,9 +117,9 @@ def test_what_stands_under_weight_0_changes_nothing(
         reweighted_least_squares([problem], default_solver(problem), [unknowns.start()], 50)[0]
         for problem in (missing, weighed)
     ]
-    (one, known), (other, also_known) = results
-    assert one.cost == pytest.approx(other.cost, rel=1e-9)
-    np.testing.assert_allclose(one.vector, other.vector, rtol=1e-9)
+    (fit, known), (other, also_known) = results
+    assert fit.cost == pytest.approx(other.cost, rel=1e-9)
+    np.testing.assert_allclose(fit.vector, other.vector, rtol=1e-9)
     assert known.channel.effective == pytest.approx(also_known.channel.effective, rel=1e-9)
 
 
@@ -168,8 +168,8 @@ def test_a_recordings_own_values_come_from_the_samples_that_are_there(
     holes[0] = holes[:25, 1] = True
     true = start.with_parameters(TRUTH)
     gappy, complete = (
-        estimate_initial_conditions(true, one).values["T_amb"]
-        for one in (with_holes(whole, holes), whole)
+        estimate_initial_conditions(true, experiment).values["T_amb"]
+        for experiment in (with_holes(whole, holes), whole)
     )
     assert gappy == pytest.approx(complete, abs=0.3)
     holes[:19] = True

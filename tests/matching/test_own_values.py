@@ -37,8 +37,10 @@ def recording(room: float, seed: int, name: str) -> Experiment:
 @cache
 def days() -> tuple[Experiment, Experiment, Experiment]:
     rooms = {"monday": 16.0, "tuesday": 20.0, "wednesday": 24.0}
-    one, two, three = (recording(room, n, name) for n, (name, room) in enumerate(rooms.items()))
-    return one, two, three
+    first, second, third = (
+        recording(room, n, name) for n, (name, room) in enumerate(rooms.items())
+    )
+    return first, second, third
 
 
 @cache

@@ -61,7 +61,7 @@ def fits(rho: float) -> tuple[Fit, ...]:
 def known_error(name: str, rho: float) -> float:
     """Standard error of ordinary least squares in noise that is known, from two differences."""
     truth = bare().with_parameters(TRUTH)
-    moved = [truth.with_parameters({one: TRUTH[one] + 0.5}) for one in FREE]
+    moved = [truth.with_parameters({name: TRUTH[name] + 0.5}) for name in FREE]
     slopes = np.column_stack(
         [(simulate(twin, cooling()).temperatures - clean()) / 0.5 for twin in moved]
     )

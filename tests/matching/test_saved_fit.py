@@ -65,31 +65,31 @@ def saved(fit: Fit, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def same(one: Fit, other: Fit) -> None:
+def same(fit: Fit, other: Fit) -> None:
     """All that a fit holds beside its recordings."""
     for name in ("recordings", "fingerprints", "channels", "recording_values", "rmse", "status"):
-        assert getattr(one, name) == getattr(other, name)
+        assert getattr(fit, name) == getattr(other, name)
     for name in ("converged", "history", "optima", "wall_time", "solver_gap", "noise", "cost"):
-        assert getattr(one, name) == getattr(other, name)
-    assert (one.date, one.versions) == (other.date, other.versions)
+        assert getattr(fit, name) == getattr(other, name)
+    assert (fit.date, fit.versions) == (other.date, other.versions)
     # NaN is the same as NaN here.
-    assert str(one.fit_percent) == str(other.fit_percent)
-    assert str(one.parameters) == str(other.parameters)
-    assert one.twin.parameters == other.twin.parameters
-    np.testing.assert_allclose(one.vector, other.vector, rtol=1e-14)
-    for field in fields(one.uncertainty):
-        mine, theirs = (getattr(fit.uncertainty, field.name) for fit in (one, other))
+    assert str(fit.fit_percent) == str(other.fit_percent)
+    assert str(fit.parameters) == str(other.parameters)
+    assert fit.twin.parameters == other.twin.parameters
+    np.testing.assert_allclose(fit.vector, other.vector, rtol=1e-14)
+    for field in fields(fit.uncertainty):
+        mine, theirs = (getattr(result.uncertainty, field.name) for result in (fit, other))
         if isinstance(mine, np.ndarray):
             np.testing.assert_allclose(mine, theirs, rtol=1e-13)
         else:
             assert str(mine) == str(theirs)
-    for name in one.recordings:
-        np.testing.assert_array_equal(one.weights[name], other.weights[name])
-    mine, theirs = one.problem, other.problem
+    for name in fit.recordings:
+        np.testing.assert_array_equal(fit.weights[name], other.weights[name])
+    mine, theirs = fit.problem, other.problem
     assert mine.unknowns == theirs.unknowns
     assert (mine.common_error, mine.robust) == (theirs.common_error, theirs.robust)
     assert mine.twin.parameters == theirs.twin.parameters
-    assert one.summary() == other.summary()
+    assert fit.summary() == other.summary()
 
 
 @pytest.mark.slow
@@ -163,9 +163,9 @@ def test_without_its_recordings_it_predicts_and_says_what_it_cannot(
     loaded = Fit.load(saved)
     assert loaded.to_dataframe().loc["C_load", "value"] == fit["C_load"].value
     unseen = recording(18.0, 2, "wednesday")
-    one = prediction_band(loaded, NAMES[1], experiment=unseen)
+    band = prediction_band(loaded, NAMES[1], experiment=unseen)
     other = prediction_band(fit, NAMES[1], experiment=unseen)
-    np.testing.assert_allclose(one.middle, other.middle, rtol=1e-12)
+    np.testing.assert_allclose(band.middle, other.middle, rtol=1e-12)
     assert validate(saved, unseen).rmse == validate(fit, unseen).rmse
     for ask in (
         lambda: loaded.runs,
@@ -195,8 +195,8 @@ def test_with_its_recordings_it_has_its_runs_again(
         np.testing.assert_array_equal(loaded.runs[name].temperatures, fit.runs[name].temperatures)
         np.testing.assert_allclose(loaded.camera[name].error, fit.camera[name].error, atol=1e-9)
     values = fit["C_load"].value * np.array([0.98, 1.0, 1.02])
-    one, two = (profile(each, "C_load", values).excess for each in (fit, loaded))
-    np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-6)
+    first, second = (profile(each, "C_load", values).excess for each in (fit, loaded))
+    np.testing.assert_allclose(first, second, rtol=1e-6, atol=1e-6)
 
 
 def test_another_recording_is_refused(saved: Path, recordings: list[Experiment]):

@@ -171,8 +171,8 @@ def test_a_report_says_once_what_the_ratio_means():
     (direction,) = known.unidentifiable
     assert str(direction) == "+0.89 a -0.45 b (ratio 0.1)"
     assert f"unidentifiable: {direction}" in report.splitlines()
-    one, nine = np.ones(1), 9 * np.eye(1)
-    clear = uncertainty(("a",), nine, nine, np.eye(1), one, one, np.ones(1, bool))
+    unit, nine = np.ones(1), 9 * np.eye(1)
+    clear = uncertainty(("a",), nine, nine, np.eye(1), unit, unit, np.ones(1, bool))
     assert "ratio" not in clear.report()
 
 
@@ -284,8 +284,8 @@ def test_many_sets_in_one_batch_have_honest_intervals(start: Twin):
 
 @pytest.mark.slow
 def test_a_batch_gives_what_single_matches_give(start: Twin, disturbed: Fit):
-    one = [recording(0, True, "day 1"), recording(1, True, "day 2")]
-    (fit, _) = match_many(start, [one, one[::-1]], free=FREE)
+    days = [recording(0, True, "day 1"), recording(1, True, "day 2")]
+    (fit, _) = match_many(start, [days, days[::-1]], free=FREE)
     assert fit is not None
     for name in FREE:
         assert fit.parameter(name).value == pytest.approx(disturbed.parameter(name).value, rel=1e-4)
@@ -309,9 +309,9 @@ def test_recordings_may_have_very_unequal_numbers_of_corrections(
 
 
 def test_sets_of_unequal_shape_are_refused(start: Twin):
-    one, other = recording(0, False, "a"), recording(1, False, "b")
+    first, second = recording(0, False, "a"), recording(1, False, "b")
     with pytest.raises(MatchError, match="set 1 with recordings of other shapes"):
-        match_many(start, [[one, other], [one]], free=FREE)
+        match_many(start, [[first, second], [first]], free=FREE)
     with pytest.raises(MatchError, match=r"sets: .* got none"):
         match_many(start, [])
 
@@ -355,7 +355,7 @@ def test_a_temperature_is_near_its_bound_on_its_own_scale(calm: Fit):
 
 
 def test_results_are_compared_by_what_they_are_not_by_their_arrays(calm: Fit):
-    for one in (
+    for value in (
         replace(calm, vector=calm.vector.copy()),
         replace(calm.problem, sample_weights=tuple(w.copy() for w in calm.problem.sample_weights)),
         replace(
@@ -363,8 +363,8 @@ def test_results_are_compared_by_what_they_are_not_by_their_arrays(calm: Fit):
             common_mode_weights=tuple(w.copy() for w in calm.noise_model.common_mode_weights),
         ),
     ):
-        assert one not in (calm, calm.problem, calm.noise_model)
-        assert one in {one}
+        assert value not in (calm, calm.problem, calm.noise_model)
+        assert value in {value}
 
 
 @pytest.mark.slow

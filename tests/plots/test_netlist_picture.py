@@ -114,8 +114,8 @@ def assert_legible(axes: Axes) -> None:
     figure = figure_of(axes)
     figure.canvas.draw()
     boxes = [(text.get_text(), text.get_window_extent()) for text in texts(axes)]
-    for (one, a), (other, b) in combinations(boxes, 2):
-        assert not a.overlaps(b), (one, other)
+    for (name, a), (other, b) in combinations(boxes, 2):
+        assert not a.overlaps(b), (name, other)
     legend = axes.get_legend()
     assert legend is not None
     key = legend.get_window_extent()

@@ -51,7 +51,7 @@ def test_every_table_of_the_schema_has_its_place():
     assert tables - set(TABLES.values()) == {schema.Table, schema.ModuleTable}
 
 
-@pytest.mark.parametrize(("heading", "model"), TABLES.items(), ids=lambda one: str(one))
+@pytest.mark.parametrize(("heading", "model"), TABLES.items(), ids=lambda value: str(value))
 def test_a_table_has_every_key_and_says_which_are_needed(heading: str, model: Any):
     page = rows(heading)
     assert list(page) == list(model.model_fields)
@@ -65,7 +65,7 @@ def test_a_table_has_every_key_and_says_which_are_needed(heading: str, model: An
             assert needed == f"no, `{json.dumps(field.default)}`", key
 
 
-@pytest.mark.parametrize(("heading", "model"), TABLES.items(), ids=lambda one: str(one))
+@pytest.mark.parametrize(("heading", "model"), TABLES.items(), ids=lambda value: str(value))
 def test_where_words_are_chosen_from_all_of_them_are_named(heading: str, model: Any):
     for key, field in model.model_fields.items():
         for word in get_args(field.annotation):

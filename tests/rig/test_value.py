@@ -44,9 +44,9 @@ def test_equal_products_are_equal_and_hash_alike_in_any_order(a, b):
 @given(products)
 def test_a_value_times_its_inverse_is_one_without_parameters(a):
     a = Value(*a)
-    one = a * (1 / a)
-    assert one.is_constant
-    assert one.factor == pytest.approx(1)
+    ratio = a * (1 / a)
+    assert ratio.is_constant
+    assert ratio.factor == pytest.approx(1)
 
 
 @given(products)

@@ -26,7 +26,7 @@ def matched() -> list[float]:
 def test_matched_recordings_have_their_own_values_whatever_their_order_and_names(matched):
     twins, experiments = paired_twins("study", fit(), None)
     assert (ambients(twins), tuple(experiments)) == (matched, recordings())
-    renamed = [replace(one, name="copy") for one in reversed(recordings())]
+    renamed = [replace(recording, name="copy") for recording in reversed(recordings())]
     twins, _ = paired_twins("study", fit(), renamed)
     assert ambients(twins) == matched[::-1]
 

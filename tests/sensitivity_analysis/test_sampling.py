@@ -33,8 +33,8 @@ def test_parameters_are_drawn_independently():
 
 
 def test_seeds_differ():
-    one, other = (normal_draws(VALUES, 0.25, seed=seed, stop=5)["R_E"] for seed in (0, 1))
-    assert not np.any(one == other)
+    first, second = (normal_draws(VALUES, 0.25, seed=seed, stop=5)["R_E"] for seed in (0, 1))
+    assert not np.any(first == second)
 
 
 def test_a_negative_value_stays_negative():

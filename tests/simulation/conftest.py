@@ -93,8 +93,8 @@ class Circuit:
             links.append((element, f"{cell}.TC", values["R_pc"]))
             links.append((f"{cell}.TC", f"{cell}.TH", values["R_Th"]))
             links.append((f"{cell}.TH", "ambient", values["R_ph"]))
-        for one, other, resistance in links:
-            inner = [place[end] for end in (one, other) if end != "ambient"]
+        for first, second, resistance in links:
+            inner = [place[end] for end in (first, second) if end != "ambient"]
             self.G[inner, inner] += 1 / resistance
             if len(inner) == 2:
                 self.G[inner, inner[::-1]] -= 1 / resistance

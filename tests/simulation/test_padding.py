@@ -129,13 +129,13 @@ def test_sessions_that_hold_their_drive_or_do_not_are_alike(twin):
     """One step size or eleven."""
     changing = np.random.default_rng(0).uniform(-1, 1, 600)
     held = np.append(changing[:595], np.full(5, 0.3))
-    one, other = (
+    grid, held_grid = (
         padded_time_grid(twin, jt.Experiment(np.arange(600.0), duty)) for duty in (changing, held)
     )
-    assert len(set(one.sizes)) == 2
-    assert len(set(other.sizes)) > 8
-    assert [np.shape(leaf) for leaf in jax.tree.leaves(one)] == [
-        np.shape(leaf) for leaf in jax.tree.leaves(other)
+    assert len(set(grid.sizes)) == 2
+    assert len(set(held_grid.sizes)) > 8
+    assert [np.shape(leaf) for leaf in jax.tree.leaves(grid)] == [
+        np.shape(leaf) for leaf in jax.tree.leaves(held_grid)
     ]
 
 
@@ -152,15 +152,15 @@ def test_another_session_is_simulated_without_a_compilation(twin, compilations):
 def test_so_are_draws(twin, compilations):
     draws = {"R_pc": np.array([0.1, 0.2, 0.3])}
     wanted = ("cost", "final", "minimum", "maximum", "plate_range")
-    one, other = (recorded(twin, session(*what)) for what in ((118, 1), (114, 4)))
-    jt.simulate_batch(twin, one, draws)
-    jt.simulate_batch(twin, one, draws, reductions=wanted)
+    first, second = (recorded(twin, session(*what)) for what in ((118, 1), (114, 4)))
+    jt.simulate_batch(twin, first, draws)
+    jt.simulate_batch(twin, first, draws, reductions=wanted)
     compilations()
-    temperatures = jt.simulate_batch(twin, other, draws)
-    found = jt.simulate_batch(twin, other, draws, reductions=wanted)
+    temperatures = jt.simulate_batch(twin, second, draws)
+    found = jt.simulate_batch(twin, second, draws, reductions=wanted)
     assert compilations() == 0
     assert temperatures.shape == (3, 114, 1)
-    error = temperatures - other.temperatures
+    error = temperatures - second.temperatures
     assert found.cost is not None
     assert found.maximum is not None
     assert found.final is not None
@@ -184,5 +184,5 @@ def test_a_match_to_others_compiles_nothing_and_finds_the_same(twin, compilation
         "session 4": (114, 1),
     }
     pairs = zip(fit.runs.values(), sessions[2:], strict=True)
-    errors = np.concatenate([run.temperatures - one.temperatures for run, one in pairs])
+    errors = np.concatenate([run.temperatures - session.temperatures for run, session in pairs])
     assert fit.rmse == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-3, abs=1e-7)

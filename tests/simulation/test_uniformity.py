@@ -61,7 +61,7 @@ def test_without_a_recording_there_is_nothing_beside():
 
 def test_a_common_change_of_all_places_does_not_count():
     temperatures = np.random.default_rng(0).standard_normal((5, 4))
-    one = uniformity(np.arange(5.0), temperatures, ("a", "b", "c", "d"))
-    other = uniformity(np.arange(5.0), temperatures + np.arange(5.0)[:, None], one.places)
-    np.testing.assert_allclose(other.range, one.range)
-    np.testing.assert_allclose(other.std, one.std)
+    still = uniformity(np.arange(5.0), temperatures, ("a", "b", "c", "d"))
+    rising = uniformity(np.arange(5.0), temperatures + np.arange(5.0)[:, None], still.places)
+    np.testing.assert_allclose(rising.range, still.range)
+    np.testing.assert_allclose(rising.std, still.std)

@@ -19,8 +19,8 @@ def days() -> list[Experiment]:
         drive = Experiment.schedule("70:0.4", duration=140)
         noise = np.random.default_rng(seed).standard_normal((len(drive.time), 1))
         seen = Twin("single-cell").simulate(drive).temperatures + 0.05 * noise
-        one = Experiment(drive.time, drive.duty, channels=("T",), temperatures=seen, name=name)
-        days.append(one)
+        day = Experiment(drive.time, drive.duty, channels=("T",), temperatures=seen, name=name)
+        days.append(day)
     return days
 
 
@@ -28,7 +28,7 @@ def days() -> list[Experiment]:
 def test_a_validation_tells_of_each_recording(days: list[Experiment]):
     told: list[object] = []
     validate(Twin("single-cell"), days, on_progress=told.append)
-    assert [one.name for one in told if isinstance(one, Prediction)] == ["monday", "tuesday"]
+    assert [part.name for part in told if isinstance(part, Prediction)] == ["monday", "tuesday"]
 
 
 @pytest.mark.slow
@@ -42,8 +42,8 @@ def test_a_split_tells_of_the_match_and_of_each_recording(days: list[Experiment]
         max_iterations=2,
         on_progress=told.append,
     )
-    assert all(isinstance(one, Prediction) for one in told[-2:])
-    assert all(isinstance(one, Iteration) for one in told[:-2])
+    assert all(isinstance(part, Prediction) for part in told[-2:])
+    assert all(isinstance(part, Iteration) for part in told[:-2])
     assert len(told) > 2
 
 
@@ -58,9 +58,9 @@ def test_leave_one_out_tells_of_every_match(days: list[Experiment]):
         max_iterations=2,
         on_progress=told.append,
     )
-    kinds = [type(one) for one in told]
+    kinds = [type(part) for part in told]
     assert kinds.count(Prediction) == 2
-    assert [one.number for one in told if isinstance(one, Iteration)].count(0) == 2
+    assert [part.number for part in told if isinstance(part, Iteration)].count(0) == 2
     assert kinds.index(Prediction) < len(told) - 1
     assert kinds[-1] is Prediction
 

@@ -76,11 +76,11 @@ def crossed(days: list[Experiment]) -> Validation:
 def test_the_true_rig_predicts_an_unseen_day_to_the_noise(truth: Twin, days: list[Experiment]):
     """Ambient and start come from the first minute, in which the drive is off."""
     result = validate(truth, days[1])
-    (one,) = result.predictions
-    assert one.run.time[0] == 60.0
+    (prediction,) = result.predictions
+    assert prediction.run.time[0] == 60.0
     # At rest the start is read off; the room's temperature is known from the drift alone.
-    assert one.estimated["T_start"] == pytest.approx(22.0, abs=0.3)
-    assert one.estimated["T_amb"] == pytest.approx(22.0, abs=0.5)
+    assert prediction.estimated["T_start"] == pytest.approx(22.0, abs=0.3)
+    assert prediction.estimated["T_amb"] == pytest.approx(22.0, abs=0.5)
     assert result.rmse < 0.5
 
 
@@ -88,9 +88,9 @@ def test_the_true_rig_predicts_an_unseen_day_to_the_noise(truth: Twin, days: lis
 def test_ambient_and_start_are_found_with_the_drive_on_from_the_start(
     truth: Twin, days: list[Experiment]
 ):
-    (one,) = validate(truth, days[2]).predictions
-    assert one.estimated["T_start"] == pytest.approx(16.0, abs=1.0)
-    assert one.estimated["T_amb"] == pytest.approx(17.0, abs=1.0)
+    (prediction,) = validate(truth, days[2]).predictions
+    assert prediction.estimated["T_start"] == pytest.approx(16.0, abs=1.0)
+    assert prediction.estimated["T_amb"] == pytest.approx(17.0, abs=1.0)
 
 
 @pytest.mark.slow
@@ -125,12 +125,12 @@ def test_a_fit_predicts_a_day_that_it_has_not_seen(crossed: Validation, days: li
 @pytest.mark.slow
 def test_a_match_never_sees_what_it_has_to_predict(split: Validation, days: list[Experiment]):
     other = validate_split(
-        Twin("single-cell"), [spoiled(one, SPLIT) for one in days[:2]], SPLIT, free=FREE
+        Twin("single-cell"), [spoiled(day, SPLIT) for day in days[:2]], SPLIT, free=FREE
     )
     first, second = split.predictions[0].fit, other.predictions[0].fit
     assert first is not None
     assert second is not None
-    values = [[row.value for row in one.parameters.values()] for one in (first, second)]
+    values = [[row.value for row in fit.parameters.values()] for fit in (first, second)]
     assert values[0] == values[1]
     assert first.experiments[0].time[-1] < SPLIT <= split.predictions[0].run.time[0]
     assert other.rmse > 25
@@ -139,24 +139,24 @@ def test_a_match_never_sees_what_it_has_to_predict(split: Validation, days: list
 @pytest.mark.slow
 def test_a_twin_matched_to_the_first_part_predicts_the_rest_to_the_noise(split: Validation):
     assert split.rmse < 3 * NOISE
-    assert [one.name for one in split.predictions] == ["monday", "tuesday"]
+    assert [prediction.name for prediction in split.predictions] == ["monday", "tuesday"]
 
 
 @pytest.mark.slow
 def test_each_recording_is_predicted_by_a_match_to_the_others(crossed: Validation):
-    for one, other in zip(crossed.predictions, ("tuesday", "monday"), strict=True):
-        assert one.fit is not None
-        assert one.fit.recordings == (other,)
-        assert one.fit.parameter("C_load").value == pytest.approx(24.0, rel=0.05)
+    for prediction, other in zip(crossed.predictions, ("tuesday", "monday"), strict=True):
+        assert prediction.fit is not None
+        assert prediction.fit.recordings == (other,)
+        assert prediction.fit.parameter("C_load").value == pytest.approx(24.0, rel=0.05)
 
 
 @pytest.mark.slow
 def test_residuals_of_the_truth_itself_are_white(truth: Twin, days: list[Experiment]):
     """Noise alone is left, and the test of whiteness says so."""
     exact = truth.with_parameters({"T_amb": 20.0, "T_start": 18.5, "T_sink": 18.5})
-    (one,) = validate(exact, days[0], own=[]).predictions
-    assert one.whiteness["T"].is_white
-    assert one.run.rmse == pytest.approx(NOISE, rel=0.2)
+    (prediction,) = validate(exact, days[0], own=[]).predictions
+    assert prediction.whiteness["T"].is_white
+    assert prediction.run.rmse == pytest.approx(NOISE, rel=0.2)
 
 
 @pytest.mark.slow
@@ -164,9 +164,11 @@ def test_numbers_are_plain_and_complete(truth: Twin, days: list[Experiment]):
     result = validate(truth, days)
     numbers = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert list(numbers["recordings"]) == ["monday", "tuesday", "wednesday"]
-    one = numbers["recordings"]["monday"]
-    assert (one["from_s"], one["to_s"]) == (60.0, 240.0)
-    assert one["channels"]["T"]["fit_percent"] == pytest.approx(result.fit_percent["monday", "T"])
+    monday = numbers["recordings"]["monday"]
+    assert (monday["from_s"], monday["to_s"]) == (60.0, 240.0)
+    assert monday["channels"]["T"]["fit_percent"] == pytest.approx(
+        result.fit_percent["monday", "T"]
+    )
     text = result.summary()
     assert all(name in text for name in ("monday", "wednesday", "T_amb", "white?"))
 

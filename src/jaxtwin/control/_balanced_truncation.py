@@ -58,14 +58,14 @@ def residualised(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A, B, C and D with all states but the first ones always at rest."""
     A, B, C, _ = model
-    one, two = slice(order), slice(order, None)
-    rest = np.linalg.solve(A[two, two], np.hstack([A[two, one], B[two]]))
+    kept, left_out = slice(order), slice(order, None)
+    rest = np.linalg.solve(A[left_out, left_out], np.hstack([A[left_out, kept], B[left_out]]))
     by_state, by_input = rest[:, :order], rest[:, order:]
     return (
-        A[one, one] - A[one, two] @ by_state,
-        B[one] - A[one, two] @ by_input,
-        C[:, one] - C[:, two] @ by_state,
-        -C[:, two] @ by_input,
+        A[kept, kept] - A[kept, left_out] @ by_state,
+        B[kept] - A[kept, left_out] @ by_input,
+        C[:, kept] - C[:, left_out] @ by_state,
+        -C[:, left_out] @ by_input,
     )
 
 

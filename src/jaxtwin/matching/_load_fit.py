@@ -54,7 +54,7 @@ def load_fit(
     stored = _stored(source, data["fit"], rows)
     names = tuple(stored.recordings)
     values = [read_parameters(path, rig, name) for name in names]
-    groups = tuple(dict.fromkeys(one.group for one in stored.recordings.values()))
+    groups = tuple(dict.fromkeys(record.group for record in stored.recordings.values()))
     unknowns = _unknowns(rig, stored, groups)
     for name in names:
         for row in unknowns.per_group + unknowns.per_recording:
@@ -68,7 +68,7 @@ def load_fit(
             for group in range(len(groups))
             for row in unknowns.per_group
         ]
-        + [row.to_entry(one[row.name]) for one in values for row in unknowns.per_recording]
+        + [row.to_entry(own[row.name]) for own in values for row in unknowns.per_recording]
     )
     known = _uncertainty(source, stored, unknowns, groups, vector)
     several = list(stored.recordings.values())
@@ -99,7 +99,7 @@ def load_fit(
         linear_prior=LinearPrior.between_groups(unknowns),
     )
     own_rows = unknowns.per_group + unknowns.per_recording
-    own = [{row.name: one[row.name] for row in own_rows} for one in values]
+    own = [{row.name: own_values[row.name] for row in own_rows} for own_values in values]
     shared = {row.name: values[0][row.name] for row in unknowns.shared}
     fit = Fit(
         twin=start.with_parameters({**shared, **own[0]}),
@@ -250,7 +250,7 @@ def _unknowns(rig: Rig, stored: StoredFit, groups: tuple[str, ...]) -> Unknowns:
         for row in stored.parameters.values()
         if row.free
     ]
-    return Unknowns.of(rows, [groups.index(one.group) for one in stored.recordings.values()])
+    return Unknowns.of(rows, [groups.index(record.group) for record in stored.recordings.values()])
 
 
 def _uncertainty(

@@ -171,7 +171,7 @@ def named_groups(
     """
     several = list(recordings.values())
     if groups is None:
-        named = [one.group for one in several]
+        named = [experiment.group for experiment in several]
         if not any(named):
             return ("",), (0,) * len(named)
     else:

@@ -82,7 +82,7 @@ def validate(
     check_callable("validate: on_progress", on_progress, MatchError)
     if group is not None:
         of_kind("validate: group", group, str, "text", MatchError)
-    groups = [one.group if group is None else group for one in several]
+    groups = [experiment.group if group is None else group for experiment in several]
     kind = f"predicted after the first {warm_up:g} s"
     span = None
     if given is not None:
@@ -96,11 +96,11 @@ def validate(
             fitted = match_group(known, recordings, groups[0])
             kind += f", given {', '.join(fitted.recordings)}"
     made = []
-    for name, one, of in zip(names, several, groups, strict=True):
+    for name, experiment, of in zip(names, several, groups, strict=True):
         if span is None:
-            made.append(_predict(name, fitted, one, warm_up, own, None, of))
+            made.append(_predict(name, fitted, experiment, warm_up, own, None, of))
         else:
-            made.append(_predict_rest(name, check_given(fitted, [of]), one, span, of))
+            made.append(_predict_rest(name, check_given(fitted, [of]), experiment, span, of))
         _tell(on_progress, made[-1])
     return Validation(twin.rig.name, kind, tuple(made))
 
@@ -186,7 +186,7 @@ def leave_one_out(
         raise MatchError(f"leave_one_out: expected two recordings or more, got {len(several)}")
     made = []
     for out, name in enumerate(names):
-        others = [one for number, one in enumerate(several) if number != out]
+        others = [experiment for number, experiment in enumerate(several) if number != out]
         fit = match(twin, others, on_progress=on_progress, **_without(out, name, options))
         groups = options.get("groups")
         group = None if groups is None else groups[out]
