@@ -36,13 +36,13 @@ DUTY = np.array([0, 1, 1, 0.5, 0, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5])
         ("integral_absolute_error", 10 + 5 + 1 + 2 + 1 + 0.2 + 0.1),
         ("integral_squared_error", 100 + 25 + 1 + 4 + 1 + 0.04 + 0.01),
         ("integral_time_absolute_error", 0 + 5 + 2 + 6 + 4 + 5 * 0.2 + 6 * 0.1),
-        ("spread_at_rest", 2.0),
-        ("largest_spread", 2.0),
+        ("plate_range_at_rest", 2.0),
+        ("largest_plate_range", 2.0),
         ("energy", 10 * DUTY[:-1].sum()),
         ("peak_power", 10.0),
         ("hottest_cell_side", 50.0),
         ("saturation_share", 0.2),
-        ("wear", 1 + 0.5 + 0.5 + 0.25 + 0.25),
+        ("total_variation", 1 + 0.5 + 0.5 + 0.25 + 0.25),
     ],
 )
 def test_a_measure_is_its_definition(name: str, expected: float, float64: None):

@@ -57,21 +57,21 @@ def integral_time_absolute_error(loop: ClosedLoop) -> Float[Array, ""]:
     return _integral(loop, since * jnp.abs(_error(loop)).mean(axis=1))
 
 
-def spread_at_rest(loop: ClosedLoop) -> Float[Array, ""]:
-    """Between the hottest and the coldest element of the plate, the mean over the last tenth of the
-    run, K."""
-    time, spread = jnp.asarray(loop.time), _spread(loop)
+def plate_range_at_rest(loop: ClosedLoop) -> Float[Array, ""]:
+    """The difference between the hottest and the coldest element of the plate, averaged over the
+    last tenth of the run, K."""
+    time, plate_range = jnp.asarray(loop.time), _plate_range(loop)
     is_rest = time >= time[0] + (1 - AT_REST) * (time[-1] - time[0])
-    return jnp.sum(jnp.where(is_rest, spread, 0.0)) / jnp.sum(is_rest)
+    return jnp.sum(jnp.where(is_rest, plate_range, 0.0)) / jnp.sum(is_rest)
 
 
-def largest_spread(loop: ClosedLoop) -> Float[Array, ""]:
-    """The largest difference within the plate on the way, K."""
-    return _spread(loop).max()
+def largest_plate_range(loop: ClosedLoop) -> Float[Array, ""]:
+    """The largest difference between two elements of the plate at any time of the run, K."""
+    return _plate_range(loop).max()
 
 
 def energy(loop: ClosedLoop) -> Float[Array, ""]:
-    """Electrical, drawn from the supply, J."""
+    """The electrical energy drawn from the supply, J."""
     return _integral(loop, jnp.asarray(loop.power).sum(axis=1))
 
 
@@ -91,8 +91,8 @@ def saturation_share(loop: ClosedLoop) -> Float[Array, ""]:
     return _integral(loop, is_full.astype(jnp.asarray(loop.time).dtype)) / _duration(loop)
 
 
-def wear(loop: ClosedLoop) -> Float[Array, ""]:
-    """How much the duty moves: the sum of its changes over all cells."""
+def total_variation(loop: ClosedLoop) -> Float[Array, ""]:
+    """The total variation of the duty: the sum of the sizes of its changes, over all cells."""
     return jnp.abs(jnp.diff(jnp.asarray(loop.duty), axis=0)).sum()
 
 
@@ -102,13 +102,13 @@ MEASURES: dict[str, tuple[Measure, str]] = {
     "integral_absolute_error": (integral_absolute_error, "K s"),
     "integral_squared_error": (integral_squared_error, "K^2 s"),
     "integral_time_absolute_error": (integral_time_absolute_error, "K s^2"),
-    "spread_at_rest": (spread_at_rest, "K"),
-    "largest_spread": (largest_spread, "K"),
+    "plate_range_at_rest": (plate_range_at_rest, "K"),
+    "largest_plate_range": (largest_plate_range, "K"),
     "energy": (energy, "J"),
     "peak_power": (peak_power, "W"),
     "hottest_cell_side": (hottest_cell_side, "degC"),
     "saturation_share": (saturation_share, ""),
-    "wear": (wear, ""),
+    "total_variation": (total_variation, ""),
 }
 """Name -> function and unit."""
 
@@ -117,7 +117,7 @@ def _error(loop: ClosedLoop) -> Float[Array, "times outputs"]:
     return jnp.asarray(loop.reference) - jnp.asarray(loop.output)
 
 
-def _spread(loop: ClosedLoop) -> Float[Array, " times"]:
+def _plate_range(loop: ClosedLoop) -> Float[Array, " times"]:
     plate = jnp.asarray(loop.plate)
     return plate.max(axis=1) - plate.min(axis=1)
 

@@ -1,4 +1,4 @@
-"""A closed loop: what was controlled, the spread over the plate, duty and power."""
+"""Plot of a closed loop: outputs and references, the plate's temperature range, duty and power."""
 
 import numpy as np
 from matplotlib import pyplot
