@@ -1,22 +1,22 @@
-r"""The autocovariance of the noise behind the residuals of a match, and what it does to the values.
+r"""The autocovariance of the noise in the residuals of a match, and its effect on the values.
 
-Noise of a kind is a sum of white noise and of noise that fades with memories of 1, 2, 4, ...
-samples, up to a tenth of a recording:
+The noise of a kind is modelled as the sum of white noise and exponentially correlated noise with
+time constants of 1, 2, 4, ... samples, up to a tenth of a recording:
 
 $$\Gamma_{ts} = \sum_j \theta_j \rho_j^{|t - s|}, \qquad \theta_j \ge 0$$
 
-A sensitivity that is slow meets such noise where it is strong, one that is fast meets the rest of
-it: what the noise does to the matched values is $J^T \Gamma J$, not $J^T J$ times one number.
+The effect of this noise on the matched values is $J^T \Gamma J$, not $J^T J$ times a single
+variance: a slow sensitivity is affected by the slow part of the noise, a fast one by the rest.
 
-The residuals are not that noise. A match takes away from them what its unknowns $u$, the sizes of
-the camera's shapes among them, can imitate: with $A = J^T J + P$
+The residuals are not this noise. The match removes from them what its unknowns $u$, among them the
+amplitudes of the camera's shapes, can imitate. With $A = J^T J + P$,
 
-$$r = (1 - J A^{-1} J^T) \varepsilon + \text{(the same for what is known beforehand)}$$
+$$r = (1 - J A^{-1} J^T) \varepsilon + \text{(the same for the priors)}$$
 
-and what is slow suffers most. The variances $\theta$ are therefore found by comparing the
-residuals' periodogram with the one that is expected of such residuals, which is linear in
-$\theta$ (debiased Whittle likelihood: Sykulski, Olhede, Guillaumin, Lilly and Early, Biometrika
-106 (2019) 251-266), by scoring: least squares whose weights follow from the last $\theta$.
+and the slow part is reduced most. The variances $\theta$ are therefore estimated by comparing the
+periodogram of the residuals with its expected value, which is linear in $\theta$ (debiased Whittle
+likelihood: Sykulski, Olhede, Guillaumin, Lilly and Early, Biometrika 106 (2019) 251-266). The
+likelihood is maximised by scoring: least squares with weights that follow from the last $\theta$.
 """
 
 from collections.abc import Sequence
@@ -29,10 +29,11 @@ from jaxtyping import Float, Int
 from ._noise import Noise
 
 LONGEST = 0.1
-"""Of the longest recording: noise that stays for longer cannot be told from a parameter."""
+"""The longest time constant as a part of the longest recording. Slower noise cannot be
+distinguished from a change of a parameter."""
 
 UPDATES = 50
-"""Of the weights in the search for the variances, at most; few are needed."""
+"""The largest number of updates of the weights in the search for the variances; few are needed."""
 
 
 @final
@@ -40,13 +41,14 @@ UPDATES = 50
 class Series:
     """Weighted residuals of one recording whose noise is of one kind.
 
-    - `kind`: number of the kind. `recording`: number of the recording.
-    - `residuals`: `(times, channels)`.
-    - `slopes`: their derivatives in some of the unknowns; `entries`: which those are.
-    - `roots`: of the weights of the samples, by which residuals and slopes are multiplied.
-    - `channels`: how many there are at a time, on average over the times at which there is more
-      than nothing; `independent`: how many independent ones they amount to, one less where their
-      mean was taken away.
+    - `kind`: the number of the kind. `recording`: the number of the recording.
+    - `residuals`: the residuals, `(times, channels)`.
+    - `slopes`: their derivatives with respect to some of the unknowns; `entries`: the positions of
+      these unknowns in the vector.
+    - `roots`: square roots of the samples' weights, by which residuals and slopes are multiplied.
+    - `channels`: the number of channels at a time, averaged over the times that have any;
+      `independent`: the number of independent channels that they amount to, one less where their
+      mean was subtracted.
     """
 
     kind: int
@@ -59,7 +61,7 @@ class Series:
     independent: float
 
     def dependent_part(self) -> "Series":
-        """The same series with derivatives in those unknowns alone on which it depends."""
+        """The same series with derivatives only for the unknowns on which it depends."""
         depends = self.slopes.any(axis=(0, 1))
         return replace(self, slopes=self.slopes[..., depends], entries=self.entries[depends])
 
@@ -67,13 +69,13 @@ class Series:
 @final
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Noise of one kind: variances $\\theta$ and $\\rho$ of its parts, 0 for the white one."""
+    r"""Noise of one kind: the variances $\theta$ and the $\rho$ of its parts, 0 for white noise."""
 
     variances: Float[np.ndarray, " parts"]
     rho: Float[np.ndarray, " parts"]
 
     def noise(self, scale: float) -> Noise:
-        """Its standard deviation times `scale`, and how many samples count as one."""
+        """The standard deviation times `scale`, and the integrated autocorrelation time in samples."""
         variance = float(self.variances.sum())
         density = float(self.variances @ ((1 + self.rho) / (1 - self.rho)))
         return Noise(scale * variance**0.5, density / variance if variance > 0 else 1.0)
@@ -84,13 +86,13 @@ def fit_noise(
     inverse: Float[np.ndarray, "unknowns unknowns"],
     known: Float[np.ndarray, "unknowns unknowns"],
 ) -> tuple[tuple[Mixture, ...], Float[np.ndarray, "unknowns unknowns"]]:
-    r"""The noise of each kind, and $\sum J^T \Gamma J$ over all residuals.
+    r"""Estimates the noise of each kind, and computes $\sum J^T \Gamma J$ over all residuals.
 
     **Arguments:**
 
-    - `all_series`: the residuals, at least one.
+    - `all_series`: the residuals, at least one series.
     - `inverse`: $A^{-1}$.
-    - `known`: $P$, one over the variances of what is known beforehand.
+    - `known`: $P$, the precision of the priors.
     """
     kinds = 1 + max(series.kind for series in all_series)
     rho = _fading(max(len(series.residuals) for series in all_series))
@@ -103,16 +105,16 @@ def fit_noise(
     flat = meats.reshape(kinds * len(rho), *known.shape)  # no unknowns where all are at bounds
     passed = np.concatenate([flat, known[None]])
     passed = inverse @ passed @ inverse
-    expected, seen, counts = [], [], []
+    expected, observed, counts = [], [], []
     for series, direct in zip(all_series, own, strict=True):
         table = _through_unknowns(series, passed)
         table[series.kind * len(rho) : (series.kind + 1) * len(rho)] += direct
         expected.append(table)
-        seen.append(_in_bands(_power(series.residuals), series))
+        observed.append(_in_bands(_power(series.residuals), series))
         counts.append(series.independent * np.diff(np.append(_bands(series), _count(series))))
     theta = _variances(
         np.concatenate(expected, axis=1),
-        np.concatenate(seen),
+        np.concatenate(observed),
         np.concatenate(counts),
     )
     meat = np.tensordot(theta, flat, 1)
@@ -120,7 +122,7 @@ def fit_noise(
 
 
 def noise_in_unknowns(series: Series, noise: Mixture) -> Float[np.ndarray, "entries entries"]:
-    r"""$J^T \Gamma J$ of one series, in the unknowns on which it depends."""
+    r"""$J^T \Gamma J$ of one series, for the unknowns on which it depends."""
     total = np.zeros((len(series.entries), len(series.entries)))
     for variance, rho in zip(noise.variances, noise.rho, strict=True):
         if variance > 0:
@@ -135,8 +137,8 @@ def noise_in_unknowns(series: Series, noise: Mixture) -> Float[np.ndarray, "entr
 def apply_autocorrelation(
     rho: float, table: Float[np.ndarray, "times ..."]
 ) -> Float[np.ndarray, "times ..."]:
-    r"""$\sum_s \rho^{|t - s|} x_s$: a product of spectra, over so many times that no end of the
-    table meets the other."""
+    r"""Computes $\sum_s \rho^{|t - s|} x_s$ as a product of spectra. The table is padded so that
+    its two ends do not interact."""
     if rho == 0:
         return table
     times = len(table)
@@ -158,8 +160,8 @@ def _add_own(
     meats: Float[np.ndarray, "parts unknowns unknowns"],
     expected: Float[np.ndarray, "parts bands"],
 ) -> None:
-    """Adds one series' $J^T \\Gamma J$, and to its expected periodogram what its own noise does
-    there: once directly and twice crossed with what the unknowns take away."""
+    r"""Adds the $J^T \Gamma J$ of one series, and the contribution of its own noise to its expected
+    periodogram: the direct term, and twice the cross term with what the unknowns absorb."""
     at = np.ix_(series.entries, series.entries)
     moved = np.fft.rfft(series.slopes, axis=0) @ inverse[at]
     times = len(series.roots)
@@ -181,7 +183,7 @@ def _add_own(
 def _through_unknowns(
     series: Series, covariances: Float[np.ndarray, "parts unknowns unknowns"]
 ) -> Float[np.ndarray, "parts bands"]:
-    """The periodogram that a series gets from unknowns that are off."""
+    """The contribution of errors of the unknowns to the periodogram of a series."""
     spectra = np.fft.rfft(series.slopes, axis=0)
     split = np.split(spectra, _bands(series)[1:])
     products = np.stack([np.tensordot(s.conj(), s, ([0, 1], [0, 1])).real for s in split])
@@ -191,26 +193,26 @@ def _through_unknowns(
 
 def _variances(
     expected: Float[np.ndarray, "rows bands"],
-    seen: Float[np.ndarray, " bands"],
+    observed: Float[np.ndarray, " bands"],
     counts: Float[np.ndarray, " bands"],
 ) -> Float[np.ndarray, " parts"]:
-    """$\\theta$ with the largest likelihood, by least squares with weights that follow from it.
+    r"""Finds the $\theta$ with the largest likelihood by iteratively reweighted least squares.
 
-    The last row of `expected` is what is known beforehand and has a factor of 1.
+    The last row of `expected` is the contribution of the priors and has a factor of 1.
     """
     from scipy.optimize import nnls  # which takes a third of a second to import
 
     parts, known = np.maximum(expected[:-1], 0.0), np.maximum(expected[-1], 0.0)
-    theta, model = np.zeros(len(parts)), np.maximum(seen, 1e-3 * seen.max())
-    if not seen.any():
+    theta, model = np.zeros(len(parts)), np.maximum(observed, 1e-3 * observed.max())
+    if not observed.any():
         return theta
     for _ in range(UPDATES):
         weights = np.sqrt(counts) / model
         before = theta
-        theta, _ = nnls((parts * weights).T, (seen - known) * weights, maxiter=100 * len(parts))
+        theta, _ = nnls((parts * weights).T, (observed - known) * weights, maxiter=100 * len(parts))
         if np.abs(theta - before).max() <= 1e-6 * theta.max():
             break
-        model = np.maximum(theta @ parts + known, 1e-9 * seen.max())
+        model = np.maximum(theta @ parts + known, 1e-9 * observed.max())
     return theta
 
 
@@ -223,7 +225,8 @@ def _count(series: Series) -> int:
 
 
 def _bands(series: Series) -> Int[np.ndarray, " bands"]:
-    """First frequency of each band: single ones where they are low, wider ones above."""
+    """The first frequency of each band: bands of a single frequency at the low end, wider ones
+    above."""
     growing = np.floor(1.12 ** np.arange(np.log(_count(series)) / np.log(1.12)))
     return np.unique(np.append(0, growing - 1)).astype(int)
 

@@ -1,10 +1,10 @@
-r"""What a match does not know, carried on to what it predicts.
+r"""The uncertainty of a match, propagated to its predictions.
 
-A match determines combinations of its parameters far better than the parameters themselves. A
-Gaussian sample of them leaves these combinations where they are curved, and its simulations then
-lie beside the recordings that were matched. The prediction is therefore linear in the unknowns $u$
-about the match, as the covariance is (the delta method; for models of many parameters see Immer,
-Korzepa and Bauer, AISTATS 2021):
+A match determines some combinations of its parameters far better than the parameters themselves.
+These combinations are nonlinear: simulations of a Gaussian sample of the parameters would deviate
+from the recordings that were matched. The prediction is therefore linearised in the unknowns $u$ at
+the match, as the covariance is (the delta method; for models of many parameters see Immer, Korzepa
+and Bauer, AISTATS 2021):
 
 $$\operatorname{var} \hat y_{tc} = J_{tc} \operatorname{cov}(u) J_{tc}^T + \sigma^2$$
 """
@@ -43,12 +43,12 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, repr=False, eq=False)
 class Band:
-    """Where a reading lies with a given probability.
+    """The interval in which a reading lies with a given probability, for each channel and time.
 
     **Arguments:**
 
-    - `run`: what the twin says, in the middle of the band.
-    - `lower`, `upper`: edges of the channels' readings, `(times, channels)`, degC.
+    - `run`: the twin's prediction, the middle of the band.
+    - `lower`, `upper`: the edges of the band, `(times, channels)`, degC.
     - `level`: the probability.
     """
 
@@ -69,16 +69,16 @@ class Band:
 
     @property
     def middle(self) -> Float[np.ndarray, "times channels"]:
-        """What the twin says, `(times, channels)`, degC."""
+        """The twin's prediction, `(times, channels)`, degC."""
         return self.run.temperatures
 
     def plot(self) -> "Figure":
-        """The band and the twin, a panel for each channel, with what was recorded where something
-        was: `jaxtwin.plots.plot_bands`."""
+        """Plots the band, the prediction and the recorded temperatures, a panel for each channel:
+        `jaxtwin.plots.plot_bands`."""
         return picture("plot_bands", self.run, self.lower, self.upper, level=self.level)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The band with labels: lower, middle and upper (time, channel), degC."""
+        """The band as a dataset: lower, middle and upper (time, channel), degC."""
         import xarray
 
         edges = {"lower": self.lower, "middle": self.middle, "upper": self.upper}
@@ -89,7 +89,8 @@ class Band:
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each time and channel, its index, and columns lower, middle and upper, degC."""
+        """A table with a row for each time and channel (its index) and the columns lower, middle
+        and upper, degC."""
         return self.to_xarray().to_dataframe()
 
     def __repr__(self) -> str:
@@ -119,32 +120,34 @@ def prediction_band(
     group: str | None = None,
     given: Experiment | Sequence[Experiment] | float | int | None = None,
 ) -> Band:
-    """Where readings are expected, with everything that is not known of them.
+    """Computes the interval in which each reading is expected.
 
-    What is not known: the matched parameters, by their joint covariance; the noise of a reading,
-    with what the twin leaves unexplained and the camera's common error in it; and for an experiment
-    that the match has not seen, by how much the rig differs from recording to recording
-    (`Uncertainty.between_recordings`) and the recording's own values (room, start, delay) as
-    `estimate_initial_conditions` finds them in its first `warm_up` seconds, with their covariance.
-    Samples in that part are not predicted.
+    The band includes the joint covariance of the matched parameters, and the noise of a reading
+    with the twin's unexplained error and the camera's common error. For an experiment that was not
+    matched it also includes the differences of the rig between recordings
+    (`Uncertainty.between_recordings`) and the recording's own values (room, start, delay) with
+    their covariance. `estimate_initial_conditions` estimates these from the first `warm_up`
+    seconds; samples in that part are not predicted.
 
     **Arguments:**
 
     - `fit`: a match.
-    - `recording`: name of a matched recording whose own values to take; by default `experiment`
-      where that was matched, and the first where it has no temperatures.
-    - `experiment`: inputs to predict; by default that recording's.
-    - `level`: probability inside the band.
-    - `warm_up`: s.
-    - `group`: of the experiment; by default what it says itself.
-    - `given`: from what the values of a new group are estimated: the first part of the experiment
-      itself, s, in place of `warm_up`, or other recordings; as in `validate`. By default they are
-      those that are expected of any group, give or take what differs between groups.
+    - `recording`: the name of the matched recording whose own values are used. By default that is
+      `experiment` if it was matched, and the first recording if `experiment` has no temperatures.
+    - `experiment`: the inputs to predict; by default those of that recording.
+    - `level`: the probability inside the band.
+    - `warm_up`: the length of the part from which own values are estimated, s.
+    - `group`: the group of the experiment; by default the one that it names itself.
+    - `given`: the recordings from which the values of a new group are estimated, as in `validate`:
+      the length of the first part of the experiment itself, s, which replaces `warm_up`, or other
+      recordings. By default the values are those expected of any group, and the band contains the
+      differences between groups.
 
-    **Returns:** the band at the experiment's times, for the channels that it names, else all.
+    **Returns:** the band at the experiment's times, for the channels that the experiment names, or
+    for all channels.
 
     **Raises:** `MatchError` for a recording that was not matched, a level outside 0 to 1, or an
-    experiment too short to begin from; `SimulationError` for an experiment of another rig.
+    experiment that is too short; `SimulationError` for an experiment of another rig.
     """
     from scipy.special import ndtri  # takes a while to import
 
@@ -212,8 +215,8 @@ def _known_of_unseen(
 def _slopes(
     twin: Twin, experiment: Experiment, rows: tuple[Parameter, ...]
 ) -> Float[np.ndarray, "times channels entries"]:
-    """Derivatives of the readings in parameters, or in the logarithms of those that are matched by
-    them."""
+    """Derivatives of the readings with respect to parameters, or to the logarithms of those that
+    are matched by them."""
     values = np.array([float(twin.parameters[row.name]) for row in rows])
 
     def read(vector: Float[Array, " entries"]) -> Float[Array, "times channels"]:
@@ -226,5 +229,5 @@ def _slopes(
 
 
 def _reading_noise(fit: Fit) -> float:
-    """Standard deviation of what a reading has beside the twin's temperature, K."""
+    """Standard deviation of a reading about the twin's temperature, K."""
     return math.hypot(fit.rmse, fit.camera_error)

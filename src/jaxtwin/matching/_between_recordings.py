@@ -1,22 +1,23 @@
-r"""How much the rig itself differs from recording to recording.
+r"""How much the rig itself differs between recordings.
 
-A contact is remounted, a camera is moved, a sink collects dust: the shared parameters of recording
-$i$ are $\theta + b_i$ with $b_i \sim N(0, \tau^2 S)$, where $S$ holds the priors' variances. One
-number, $\tau$, is estimated from how much more the recordings' scores disagree at the match than
-their noise explains. A random-effects model of this kind is that of Laird and Ware, Biometrics 38
-(1982) 963-974.
+Between recordings a contact may be remounted, a camera moved, or a sink collect dust. The shared
+parameters of recording $i$ are modelled as $\theta + b_i$ with $b_i \sim N(0, \tau^2 S)$, where $S$
+holds the priors' variances. The single number $\tau$ is estimated from how much more the scores of
+the recordings disagree at the match than their noise explains. This is a random-effects model
+(Laird and Ware, Biometrics 38 (1982) 963-974).
 
-With the score $s_i = J_i^T r_i$ of a recording, its information $I_i = J_i^T J_i$ and its noise
-$M_i = J_i^T \Gamma J_i$, all after its own values and the camera's sizes have been eliminated,
-$K_{ij} = \delta_{ij} - I_i (\sum_k I_k)^{-1}$ takes away whatever a common value can explain, the
-pull of its prior and a match that ended a little beside its optimum too:
+Let $s_i = J_i^T r_i$ be the score of a recording, $I_i = J_i^T J_i$ its information and $M_i =
+J_i^T \Gamma J_i$ the covariance of its noise, all after elimination of the recording's own values
+and of the camera's amplitudes. The matrix $K_{ij} = \delta_{ij} - I_i (\sum_k I_k)^{-1}$ removes
+everything that a common value can explain, also the effect of its prior and of a match that ended
+slightly beside its optimum:
 
 $$K s = K (e + \operatorname{diag}(I_i) b), \qquad
 \operatorname{cov} e = \operatorname{diag}(M_i).$$
 
-The likelihood of $\tau$ is that of a normal distribution. A few recordings say little about it, and
-its maximum is often 0; the estimate is therefore the posterior mean of $\tau^2$ with a half-normal
-prior of $\tau$ (Gelman, Bayesian Analysis 1 (2006) 515-534).
+The likelihood of $\tau$ is that of a normal distribution. A few recordings contain little
+information on it, and the maximum is often at 0. The estimate is therefore the posterior mean of
+$\tau^2$ with a half-normal prior of $\tau$ (Gelman, Bayesian Analysis 1 (2006) 515-534).
 """
 
 from collections.abc import Sequence
@@ -26,20 +27,21 @@ import numpy as np
 from jaxtyping import Float, Int
 
 TAU_SCALE = 0.25
-"""Of the half-normal prior of $\\tau$: a quarter of what was not known beforehand."""
+r"""The scale of the half-normal prior of $\tau$: a quarter of the parameters' own priors."""
 
 GRID = np.linspace(0.0, 3.0, 601)
 """Values of $\\tau$ over which the posterior is summed."""
 
 NEGLIGIBLE = 1e-4
-"""Of the variance of a recording's score: below it the noise is not known well enough."""
+"""Directions with less than this part of the variance of a recording's score are left out: their
+noise is not known well enough."""
 
 
 class RecordingScore(NamedTuple):
-    """What one recording says of all unknowns at the match.
+    r"""The score of one recording with respect to all unknowns, at the match.
 
-    - `score`: $J^T r$, and for what the recording alone has with the slope of its prior.
-      `information`: $J^T J$. `noise`: $J^T \\Gamma J$.
+    - `score`: $J^T r$; for the recording's own values with the gradient of their priors.
+    - `information`: $J^T J$. `noise`: $J^T \Gamma J$.
     """
 
     score: Float[np.ndarray, " unknowns"]
@@ -53,16 +55,16 @@ def estimate_heterogeneity(
     shared: Int[np.ndarray, " shared"],
     prior_deviations: Float[np.ndarray, " shared"],
 ) -> float:
-    r"""$\tau$, the heterogeneity of a random-effects model: by how much shared parameters differ
-    between recordings, as a part of their priors' standard deviations.
+    r"""Estimates $\tau$, the heterogeneity of a random-effects model: the standard deviation of
+    shared parameters between recordings, as a fraction of their priors' standard deviations.
 
     **Arguments:**
 
-    - `scores`: of each recording.
-    - `prior`: normal matrix of what is known beforehand.
+    - `scores`: the score of each recording.
+    - `prior`: the precision of the priors.
     - `shared`: which unknowns are shared by all recordings; the others are eliminated.
-    - `prior_deviations`: standard deviations of their priors, 0 for those without one, which are
-      taken to be the same in all recordings.
+    - `prior_deviations`: the standard deviations of the priors. Unknowns without a prior have 0
+      here and are assumed to be the same in all recordings.
     """
     reduced = [
         _without_nuisance(of_recording, prior, shared, prior_deviations) for of_recording in scores
@@ -100,9 +102,9 @@ def _without_nuisance(
     shared: Int[np.ndarray, " shared"],
     prior_deviations: Float[np.ndarray, " shared"],
 ) -> RecordingScore:
-    """The efficient score for the shared parameters, measured in their priors' standard deviations.
+    """The efficient score for the shared parameters, in units of their priors' standard deviations.
 
-    The priors of what is eliminated are noise of its score.
+    The priors of the eliminated values count as noise of this score.
     """
     others = np.setdiff1d(np.arange(len(of_recording.score)), shared)
     normal = of_recording.information + prior

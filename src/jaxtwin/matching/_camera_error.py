@@ -1,13 +1,13 @@
-r"""What a camera adds to all channels alike, as a sum of known shapes of unknown size.
+r"""The camera's error that all channels share, as a sum of known shapes with unknown amplitudes.
 
 $$c(t) = b_0 + \text{drift}(t) + \sum_{kj} b_{kj} e^{-(t - t_k) / \tau_j} \,[t \ge t_k]$$
 
-A constant, a line with corners at equal distances for the slow drift, and for every flat-field
-correction $t_k$ steps that fade. A step that stays is not among them: a correction takes the camera
-back to where it should be, and a sum of lasting steps could imitate a plate that warms up.
-The sizes $b$ enter the readings linearly, so that matching can solve for them in closed form
-(variable projection, Golub and Pereyra 2003) and the optimiser never sees them. Each has a
-standard deviation beforehand, without which they could imitate the plate.
+The shapes are a constant, a piecewise linear function with equidistant corners for the slow drift,
+and for each flat-field correction $t_k$ steps that decay. There is no step that stays: a correction
+returns the camera to its true level, and a sum of lasting steps could imitate a plate that warms
+up. The amplitudes $b$ enter the readings linearly. The match therefore solves for them in closed
+form (variable projection, Golub and Pereyra 2003), and the optimiser does not see them. Each
+amplitude has a prior standard deviation; without it the shapes could imitate the plate.
 """
 
 import numpy as np
@@ -16,14 +16,14 @@ from jaxtyping import Bool, Float
 from ..rig import CommonError
 
 BLOCK = 64
-"""Shapes are counted in blocks of this many, filled with zeros, so that corrections found between
-two rounds of a match mean no compilation anew."""
+"""The number of shapes is a multiple of this; the rest are zeros. Corrections that are found
+between two rounds of a match then need no new compilation."""
 
 
 def count_shapes(
     error: CommonError, time: Float[np.ndarray, " times"], events: tuple[float, ...]
 ) -> int:
-    """How many shapes a recording has, those of zeros that fill a block among them."""
+    """The number of shapes of a recording, including those of zeros that fill a block."""
     count = 1 + len(_corners(error, time)) + len(events) * len(error.relaxation)
     return -(-count // BLOCK) * BLOCK
 
@@ -31,29 +31,30 @@ def count_shapes(
 def camera_shapes(
     error: CommonError, time: Float[np.ndarray, " times"], events: tuple[float, ...], count: int
 ) -> tuple[Float[np.ndarray, "times shapes"], Float[np.ndarray, " shapes"]]:
-    """The shapes of one recording and the standard deviation of the size of each, K.
+    """The shapes of one recording, and the prior standard deviation of each amplitude, K.
 
     **Arguments:**
 
-    - `error`: what is known beforehand.
-    - `time`: of the samples, s.
-    - `events`: times of the corrections, s; a jump shows from the first sample at or after it.
-    - `count`: of shapes, `count_shapes` at least; the others are zeros.
+    - `error`: the priors of the rig file.
+    - `time`: times of the samples, s.
+    - `events`: times of the corrections, s. A jump appears from the first sample at or after its
+      time.
+    - `count`: the number of shapes, at least `count_shapes`; the others are zeros.
     """
-    shapes, spreads = [np.ones_like(time)], [error.offset]
+    shapes, deviations = [np.ones_like(time)], [error.offset]
     corners = _corners(error, time)
     for number in range(len(corners)):
         shapes.append(np.interp(time, corners, np.eye(len(corners))[number]))
-        spreads.append(error.drift)
+        deviations.append(error.drift)
     for event in events:
         after = time >= event
         elapsed = np.where(after, time - event, 0.0)
         shapes += [after * np.exp(-elapsed / tau) for tau in error.relaxation]
-        spreads += [error.jump] * len(error.relaxation)
+        deviations += [error.jump] * len(error.relaxation)
     empty = count - len(shapes)
     shapes += [np.zeros_like(time)] * empty
-    spreads += [1.0] * empty
-    return np.stack(shapes, axis=1), np.array(spreads)
+    deviations += [1.0] * empty
+    return np.stack(shapes, axis=1), np.array(deviations)
 
 
 def _corners(
@@ -69,22 +70,22 @@ def detect_events(
     common_mode: Float[np.ndarray, " times"],
     counted: Bool[np.ndarray, " times"],
 ) -> tuple[float, ...]:
-    """Times of flat-field corrections: jumps within a sample that all channels share.
+    """Detects flat-field corrections: jumps between two samples that all channels share.
 
-    The jump at a sample is what lies between a line through the ten seconds before it and one
-    through the ten seconds after it. What the plate does is smooth at that scale, and so is drift.
-    Jumps count that exceed `CLEAR` robust standard deviations of all such differences and are the
+    The jump at a sample is the difference between a line through the ten seconds before it and a
+    line through the ten seconds after it. The plate and the drift are smooth on this scale. A jump
+    counts if it exceeds `CLEAR` robust standard deviations of all such differences and is the
     largest within `WINDOW` on either side.
 
-    Cameras correct themselves at equal intervals. Where three or more jumps fit such intervals, the
-    corrections between, before and after them count from `FAINT` standard deviations on.
+    Cameras correct themselves at equal intervals. If three or more jumps fit such intervals, the
+    threshold between, before and after them is `FAINT` standard deviations.
 
     **Arguments:**
 
-    - `time`: s.
-    - `common_mode`: mean over the channels of recorded less simulated temperatures, K.
-    - `counted`: where there is one. Elsewhere it lies between its neighbours, and a jump beside
-      such times counts where at least half of each line's seconds are there.
+    - `time`: times of the samples, s.
+    - `common_mode`: mean over the channels of recorded minus simulated temperatures, K.
+    - `counted`: the times that have samples. Other values are interpolated, and a jump beside such
+      times counts only if at least half of the seconds of each line have samples.
     """
     sample = float(np.median(np.diff(time)))
     width = max(4, round(WINDOW / sample))
@@ -96,11 +97,11 @@ def detect_events(
     jumps = np.abs(windows[width:] @ end - windows[:-width] @ end[::-1])
     at = time[width : width + len(jumps)]
     there = np.lib.stride_tricks.sliding_window_view(counted, width).mean(axis=1) >= 0.5
-    told = there[width:] & there[:-width]
-    if not told.any():
+    complete = there[width:] & there[:-width]
+    if not complete.any():
         return ()
-    noise = 1.4826 * np.median(jumps[told])
-    jumps = np.where(told, jumps, 0.0)
+    noise = 1.4826 * np.median(jumps[complete])
+    jumps = np.where(complete, jumps, 0.0)
     nearby = np.lib.stride_tricks.sliding_window_view(np.pad(jumps, width), 2 * width + 1)
     clear = at[(jumps > CLEAR * noise) & (jumps == nearby.max(axis=1))]
     events = set(clear.tolist())
@@ -116,7 +117,8 @@ def detect_events(
 def _at_equal_intervals(
     clear: Float[np.ndarray, " jumps"], start: float, end: float
 ) -> Float[np.ndarray, " expected"]:
-    """When corrections are expected if the clear ones come at equal intervals; none otherwise."""
+    """Times at which corrections are expected, if the clear ones come at equal intervals; otherwise
+    none."""
     best: Float[np.ndarray, " expected"] = np.zeros(0)
     if len(clear) < 3:
         return best
@@ -139,16 +141,17 @@ def _at_equal_intervals(
 
 
 CLEAR = 4.0
-"""A jump is one above this many robust standard deviations."""
+"""A jump above this many robust standard deviations is a correction."""
 
 FAINT = 1.5
-"""A jump is one above as many where one is expected."""
+"""A jump above this many robust standard deviations is a correction at a time at which one is
+expected."""
 
 NEAR = 5.0
-"""How far from where it is expected a correction may be, s."""
+"""The largest distance of a correction from its expected time, s."""
 
 SHORTEST = 60.0
-"""Time between two corrections at least, s."""
+"""The shortest time between two corrections, s."""
 
 WINDOW = 10.0
-"""Of the lines on both sides of a jump, s."""
+"""The length of the lines that are fitted on both sides of a jump, s."""

@@ -1,7 +1,8 @@
-"""Descents of our own optimiser, several side by side, step by step so that each can be shown.
+"""Descents of jaxtwin's own optimiser, several side by side, with each step visible.
 
-The simulation's part of a step is compiled apart from the weights', and its derivatives are kept
-with the result: what follows a descent (other weights, uncertainty) computes nothing again.
+The simulation and the weighting of its residuals are compiled separately, and the derivatives are
+kept with the result. What follows a descent (other weights, the uncertainty) does not compute them
+again.
 """
 
 from collections.abc import Sequence
@@ -36,14 +37,14 @@ from ._search_space import SearchSpace
 Tree = TypeVar("Tree")
 
 BATCH = 16
-"""Descents at a time: what their derivatives take stays below a hundred megabytes."""
+"""Descents that run at the same time: their derivatives need less than a hundred megabytes."""
 
 
 @final
 class DescentState(eqx.Module):
-    """Descents side by side: every array has a leading descents axis.
+    """The state of descents side by side: every array has a leading descents axis.
 
-    - `vectors`: the unknowns. `evaluation`: at these vectors, None before the first one.
+    - `vectors`: the unknowns. `evaluation`: at these vectors, None before the first evaluation.
     - `optimiser`: the state of `BoundedLevenbergMarquardt`.
     """
 
@@ -64,12 +65,12 @@ def descend(
 
     **Arguments:**
 
-    - `objectives`: of equal shapes.
-    - `solver`: `BoundedLevenbergMarquardt` descends in all of them side by side; any other solves
-      one after the other through `optimistix.least_squares`.
-    - `starts`: all vectors, or all results of earlier descents under other weights.
-    - `space`: bounds and scale of all.
-    - `max_iterations`: of each, those of the earlier descent among them.
+    - `objectives`: objectives of equal shapes.
+    - `solver`: `BoundedLevenbergMarquardt` runs all descents side by side; any other solver runs
+      them one after the other through `optimistix.least_squares`.
+    - `starts`: either all vectors, or all results of earlier descents with other weights.
+    - `space`: bounds and scale, the same for all descents.
+    - `max_iterations`: the limit for each descent, including the iterations of the earlier descent.
     - `on_step`: called with the number of the objective and each step.
     """
     if not isinstance(solver, BoundedLevenbergMarquardt):
@@ -94,7 +95,7 @@ def descend(
 
 
 class _Batch(NamedTuple):
-    """Objectives and their starts side by side; those that only fill it up are not active."""
+    """Objectives and their starts side by side. Those that only fill the batch are not active."""
 
     objectives: list[Objective]
     starts: list[Start]
@@ -102,7 +103,7 @@ class _Batch(NamedTuple):
 
 
 class _Proposal(NamedTuple):
-    """The next vector of each descent, solved; without Jacobians where they are not known yet."""
+    """The next vector of each descent, evaluated; without Jacobians where these are not yet known."""
 
     vectors: Float[Array, "descents unknowns"]
     output_errors: list[Array]
@@ -185,7 +186,8 @@ def _step(
     objective: Objective,
     active: Bool[np.ndarray, " descents"],
 ) -> DescentState:
-    """The state after a proposal; Jacobians are computed only where one of the trials is taken."""
+    """The state after a proposal. Jacobians are computed only if at least one of the trials is
+    accepted."""
     vectors, errors, jacobians = proposal
     residuals, costs, mean_squares = _weigh(errors, vectors, objective)
     accepted = np.asarray(_accepts(solver, state.vectors, vectors, costs, state.optimiser)) & active
@@ -224,7 +226,7 @@ def _result(state: DescentState, objective: Objective, steps: list[DescentStep])
 
 
 def _filled(members: Sequence[Tree], size: int) -> list[Tree]:
-    """Repeats the last one."""
+    """Repeats the last entry."""
     return [*members, *[members[-1]] * (size - len(members))]
 
 
@@ -235,7 +237,7 @@ def _stacked(trees: Sequence[Tree]) -> Tree:
 Vectors = Float[Array, "descents unknowns"]
 Costs = Float[Array, " descents"]
 Groups = list[Float[Array, "..."]]
-"""One array a group of recordings, with a leading descents axis."""
+"""One array for each group of recordings, with a leading descents axis."""
 
 
 @persistent_jit

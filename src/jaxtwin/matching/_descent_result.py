@@ -1,4 +1,4 @@
-"""Where a descent of the optimiser ended, and how it came there."""
+"""The result of a descent and its steps."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ from ._residual_weights import ResidualWeights, SplitErrors
 class DescentStep(NamedTuple):
     """One step of a descent.
 
-    - `number`: 0 is the start.
+    - `number`: the number of the step; 0 is the start.
     - `mean_square`: the mean squared error of all samples, K^2.
     - `gradient`: the largest cosine between the residuals and a column of the Jacobian.
-    - `accepted`: whether the step was taken.
-    - `vector`: the unknowns after it.
+    - `accepted`: whether the step was accepted.
+    - `vector`: the unknowns after the step.
     """
 
     number: int
@@ -42,9 +42,9 @@ OnStep = Callable[[int, DescentStep], None]
 
 @final
 class Evaluation(eqx.Module):
-    """The recordings solved at one vector, before any weights.
+    """The recordings simulated at one vector, before any weighting.
 
-    - `output_errors`: simulated less recorded temperatures of each group of recordings, see
+    - `output_errors`: simulated minus recorded temperatures of each group of recordings, see
       `_residuals`.
     - `jacobians`: their derivatives, see `_jacobian`.
     """
@@ -56,15 +56,16 @@ class Evaluation(eqx.Module):
 @final
 @dataclass(frozen=True, eq=False)
 class DescentResult:
-    """Where a descent ended.
+    """The result of a descent.
 
-    - `vector`: the unknowns.
-    - `cost`: half the sum of squared weighted residuals. `mean_square`: of all samples, K^2.
-    - `status`: why it stopped, in words. `converged`: whether at an optimum.
-    - `steps`: all of them, those of earlier rounds too. `iterations`: how many.
-    - `objective`: what was minimised. `evaluation`: of it at the vector.
-    - `optimiser`: the state from which `BoundedLevenbergMarquardt` goes on; None where another
-      solver descended.
+    - `vector`: the unknowns at the end.
+    - `cost`: half the sum of squared weighted residuals. `mean_square`: the mean squared error,
+      K^2.
+    - `status`: the reason for the end, as text. `converged`: whether the end is an optimum.
+    - `steps`: all steps, including those of earlier rounds. `iterations`: their number.
+    - `objective`: the function that was minimised. `evaluation`: its evaluation at the vector.
+    - `optimiser`: the state from which `BoundedLevenbergMarquardt` can continue; None for other
+      solvers.
     """
 
     vector: Float[np.ndarray, " unknowns"]
@@ -79,7 +80,7 @@ class DescentResult:
     optimiser: LMState | None
 
     def recording_errors(self) -> list[RecordingErrors]:
-        """The errors of each recording in their parts, K."""
+        """The errors of each recording, split into their parts, K."""
         found: dict[int, RecordingErrors] = {}
         groups = zip(self.objective.groups, self.evaluation.output_errors, strict=True)
         with own_settings():
@@ -94,7 +95,7 @@ class DescentResult:
         return [found[position] for position in sorted(found)]
 
     def temperatures(self) -> list[Float[np.ndarray, "_times _channels"]]:
-        """What the twin reads in each recording, degC."""
+        """The simulated readings of each recording, degC."""
         found: dict[int, np.ndarray] = {}
         groups = zip(self.objective.groups, self.evaluation.output_errors, strict=True)
         for group, errors in groups:
@@ -110,7 +111,7 @@ class DescentResult:
 
 
 Start = Float[np.ndarray, " unknowns"] | DescentResult
-"""Where a descent begins: at a vector, or where an earlier one ended, which it then continues."""
+"""The start of a descent: a vector, or the result of an earlier descent that is continued."""
 
 
 _jacobian = persistent_jit(weighted_jacobian)

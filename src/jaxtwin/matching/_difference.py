@@ -1,4 +1,4 @@
-"""How far two fits are apart, in standard errors."""
+"""The difference between two fits, in standard errors."""
 
 import math
 from dataclasses import dataclass
@@ -21,15 +21,16 @@ HEAD = ("parameter", "old", "new", "unit", "standard errors", "")
 @final
 @dataclass(frozen=True)
 class ParameterDifference:
-    """A parameter of two fits.
+    """The difference of one parameter between two fits.
 
-    - `name`, `unit`. `old`, `new`: values in the unit; the mean where each recording has its own.
-    - `error`: standard error of the difference, of the logarithm where both fits matched it by
-      that: the root of the sum of both squared errors, as if the fits shared no recording. NaN
-      where neither fit has one.
-    - `standard_errors`: the difference in these, positive where the new value is larger; 0 where
-      the value has not changed, NaN where it has and there is no error.
-    - `notes`: where the fits treat it differently: held in one, another scope, bounds or prior.
+    - `name`, `unit`. `old`, `new`: the values; the mean for a parameter with a value for each
+      recording.
+    - `error`: the standard error of the difference, the root of the sum of both squared errors, as
+      if the fits shared no recording. It is that of the logarithm if both fits matched the
+      parameter by its logarithm. NaN if neither fit has a standard error.
+    - `standard_errors`: the difference divided by `error`, positive if the new value is larger. It
+      is 0 for an unchanged value, and NaN for a changed value without an error.
+    - `notes`: differences in the treatment: held in one fit, other scope, bounds or prior.
     """
 
     name: str
@@ -44,12 +45,12 @@ class ParameterDifference:
 @final
 @dataclass(frozen=True, repr=False)
 class FitDifference:
-    """What lies between two fits of one rig.
+    """The differences between two fits of one rig.
 
     **Arguments:**
 
-    - `parameters`: those that are in both, in the order of the rig's table.
-    - `only_old`, `only_new`: names that only one of the fits knows.
+    - `parameters`: the parameters of both fits, in the order of the rig's table.
+    - `only_old`, `only_new`: names of parameters that only one of the fits has.
     """
 
     parameters: tuple[ParameterDifference, ...]
@@ -58,12 +59,12 @@ class FitDifference:
 
     @property
     def largest(self) -> float:
-        """Largest difference in standard errors, in size; NaN where none has an error."""
+        """The largest absolute difference in standard errors; NaN if no parameter has an error."""
         sizes = [abs(row.standard_errors) for row in self.parameters]
         return max((size for size in sizes if not math.isnan(size)), default=math.nan)
 
     def summary(self) -> str:
-        """The parameters that differ, those furthest apart first, as a table of text."""
+        """A text table of the parameters that differ, largest difference first."""
         lines = []
         rows = self._rows()
         if rows:
@@ -78,7 +79,7 @@ class FitDifference:
         return "\n".join(lines) or "no difference"
 
     def to_dict(self) -> dict[str, Any]:
-        """The result in plain types for JSON; numbers that are not finite become None."""
+        """The result as plain types for JSON; numbers that are not finite become None."""
         return {
             "parameters": {
                 row.name: {
@@ -95,8 +96,8 @@ class FitDifference:
         }
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for every parameter, its name as index, the fields of `ParameterDifference` as
-        columns; `notes` as one text."""
+        """A table with a row for every parameter, its name as index and the fields of
+        `ParameterDifference` as columns; `notes` is a single text."""
         import pandas
 
         rows = [vars(row) | {"notes": ", ".join(row.notes)} for row in self.parameters]
@@ -125,15 +126,16 @@ class FitDifference:
 
 
 def compare_fits(old: Fit, new: Fit) -> FitDifference:
-    """How far the parameters of two fits are apart.
+    """Compares the parameters of two fits.
 
     **Arguments:**
 
     - `old`, `new`: fits of one rig, or of two versions of it.
 
-    **Returns:** the difference; of a parameter with a value for each recording that of the means.
+    **Returns:** the differences. A parameter with a value for each recording is compared by its
+    mean.
 
-    **Raises:** `MatchError` where one is no fit.
+    **Raises:** `MatchError` if one of the arguments is not a fit.
     """
     for name, fit in (("old", old), ("new", new)):
         of_kind(f"compare_fits: {name}", fit, Fit, "a Fit, as match gives it", MatchError)

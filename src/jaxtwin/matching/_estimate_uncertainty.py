@@ -19,11 +19,11 @@ from ._unknowns import Unknowns
 def estimate_uncertainty(
     problem: MatchProblem, estimate: Estimate
 ) -> tuple[Uncertainty, tuple[Noise, Noise]]:
-    """The uncertainty of the matched values, and the noise of channels and of the common mode times
-    the root of the number of channels.
+    """Estimates the uncertainty of the matched values, and the noise of the channels and of the
+    common mode (times the root of the number of channels).
 
-    The sizes of the camera's shapes, which the optimiser never saw, are unknowns here: what they
-    take away from the residuals must be known before the noise is.
+    The amplitudes of the camera's shapes, which the optimiser does not see, are unknowns here: the
+    noise can be estimated only if it is known what they absorb from the residuals.
     """
     unknowns, (result, noise_model) = problem.unknowns, estimate
     vector, precision = result.vector, problem.prior_precision
@@ -64,9 +64,9 @@ def estimate_uncertainty(
 def _series(
     estimate: Estimate, inside: Bool[np.ndarray, " unknowns"]
 ) -> tuple[list[Series], Float[np.ndarray, "all_unknowns values"]]:
-    """The weighted residuals of all recordings with their derivatives in the values and in the
-    sizes of the camera's shapes, counted in their standard deviations; and how all of these follow
-    the values."""
+    """The weighted residuals of all recordings in units of their standard deviations, with their
+    derivatives with respect to the values and to the amplitudes of the camera's shapes, and the
+    matrix by which all of these follow from the values."""
     result, noise_model = estimate
     errors = result.recording_errors()
     jacobian = result.jacobian()[:, inside]
@@ -133,8 +133,8 @@ def _between_recordings(
     unknowns: Unknowns,
     inside: Bool[np.ndarray, " unknowns"],
 ) -> Float[np.ndarray, " unknowns"]:
-    """By how much each entry of the optimiser's vector differs between recordings, one standard
-    deviation; 0 for what has no prior, and for what each recording has of its own."""
+    """The standard deviation of each entry of the optimiser's vector between recordings; 0 for
+    entries without a prior and for those that each recording has for itself."""
     size = len(prior)
     scores = [
         RecordingScore(np.zeros(size), np.zeros((size, size)), np.zeros((size, size)))
@@ -148,7 +148,7 @@ def _between_recordings(
     values = int(inside.sum())
     behind = unknowns.size - len(unknowns.per_recording) * unknowns.recordings
     for number, of in enumerate(scores):
-        # Each value of one recording alone is told by it and by its prior.
+        # A value of a single recording depends on this recording and on its prior alone.
         own = [place for place in unknowns.layout.entry_indices()[number] if inside[place]]
         own = np.cumsum(inside)[[place for place in own if place >= behind]] - 1
         of.score[own] += pull[own]

@@ -1,14 +1,14 @@
-r"""How sure a match is: covariance, correlations, and what the recordings cannot tell.
+r"""The uncertainty of the matched values: covariance, correlations and identifiability.
 
-With the Jacobian $J$ of the weighted residuals, whose noise has the covariance $\Gamma$, and with
-what is known beforehand, $P$,
+Let $J$ be the Jacobian of the weighted residuals, $\Gamma$ the covariance of their noise, and $P$
+the precision of the priors. Then
 
 $$A = J^T J + P, \qquad \operatorname{cov} = A^{-1} (J^T \Gamma J + P) A^{-1}$$
 
-This is the sandwich estimator (Huber 1967, White 1982): $A^{-1}$ is its bread and
-$J^T \Gamma J + P$ its meat. The match weighs its residuals as if they were independent; that costs
-some sharpness, but the covariance stays honest because $\Gamma$ enters it. `_autocovariance` says
-how $\Gamma$ is estimated. What the recordings alone tell is $J^T J (J^T \Gamma J)^{-1} J^T J$
+This is the sandwich estimator (Huber 1967, White 1982): $A^{-1}$ is its bread and $J^T \Gamma J +
+P$ its meat. The match weights its residuals as if they were independent. This makes the estimate
+less efficient, but the covariance remains valid because it contains $\Gamma$. `_autocovariance`
+estimates $\Gamma$. The information of the recordings alone is $J^T J (J^T \Gamma J)^{-1} J^T J$
 (Godambe 1960), the inverse of that covariance without $P$.
 """
 
@@ -20,21 +20,21 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 CLOSE = 0.95
-"""Correlations above this are reported."""
+"""Pairs of values with a larger absolute correlation are reported."""
 
 
 @final
 @dataclass(frozen=True)
 class UnidentifiableDirection:
-    """A combination of parameters that the recordings determine less than the prior does.
+    """A combination of parameters about which the recordings say less than the prior.
 
     It is practically unidentifiable in the sense of Raue and others, Bioinformatics 25 (2009)
     1923-1929: the likelihood alone is flat along it.
 
-    - `weights`: label -> share in the direction, largest first; each parameter measured by what is
-      known of it beforehand (relative for positive parameters without a prior).
-    - `prior_to_data_ratio`: the prior's standard deviation along the direction over the one that
-      the recordings alone would leave. Below 1 the recordings tell less than the prior.
+    - `weights`: label -> share in the direction, largest first. Each parameter is measured in its
+      prior's standard deviations (positive parameters without a prior: relative to their value).
+    - `prior_to_data_ratio`: the prior's standard deviation along the direction divided by the one
+      that the recordings alone would give. Below 1 the recordings say less than the prior.
     """
 
     weights: dict[str, float]
@@ -48,27 +48,28 @@ class UnidentifiableDirection:
 @final
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """How sure the matched values are.
+    """The uncertainty of the matched values.
 
     **Arguments:**
 
-    - `labels`: of the matched values; those of one recording as `name[recording]`.
-    - `covariance`: in physical units; NaN where a value was held at a bound, infinite variances
-      where nothing tells it.
-    - `correlation`: of the same.
-    - `prior_to_data_ratio`: the prior's standard deviation of each value over the one that the
-      recordings alone would leave if the other values were known; 0 for insensitive parameters.
-    - `singular_values`: of the recordings' sensitivity matrix, each column scaled by what is known
-      beforehand, largest first: below 1 a direction is the prior's.
-    - `unidentifiable`: those directions, spelled out.
-    - `insensitive`: labels that no sample depends on.
-    - `collinear`: pairs whose correlation is above 0.95 in size, with it.
-    - `vector_covariance`: of the optimiser's vector, in which positive parameters are logarithms.
-    - `inverse_hessian`: $A^{-1}$, what the covariance of that vector would be if the weighted
+    - `labels`: names of the matched values; a value of a single recording is `name[recording]`.
+    - `covariance`: the covariance of the values in their units. NaN where a value was held at a
+      bound; the variance of an undetermined value is infinite.
+    - `correlation`: the correlations of the same values.
+    - `prior_to_data_ratio`: for each value, the prior's standard deviation divided by the one that
+      the recordings alone would give if all other values were known; 0 for insensitive parameters.
+    - `singular_values`: of the recordings' sensitivity matrix with each column scaled by the
+      prior's standard deviation, largest first. Below 1 a direction is determined by the prior.
+    - `unidentifiable`: the directions with a singular value below 1.
+    - `insensitive`: labels of values on which no sample depends.
+    - `collinear`: pairs whose correlation is above 0.95 in size, with the correlation.
+    - `vector_covariance`: the covariance of the optimiser's vector, in which positive parameters
+      are logarithms.
+    - `inverse_hessian`: $A^{-1}$, the covariance that this vector would have if the weighted
       residuals were independent with a standard deviation of 1; NaN where a value was held at a
       bound.
-    - `between_recordings`: standard deviations by which the rig's own values differ from recording
-      to recording, in the same measure; see `_between_recordings`.
+    - `between_recordings`: standard deviations of the rig's own values between recordings, on the
+      scale of the vector; see `_between_recordings`.
     """
 
     labels: tuple[str, ...]
@@ -90,7 +91,7 @@ class Uncertainty:
         return dict(zip(self.labels, errors.tolist(), strict=True))
 
     def report(self) -> str:
-        """What the recordings cannot tell, in words."""
+        """The directions and parameters that the recordings do not determine, as text."""
         count, weak = len(self.singular_values), len(self.unidentifiable)
         space = f"of {count} directions in the space of the parameters"
         lines = [f"{space}, the recordings determine {weak or 'none'} less well than the priors"]
@@ -114,17 +115,17 @@ def uncertainty(
     slopes: Float[np.ndarray, " values"],
     inside: Bool[np.ndarray, " values"],
 ) -> Uncertainty:
-    """The uncertainty of a match.
+    r"""Computes the uncertainty of a match.
 
     **Arguments:**
 
-    - `labels`: of the entries of the optimiser's vector.
-    - `normal`, `meat`: $J^T J$ and $J^T \\Gamma J$ for the entries inside their bounds.
-    - `precision`: inverse of the priors' covariance, 0 where there is none.
-    - `scale`: by which entries are measured: the prior's standard deviation, or what stands for
-      it.
-    - `slopes`: of the physical values in the entries.
-    - `inside`: which entries are inside their bounds.
+    - `labels`: names of the entries of the optimiser's vector.
+    - `normal`, `meat`: $J^T J$ and $J^T \Gamma J$ for the entries that are not at a bound.
+    - `precision`: the inverse of the priors' covariance, 0 for entries without a prior.
+    - `scale`: the unit in which each entry is measured: its prior's standard deviation, or a
+      default for entries without a prior.
+    - `slopes`: derivatives of the values, in their units, with respect to the entries.
+    - `inside`: which entries are not at a bound.
 
     **Returns:** the uncertainty of values that are the same in all recordings.
     """
@@ -132,15 +133,15 @@ def uncertainty(
     n = len(labels)
     prior = precision[np.ix_(free, free)]
     inverse, lost = inverse_of_normal(normal + prior)
-    spread = inverse @ (meat + prior) @ inverse
+    sandwich = inverse @ (meat + prior) @ inverse
     vector_covariance = np.full((n, n), np.nan)
-    vector_covariance[np.ix_(free, free)] = spread
+    vector_covariance[np.ix_(free, free)] = sandwich
     inverse_hessian = np.full((n, n), np.nan)
     inverse_hessian[np.ix_(free, free)] = inverse
-    endless = np.zeros(n, dtype=bool)
-    endless[free[lost]] = True
-    covariance, correlation = physical_covariance(vector_covariance, slopes, endless)
-    # What the recordings alone tell, per unit of what is known beforehand.
+    undetermined = np.zeros(n, dtype=bool)
+    undetermined[free[lost]] = True
+    covariance, correlation = physical_covariance(vector_covariance, slopes, undetermined)
+    # The information of the recordings alone, in units of the priors.
     singular, directions, lengths = _singular(normal, meat, scale[free])
     prior_to_data_ratio = np.full(n, np.nan)
     prior_to_data_ratio[free] = lengths
@@ -168,18 +169,18 @@ def uncertainty(
 def physical_covariance(
     vector_covariance: Float[np.ndarray, "values values"],
     slopes: Float[np.ndarray, " values"],
-    endless: Bool[np.ndarray, " values"],
+    undetermined: Bool[np.ndarray, " values"],
 ) -> tuple[Float[np.ndarray, "values values"], Float[np.ndarray, "values values"]]:
-    """Covariance and correlation in physical units.
+    """Covariance and correlation of the values in their units.
 
     **Arguments:**
 
-    - `vector_covariance`: of the optimiser's vector.
-    - `slopes`: derivatives of the physical values in the vector's entries.
-    - `endless`: which values nothing tells: their variances are infinite.
+    - `vector_covariance`: the covariance of the optimiser's vector.
+    - `slopes`: derivatives of the values with respect to the vector's entries.
+    - `undetermined`: which values are undetermined: their variances are infinite.
     """
     covariance = vector_covariance * np.outer(slopes, slopes)
-    covariance[endless, endless] = np.inf
+    covariance[undetermined, undetermined] = np.inf
     errors = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         return covariance, covariance / np.outer(errors, errors)
@@ -188,7 +189,7 @@ def physical_covariance(
 def insensitive_labels(
     labels: Sequence[str], prior_to_data_ratio: Float[np.ndarray, " values"]
 ) -> tuple[str, ...]:
-    """Labels that no sample depends on."""
+    """Labels of the values on which no sample depends."""
     return tuple(
         label for label, ratio in zip(labels, prior_to_data_ratio, strict=True) if ratio < 1e-9
     )
@@ -247,7 +248,7 @@ def _singular(
 
 
 def _largest(names: Sequence[str], direction: Float[np.ndarray, " values"]) -> dict[str, float]:
-    """The largest entries of a direction, until nine tenths of it are told."""
+    """The largest entries of a direction that together make up nine tenths of it."""
     order = np.argsort(-np.abs(direction))
     share = np.cumsum(direction[order] ** 2)
     count = int(np.searchsorted(share, 0.9)) + 1
