@@ -75,7 +75,7 @@ class Mixture:
     rho: Float[np.ndarray, " parts"]
 
     def noise(self, scale: float) -> Noise:
-        """The standard deviation times `scale`, and the integrated autocorrelation time in samples."""
+        """The standard deviation times `scale`, and the autocorrelation time, samples."""
         variance = float(self.variances.sum())
         density = float(self.variances @ ((1 + self.rho) / (1 - self.rho)))
         return Noise(scale * variance**0.5, density / variance if variance > 0 else 1.0)

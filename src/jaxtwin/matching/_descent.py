@@ -103,7 +103,7 @@ class _Batch(NamedTuple):
 
 
 class _Proposal(NamedTuple):
-    """The next vector of each descent, evaluated; without Jacobians where these are not yet known."""
+    """The next vectors, one for each descent, evaluated; without Jacobians if these are unknown."""
 
     vectors: Float[Array, "descents unknowns"]
     output_errors: list[Array]

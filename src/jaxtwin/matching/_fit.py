@@ -1,4 +1,4 @@
-"""What a match gives."""
+"""The result of a match."""
 
 import math
 import os
@@ -35,30 +35,37 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True)
 class FittedParameter:
-    r"""One row of Table 4 of the paper.
+    r"""A matched or held parameter: a row of Table 4 of the paper.
 
     **Arguments:**
 
     - `name`, `unit`, `description`, `free`, `scope`: as in the rig's parameter table.
-    - `initial`, `value`: before and after, in `unit`. Where each recording has its own, their mean;
-      where each of several groups has its own, what is expected of another group.
-    - `published`: what the rig's parameter set `published` says, None where it says nothing.
-    - `lower`, `upper`: bounds of the match.
-    - `is_logarithmic`: whether it was matched by its logarithm, so that `prior_spread` is relative.
-    - `at_bound`: whether it ended on one: what the data would rather have lies outside.
-    - `standard_error`: in `unit`, with the residuals' autocorrelation counted; infinite where
-      nothing tells it, NaN where the parameter was held or ended at a bound.
-    - `prior_value`, `prior_spread`: what was known beforehand, None where nothing was.
-    - `prior_distance`: of the value from there in standard deviations; the largest of all
-      recordings.
-    - `prior_to_data_ratio`: the prior's standard deviation over the one that the recordings alone
-      would leave if all other parameters were known.
-    - `warnings`: what to know before believing it.
-    - `relative_standard_error`: of its natural logarithm, where it was matched by that; else NaN.
-    - `interval`: both ends of its 95 % interval, in `unit`: $v e^{\pm 1.96 s}$ where it was matched
-      by its logarithm, else $v \pm 1.96 s$, whatever the bounds. Unbounded where nothing tells it,
-      NaN where `standard_error` is. Where each recording has its own, with the largest error.
-    - `group_spread`: by how much groups are expected to differ, as `prior_spread`; else None.
+    - `initial`, `value`: the value before and after the match, in `unit`. For a parameter with a
+      value for each recording, the mean; for one with a value for each of several groups, the
+      expected value of another group.
+    - `published`: the value in the rig's parameter set `published`, None if it has none.
+    - `lower`, `upper`: the bounds of the match.
+    - `is_logarithmic`: whether the parameter was matched by its logarithm. `prior_spread` is then
+      relative.
+    - `at_bound`: whether the value ended at a bound, so that the optimum without bounds lies
+      outside.
+    - `standard_error`: in `unit`, including the effect of autocorrelated residuals; infinite if the
+      parameter is undetermined, NaN if it was held or ended at a bound.
+    - `prior_value`, `prior_spread`: centre and standard deviation of the prior, None without a
+      prior.
+    - `prior_distance`: the distance of the value from the prior's centre in standard deviations;
+      the largest of all recordings.
+    - `prior_to_data_ratio`: the prior's standard deviation divided by the one that the recordings
+      alone would give if all other parameters were known.
+    - `warnings`: what to know before trusting the value.
+    - `relative_standard_error`: the standard error of the natural logarithm, for a parameter that
+      was matched by its logarithm; otherwise NaN.
+    - `interval`: the two ends of the 95 % interval, in `unit`: $v e^{\pm 1.96 s}$ for a parameter
+      that was matched by its logarithm, otherwise $v \pm 1.96 s$; bounds do not cut it. It is
+      unbounded for an undetermined parameter and NaN where `standard_error` is NaN. For a parameter
+      with a value for each recording it has the largest error.
+    - `group_spread`: the prior standard deviation between groups, in the measure of `prior_spread`,
+      or None.
     """
 
     name: str
@@ -87,14 +94,15 @@ class FittedParameter:
 @final
 @dataclass(frozen=True)
 class Iteration:
-    """One step of the optimiser, for Fig. 14 of the paper.
+    """One iteration of the optimiser, for Fig. 14 of the paper.
 
-    - `number`: 0 is the start. `start`: of which of several starts; for `match_many` the number of
-      the set, for `profile` that of the point.
+    - `number`: the number of the iteration; 0 is the start. `start`: the number of the start; for
+      `match_many` the number of the set, for `profile` the number of the point.
     - `cost`: mean squared error, eq. (11), K^2. `rmse`: its root, K.
-    - `gradient`: largest cosine between residual and Jacobian column, 0 at an optimum.
-    - `accepted`: whether the step was taken.
-    - `parameters`: name -> value; those with a value for each recording as `name[recording]`.
+    - `gradient`: the largest cosine between the residuals and a column of the Jacobian, 0 at an
+      optimum.
+    - `accepted`: whether the step was accepted.
+    - `parameters`: name -> value; a value of a single recording is `name[recording]`.
     """
 
     number: int
@@ -112,12 +120,13 @@ class Iteration:
 @final
 @dataclass(frozen=True)
 class Optimum:
-    """Where one of several starts ended.
+    """The end of the descent from one of several starts.
 
-    - `start`: which one. `cost`: half the sum of squared weighted residuals, priors among them.
-    - `apart`: root mean square of the difference between its simulated channels and those of the
-      best, K: optima far apart in their parameters may predict the same.
-    - `rmse`: K. `iterations`, `status`, `converged`, `parameters`.
+    - `start`: the number of the start. `cost`: half the sum of squared weighted residuals and
+      priors.
+    - `apart`: root mean square difference between the simulated channels of this optimum and those
+      of the best one, K. Optima with different parameters may predict the same.
+    - `rmse`: K. `iterations`, `status`, `converged`, `parameters`: as in `Fit`.
     """
 
     start: int
@@ -133,10 +142,10 @@ class Optimum:
 @final
 @dataclass(frozen=True, eq=False)
 class CameraError:
-    """What the camera added to all channels of a recording alike.
+    """The camera's error that all channels of a recording share.
 
     - `events`: times of its flat-field corrections, s.
-    - `error`: simulated less recorded temperature that is the camera's, `(times,)`, K.
+    - `error`: the part of simulated minus recorded temperature that is the camera's, `(times,)`, K.
     """
 
     events: tuple[float, ...]
@@ -144,16 +153,16 @@ class CameraError:
 
     @property
     def offset(self) -> Float[np.ndarray, " times"]:
-        """What it read too much, K."""
+        """How much too warm the camera reads, K."""
         return -self.error
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The fitted twin beside a recording.
+    """The fitted twin compared with a recording.
 
-    - `run`: of the fitted twin, without the camera's common error.
+    - `run`: the run of the fitted twin, without the camera's common error.
     - `camera`: the camera's common error.
     """
 
@@ -163,8 +172,8 @@ class Comparison:
 
 @final
 class FittedParameters(dict[str, FittedParameter]):
-    """Name -> parameter, in the order of the rig's table; an unknown name is a `ParameterError`
-    that suggests the nearest one."""
+    """A mapping name -> parameter, in the order of the rig's table. An unknown name raises a
+    `ParameterError` that suggests the nearest name."""
 
     def __missing__(self, name: object) -> FittedParameter:
         raise ParameterError(f"fit: {unknown('parameter', str(name), self)}")
@@ -175,30 +184,34 @@ class FittedParameters(dict[str, FittedParameter]):
 class Fit:
     """A twin matched to recordings.
 
-    `fit["R_E"].value` and `fit["R_E"].standard_error` are what is asked for most. A fit that `load`
-    read without its recordings has everything but `experiments`, `runs` and `camera`.
+    `fit["R_E"].value` and `fit["R_E"].standard_error` are the matched values. A fit that `load`
+    read without its recordings has no `experiments`, `runs` and `camera`.
 
     **Arguments:**
 
-    - `twin`: with the fitted values; those of the first recording where each has its own.
-    - `recordings`: names. `fingerprints`: of their contents, SHA-256. `channels`: of each.
-    - `parameters`: name -> a row for every parameter of the rig, in the order of its table.
-    - `recording_values`: recording -> name -> value, for parameters with one for each recording or
-      for each of several groups of them.
-    - `fit_percent`: (recording, channel) -> NRMSE fit, %; NaN for a channel that never changes.
+    - `twin`: the twin with the fitted values, and with the own values of the first recording.
+    - `recordings`: names of the recordings. `fingerprints`: SHA-256 of their contents. `channels`:
+      the channels of each.
+    - `parameters`: name -> `FittedParameter` for every parameter of the rig, in the order of its
+      table.
+    - `recording_values`: recording -> name -> value, for parameters with a value for each recording
+      or for each of several groups of recordings.
+    - `fit_percent`: (recording, channel) -> NRMSE fit, %; NaN for a constant channel.
     - `rmse`: over all channels, K.
-    - `status`, `converged`: why the best start stopped, and whether at an optimum.
-    - `history`: all iterations of the best start. `optima`: where every start ended, best first.
-    - `wall_time`: s, with compilation.
-    - `solver_gap`: largest difference of the runs from what the match's own, longest steps gave, K.
+    - `status`, `converged`: why the best descent stopped, and whether at an optimum.
+    - `history`: all iterations of the best start. `optima`: the ends of all starts, best first.
+    - `wall_time`: s, including compilation.
+    - `solver_gap`: the largest difference between the runs, whose steps `simulate` chooses, and the
+      longest steps, which the match uses, K.
     - `camera_error`: root mean square of the camera's common error, K.
-    - `noise`: of what each channel has alone, and of what all share times the root of their number.
-    - `uncertainty`: covariance, correlations, what the recordings cannot tell.
-    - `cost`: half the sum of squared weighted residuals, priors among them.
-    - `problem`, `noise_model`, `vector`: what was matched, the noise model of the last round, and
-      the optimiser's vector.
-    - `date`: when the match ended, UTC, ISO 8601. `versions`: of jaxtwin and jax.
-    - `comparisons`: of the fitted twin with each recording; None where those are not at hand.
+    - `noise`: of the channels without their common mode, and of the common mode times the root of
+      the number of channels.
+    - `uncertainty`: covariance, correlations and identifiability.
+    - `cost`: half the sum of squared weighted residuals and priors.
+    - `problem`, `noise_model`, `vector`: the problem that was solved, the noise model of the last
+      round, and the optimiser's vector.
+    - `date`: the end of the match, UTC, ISO 8601. `versions`: of jaxtwin and jax.
+    - `comparisons`: of the fitted twin with each recording; None without the recordings.
     """
 
     twin: Twin
@@ -255,7 +268,7 @@ class Fit:
 
     @property
     def weights(self) -> dict[str, Float[np.ndarray, "times channels"]]:
-        """Recording -> how much each sample counted, 0 to 1, `(times, channels)`."""
+        """Recording -> the weight of each sample, 0 to 1, `(times, channels)`."""
         known = self.noise_model
         parts = zip(self.recordings, known.channel_weights, known.common_mode_weights, strict=True)
         return ByRecording({name: weight * moment[:, None] for name, weight, moment in parts})
@@ -271,12 +284,12 @@ class Fit:
 
     @property
     def mean_fit_percent(self) -> float:
-        """Mean of the fits of all channels that ever change, over all recordings, %."""
+        """Mean fit of all channels that are not constant, over all recordings, %."""
         return mean_fit_percent(self.fit_percent.values())
 
     @property
     def twins(self) -> dict[str, Twin]:
-        """Recording -> twin with the values of that recording."""
+        """Recording -> the twin with the values of that recording."""
         return ByRecording(
             {
                 name: self.twin.with_parameters(values)
@@ -286,13 +299,13 @@ class Fit:
 
     @property
     def groups(self) -> dict[str, str]:
-        """Recording -> name of its group; all the same where the match knew of none."""
+        """Recording -> name of its group; a single name if the match had no groups."""
         numbers = zip(self.recordings, self.problem.unknowns.groups, strict=True)
         return {name: self.problem.groups[number] for name, number in numbers}
 
     @property
     def group_values(self) -> dict[str, dict[str, float]]:
-        """Group -> name -> value, for parameters with one for each group."""
+        """Group -> name -> value, for parameters with a value for each group."""
         rows, _ = self.problem.unknowns.rows_of_groups()
         return {
             group: {row.name: float(self.twins[name].parameters[row.name]) for row in rows}
@@ -301,18 +314,17 @@ class Fit:
 
     @property
     def mean_twin(self) -> Twin:
-        """The twin with the mean of what its recordings have each for itself, and what is expected
-        of a group where it knows of several."""
+        """The twin with the mean of the recordings' own values, and with the values expected of
+        another group if the match had several."""
         rows = self.parameters.values()
         own = {row.name: row.value for row in rows if row.free and row.scope != "shared"}
         return self.twin.with_parameters(own)
 
     def twin_of_group(self, group: str) -> Twin:
-        """The twin with the values of a group, and the mean of what recordings have each for
-        itself.
+        """The twin with the values of a group, and with the mean of the recordings' own values.
 
-        Of a group that was not matched nothing is known but what is expected of any: what the
-        matched groups share. See `docs/matching.md`.
+        For a group that was not matched these are the values expected of any group, which follow
+        from those of the matched groups. See `docs/matching.md`.
         """
         if group in self.problem.groups:
             return self.mean_twin.with_parameters(self.group_values[group])
@@ -324,20 +336,21 @@ class Fit:
     def twin_for(self, experiment: Experiment) -> Twin:
         """The twin with the values that belong to an experiment and not to the rig.
 
-        Whatever takes a twin and experiments takes a fit as well, and then uses this.
+        Every function that takes a twin and experiments also takes a fit, and then uses this
+        method.
 
-        - Of a recording that was matched they are those of the match. It is known by its contents,
-          whatever its name.
-        - Of another recording they are estimated from its first minute, as `jaxtwin.validate` does:
-          see `jaxtwin.matching.estimate_initial_conditions`.
-        - Of a drive without recorded temperatures nothing is known: it gets the mean of the matched
-          recordings' values.
+        - A matched recording has its matched values. It is recognised by its contents, whatever its
+          name.
+        - For another recording the values are estimated from its first minute, as
+          `jaxtwin.validate` does: see `jaxtwin.matching.estimate_initial_conditions`.
+        - An experiment without recorded temperatures gets the mean of the matched recordings'
+          values.
 
-        What differs between groups of recordings are the values of the experiment's group, where
-        that was matched, else what is expected of a new one (`twin_of_group`).
+        Parameters that differ between groups have the values of the experiment's group if that was
+        matched, and otherwise those expected of a new group (`twin_of_group`).
 
-        **Raises:** `MatchError` where a recording that was not matched is too short to take its
-        values from; `SimulationError` for a recording of another rig.
+        **Raises:** `MatchError` if a recording that was not matched is too short to estimate its
+        values; `SimulationError` for a recording of another rig.
         """
         if experiment.fingerprint in self.fingerprints:
             return self.twins[self.recordings[self.fingerprints.index(experiment.fingerprint)]]
@@ -350,7 +363,7 @@ class Fit:
     def __getitem__(self, name: str) -> FittedParameter:
         """The row of one parameter.
 
-        **Raises:** `ParameterError` where the rig has none of this name.
+        **Raises:** `ParameterError` if the rig has no parameter of this name.
         """
         return self.parameters[name]
 
@@ -360,7 +373,8 @@ class Fit:
 
     def summary(self, style: Style = "text") -> str:
         """The parameters in the layout of Table 4 of the paper with 95 % intervals, priors and
-        warnings; in plain text also the fit of each channel and what the recordings cannot tell.
+        warnings. The plain text also contains the fit of each channel and the undetermined
+        directions.
 
         **Arguments:**
 
@@ -369,7 +383,7 @@ class Fit:
         return summary_table(self, style)
 
     def to_dict(self) -> dict[str, Any]:
-        """The result in plain types for JSON; infinite and missing numbers become None."""
+        """The result as plain types for JSON; infinite and missing numbers become None."""
         rows = [
             {field: _plain(getattr(row, field)) for field in FittedParameter.__dataclass_fields__}
             for row in self.parameters.values()
@@ -404,37 +418,38 @@ class Fit:
         }
 
     def plot(self) -> "Figure":
-        """The twin's response beside the recordings; of a fit that was loaded without them, the
-        parameters: `jaxtwin.plots.plot_comparison` and `plot_parameters`."""
+        """Plots the simulated beside the recorded temperatures, or the parameters if the fit was
+        loaded without its recordings: `jaxtwin.plots.plot_comparison` and `plot_parameters`."""
         if self.comparisons is None:
             return picture("plot_parameters", self)
         return picture("plot_comparison", list(self.runs.values()))
 
     def report(self, path: str | os.PathLike[str], *, draws: int = 0) -> Path:
-        """Writes the fit as an HTML page that needs no other file: rig, recordings, recorded beside
-        simulated temperatures, parameters with priors and intervals, residual tests.
+        """Writes the fit as an HTML page that needs no other file: the rig, the recordings,
+        recorded beside simulated temperatures, parameters with priors and intervals, and tests of
+        the residuals.
 
         **Arguments:**
 
         - `path`: the folder of the report. An older report there is replaced.
-        - `draws`: of a sensitivity analysis; 0 leaves it out.
+        - `draws`: the number of draws of a sensitivity analysis; 0 leaves it out.
 
         **Returns:** the path of the page. The fit, the pictures and all numbers are files beside
         it.
 
-        **Raises:** `MatchError` where the fit was loaded without its recordings; `JaxtwinError`
-        where the folder holds something else or cannot be written.
+        **Raises:** `MatchError` if the fit was loaded without its recordings; `JaxtwinError` if the
+        folder holds something else or cannot be written.
         """
         return report(self, path, draws=draws)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The numbers with labels.
+        """The numbers of the fit as a dataset.
 
-        Of each parameter value, initial, standard_error, lower, upper and interval (parameter,
-        bound); recording_value (recording, own_parameter); fit_percent (recording, channel), NaN
-        where a recording does not have the channel; covariance and correlation (entry,
-        other_entry) of the matched values, whose labels are those of `uncertainty`; rmse
-        (iteration). The runs have their own `to_xarray`.
+        For each parameter: value, initial, standard_error, lower, upper and interval (parameter,
+        bound). Further variables: recording_value (recording, own_parameter); fit_percent
+        (recording, channel), NaN if a recording does not have the channel; covariance and
+        correlation (entry, other_entry) of the matched values, with the labels of `uncertainty`;
+        rmse (iteration). The runs have their own `to_xarray`.
         """
         import xarray
 
@@ -480,8 +495,8 @@ class Fit:
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for every parameter, its name as index, the fields of `FittedParameter` as columns;
-        `warnings` as one text."""
+        """A table with a row for every parameter, its name as index and the fields of
+        `FittedParameter` as columns; `warnings` as a single text."""
         import pandas
 
         rows = [
@@ -490,13 +505,14 @@ class Fit:
         return pandas.DataFrame(rows).set_index("name")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the fit as TOML (.toml), as a whole or not at all.
+        """Writes the fit as a TOML file, as a whole or not at all.
 
-        The file is a parameter file, which `read_parameters`, `Twin` and the command line take, and
-        holds in further tables what `load` needs: uncertainty, fits, history, fingerprints of the
+        The file is a parameter file that `read_parameters`, `Twin` and the command line accept.
+        Further tables hold what `load` needs: uncertainty, fits, history, fingerprints of the
         recordings, versions.
 
-        **Raises:** `ParameterError` for another ending, and where the file cannot be written.
+        **Raises:** `ParameterError` if the file name does not end in .toml or the file cannot be
+        written.
         """
         from ._fit_file import fit_tables
 
@@ -523,15 +539,16 @@ class Fit:
 
         **Arguments:**
 
-        - `path`: of the file.
-        - `rig`: the rig, or what `load_rig` takes; by default the bundled rig or the file that the
-          fit was made with.
-        - `experiments`: the recordings that were matched, in any order and under any name: they are
-          known by their fingerprints. With them the fit has its runs again and `profile` works.
+        - `path`: the path of the file.
+        - `rig`: the rig, or what `load_rig` takes; by default the bundled rig or the rig file with
+          which the fit was made.
+        - `experiments`: the matched recordings, in any order and under any names: they are
+          recognised by their fingerprints. With them the fit has its runs again, and `profile`
+          works.
 
-        **Raises:** `ParameterError` where the file cannot be read, something in it is missing or
-        damaged, or the rig is another; `MatchError` where a recording that was matched is not among
-        the experiments; `RigError` where the rig cannot be read.
+        **Raises:** `ParameterError` if the file cannot be read, something in it is missing or
+        damaged, or the rig is another; `MatchError` if a matched recording is not among the
+        experiments; `RigError` if the rig cannot be read.
         """
         from ._load_fit import load_fit
 
@@ -571,7 +588,7 @@ class Fit:
 def fitted_table(
     table: Mapping[str, Parameter], rows: tuple[FittedParameter, ...]
 ) -> list[Parameter]:
-    """The rig's parameter table with fitted values, bounds, free flags and scopes."""
+    """The rig's parameter table with the fitted values, bounds, free flags and scopes."""
     return [
         replace(
             table[row.name],

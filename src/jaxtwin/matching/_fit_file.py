@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     pass
 
 FORMAT = 1
-"""Of the tables; another number means others."""
+"""The version of the tables."""
 
 TABLE = {
     "name",
@@ -58,19 +58,20 @@ TABLE = {
 """Fields of a fitted parameter that follow from the parameter table and the rig."""
 
 Stretches = tuple[tuple[int, float], ...]
-"""Weights channel by channel: how many samples in a row have which weight."""
+"""Run-length encoded weights of the channels: the number of samples in a row, and their weight."""
 
 
 @final
 @dataclass(frozen=True)
 class StoredRecording:
-    """What a saved fit says of one recording.
+    """A recording in a saved fit.
 
-    - `fingerprint`: of its contents. `channels`: their names. `samples`: how many times it has.
-    - `events`: times of the camera's corrections, s. `group`: to which it belongs.
+    - `fingerprint`: SHA-256 of its contents. `channels`: their names. `samples`: the number of
+      times.
+    - `events`: times of the camera's corrections, s. `group`: the name of its group.
     - `fit_percent`: channel -> NRMSE fit, %.
     - `sample_weights`: weights of the samples from masks. `channel_weights`: from masks and the
-      robust loss. `common_mode_weights`: of the common mode, from the robust loss.
+      robust loss. `common_mode_weights`: weights of the common mode, from the robust loss.
     """
 
     fingerprint: str
@@ -87,7 +88,7 @@ class StoredRecording:
 @final
 @dataclass(frozen=True)
 class StoredUnknowns:
-    """What a saved fit says of the optimiser's vector; see `Uncertainty`.
+    """The optimiser's vector in a saved fit; see `Uncertainty`.
 
     - `undetermined`: labels of values with an infinite standard error.
     """
@@ -105,10 +106,12 @@ class StoredUnknowns:
 @final
 @dataclass(frozen=True)
 class StoredFit:
-    """The table [fit].
+    """The table [fit] of a saved fit.
 
-    - `rig`, `rig_file`, `rig_fingerprint`: the rig's name, where it was read from, its contents.
-    - `noise`: of channels and common mode, as found. `assumed_noise`: that the weights followed.
+    - `rig`, `rig_file`, `rig_fingerprint`: the rig's name, its file, and the digest of its
+      contents.
+    - `noise`: noise of channels and common mode, as estimated at the end. `assumed_noise`: as
+      assumed in the weights of the last round.
     - the others: as in `Fit`.
     """
 
@@ -158,10 +161,10 @@ def fit_tables(fit: Fit) -> str:
         "history": fit.history,
         "optima": fit.optima,
     }
-    endless = zip(known.labels, np.diag(known.covariance), strict=True)
+    variances = zip(known.labels, np.diag(known.covariance), strict=True)
     unknowns = {
         "labels": known.labels,
-        "undetermined": [label for label, variance in endless if np.isinf(variance)],
+        "undetermined": [label for label, variance in variances if np.isinf(variance)],
         "prior_to_data_ratio": known.prior_to_data_ratio,
         "singular_values": known.singular_values,
         "unidentifiable": known.unidentifiable,
@@ -179,15 +182,15 @@ def fit_tables(fit: Fit) -> str:
 
 
 def rig_to_load(stored_rig: str, stored_file: str) -> str:
-    """What `load_rig` takes for the rig of a saved fit."""
+    """The rig of a saved fit, as `load_rig` takes it."""
     bundled = stored_rig in bundled_rigs() and stored_file == f"{stored_rig}.toml (bundled)"
     return stored_rig if bundled else stored_file
 
 
 def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarray, "times columns"]:
-    """The weights again.
+    """The weights of each sample, from their run-length encoding.
 
-    **Raises:** `ValueError` where there are more or fewer than `times` by `channels`.
+    **Raises:** `ValueError` if there are more or fewer than `times` by `channels`.
     """
     counts = [max(count, 0) for count, _ in stretches]
     if sum(counts) != times * channels:
@@ -219,8 +222,8 @@ def _stretches(weights: Float[np.ndarray, "times channels"]) -> Stretches:
 
 
 def _table(name: str, entries: Mapping[str, Any]) -> str:
-    """A table, a line for each key; what is None is left out. Of many entries of a kind, such as
-    iterations or the rows of a matrix, each has a line."""
+    """A table with a line for each key; None is left out. A long list, such as the iterations or
+    the rows of a matrix, has a line for each entry."""
     lines = [f"[{name}]"]
     for key, value in entries.items():
         plain = _plain(value)

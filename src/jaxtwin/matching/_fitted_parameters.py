@@ -1,4 +1,4 @@
-"""The table of fitted parameters, and what a reader should know before believing one of them."""
+"""The table of fitted parameters, with the warnings that belong to each."""
 
 import math
 from dataclasses import replace
@@ -14,24 +14,25 @@ from ._uncertainty import Uncertainty
 from ._unknowns import Unknowns
 
 NEAR = 0.01
-"""Of the range between the bounds (of their logarithms): this near to one counts as at it."""
+"""A value counts as near a bound if its distance is at most this part of the range between the
+bounds (of their logarithms)."""
 
 FAR = 2.0
-"""Standard deviations from the prior that are worth a word."""
+"""A warning is given from this many standard deviations from the prior."""
 
 
 def fitted_parameters(
     problem: MatchProblem, vector: Float[np.ndarray, " unknowns"], uncertainty: Uncertainty
 ) -> FittedParameters:
-    """A row for every parameter of the rig, in the order of its table.
+    """Makes a row for every parameter of the rig, in the order of its table.
 
     **Arguments:**
 
-    - `vector`: the optimiser's, at the end of the match.
+    - `vector`: the optimiser's vector at the end of the match.
     """
     twin, unknowns = problem.twin, problem.unknowns
     errors = np.sqrt(np.diag(uncertainty.covariance))
-    # What nothing tells has a finite share in the vector's covariance.
+    # An undetermined value has a finite entry in the vector's covariance.
     finite_errors = np.sqrt(np.diag(uncertainty.vector_covariance))
     vector_errors = np.where(np.isinf(errors), np.inf, finite_errors)
     lower, upper = unknowns.lower(), unknowns.upper()
@@ -87,20 +88,20 @@ def fitted_parameters(
 def _expected_of_groups(
     unknowns: Unknowns, vector: Float[np.ndarray, " unknowns"], uncertainty: Uncertainty
 ) -> dict[str, tuple[float, float]]:
-    """Name -> what all groups share and its standard error, of the logarithm for what is matched by
-    it, where each of several groups has a value."""
+    """Name -> expected value of all groups and its standard error (of the logarithm for a parameter
+    matched by it), for parameters with a value for each of several groups."""
     if not unknowns.per_group:
         return {}
     found = new_group_values(unknowns, vector)
     covariance = np.nan_to_num(uncertainty.vector_covariance)
-    spread = found.lift @ covariance @ found.lift.T
-    errors = np.sqrt(np.diag(spread) + found.shared_variance)
+    variances = np.diag(found.lift @ covariance @ found.lift.T)
+    errors = np.sqrt(variances + found.shared_variance)
     pairs = zip(found.values.items(), errors.tolist(), strict=True)
     return {name: (value, error) for (name, value), error in pairs}
 
 
 def parameter_warnings(row: FittedParameter, uncertainty: Uncertainty) -> tuple[str, ...]:
-    """Short warnings on one parameter; none where all is well."""
+    """Short warnings on one parameter; empty if there are none."""
     if not row.free:
         return ()
     labels = [
@@ -127,7 +128,7 @@ def parameter_warnings(row: FittedParameter, uncertainty: Uncertainty) -> tuple[
 
 
 def near_bound(row: FittedParameter) -> bool:
-    """Whether a value lies within 1 % of the range from a bound, as the match measures it."""
+    """Whether a value lies within 1 % of the range from a bound, on the scale of the match."""
     lower, value, upper = row.lower, row.value, row.upper
     if row.is_logarithmic:
         lower, value, upper = math.log(lower), math.log(value), math.log(upper)

@@ -1,14 +1,14 @@
-r"""What a match says of a group of recordings: of one that it has seen, or of another.
+r"""The values of a group of recordings: of a matched group, or of another one.
 
 The value of group $g$ is $u_g = \phi + b_g$, with $\phi \sim N(m, s^2)$ shared by all groups and
-$b_g \sim N(0, \tau^2)$: a normal hierarchical model, whose spreads $s$ and $\tau$ the rig file
-gives. In the match $\phi$ is integrated out. From the values of $G$ groups it follows again (Gelman
-and others, Bayesian Data Analysis, section 5.4):
+$b_g \sim N(0, \tau^2)$. This is a normal hierarchical model with standard deviations $s$ and $\tau$
+from the rig file. The match integrates $\phi$ out. Its posterior follows from the values of the $G$
+groups (Gelman and others, Bayesian Data Analysis, section 5.4):
 
 $$\phi \mid u \sim N\Big(m + w \sum_g (u_g - m), \; w \tau^2\Big), \qquad
 w = \frac{s^2}{\tau^2 + G s^2}$$
 
-and a new group has $\phi$, give or take $\tau$.
+The value of a new group is $\phi$ with the additional variance $\tau^2$.
 """
 
 from typing import NamedTuple, final
@@ -22,11 +22,12 @@ from ._unknowns import Unknowns
 
 @final
 class GroupValues(NamedTuple):
-    """What is known of some values of a group, in the measure of the optimiser's vector.
+    """Expected values of a group, and their uncertainty, on the scale of the optimiser's vector.
 
-    - `rows`: their parameters. `mean`: of the values.
-    - `lift`: how they follow the entries of the match's vector.
-    - `variance`: of each, were the vector known; `shared_variance`: of what all groups share.
+    - `rows`: the parameters. `mean`: their expected values.
+    - `lift`: the derivatives of these values with respect to the entries of the match's vector.
+    - `variance`: the variance of each value given the vector; `shared_variance`: the variance of
+      the part that all groups share.
     """
 
     rows: tuple[Parameter, ...]
@@ -47,16 +48,20 @@ class GroupValues(NamedTuple):
     def covariance(
         self, of_vector: Float[np.ndarray, "unknowns unknowns"]
     ) -> Float[np.ndarray, "rows rows"]:
-        """Of the values, with that of the match's vector; what was held at a bound has none."""
-        spread = self.lift @ np.nan_to_num(of_vector) @ self.lift.T
-        return spread + np.diag(self.variance)
+        """The covariance of the values, given that of the match's vector. A value that was held at
+        a bound has none."""
+        propagated = self.lift @ np.nan_to_num(of_vector) @ self.lift.T
+        return propagated + np.diag(self.variance)
 
 
 def new_group_values(unknowns: Unknowns, vector: Float[np.ndarray, " unknowns"]) -> GroupValues:
-    """What is expected of a group that the match has not seen, of that which groups differ in."""
+    """The values expected of a group that was not matched, for the parameters that differ between
+    groups."""
     rows, places = unknowns.rows_of_groups()
-    spreads = np.array([(row.prior_spread, row.group_spread) for row in rows], float).reshape(-1, 2)
-    shared, between = np.square(spreads.T)
+    deviations = np.array([(row.prior_spread, row.group_spread) for row in rows], float).reshape(
+        -1, 2
+    )
+    shared, between = np.square(deviations.T)
     count = places.shape[1]
     weight = shared / (between + count * shared)
     lift = np.zeros((len(rows), unknowns.size))
@@ -74,11 +79,11 @@ def new_group_values(unknowns: Unknowns, vector: Float[np.ndarray, " unknowns"])
 def group_and_shared_values(
     unknowns: Unknowns, vector: Float[np.ndarray, " unknowns"], group: int | None
 ) -> GroupValues:
-    """What all recordings share, and behind it what the recordings of a group share.
+    """The values that all recordings share, followed by those of a group.
 
     **Arguments:**
 
-    - `group`: its number, None for one that the match has not seen.
+    - `group`: the number of the group, None for a group that was not matched.
     """
     rows, places = unknowns.rows_of_groups()
     shared = [number for number, row in enumerate(unknowns.shared) if row.scope != "group"]

@@ -1,15 +1,14 @@
-r"""What is known of the states that a recording begins with, before it is looked at.
+"""Priors of the states in which a recording begins.
 
-They are different states, and each has its own prior:
+Room, plate and sinks are different states with different priors:
 
-- the *room* is expected where the fit's recordings had it, give or take their differences;
-  without a fit, where the twin has it, with the spread of the rig file's prior;
-- the *plate* begins where its channels read first;
-- the *sinks* begin near the room, the less so the farther the plate is from it;
-- a rig that stood still before is *at rest*: plate and room are then equal. The difference between
-  the two has a Cauchy prior, which draws them together where nothing speaks against it and lets
-  them go where the readings do. It is put into least squares by reweighting (Holland and Welsch
-  1977).
+- The *room* has the mean of the fit's recordings and their standard deviation; without a fit, the
+  twin's value and the prior of the rig file.
+- The *plate* begins at the first readings of its channels.
+- The *sinks* begin near the room, with an uncertainty that grows with the plate's distance from it.
+- A rig *at rest* has equal plate and room temperatures. The difference between the two has a Cauchy
+  prior, which pulls them together unless the readings contradict. It enters the least squares
+  problem by reweighting (Holland and Welsch 1977).
 """
 
 import math
@@ -26,52 +25,53 @@ REST_SCALE = 1.0
 """Scale of the Cauchy prior of the difference between plate and room, K."""
 
 ROOM_DEVIATION = 2.0
-"""Standard deviation of the room between recordings before any has been seen, K. It counts as much
-as so many recordings as `ROOM_WEIGHT` says."""
+"""Prior standard deviation of the room temperature between recordings, K. It counts as much as
+`ROOM_WEIGHT` recordings."""
 
 ROOM_WEIGHT = 1.0
 
 SINK_SHARE = 0.2
-"""How far a sink may be from the room, as a part of the plate's distance from it."""
+"""Standard deviation of a sink's distance from the room, as a part of the plate's distance from it.
+"""
 
 
 def with_prior(
     row: Parameter, rig: Rig, first: float, earlier: Mapping[str, Mapping[str, float]]
 ) -> Parameter:
-    """A value of a recording with its prior."""
+    """A parameter of a recording with its prior."""
     if row.name in _plate(rig) | _sinks(rig):
         # The first readings and the differences from the room say the rest.
-        spread = 10.0 + 0.5 * abs(first - row.value)
-        return _around(replace(row, value=first), first, spread)
-    seen = np.array([values[row.name] for values in earlier.values() if row.name in values])
+        deviation = 10.0 + 0.5 * abs(first - row.value)
+        return _around(replace(row, value=first), first, deviation)
+    known = np.array([values[row.name] for values in earlier.values() if row.name in values])
     if row.is_logarithmic:
-        seen = np.log(seen)
+        known = np.log(known)
     usual = ROOM_DEVIATION if row.name in room_parameters(rig) else row.prior_spread
-    if not len(seen) or usual is None:
+    if not len(known) or usual is None:
         return row if row.prior_value is None else replace(row, prior_value=row.value)
-    squares = ROOM_WEIGHT * usual**2 + float(np.sum((seen - seen.mean()) ** 2))
-    variance = squares / (ROOM_WEIGHT + len(seen) - 1) * (1 + 1 / len(seen))
-    centre = float(np.exp(seen.mean()) if row.is_logarithmic else seen.mean())
+    squares = ROOM_WEIGHT * usual**2 + float(np.sum((known - known.mean()) ** 2))
+    variance = squares / (ROOM_WEIGHT + len(known) - 1) * (1 + 1 / len(known))
+    centre = float(np.exp(known.mean()) if row.is_logarithmic else known.mean())
     return _around(row, centre, math.sqrt(variance))
 
 
-def _around(row: Parameter, centre: float, spread: float) -> Parameter:
-    """With a prior, and bounds that do not cut it off."""
+def _around(row: Parameter, centre: float, deviation: float) -> Parameter:
+    """The parameter with a prior, and with bounds that do not cut the prior off."""
     if row.is_logarithmic:
-        return replace(row, prior_value=centre, prior_spread=spread)
-    lower, upper = min(row.lower, centre - 5 * spread), max(row.upper, centre + 5 * spread)
-    return replace(row, prior_value=centre, prior_spread=spread, lower=lower, upper=upper)
+        return replace(row, prior_value=centre, prior_spread=deviation)
+    lower, upper = min(row.lower, centre - 5 * deviation), max(row.upper, centre + 5 * deviation)
+    return replace(row, prior_value=centre, prior_spread=deviation, lower=lower, upper=upper)
 
 
 def prior_of_differences(
     rig: Rig, unknowns: Unknowns, room: float | None, first: float
 ) -> LinearPrior:
-    """The prior of how far plate and sinks are from the room.
+    """The prior of the differences of plate and sinks from the room.
 
     **Arguments:**
 
-    - `room`: as the last round has it, degC; None for a rig at rest.
-    - `first`: what was read first, degC.
+    - `room`: the room temperature of the last round, degC; None for a rig at rest.
+    - `first`: the first reading, degC.
     """
     names = [row.name for row in unknowns.per_recording]
     rooms = [names.index(name) for name in room_parameters(rig) if name in names]
@@ -90,12 +90,12 @@ def prior_of_differences(
 
 
 def names_in(*values: Value | None) -> frozenset[str]:
-    """The parameters that take part in some values."""
+    """Names of the parameters on which some values depend."""
     return frozenset(name for value in values if value is not None for name, _ in value.powers)
 
 
 def room_parameters(rig: Rig) -> frozenset[str]:
-    """Those that say how warm the room is at the start."""
+    """Names of the parameters that determine the room temperature at the start."""
     return names_in(rig.ambient_temperature)
 
 

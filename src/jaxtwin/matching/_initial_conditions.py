@@ -1,15 +1,15 @@
-r"""The values that belong to one recording and not to the rig, estimated from its first minute.
+"""Estimates the values that belong to one recording and not to the rig from its first minute.
 
-A fit says what the rig is like. It cannot say how a new recording begins: the temperatures of the
-room, of the plate and of the sinks, and the delay of the drive. These few values are matched to the
-first part of the recording with everything else held, and no later sample is looked at.
+A fit determines the rig. It does not determine how a new recording begins: the temperatures of
+room, plate and sinks, and the delay of the drive. These few values are matched to the first part of
+the recording with everything else held; later samples are not used.
 
-Room, plate and sinks are different states, each with its own prior: see
-`_initial_condition_priors`.
+Room, plate and sinks are different states with different priors: see `_initial_condition_priors`.
 
-A minute tells little of a room while the drive is on: a model that is right to a few per cent of
-what the drive does cannot tell a tenth of a kelvin. Samples therefore count less the farther they
-have moved from the first reading. `InitialConditions.covariance` says what is left open.
+While the drive is on, a minute contains little information on the room temperature: a model with an
+error of a few per cent of the driven change cannot resolve a tenth of a kelvin. The weight of a
+sample therefore decreases with its distance from the first reading. `InitialConditions.covariance`
+says how uncertain the estimates are.
 """
 
 import math
@@ -44,28 +44,29 @@ WARM_UP = 60.0
 """Length of the part of a recording from which its own values are estimated, s."""
 
 MODEL_ERROR = 0.2
-"""Of what a reading has moved since the first one: what a good twin leaves unexplained of it."""
+"""The error of a good twin, as a part of the change of a reading since the first sample."""
 
 MEMORY = 4.0
-"""Samples of a camera at 1 Hz that count as one."""
+"""The autocorrelation time of a camera at 1 Hz, in samples."""
 
 REWEIGHTINGS = 4
 ITERATIONS = 50
 
 UNSEEN = 0.7
-"""A value whose standard deviation is still this part of what it was beforehand was not shown."""
+"""A value is reported as undetermined if its standard deviation is still this part of its prior's.
+"""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class InitialConditions:
-    """The values of one recording.
+    """The estimated values of one recording.
 
-    - `twin`: the twin that was given, with these values.
+    - `twin`: the given twin with these values.
     - `values`: name -> value, in the parameter's unit.
-    - `covariance`: of the values in the order of `values`, of the logarithm for those that are
-      matched by their logarithm.
-    - `warnings`: what the first part of the recording does not show, in words.
+    - `covariance`: the covariance of the values in the order of `values`; of the logarithm for
+      parameters that are matched by their logarithm.
+    - `warnings`: the values that the first part of the recording does not determine, as text.
     """
 
     twin: Twin
@@ -82,25 +83,26 @@ def estimate_initial_conditions(
     *,
     group: str | None = None,
 ) -> InitialConditions:
-    """Estimates the values of one recording from its first part alone.
+    """Estimates the values of one recording from its first part.
 
     **Arguments:**
 
-    - `twin`: a fit, whose recordings say what rooms and delays are usual; or a twin, and then the
-      priors of its rig file do.
-    - `experiment`: a recording, of which the part before `warm_up` is looked at.
-    - `warm_up`: from the first sample on, s.
-    - `own`: the parameters to estimate; by default those that have a value for each recording in
-      the fit or in the rig's table, but for a drift of the room, which a minute does not show.
-    - `group`: of the recording; by default what it says itself. Values that differ between groups
-      are those of this one where the fit knows it, else what is expected of a new one.
+    - `twin`: a fit, whose recordings give the priors of room and delay; or a twin, for which the
+      rig file gives them.
+    - `experiment`: a recording, of which the part before `warm_up` is used.
+    - `warm_up`: the end of that part, s from the first sample.
+    - `own`: the parameters to estimate. By default those that have a value for each recording in
+      the fit or in the rig's table, except a drift of the room, which a minute does not determine.
+    - `group`: the group of the recording; by default the one that it names itself. Parameters that
+      differ between groups have the values of this group if the fit knows it, and otherwise those
+      expected of a new group.
 
-    **Returns:** the values, their covariance, and the twin that has them.
+    **Returns:** the values, their covariance, and the twin with these values.
 
-    **Raises:** `MatchError` where the recording has no temperatures, the part holds fewer times
-    with a sample than there are values to estimate, a value of the twin lies outside its bounds, or
-    the twin gives no finite temperatures; `ParameterError` for unknown names; `SimulationError` for
-    a recording of another rig.
+    **Raises:** `MatchError` if the recording has no temperatures, if the part has fewer times with
+    a sample than values to estimate, if a value of the twin lies outside its bounds, or if the twin
+    gives no finite temperatures; `ParameterError` for unknown names; `SimulationError` for a
+    recording of another rig.
     """
     earlier = twin.recording_values if isinstance(twin, Fit) else {}
     group = experiment.group if group is None else group
@@ -137,8 +139,8 @@ def estimate_initial_conditions(
 def _twin_and_names(
     fitted: Twin | Fit, own: Iterable[str] | None, group: str
 ) -> tuple[Twin, list[str]]:
-    """A twin with the mean of what recordings had and the values of a group, and which of its
-    values to estimate."""
+    """The twin with the mean own values of the recordings and the values of a group, and the names
+    of the values to estimate."""
     if isinstance(fitted, Fit):
         twin = fitted.twin_of_group(group)
         names = [
@@ -156,7 +158,7 @@ def _twin_and_names(
 
 
 def _first_readings(part: Experiment) -> Float[np.ndarray, " channels"]:
-    """The first reading of each channel that is not missing, NaN where all are, degC."""
+    """The first reading of each channel that is not missing, degC; NaN if all are missing."""
     assert part.temperatures is not None
     rows = part.sampled.argmax(axis=0)
     return part.temperatures[rows, np.arange(len(rows))]
@@ -197,7 +199,7 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
         if not np.isfinite(result.cost):
             break
         # A correction of the camera in this minute must not be taken for a plate that cools. Only
-        # their times are learned: a minute is too short to learn the noise from.
+        # their times are estimated: a minute is too short to estimate the noise.
         events = update_noise_model(problem, noise_model, result.recording_errors()).events
         (simulated,) = result.temperatures()
         weights = _weights(part, sensor.effective, simulated)
@@ -212,12 +214,12 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
 def _weights(
     part: Experiment, noise: float, simulated: Float[np.ndarray, "times channels"] | None = None
 ) -> Float[np.ndarray, "times channels"]:
-    """Of each sample, 0 to 1: the noise's variance over that of noise and the model's error; 0 for
-    a missing one.
+    """The weight of each sample, 0 to 1: the noise variance divided by the sum of noise variance
+    and the variance of the model's error; 0 for a missing sample.
 
-    The model's error keeps its sign for the whole part, so that all samples together tell no more
-    of it than one. It grows with what has moved, recorded or simulated: a drive that begins late
-    has moved one of the two alone.
+    The model's error keeps its sign during the whole part, so that all samples together carry as
+    much information on it as a single sample. It grows with the change since the first sample,
+    recorded or simulated: if the drive begins late, only one of the two has changed.
     """
     moved = np.abs(part.temperatures - _first_readings(part))
     if simulated is not None:
@@ -228,7 +230,7 @@ def _weights(
 
 
 def _covariance(result: DescentResult) -> Float[np.ndarray, "values values"]:
-    """Inverse of the normal matrix, priors and ties among its rows."""
+    """The inverse of the normal matrix, which contains the priors and the prior of differences."""
     jacobian = result.jacobian()
     return np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
 

@@ -1,25 +1,25 @@
-"""The 95 % interval of a matched value, in the scale in which it was matched."""
+"""The 95 % interval of a matched value, on the scale of the match."""
 
 import math
 
 QUANTILE = 1.959963984540054
-"""Of the standard normal distribution at 0.975."""
+"""The 0.975 quantile of the standard normal distribution."""
 
 
 def interval_95(value: float, error: float, *, is_logarithmic: bool) -> tuple[float, float]:
-    r"""Where a value lies with 95 % probability, in its own unit.
+    r"""Computes the 95 % interval of a value, in its own unit.
 
-    A positive parameter is matched by its logarithm, in which the likelihood is nearly normal: its
-    interval is $v e^{\pm 1.96 s}$, which is above 0 however large the error is. That of any other
-    is $v \pm 1.96 s$. Bounds do not cut it: what lies beyond them says that they were felt.
+    A positive parameter is matched by its logarithm, in which the likelihood is nearly normal. Its
+    interval is $v e^{\pm 1.96 s}$, which is positive for any error. The interval of any other
+    parameter is $v \pm 1.96 s$. Bounds do not cut the interval.
 
     **Arguments:**
 
     - `value`: the matched value.
-    - `error`: its standard error, of the logarithm where it was matched by it; infinite where
-      nothing tells the value, NaN where there is none.
+    - `error`: its standard error, of the logarithm if it was matched by it; infinite for an
+      undetermined value, NaN if there is none.
 
-    **Returns:** lower and upper end, both NaN where there is no error.
+    **Returns:** lower and upper end, both NaN if there is no error.
     """
     if math.isnan(error):
         return math.nan, math.nan

@@ -1,7 +1,7 @@
-"""Derivatives of the residuals: of the solves, and of the weighted residuals that follow.
+"""Derivatives of the residuals: of the simulations, and of the weighted residuals that follow.
 
-They are the same as `jax.jacfwd` of `residuals`, for less: a recording does not depend on the
-values that belong to another one, and a channel's gain does not act on the plate.
+The result is that of `jax.jacfwd` of `residuals`, with less work: a recording does not depend on
+the values of another recording, and the gain of a channel does not act on the plate.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,14 +24,15 @@ Tree = TypeVar("Tree")
 def residual_jacobian(
     vector: Float[Array, " unknowns"], objective: Objective
 ) -> Float[Array, "residuals unknowns"]:
-    """Derivatives of the `residuals`, in the order in which `ravel_pytree` lays these out."""
+    """Derivatives of the `residuals`, in the order of `ravel_pytree`."""
     return weighted_jacobian(output_error_jacobians(vector, objective), objective)
 
 
 def output_error_jacobians(
     vector: Float[Array, " unknowns"], objective: Objective
 ) -> list[Float[Array, "_recordings _entries _times _channels"]]:
-    """Derivatives of the `output_errors` in the entries that concern each recording."""
+    """Derivatives of the `output_errors` with respect to the entries on which each recording
+    depends."""
     return [
         jax.vmap(lambda part, g: _reading_jacobian(part, objective, g.grid, g.columns))(
             local, group
@@ -69,8 +70,8 @@ def _reading_jacobian(
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "entries times channels"]:
-    """Derivatives of `camera_readings`: those of the network by pushing forward its entries alone,
-    those of gains by a product."""
+    """Derivatives of `camera_readings`: in forward mode for the entries that act on the network,
+    and as a product for gains."""
     layout = objective.layout
     inner = np.array(layout.network_entries(objective.twin), dtype=int)
     outer = np.setdiff1d(np.arange(local.size), inner)
@@ -99,7 +100,7 @@ def _reading_jacobian(
 
 
 def _push_forward(function: Callable[[Array], Tree], part: Array) -> tuple[Tree, Tree]:
-    """A function's value, and its derivatives in each entry with a leading axis."""
+    """The value of a function, and its derivatives with a leading axis for the entries."""
     basis = jnp.eye(part.size, dtype=part.dtype)
     push = jax.vmap(lambda d: jax.jvp(function, (part,), (d,)), out_axes=(None, 0))
     return push(basis)

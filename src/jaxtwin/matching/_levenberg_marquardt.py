@@ -1,19 +1,18 @@
-r"""Levenberg-Marquardt in a box, as an optimistix least-squares solver.
+r"""Levenberg-Marquardt with bounds, as an optimistix least-squares solver.
 
-It has what the Levenberg-Marquardt of optimistix lacks for matching a twin: bounds, damping that
-does not depend on the units of the unknowns, a stop on the gradient, and a Jacobian that is
-computed only where a step was accepted.
+The Levenberg-Marquardt solver of optimistix lacks four things that matching a twin needs: bounds,
+damping that does not depend on the units of the unknowns, a stop on the gradient, and a Jacobian
+that is computed only after accepted steps.
 
 Each step solves, over the unknowns that are not held at a bound,
 
 $$\min_\delta \lVert J \delta + r \rVert^2 + \lambda \lVert D \delta \rVert^2$$
 
-with $D$ the largest column norms of $J$ seen so far (Moré 1978) or as given, projects
-$y + \delta$ onto the box, and accepts it where the cost falls.
-An unknown is held where it is at a bound and the gradient pushes it out of the box.
-$\lambda$ follows the gain ratio (Nielsen 1999).
-The Jacobian enters through the triangle of its QR factorisation, so that steps do not suffer from
-the square of its condition number.
+where $D$ holds the largest column norms of $J$ so far (Moré 1978) or is given. The step projects $y
++ \delta$ onto the bounds and is accepted if the cost falls. An unknown is held if it is at a bound
+and the gradient points outwards. $\lambda$ follows the gain ratio (Nielsen 1999). The Jacobian
+enters as the triangle of its QR factorisation, so that steps do not depend on the square of its
+condition number.
 """
 
 from collections.abc import Callable
@@ -30,7 +29,7 @@ from ._search_space import SearchSpace
 
 Vector = Float[Array, " unknowns"]
 Options = dict[str, Any]
-"""Of a solve by `optimistix.least_squares`."""
+"""Options of `optimistix.least_squares`."""
 
 RUNNING, GRADIENT, REDUCTION, STEP, STALLED = range(5)
 STATUS = {
@@ -47,7 +46,7 @@ STATUS = {
 class Factors(eqx.Module):
     """The QR factorisation of a Jacobian, as far as a step needs it.
 
-    - `triangle`: R. `projected`: $Q^T r$ of the residuals.
+    - `triangle`: R. `projected`: $Q^T r$, with the residuals $r$.
     """
 
     triangle: Float[Array, "unknowns unknowns"]
@@ -64,8 +63,8 @@ class Trial(eqx.Module):
     """A vector that was tried, or those of several descents with a leading axis.
 
     - `vector`: the unknowns. `cost`: half the sum of squared residuals there.
-    - `aux`: what the residuals came with.
-    - `factors`: of the Jacobian there; not looked at where the trial is not accepted.
+    - `aux`: the auxiliary output of the residual function.
+    - `factors`: of the Jacobian there; not used unless the trial is accepted.
     """
 
     vector: Float[Array, "*descents unknowns"]
@@ -76,16 +75,17 @@ class Trial(eqx.Module):
 
 @final
 class LMState(eqx.Module):
-    """The state of `BoundedLevenbergMarquardt`.
+    r"""The state of `BoundedLevenbergMarquardt`.
 
     - `factors`: of the Jacobian at the last accepted vector. `cost`: half the sum of squared
-      residuals there. `aux`: what these came with.
-    - `scale`: D. `damping`: $\\lambda$. `growth`: its factor at the next rejection.
+      residuals there. `aux`: the auxiliary output there.
+    - `scale`: $D$. `damping`: $\lambda$. `growth`: its factor at the next rejection.
     - `gradient`: the largest cosine between the residuals and a column of the Jacobian that is not
       held.
-    - `is_first`: whether nothing was computed yet. `accepted`: whether the last step was.
-    - `status`: why to stop, see `STATUS`.
-    - `num_residuals`, `num_jacobians`: how many were computed.
+    - `is_first`: whether nothing has been computed yet. `accepted`: whether the last step was
+      accepted.
+    - `status`: the reason to stop, see `STATUS`.
+    - `num_residuals`, `num_jacobians`: the number of evaluations.
     """
 
     factors: Factors
@@ -104,24 +104,24 @@ class LMState(eqx.Module):
 
 @final
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, PyTree, LMState]):
-    """Levenberg-Marquardt with bounds, for `optimistix.least_squares`.
+    r"""Levenberg-Marquardt with bounds, for `optimistix.least_squares`.
 
     Bounds are options of the solve: `options={"lower": ..., "upper": ...}`, each shaped like the
-    unknowns; a start outside is moved onto the box.
-    Derivatives are taken in forward mode, which suits many residuals of few unknowns, unless the
-    option `"jacobian"` gives a function of unknowns and arguments that returns the matrix.
-    The option `"scale"` gives $D$, shaped like the unknowns: one over how far each is expected to
-    move, where that is known. Directions that the residuals hardly tell are then not damped more
-    than others.
+    unknowns. A start outside is moved onto the bounds. Derivatives are computed in forward mode,
+    which suits many residuals of few unknowns, unless the option `"jacobian"` is a function of
+    unknowns and arguments that returns the matrix. The option `"scale"` gives $D$, shaped like the
+    unknowns: the reciprocal of how far each is expected to move. Directions to which the residuals
+    are insensitive are then not damped more than others.
 
     **Arguments:**
 
-    - `rtol`: stop when an accepted step lowers the cost by less than this part of it and promised
-      no more.
-    - `atol`: stop when a step moves every unknown by less than this part of the length of all of
-      them, each measured by its column of the Jacobian.
-    - `gtol`: stop when the residual is this nearly orthogonal to every column that is not held.
-    - `damping`: $\\lambda$ at the start.
+    - `rtol`: stop when an accepted step lowers the cost by less than this fraction and predicted no
+      more.
+    - `atol`: stop when a step moves every unknown by less than this fraction of the vector's
+      length, each unknown measured by its column of the Jacobian.
+    - `gtol`: stop when the cosine between the residuals and every column that is not held is below
+      this.
+    - `damping`: $\lambda$ at the start.
     """
 
     rtol: float = 1e-8
@@ -154,7 +154,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
         state: LMState,
         tags: frozenset[object],
     ) -> tuple[PyTree, LMState, PyTree]:
-        """Tries one step; computes the Jacobian where it is taken."""
+        """Tries a step, and computes the Jacobian if the step is accepted."""
         del tags
         vector, unravel = ravel_pytree(y)
         space = _search_space(options, vector)
@@ -206,8 +206,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
     def propose(self, vector: Vector, space: SearchSpace, state: LMState) -> Vector:
         """The vector to try next.
 
-        `propose`, `accepts` and `update` are `step` in parts, for those who compute the residuals
-        of several descents at once.
+        `propose`, `accepts` and `update` are the parts of `step`, for callers that evaluate the
+        residuals of several descents at once.
         """
         held = _held(vector, space, state.factors)
         move = _damped_step(state, held)
@@ -216,7 +216,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
     def accepts(
         self, vector: Vector, proposed: Vector, cost: Scalar, state: LMState
     ) -> Bool[Array, ""]:
-        """Whether a trial is taken, given half its sum of squared residuals."""
+        """Whether a trial is accepted, given half its sum of squared residuals."""
         predicted, _, ratio = _gain(vector, proposed, cost, state)
         return state.is_first | (jnp.isfinite(cost) & (predicted > 0) & (ratio > 1e-4))
 
@@ -227,11 +227,11 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
         predicted, actual, ratio = _gain(vector, trial.vector, trial.cost, state)
         accepted = self.accepts(vector, trial.vector, trial.cost, state)
 
-        def taken(new: Array, old: Array) -> Array:
+        def chosen(new: Array, old: Array) -> Array:
             return jnp.where(accepted, new, old)
 
-        new_vector, new_cost = taken(trial.vector, vector), taken(trial.cost, state.cost)
-        factors = jax.tree.map(taken, trial.factors, state.factors)
+        new_vector, new_cost = chosen(trial.vector, vector), chosen(trial.cost, state.cost)
+        factors = jax.tree.map(chosen, trial.factors, state.factors)
         lengths = jnp.linalg.norm(factors.triangle, axis=0)
         held = _held(new_vector, space, factors)
         cosine = jnp.abs(factors.gradient) / (
@@ -241,7 +241,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
 
         # Nielsen: less damping the better the linear model was, else ever more.
         eased = state.damping * jnp.maximum(1 / 3, 1 - (2 * ratio - 1) ** 3)
-        damping = taken(eased, state.damping * state.growth)
+        damping = chosen(eased, state.damping * state.growth)
         damping = jnp.where(state.is_first, state.damping, jnp.clip(damping, 1e-12, 1e12))
         still = jnp.all(
             state.scale * jnp.abs(trial.vector - vector)
@@ -265,14 +265,14 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
             cost=new_cost,
             scale=jnp.maximum(state.scale, lengths) if space.scale is None else state.scale,
             damping=damping,
-            growth=taken(jnp.full_like(state.growth, 2.0), 2 * state.growth),
+            growth=chosen(jnp.full_like(state.growth, 2.0), 2 * state.growth),
             gradient=steepest,
             is_first=jnp.array(False),
             accepted=accepted,
             status=status,
             num_residuals=state.num_residuals + 1,
             num_jacobians=state.num_jacobians + accepted,
-            aux=jax.tree.map(taken, trial.aux, state.aux),
+            aux=jax.tree.map(chosen, trial.aux, state.aux),
         )
         return new_vector, new_state
 
@@ -304,7 +304,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
         tags: frozenset[object],
         result: optx.RESULTS,
     ) -> tuple[PyTree, PyTree, dict[str, Array]]:
-        """Hands over the status and the counts."""
+        """Returns the status and the counts."""
         del fn, args, options, tags, result
         counts = {"num_residuals": state.num_residuals, "num_jacobians": state.num_jacobians}
         return y, aux, {"status": state.status, "cost": state.cost, **counts}
@@ -313,13 +313,13 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
 def factorise(
     jacobian: Float[Array, "residuals unknowns"], residuals: Float[Array, " residuals"]
 ) -> Factors:
-    """The QR factorisation of a Jacobian, and the residuals in it."""
+    """The QR factorisation of a Jacobian, and the projected residuals."""
     triangle = _triangle_of(jnp.concatenate([jacobian.T, residuals[None, :]]))
     return Factors(triangle[:-1, :-1], triangle[:-1, -1])
 
 
 def _held(vector: Vector, space: SearchSpace, factors: Factors) -> Bool[Array, " unknowns"]:
-    """Which unknowns are at a bound with a gradient that pushes them out."""
+    """The unknowns that are at a bound with a gradient that points outwards."""
     below = (vector <= space.lower) & (factors.gradient > 0)
     return below | ((vector >= space.upper) & (factors.gradient < 0))
 
@@ -327,7 +327,7 @@ def _held(vector: Vector, space: SearchSpace, factors: Factors) -> Bool[Array, "
 def _gain(
     vector: Vector, proposed: Vector, cost: Scalar, state: LMState
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """By how much a step should lower the cost, by how much it does, and their ratio."""
+    """The predicted and the actual reduction of the cost, and their ratio."""
     linear = state.factors.triangle @ (proposed - vector)
     predicted = -(jnp.sum(linear * state.factors.projected) + 0.5 * jnp.sum(linear**2))
     actual = state.cost - cost
@@ -335,11 +335,11 @@ def _gain(
 
 
 def _triangle_of(columns: Float[Array, "columns rows"]) -> Float[Array, "columns columns"]:
-    """R of the QR factorisation of a tall matrix, given its columns, by Cholesky factors of their
-    products, three times, the first shifted (Fukaya et al. 2020).
+    """R of the QR factorisation of a tall matrix, given its columns, by three Cholesky
+    factorisations of their products, the first shifted (Fukaya et al. 2020).
 
-    As exact as Householder's, which XLA does forty times more slowly on a CPU (jax 0.10.2, eighteen
-    thousand rows), and at home on an accelerator.
+    It is as accurate as Householder's method, which XLA runs forty times more slowly on a CPU (jax
+    0.10.2, eighteen thousand rows), and it suits accelerators.
     """
     n = columns.shape[0]
     identity = jnp.eye(n, dtype=columns.dtype)

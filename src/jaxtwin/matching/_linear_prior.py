@@ -1,4 +1,4 @@
-"""Priors of combinations of unknowns."""
+"""Priors of linear combinations of unknowns."""
 
 import math
 from typing import final
@@ -12,9 +12,9 @@ from ._unknowns import Unknowns
 
 @final
 class LinearPrior(eqx.Module):
-    """A prior of combinations of unknowns, such as the difference of two of them.
+    """A prior of linear combinations of unknowns, such as the difference of two of them.
 
-    - `matrix`, `values`: `matrix @ vector - values` is expected to be 0 with a variance of 1.
+    - `matrix`, `values`: `matrix @ vector - values` has mean 0 and variance 1, independently.
     """
 
     matrix: Float[np.ndarray | Array, "combinations unknowns"]
@@ -22,16 +22,16 @@ class LinearPrior(eqx.Module):
 
     @classmethod
     def none(cls, unknowns: int) -> "LinearPrior":
-        """No combination has a prior."""
+        """A prior without any combination."""
         return cls(np.zeros((0, unknowns)), np.zeros(0))
 
     @classmethod
     def between_groups(cls, unknowns: Unknowns) -> "LinearPrior":
-        r"""What the values of several groups have to do with each other.
+        r"""The prior that relates the values of several groups.
 
-        A value of one group is that of all groups, $\phi \sim N(m, s^2)$, and its difference from
-        it, $N(0, \tau^2)$. With $\phi$ integrated out the values of $G$ groups have the covariance
-        $\tau^2 I + s^2 1 1^T$, so that their mean and their differences from it are independent.
+        The value of a group is the sum of $\phi \sim N(m, s^2)$, which all groups share, and its
+        difference, $N(0, \tau^2)$. With $\phi$ integrated out, the values of $G$ groups have the
+        covariance $\tau^2 I + s^2 1 1^T$: their mean and their differences from it are independent.
         """
         rows, places = unknowns.per_group, unknowns.group_entries()
         groups = len(places)
@@ -49,7 +49,7 @@ class LinearPrior(eqx.Module):
     def normal(
         cls, mean: Float[np.ndarray, " unknowns"], covariance: Float[np.ndarray, "some some"]
     ) -> "LinearPrior":
-        """A normal distribution of the first unknowns; the others have none."""
+        """A normal prior of the first unknowns; the others have none."""
         some = len(covariance)
         matrix = np.zeros((some, len(mean)))
         # L L^T = cov, so the rows of the inverse of L are its whitening.

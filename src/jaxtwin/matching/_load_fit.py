@@ -1,4 +1,4 @@
-"""A saved fit read back, with or without the recordings that it was matched to."""
+"""Reads a saved fit, with or without the recordings to which it was matched."""
 
 import json
 import math
@@ -39,7 +39,7 @@ def load_fit(
     rig: Rig | str | os.PathLike[str] | None,
     experiments: Experiment | Sequence[Experiment] | None,
 ) -> Fit:
-    """See `Fit.load`."""
+    """Implements `Fit.load`."""
     data, source = read_toml(path, ParameterError)
     if not isinstance(data.get("fit"), dict):
         _refuse(
@@ -141,7 +141,7 @@ def load_fit(
 
 
 def _rig(source: str, table: dict[str, Any], given: Rig | str | os.PathLike[str] | None) -> Rig:
-    """The rig of the fit, checked to be the one that was matched."""
+    """The rig of the fit; raises an error if it is not the one that was matched."""
     for key in ("rig", "rig_file", "rig_fingerprint"):
         if not isinstance(table.get(key), str):
             _refuse(source, f"fit.{key}", f"expected text, got {table.get(key)!r}")
@@ -166,7 +166,7 @@ def _rig(source: str, table: dict[str, Any], given: Rig | str | os.PathLike[str]
 
 
 def _row(source: str, name: str, data: dict[str, Any], rig: Rig) -> dict[str, Any]:
-    """What the parameter table and the rig say of a fitted parameter."""
+    """The row of a fitted parameter, from the parameter table and the rig."""
     table = data.get("parameters")
     row = table.get(name) if isinstance(table, dict) else None
     own = data["fit"].get("parameters")
@@ -200,7 +200,7 @@ def _row(source: str, name: str, data: dict[str, Any], rig: Rig) -> dict[str, An
 
 
 def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]]) -> StoredFit:
-    """The checked table [fit]."""
+    """The table [fit], checked."""
     if table.get("format") != FORMAT:
         _refuse(source, "fit.format", f"expected {FORMAT}, got {table.get('format')!r}")
     try:
@@ -312,7 +312,7 @@ def _weights(
 def _recordings(
     stored: StoredFit, experiments: Experiment | Sequence[Experiment] | None
 ) -> tuple[Experiment, ...] | None:
-    """The recordings that were matched, found by their fingerprints."""
+    """The matched recordings, recognised by their fingerprints."""
     if experiments is None:
         return None
     given = [experiments] if isinstance(experiments, Experiment) else list(experiments)

@@ -1,4 +1,4 @@
-"""A `Fit` from a match's problem, where its best descent ended, and the noise model."""
+"""Makes a `Fit` from the problem of a match, its best descent and its noise model."""
 
 import time
 from dataclasses import replace
@@ -25,13 +25,13 @@ def make_fit(
     optima: tuple[Optimum, ...],
     began: float,
 ) -> Fit:
-    """The fit of the best descent.
+    """Makes the fit of the best descent.
 
     **Arguments:**
 
     - `start`: the number of its start.
-    - `optima`: where the descents of all starts ended, best first.
-    - `began`: when the match began, by `time.perf_counter`.
+    - `optima`: the ends of the descents from all starts, best first.
+    - `began`: the time at which the match began, by `time.perf_counter`.
     """
     twin, unknowns, names = problem.twin, problem.unknowns, problem.names
     result, noise_model = estimate
@@ -93,7 +93,7 @@ def make_fit(
 
 
 def make_iteration(problem: MatchProblem, step: DescentStep, start: int) -> Iteration:
-    """A step of the descent from one of the starts, in the parameters' units."""
+    """An iteration of the descent from one of the starts, in the parameters' units."""
     return Iteration(
         number=step.number,
         start=start,
@@ -108,7 +108,7 @@ def make_iteration(problem: MatchProblem, step: DescentStep, start: int) -> Iter
 def make_optimum(
     problem: MatchProblem, result: DescentResult, start: int, best: DescentResult
 ) -> Optimum:
-    """Where the descent from one of the starts ended, compared with the best."""
+    """The end of the descent from one of the starts, compared with the best."""
     # Samples that fill up recordings differ by nothing.
     pairs = zip(result.evaluation.output_errors, best.evaluation.output_errors, strict=True)
     squares = sum(float(np.sum((errors - of_best) ** 2)) for errors, of_best in pairs)
@@ -126,5 +126,5 @@ def make_optimum(
 
 
 def _camera_reading(run: Run, offset: Float[np.ndarray, " times"]) -> Run:
-    """A run with the camera's common error in its readings."""
+    """A run with the camera's common error added to its readings."""
     return replace(run, temperatures=run.temperatures + offset[:, None])

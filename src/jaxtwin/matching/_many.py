@@ -39,25 +39,26 @@ def match_many(
 ) -> tuple[Fit | None, ...]:
     """Matches the same twin to many sets of recordings, each on its own, in batches.
 
-    All descend together through one compiled program: hundreds of synthetic recordings for a study
-    of coverage, resampled ones for a bootstrap, the same test on many benches.
+    All matches run together through one compiled program: for example hundreds of synthetic
+    recordings for a study of coverage, resampled recordings for a bootstrap, or the same test on
+    many benches.
 
     **Arguments:**
 
-    - `twin`: where each match starts.
-    - `sets`: the recordings of each match. All sets have equally many, alike in their number of
-      channels and in whether the ambient temperature is recorded, and nearly alike in their numbers
-      of samples and of changes of their inputs (the solver's steps follow from these): to an
-      eighth, and freely where there are few.
-    - `on_progress`: called with each `Iteration` as it ends; its `start` is the number of the set,
-      counted from 0.
+    - `twin`: the start of each match.
+    - `sets`: the recordings of each match. All sets need the same number of recordings, with the
+      same number of channels, and all or none with a recorded ambient temperature. The numbers of
+      samples and of changes of the inputs, from which the solver's steps follow, may differ by an
+      eighth, or freely where they are small.
+    - `on_progress`: called with each `Iteration` when it ends; its `start` is the number of the
+      set, counted from 0.
     - the others: as in `match`.
 
-    **Returns:** a `Fit` for each set, in order; None for one whose temperatures, residuals or
-    derivatives do not stay finite, which loses none of the others.
+    **Returns:** a `Fit` for each set, in order; None for a set whose temperatures, residuals or
+    derivatives are not finite. Such a set does not affect the others.
 
-    **Raises:** as `match`, but for temperatures that are not finite; `MatchError` too where there
-    is no set or they differ in shape.
+    **Raises:** the errors of `match`, except that for temperatures that are not finite;
+    `MatchError` also if there is no set or the sets differ in shape.
     """
     began = time.perf_counter()
     twin = twin.mean_twin if isinstance(twin, Fit) else twin

@@ -1,5 +1,4 @@
-"""What is said about single recordings when they are matched: spans that count less, and the times
-of the camera's corrections."""
+"""Masks of recordings, and given times of the camera's corrections, checked."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,17 +9,17 @@ from .._errors import MatchError
 from ..io import Experiment
 
 Span = tuple[float, float] | tuple[float, float, float]
-"""From, to (s), and the weight in between, 0 where it is not given."""
+"""From, to (s), and the weight in between, which is 0 if it is not given."""
 
 
 def span_weights(
     recordings: Mapping[str, Experiment],
     spans: Mapping[str, Sequence[Span]] | None,
 ) -> list[Float[np.ndarray, "_times _channels"]]:
-    """Weights of all samples, 0 to 1; those that are missing weigh nothing.
+    """Weights of all samples, 0 to 1; missing samples have the weight 0.
 
-    **Raises:** `MatchError` for unknown recordings, spans outside of one, and weights that are not
-    0 to 1.
+    **Raises:** `MatchError` for unknown recordings, spans outside their recording, and weights that
+    are not 0 to 1.
     """
     _check_names("masks", recordings, spans or {})
     weights = []
@@ -52,7 +51,7 @@ def given_events(
 ) -> list[tuple[float, ...]]:
     """Times of the camera's corrections in each recording, s.
 
-    **Raises:** `MatchError` for unknown recordings and times outside of one.
+    **Raises:** `MatchError` for unknown recordings and times outside their recording.
     """
     _check_names("events", recordings, events)
     times = []

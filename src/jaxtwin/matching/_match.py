@@ -1,4 +1,4 @@
-"""Behavioural matching: a twin's parameters from recordings, step 4 of the paper."""
+"""Matches parameters of a twin to recordings: step 4 of the paper."""
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -47,54 +47,58 @@ def match(
 ) -> Fit:
     """Matches a twin to recordings by nonlinear least squares, in float64.
 
-    All recordings count together; missing samples (NaN) count nothing. Positive parameters are
-    matched by their logarithm, inside their bounds, with exact derivatives through the simulation.
+    All recordings count together; missing samples (NaN) have no weight. Positive parameters are
+    matched by their logarithm, inside their bounds, with exact derivatives of the simulation.
 
-    Without priors and without a common error of the camera in the rig file this is eq. (11) of the
-    paper. With them the residuals are weighted by their noise, which is estimated in a few rounds:
-    its standard deviation and autocorrelation time, for the channels and for their common mode. The
-    camera's common error is solved for in closed form in each evaluation.
+    Without priors and without a common error of the camera in the rig file, the cost is eq. (11) of
+    the paper. With them the residuals are weighted by their noise. Its standard deviation and
+    autocorrelation time, for the channels and for their common mode, are estimated in a few rounds.
+    The camera's common error is solved for in closed form in each evaluation.
 
     **Arguments:**
 
-    - `twin`: where the match starts, and what the parameters that are held stay at; of a fit its
-      values, and the mean of those that each of its recordings has.
-    - `experiments`: recordings of this rig, one or several.
-    - `free`: names of the parameters to match, instead of those that the rig's table calls free.
-    - `fixed`: names to hold.
-    - `shared`, `per_recording`: names to match with one value for all recordings, or one for each
-      (ambient and start temperature, typically), beside the free ones and whatever the table's
-      scope is.
-    - `groups`: the name of each recording's group, such as its day; by default what the recordings
-      say themselves. Parameters of `scope = "group"` have a value for each. With a single group
-      they are shared.
-    - `bounds`: other bounds, name -> (lower, upper) in the parameter's unit.
+    - `twin`: the start of the match, with the values of the parameters that are held. For a fit
+      these are its values, and the mean of its recordings' own values.
+    - `experiments`: one or several recordings of this rig.
+    - `free`: names of the parameters to match, in place of those that the rig's table marks as
+      free.
+    - `fixed`: names of parameters to hold.
+    - `shared`, `per_recording`: names of parameters to match in addition to the free ones, with a
+      single value for all recordings or a value for each (typically ambient and start temperature),
+      whatever their scope in the table.
+    - `groups`: the name of each recording's group, such as its day; by default the groups that the
+      recordings name. Parameters of `scope = "group"` have a value for each group. With a single
+      group they are shared.
+    - `bounds`: bounds that replace those of the table, name -> (lower, upper) in the parameter's
+      unit.
     - `events`: recording -> times of the camera's flat-field corrections, s; or `"detect"` or
-      `"none"`; by default as the rig says. Only for rigs whose camera has a common error.
-    - `masks`: recording -> spans (from, to) or (from, to, weight) that count less, or nothing.
+      `"none"`; by default as the rig file says. Only for rigs whose camera has a common error.
+    - `masks`: recording -> spans (from, to) or (from, to, weight) with a smaller weight, 0 by
+      default.
     - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
-    - `starts`: how many starting points; the first is the twin, the others vary each positive
-      parameter by a factor of about e (of its prior's width where it has one) and each other one
-      by a tenth of its range (its prior's width), inside bounds. They descend in one batch, and
-      `Fit.optima` compares where they end.
-    - `seed`: of the other starts.
-    - `max_iterations`: of each start, over all rounds.
+    - `starts`: the number of starts. The first is the twin. The others vary each positive parameter
+      by a factor of about e (or the width of its prior) and each other parameter by a tenth of its
+      range (or the width of its prior), inside the bounds. They run in one batch; `Fit.optima`
+      compares their ends.
+    - `seed`: the seed of the other starts.
+    - `max_iterations`: the limit for each start, over all rounds.
     - `solver`: any least-squares solver of optimistix, such as `optimistix.LevenbergMarquardt(rtol,
       atol)`, which runs through `optimistix.least_squares` with bounds by a transform (see
-      `docs/matching.md`); by default a `BoundedLevenbergMarquardt`, whose starts descend side by
-      side and which shows its steps.
-    - `on_progress`: called with each `Iteration` as it ends; `print` is a good one.
+      `docs/matching.md`). The default is a `BoundedLevenbergMarquardt`, which runs all starts side
+      by side and shows its steps.
+    - `on_progress`: called with each `Iteration` when it ends, for example `print`.
 
-    **Returns:** a `Fit`, the best of all starts. Evaluations take the default solver's longest
-    steps, as `response` does; the fit's runs are by `simulate`, which looks at its error, and
-    `Fit.solver_gap` says how far apart the two are.
+    **Returns:** a `Fit`, the best of all starts. Evaluations use the default solver's longest
+    steps, as `response` does. The runs of the fit are made by `simulate`, which checks its error;
+    `Fit.solver_gap` is the difference between the two.
 
-    **Raises:** `MatchError` where nothing is free, a recording has no temperatures, fewer samples
-    count than there are unknowns, nothing moves in any recording, bounds exclude the start or the
-    prior or change what its spread means, a name that is held has a scope or one that is not free
-    bounds, there is no group for each recording, events or masks lie outside their recording, or no
-    start gives finite temperatures; `ParameterError` for unknown names and for a parameter with
-    several values; `SimulationError` for recordings of another rig.
+    **Raises:** `MatchError` if nothing is free; if a recording has no temperatures; if there are
+    fewer samples than unknowns; if nothing changes in any recording; if bounds exclude the start or
+    the prior, or change the meaning of the prior's spread; if a held parameter has a scope, or a
+    parameter that is not free has bounds; if groups are not given for each recording; if events or
+    masks lie outside their recording; or if no start gives finite temperatures. `ParameterError`
+    for unknown names and for a parameter with several values; `SimulationError` for recordings of
+    another rig.
     """
     began = time.perf_counter()
     twin = twin.mean_twin if isinstance(twin, Fit) else twin
@@ -151,17 +155,18 @@ def match(
 
 
 def default_solver(problem: MatchProblem) -> BoundedLevenbergMarquardt:
-    """Weighted residuals are counted in standard deviations, and a fall of a thousandth means
-    nothing; plain ones may be all that a recording without noise leaves."""
+    """The default solver. Its tolerance is looser for weighted residuals, which are in units of
+    standard deviations: a change of the cost by a thousandth means nothing there. Plain residuals
+    may be exact, for a recording without noise."""
     return BoundedLevenbergMarquardt(rtol=3e-5 if problem.is_weighted else 1e-7)
 
 
 def checked_solver(
     solver: optx.AbstractLeastSquaresSolver | None, problem: MatchProblem
 ) -> optx.AbstractLeastSquaresSolver:
-    """The solver that was given, or the default one.
+    """The given solver, or the default one.
 
-    **Raises:** `MatchError` where it is no least-squares solver.
+    **Raises:** `MatchError` if it is not a least-squares solver.
     """
     if solver is None:
         return default_solver(problem)
@@ -175,7 +180,7 @@ def checked_solver(
 def _start_vectors(
     unknowns: Unknowns, starts: int, seed: int
 ) -> list[Float[np.ndarray, " unknowns"]]:
-    """The twin's own values first, then random ones about them inside the bounds."""
+    """The twin's own values, followed by random ones around them inside the bounds."""
     first, scale = unknowns.start(), unknowns.scales()
     rng = np.random.default_rng(seed)
     moved = [first + scale * rng.standard_normal(first.size) for _ in range(starts - 1)]

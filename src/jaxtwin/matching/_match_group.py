@@ -1,13 +1,13 @@
-r"""Recordings of a new group, matched with what an earlier match knows.
+"""Matches recordings of a new group with the result of an earlier match as the prior.
 
-What was known after the earlier match is what is known before this one (sequential Bayesian
-estimation): the parameters that all recordings share have its values, give or take its covariance,
-and the new group has the values that are expected of any. The earlier recordings are not needed
-again. Holding what is shared would not do: its values are known in combinations with those of the
-earlier groups, so that a small change of both explains what a change of either cannot.
+The posterior of the earlier match is the prior of this one (sequential Bayesian estimation): shared
+parameters have its values and covariance, and the new group has the values expected of any group.
+The earlier recordings are not needed. The shared parameters are not held, because they are known
+only in combination with the values of the earlier groups: a small change of both explains what a
+change of either cannot.
 
-The residuals are weighted by the noise that the earlier match learned. The first part of a
-recording is too short to learn it from.
+The residuals are weighted by the noise that the earlier match estimated. The first part of a
+recording is too short to estimate it.
 """
 
 import time
@@ -37,10 +37,10 @@ HELD = 1e-6
 """Standard deviation of a value that the earlier match held at a bound."""
 
 NEW_GROUP = "another group"
-"""What a group is called that has no name and was not matched."""
+"""The name of a group that has no name and was not matched."""
 
 ROUNDS = 3
-"""Of the search for corrections of the camera."""
+"""Rounds of the search for corrections of the camera."""
 
 
 def match_group(
@@ -50,21 +50,21 @@ def match_group(
     start: InitialConditions | None = None,
     max_iterations: int = 200,
 ) -> Fit:
-    """Matches a twin to recordings of a group that an earlier match has not seen.
+    """Matches a twin to recordings of a group that an earlier match does not contain.
 
     **Arguments:**
 
     - `fit`: the earlier match.
-    - `experiments`: recordings of one group.
-    - `group`: its name.
-    - `start`: room, start and delay of a single recording as its first minute tells them, in place
-      of the rig file's priors. They come from samples that are matched again, which counts little
-      beside the noise that the match learned.
-    - `max_iterations`: of the match.
+    - `experiments`: recordings of a single group.
+    - `group`: the name of the group.
+    - `start`: room, start and delay of a single recording as estimated from its first minute; they
+      replace the rig file's priors. The samples of this minute are matched again, which counts
+      little beside the noise that the earlier match estimated.
+    - `max_iterations`: the limit of the match.
 
-    **Returns:** a fit that knows this group alone.
+    **Returns:** a fit that contains this group alone.
 
-    **Raises:** `MatchError` where the twin gives no finite temperatures; what `match` raises.
+    **Raises:** `MatchError` if the twin gives no finite temperatures; the errors of `match`.
     """
     before, twin = fit.problem.unknowns, fit.twin_of_group(group)
     recordings = named_recordings(twin, experiments)
@@ -101,10 +101,10 @@ def match_group(
 
 
 def check_given(fit: Twin | Fit, groups: Sequence[str]) -> Fit:
-    """The fit that knows what is expected of new groups.
+    """The fit, if it can be used to match a new group.
 
-    **Raises:** `MatchError` where it is none, knows one of the groups already, or these are
-    several.
+    **Raises:** `MatchError` if it is not a fit, already contains one of the groups, or there are
+    several groups.
     """
     if not isinstance(fit, Fit):
         raise MatchError(
@@ -125,23 +125,25 @@ def check_given(fit: Twin | Fit, groups: Sequence[str]) -> Fit:
 
 
 def match_first_part(fit: Fit, experiment: Experiment, given: float, group: str) -> Fit:
-    """The same for the first part of a single recording.
+    """Applies `match_group` to the first part of a single recording.
 
     **Arguments:**
 
-    - `given`: length of that part, s.
+    - `given`: the length of that part, s.
 
-    **Raises:** `MatchError` where it holds too few samples; what `match_group` raises.
+    **Raises:** `MatchError` if the part has too few samples; the errors of `match_group`.
     """
     start = estimate_initial_conditions(fit, experiment, min(WARM_UP, given), group=group)
     part = experiment.between(None, experiment.time[0] + given)
     return match_group(fit, [part], group, start)
 
 
-def _descend(problem: MatchProblem, learned: NoiseModel, max_iterations: int) -> Estimate:
-    """With the noise that was learned earlier; corrections of the camera are looked for."""
+def _descend(problem: MatchProblem, noise_model: NoiseModel, max_iterations: int) -> Estimate:
+    """Minimises with the given noise; corrections of the camera are detected."""
     noise_model = replace(
-        initial_noise_model(problem), channel=learned.channel, common_mode=learned.common_mode
+        initial_noise_model(problem),
+        channel=noise_model.channel,
+        common_mode=noise_model.common_mode,
     )
     vector, space = problem.unknowns.start(), problem.unknowns.search_space()
     solver, estimates = default_solver(problem), []
@@ -159,21 +161,21 @@ def _descend(problem: MatchProblem, learned: NoiseModel, max_iterations: int) ->
 
 
 def _rows_of_start(rows: Sequence[Parameter], start: InitialConditions) -> dict[str, Parameter]:
-    """The values of one recording with what its first minute says of them as priors."""
-    spreads = dict(zip(start.values, np.sqrt(np.diag(start.covariance)).tolist(), strict=True))
+    """The parameters of one recording, with the estimates from its first minute as priors."""
+    deviations = dict(zip(start.values, np.sqrt(np.diag(start.covariance)).tolist(), strict=True))
     found = {}
     for row in rows:
         if row.name in start.values:
-            value, spread = start.values[row.name], spreads[row.name]
+            value, deviation = start.values[row.name], deviations[row.name]
             lower, upper = row.lower, row.upper
             if not row.is_logarithmic:
-                lower, upper = min(lower, value - 5 * spread), max(upper, value + 5 * spread)
+                lower, upper = min(lower, value - 5 * deviation), max(upper, value + 5 * deviation)
             found[row.name] = replace(
                 row,
                 value=value,
                 lower=lower,
                 upper=upper,
                 prior_value=value,
-                prior_spread=spread,
+                prior_spread=deviation,
             )
     return found

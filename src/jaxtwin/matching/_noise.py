@@ -13,9 +13,9 @@ from jaxtyping import Bool, Float
 class Noise:
     """The noise of residuals of one kind, over all recordings.
 
-    - `standard_deviation`: of one sample, K.
-    - `autocorrelation_time`: the integrated autocorrelation time in samples, one plus twice the sum
-      of the autocorrelations. As many samples tell as much as one independent sample.
+    - `standard_deviation`: of a single sample, K.
+    - `autocorrelation_time`: the integrated autocorrelation time in samples, 1 plus twice the sum
+      of the autocorrelations: the number of samples with the information of one independent sample.
     """
 
     standard_deviation: float
@@ -23,21 +23,22 @@ class Noise:
 
     @property
     def effective(self) -> float:
-        """Standard deviation of independent samples that would tell as little, K."""
+        """Standard deviation of independent samples with the same information, K."""
         return self.standard_deviation * float(np.sqrt(self.autocorrelation_time))
 
 
 def estimate_noise(
     series: Sequence[Float[np.ndarray, "_times _channels"]], samples: float | int | None = None
 ) -> Noise:
-    """Standard deviation and autocorrelation of several series of residuals about zero.
+    """Estimates standard deviation and autocorrelation time of several series of residuals about
+    zero.
 
-    The sum of autocorrelations ends before the first two neighbours whose sum is not above 0
-    (Geyer 1992, initial positive sequence), because beyond them there is nothing but noise.
+    The sum of autocorrelations ends before the first two neighbours whose sum is not positive
+    (Geyer 1992, initial positive sequence), because later ones are only noise.
 
     **Arguments:**
 
-    - `series`: of one recording each, times the roots of the samples' weights.
+    - `series`: a series for each recording, times the square roots of the samples' weights.
     - `samples`: the sum of these weights; by default all are 1.
     """
     longest = max(len(residuals) for residuals in series)
@@ -58,10 +59,12 @@ def estimate_noise(
 def huber_weights(
     residuals: Float[np.ndarray, "*shape"], threshold: float, counted: Bool[np.ndarray, "*shape"]
 ) -> Float[np.ndarray, "*shape"]:
-    """Weights that turn least squares into Huber's loss (1964): 1 up to `threshold` robust standard
-    deviations of the samples that are counted, then falling as one over the residual.
+    """Weights that turn least squares into Huber's loss (1964).
 
-    All are 1 where most of those residuals are nothing: there is no scale then."""
+    They are 1 up to `threshold` robust standard deviations of the counted samples, and proportional
+    to the reciprocal of the residual above. If most of these residuals are 0, there is no scale and
+    all weights are 1.
+    """
     size = np.abs(residuals)
     scale = 1.4826 * np.median(size[counted]) if counted.any() else 0.0
     if scale == 0:

@@ -1,4 +1,4 @@
-"""What a match assumes of its residuals' noise, and how that is learned from its residuals."""
+"""The noise that a match assumes for its residuals, and its estimation from these residuals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from ._problem import MatchProblem
 from ._recording_errors import RecordingErrors
 
 INITIAL_NOISE = Noise(0.25, 64.0)
-"""Before anything is known of the residuals: a quarter kelvin, a minute long."""
+"""The noise before the first round: 0.25 K, correlated over a minute."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """What a match assumes of its residuals' noise, and the weights that follow.
+    """The assumed noise of the residuals, and the weights that follow from it.
 
     - `channel`: the noise of each channel without the common mode.
-    - `common_mode`: the noise of the common mode times the root of the number of channels.
+    - `common_mode`: the noise of the common mode, times the square root of the number of channels.
     - `events`: times of the camera's corrections in each recording, s.
     - `channel_weights`, `common_mode_weights`: weights of the samples of each recording, 0 to 1,
       from masks and from Huber's loss.
@@ -50,12 +50,13 @@ def initial_noise_model(problem: MatchProblem) -> NoiseModel:
 def update_noise_model(
     problem: MatchProblem, noise_model: NoiseModel, errors: Sequence[RecordingErrors]
 ) -> NoiseModel:
-    """The noise model that the errors of a round show: the camera's corrections, noise, outliers.
+    """Updates the noise model with the residuals of a round: corrections of the camera, noise,
+    outliers.
 
     **Arguments:**
 
-    - `noise_model`: of that round; kept where the errors are nothing and tell no noise.
-    - `errors`: of each recording.
+    - `noise_model`: of that round. Its noise is kept if the residuals are exactly 0.
+    - `errors`: the residuals of each recording.
     """
     events = noise_model.events
     if problem.common_error is not None and problem.events is None:
@@ -96,7 +97,8 @@ def update_noise_model(
 def beside_others(
     weights: Float[np.ndarray, "times channels"],
 ) -> Bool[np.ndarray, "times channels"]:
-    """Which samples count beside others at the same time: a single one equals its common mode."""
+    """The samples that have another counted sample at the same time. A single one equals its common
+    mode."""
     counted = weights > 0
     return counted & (counted.sum(axis=1, keepdims=True) > 1)
 
@@ -106,8 +108,8 @@ def _residual_noise(
     channel_weights: Sequence[Float[np.ndarray, "_times _channels"]],
     common_mode_weights: Sequence[Float[np.ndarray, " _times"]],
 ) -> tuple[Noise, Noise]:
-    """The noise of channels and of the common mode; where no two channels count at the same time,
-    that of the common mode for both."""
+    """The noise of the channels and of the common mode. If no two channels count at the same time,
+    both have the noise of the common mode."""
     several, counted = [], 0.0
     for of_recording, weights in zip(errors, channel_weights, strict=True):
         beside = beside_others(weights)

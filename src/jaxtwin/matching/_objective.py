@@ -1,4 +1,4 @@
-"""The objective of a match: its recordings and weights as arrays, ready to be solved at once."""
+"""The objective of a match: its recordings and weights as arrays."""
 
 from collections.abc import Sequence
 from typing import TypeVar, final
@@ -23,18 +23,18 @@ Tree = TypeVar("Tree")
 
 @final
 class RecordingGroup(eqx.Module):
-    """Recordings of equal shapes, stacked so that they are solved at once.
+    """Recordings of equal shapes, stacked so that they are simulated together.
 
-    Their samples are filled up to a few sizes, as their grids are, with some that count for
-    nothing, so that recordings of another length run through the same programs.
+    Their samples, like their grids, are padded to a few sizes, so that recordings of another length
+    use the same programs. Padding has no weight.
 
-    - `grid`: every array with a leading recordings axis.
-    - `columns`: which of the rig's channels each recording holds.
-    - `temperatures`: recorded, `(recordings, times, channels)`, degC; any finite number where a
-      sample is missing or fills up their number, which weighs nothing.
-    - `sampled`: where there is a sample.
-    - `lengths`: how many times each recording has, without those that fill up.
-    - `weights`: of the samples, and the camera's shapes; 0 for those that fill up.
+    - `grid`: the time grid; every array has a leading recordings axis.
+    - `columns`: the positions of each recording's channels among those of the rig.
+    - `temperatures`: recorded, `(recordings, times, channels)`, degC; any finite number for a
+      missing sample or padding.
+    - `sampled`: whether a sample exists.
+    - `lengths`: the number of times of each recording, without padding.
+    - `weights`: of the samples, with the camera's shapes; 0 for padding.
     - `positions`: the number of each recording among all.
     """
 
@@ -49,14 +49,14 @@ class RecordingGroup(eqx.Module):
 
 @final
 class Objective(eqx.Module):
-    """Everything that the residuals depend on beside the unknowns.
+    """Everything on which the residuals depend, except the unknowns.
 
-    - `twin`: values of the parameters that are held.
-    - `groups`: the recordings.
-    - `prior_means`: of the vector's entries. `prior_weights`: one over their standard deviations, 0
-      where an entry has no prior of its own.
-    - `linear_prior`: of combinations of entries.
-    - `layout`: of the vector of unknowns.
+    - `twin`: the twin with the values of the held parameters.
+    - `groups`: the recordings, grouped by shape.
+    - `prior_means`: prior means of the vector's entries. `prior_weights`: the reciprocals of their
+      prior standard deviations, 0 for an entry without a prior of its own.
+    - `linear_prior`: priors of combinations of entries.
+    - `layout`: the layout of the vector of unknowns.
     """
 
     twin: Twin
@@ -72,12 +72,12 @@ def make_objective(
     noise_model: NoiseModel,
     shapes: int | None = None,
 ) -> Objective:
-    """What the optimiser minimises, with the weights that follow from the noise model.
+    """The function that the optimiser minimises, with the weights that follow from the noise model.
 
     **Arguments:**
 
-    - `shapes`: how many shapes the camera's common error has in each recording; by default as many
-      as are needed.
+    - `shapes`: the number of shapes of the camera's common error in each recording; by default as
+      many as are needed.
     """
     count = shapes_needed(problem, noise_model) if shapes is None else shapes
     experiments = problem.experiments
@@ -114,9 +114,10 @@ def make_objective(
 
 
 def shapes_needed(problem: MatchProblem, noise_model: NoiseModel) -> int:
-    """How many shapes the camera's common error has in the recording where it has the most.
+    """The number of shapes of the camera's common error, the largest of all recordings.
 
-    All have as many, so that their grids alone say which recordings are solved at once.
+    All recordings have this number, so that their grids alone decide which of them are simulated
+    together.
     """
     error = problem.common_error
     if error is None:
@@ -130,7 +131,7 @@ def shapes_needed(problem: MatchProblem, noise_model: NoiseModel) -> int:
 def recording_weights(
     problem: MatchProblem, noise_model: NoiseModel, number: int, count: int
 ) -> ResidualWeights:
-    """Weights of one recording, with that many shapes of the camera's common error."""
+    """Weights of one recording, with the given number of shapes of the camera's common error."""
     time = problem.experiments[number].time
     shapes, deviations = np.zeros((len(time), 0)), np.zeros(0)
     if problem.common_error is not None:

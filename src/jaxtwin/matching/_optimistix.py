@@ -1,4 +1,4 @@
-"""Descents of any optimistix least-squares solver, which knows neither bounds nor rounds."""
+"""Descents by any least-squares solver of optimistix, which supports neither bounds nor rounds."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -20,7 +20,8 @@ from ._residuals import output_errors, residuals, weighted_residuals
 from ._search_space import SearchSpace
 
 FORWARD = {"jac": "fwd"}
-"""Many residuals of few unknowns: the option of optimistix's Gauss-Newton family."""
+"""The option of optimistix's Gauss-Newton solvers for derivatives in forward mode, which suits many
+residuals of few unknowns."""
 
 
 def descend_with(
@@ -33,8 +34,8 @@ def descend_with(
 ) -> list[DescentResult]:
     """Minimises every objective by `optimistix.least_squares`, one after the other.
 
-    Bounds are kept by a transform of the unknowns, see `SearchSpace.to_unbounded`. optimistix does
-    not show its steps, so that a result has two of them, its start and its end.
+    Bounds are enforced by a transform of the unknowns, see `SearchSpace.to_unbounded`. optimistix
+    does not report its steps; a result therefore has two, the start and the end.
 
     **Arguments:** as of `descend`.
     """
@@ -115,7 +116,7 @@ def _(
 
 
 class _Evaluated(NamedTuple):
-    """Everything that a result holds of a vector."""
+    """The parts of a result that belong to its vector."""
 
     evaluation: Evaluation
     cost: Float[np.ndarray | Array, ""]

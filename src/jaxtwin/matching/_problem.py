@@ -1,4 +1,4 @@
-"""The problem of a match: recordings, unknowns and what the user says of them, all checked."""
+"""The problem of a match: recordings, unknowns and the user's settings, all checked."""
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,23 +20,23 @@ from ._masks_and_events import Span, given_events, span_weights
 from ._unknowns import Unknowns
 
 Events = Mapping[str, Sequence[float]] | Literal["detect", "none"]
-"""Recording -> times of the camera's corrections (s), or whether to look for them."""
+"""Recording -> times of the camera's corrections, s; or whether to detect them."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class MatchProblem:
-    """What a match works on.
+    """The checked arguments of a match.
 
-    - `twin`: where it starts, and the values of the parameters that are held.
-    - `experiments`: the recordings. `names`: under which their results are kept.
-    - `unknowns`: the parameters to match. `groups`: names of the groups that these count.
+    - `twin`: the start, with the values of the held parameters.
+    - `experiments`: the recordings. `names`: the names of their results.
+    - `unknowns`: the parameters to match. `groups`: the names of their groups.
     - `sample_weights`: weight of each sample of each recording, 0 to 1, from masks and gaps.
-    - `events`: times of the camera's corrections in each recording, s; None to look for them.
-    - `common_error`: of the camera, None for none.
+    - `events`: times of the camera's corrections in each recording, s; None to detect them.
+    - `common_error`: the common error of the camera, None for none.
     - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
-    - `prior_weights`: one over the standard deviation of each unknown's own prior; 0 where it has
-      none, and for those of which the `linear_prior` says all.
+    - `prior_weights`: the reciprocal of the prior standard deviation of each unknown; 0 without a
+      prior, and for unknowns whose prior is in `linear_prior`.
     """
 
     twin: Twin
@@ -58,13 +58,13 @@ class MatchProblem:
 
     @property
     def prior_precision(self) -> Float[np.ndarray, "unknowns unknowns"]:
-        """Inverse of the covariance of the priors, 0 where nothing is known."""
+        """The inverse of the priors' covariance, 0 for unknowns without a prior."""
         linear = np.asarray(self.linear_prior.matrix)
         return np.diag(self.prior_weights**2) + linear.T @ linear
 
     @property
     def is_weighted(self) -> bool:
-        """Whether it matters how large the residuals are: beside priors it does."""
+        """Whether the scale of the residuals matters, as it does beside priors."""
         priors = self.unknowns.prior_weights().any()
         return bool(priors) or self.common_error is not None or self.robust is not None
 
@@ -83,16 +83,16 @@ def make_match_problem(
     robust: float | None = None,
     groups: Sequence[str] = ("",),
 ) -> MatchProblem:
-    """Checks what is said of single recordings and puts the problem together.
+    """Checks the arguments of a match that concern recordings, and makes the problem.
 
     **Arguments:**
 
-    - `recordings`: as `named_recordings` gives them.
-    - `groups`: names of their groups, as `named_groups` gives them.
+    - `recordings`: as returned by `named_recordings`.
+    - `groups`: the names of their groups, as returned by `named_groups`.
     - the others: as in `match`.
 
-    **Raises:** `MatchError` where fewer samples count than there are unknowns, nothing moves in any
-    recording, or events, masks or the loss are wrong.
+    **Raises:** `MatchError` if there are fewer samples than unknowns, if nothing changes in any
+    recording, or if events, masks or the loss are invalid.
     """
     weights = tuple(span_weights(recordings, masks))
     samples = sum(int(np.count_nonzero(weight)) for weight in weights)
@@ -141,15 +141,15 @@ def make_match_problem(
 
 
 def independent_prior_weights(unknowns: Unknowns) -> Float[np.ndarray, " unknowns"]:
-    """One over the standard deviation of each entry's prior; 0 where it has none, and for values of
-    groups, which depend on each other."""
+    """The reciprocal of the prior standard deviation of each entry; 0 for entries without a prior,
+    and for values of groups, whose priors are not independent."""
     weights = unknowns.prior_weights()
     weights[unknowns.group_entries()] = 0.0
     return weights
 
 
 def _is_excited(recording: Experiment, weight: Float[np.ndarray, "times channels"]) -> bool:
-    """Whether a recording is driven, or any of its channels changes where it counts."""
+    """Whether a recording is driven, or any of its channels changes at samples that count."""
     assert recording.temperatures is not None
     counted = np.where(weight > 0, recording.temperatures, np.nan)
     with warnings.catch_warnings():
@@ -165,9 +165,9 @@ def named_groups(
 
     **Arguments:**
 
-    - `groups`: the name of each recording's group; by default what the recordings say themselves.
+    - `groups`: the name of each recording's group; by default the groups that the recordings name.
 
-    **Raises:** `MatchError` where there is not a name for each recording.
+    **Raises:** `MatchError` if there is not a name for each recording.
     """
     several = list(recordings.values())
     if groups is None:
@@ -190,18 +190,18 @@ def named_groups(
 
 
 def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str, Experiment]:
-    """Recordings that can be matched, by the names under which their results are kept.
+    """Checks recordings, and returns them by the names of their results.
 
     **Arguments:**
 
-    - `twin`: of the rig that they must belong to.
-    - `experiments`: one or several.
+    - `twin`: a twin of the rig to which they must belong.
+    - `experiments`: one or several recordings.
 
-    **Returns:** name -> recording, in order. The name is the recording's own, or its number where
-    it has none; one that occurs again is followed by its number, or by the next that no other has.
+    **Returns:** name -> recording, in order. The name is the recording's own, or its number if it
+    has none. A repeated name is followed by its number, or by the next number that is not taken.
 
-    **Raises:** `MatchError` where there is none, one has no temperatures, or none in one of its
-    channels; `SimulationError` for one of another rig.
+    **Raises:** `MatchError` if there is no recording, or one has no temperatures, or a channel of
+    one has none; `SimulationError` for a recording of another rig.
     """
     check_twin("twin", twin, MatchError)
     if not experiments:

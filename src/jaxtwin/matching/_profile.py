@@ -1,20 +1,20 @@
-r"""Profile likelihood: how much worse the match becomes when one parameter is held elsewhere.
+r"""Profile likelihood: the cost of the match as a function of one parameter.
 
-All others are matched anew at each value $\theta$. The cost counts residuals by the weights of the
-match, as if they were independent with a standard deviation of 1; an eq. (11) without priors even
-counts them in K. The excess of $2 \,\text{cost}$ is therefore brought to the noise that the
-residuals turned out to have, size and autocorrelation, by one factor,
+At each value $\theta$ of the parameter all other parameters are matched again. The cost weights
+residuals as if they were independent with a standard deviation of 1; eq. (11) without priors even
+counts them in K. The increase of $2 \,\text{cost}$ is therefore scaled to the estimated noise of
+the residuals, with its size and autocorrelation, by one factor,
 
 $$w(\theta) = 2 \, \frac{(A^{-1})_{\theta\theta}}{\operatorname{cov}_{\theta\theta}}
 \left(\text{cost}(\theta) - \text{cost}(\hat\theta)\right)$$
 
-with $A^{-1}$ and cov of `_uncertainty`: its curvature at the match is then one over the square of
-the standard error that the match reports, and it follows chi-squared with one degree of freedom
-where the plain excess does not (Kent, Biometrika 69 (1982) 19-27; for a single parameter beside
-others Pace, Salvan and Sartori, Statistica Sinica 21 (2011) 129-148; the vertical adjustment of
-Chandler and Bate, Biometrika 94 (2007) 167-183). Where it stays below 3.84 the value is inside the
-95 % interval, also where the covariance, which knows the slope at one point only, says something
-else.
+with $A^{-1}$ and cov of `_uncertainty`. Its curvature at the match is then the reciprocal of the
+squared standard error that the match reports, and it follows a chi-squared distribution with one
+degree of freedom, which the plain increase does not (Kent, Biometrika 69 (1982) 19-27; for a single
+parameter beside others Pace, Salvan and Sartori, Statistica Sinica 21 (2011) 129-148; the vertical
+adjustment of Chandler and Bate, Biometrika 94 (2007) 167-183). Values where it is below 3.84 are
+inside the 95 % interval. This also holds where the covariance, which contains the slope at a single
+point, gives another interval.
 """
 
 from collections.abc import Callable, Sequence
@@ -44,14 +44,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LIMIT = 3.841
-"""95 % quantile of chi-squared with one degree of freedom."""
+"""The 95 % quantile of the chi-squared distribution with one degree of freedom."""
 
 PIN = 1e6
-"""Holds an entry: one over the standard deviation that it may move by."""
+"""Holds an entry: the reciprocal of the standard deviation by which it may move."""
 
 
 LEAST = 3
-"""Points: one on each side of the match."""
+"""The smallest number of points: the match and one on each side."""
 
 
 @final
@@ -61,14 +61,14 @@ class Profile:
 
     **Arguments:**
 
-    - `name`, `unit`: of the parameter.
-    - `values`: at which it was held, `(points,)`.
-    - `excess`: twice the cost there less that at the match, `(points,)`, in units of the noise: its
-      curvature at the match is one over the square of the standard error. 9 at three standard
-      errors where the model is linear.
-    - `interval`: where the excess is below 3.84, the 95 % interval; between points its root is
-      taken for straight, as it is where the model is linear. Infinite on a side where it never
-      gets above, a bound where that was reached.
+    - `name`, `unit`: name and unit of the parameter.
+    - `values`: the values at which it was held, `(points,)`.
+    - `excess`: the increase of twice the cost over that at the match, `(points,)`, in units of the
+      noise: its curvature at the match is the reciprocal of the squared standard error. In a linear
+      model it is 9 at three standard errors.
+    - `interval`: the 95 % interval, where the excess is below 3.84. Between points the square root
+      of the excess is interpolated linearly, which is exact for a linear model. An end is infinite
+      if the excess does not reach the limit on that side, and a bound if that was reached.
     """
 
     name: str
@@ -78,11 +78,11 @@ class Profile:
     interval: tuple[float, float]
 
     def plot(self) -> "Figure":
-        """The excess over the parameter, with the interval: `jaxtwin.plots.plot_profile`."""
+        """Plots the excess over the parameter, with the interval: `jaxtwin.plots.plot_profile`."""
         return picture("plot_profile", self)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The profile with labels: excess (value); the interval stands in the attributes."""
+        """The profile as a dataset: excess (value); the interval is an attribute."""
         import xarray
 
         return xarray.Dataset(
@@ -92,7 +92,7 @@ class Profile:
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each value of the parameter, its index, and a column excess."""
+        """A table with a row for each value of the parameter (its index) and the column excess."""
         return self.to_xarray().to_dataframe()
 
     def __repr__(self) -> str:
@@ -117,20 +117,20 @@ def profile(
     *,
     on_progress: Callable[[Iteration], None] | None = None,
 ) -> Profile:
-    """The profile likelihood of a shared parameter.
+    """Computes the profile likelihood of a shared parameter.
 
     **Arguments:**
 
     - `fit`: a match.
-    - `name`: of a parameter that it matched for all recordings together.
-    - `values`: where to hold it, in its unit; by default `points` within three standard errors
-      (where it has none, within a factor of twenty or three tenths of its range), inside its
-      bounds.
-    - `points`: at least 3.
-    - `on_progress`: called with each `Iteration` as it ends; its `start` is the number of the
+    - `name`: the name of a parameter that it matched for all recordings together.
+    - `values`: the values at which to hold it, in its unit. By default `points` values within three
+      standard errors (without a standard error: within a factor of twenty, or three tenths of its
+      range), inside its bounds.
+    - `points`: the number of values, at least 3.
+    - `on_progress`: called with each `Iteration` when it ends; its `start` is the number of the
       point, counted from 0.
 
-    **Returns:** the profile; its points increase, and those that bounds let coincide are one.
+    **Returns:** the profile. Its points increase; points that coincide at a bound are merged.
 
     **Raises:** `ParameterError` for a name that was not matched; `MatchError` for values outside
     the bounds, fewer than 3 points, or a fit that was loaded without its recordings.
@@ -150,10 +150,10 @@ def profile(
     row = unknowns.shared[entry]
     lower, upper = unknowns.lower()[entry], unknowns.upper()[entry]
     if values is None:
-        spread = float(np.sqrt(fit.uncertainty.vector_covariance[entry, entry]))
-        if not np.isfinite(spread) or spread == 0:
-            spread = float(unknowns.default_scales()[entry])
-        at = fit.vector[entry] + np.linspace(-3, 3, points) * spread
+        deviation = float(np.sqrt(fit.uncertainty.vector_covariance[entry, entry]))
+        if not np.isfinite(deviation) or deviation == 0:
+            deviation = float(unknowns.default_scales()[entry])
+        at = fit.vector[entry] + np.linspace(-3, 3, points) * deviation
         at = np.unique(np.clip(at, lower, upper))
     else:
         given = np.sort(np.asarray(values, dtype=float))
@@ -195,7 +195,8 @@ def profile(
 
 
 def _adjustment(fit: Fit, entry: int) -> float:
-    """By how much the weights of the match make too much of its residuals, inverted."""
+    """The reciprocal of the factor by which the weights of the match overstate the information of
+    its residuals."""
     known = fit.uncertainty
     variance = float(known.vector_covariance[entry, entry])
     if known.labels[entry] not in known.insensitive and 0 < variance < np.inf:

@@ -1,4 +1,4 @@
-"""The output errors of one recording in their parts: channels, common mode, camera."""
+"""The output errors of one recording, split into channels, common mode and camera."""
 
 from typing import NamedTuple, final
 
@@ -8,10 +8,10 @@ from jaxtyping import Float
 
 @final
 class RecordingErrors(NamedTuple):
-    """Simulated less recorded temperatures of one recording in three parts, K.
+    """Simulated minus recorded temperatures of one recording in three parts, K.
 
     - `channel`: of each channel, without the common mode.
-    - `common_mode`: the mean over the channels, less the camera's error.
+    - `common_mode`: the mean over the channels, without the camera's error.
     - `camera`: the camera's common error.
     """
 
@@ -22,10 +22,10 @@ class RecordingErrors(NamedTuple):
     def mean_over_channels(
         self, weights: Float[np.ndarray, "times channels"]
     ) -> Float[np.ndarray, " times"]:
-        """The mean error of all channels with the camera's error in it, K.
+        """The mean error of all channels, including the camera's error, K.
 
-        What does not count lies between its neighbours: where a channel begins or ends to count, a
-        mean of the others would jump.
+        Times without counted samples are interpolated: a mean over the other channels would jump
+        where a channel begins or ends to count.
         """
         mean = self.common_mode + self.camera
         if (weights > 0).all():

@@ -14,11 +14,11 @@ AnyArray = np.ndarray | Array
 
 @final
 class SplitErrors(NamedTuple):
-    """The output errors of a recording in their parts, K, or these as residuals.
+    """The output errors of a recording in their parts, K, or the residuals that follow from them.
 
     - `channel`: of each channel, without the common mode.
-    - `common_mode`: the weighted mean over the channels, less the camera's common error.
-    - `sizes`: of the shapes of which the camera's error is the sum.
+    - `common_mode`: the weighted mean over the channels, without the camera's common error.
+    - `sizes`: amplitudes of the camera's shapes.
     """
 
     channel: Float[AnyArray, "times channels"]
@@ -44,7 +44,7 @@ class ResidualWeights(eqx.Module):
     sizes: Float[AnyArray, "*recordings shapes"]
 
     def padded(self) -> "ResidualWeights":
-        """Those of one recording, and zeros for samples that fill up their number."""
+        """The weights of one recording, with zeros for padded samples."""
         channel, share, common_mode, shapes = (
             padded(np.asarray(part), 0.0)
             for part in (self.channel, self.share, self.common_mode, self.shapes)
@@ -53,13 +53,13 @@ class ResidualWeights(eqx.Module):
         return ResidualWeights(channel, share, common_mode, shapes, solve, self.sizes)
 
     def split(self, errors: Float[Array, "times channels"]) -> SplitErrors:
-        """The output errors of one recording in their parts."""
+        """Splits the output errors of one recording into their parts."""
         mean = jnp.sum(self.share * errors, axis=1)
         sizes = jnp.asarray(self.solve) @ mean
         return SplitErrors(errors - mean[:, None], mean - jnp.asarray(self.shapes) @ sizes, sizes)
 
     def weigh(self, parts: SplitErrors) -> SplitErrors:
-        """The parts as residuals, counted in their standard deviations."""
+        """The parts as residuals, in units of their standard deviations."""
         return SplitErrors(
             jnp.asarray(self.channel) * parts.channel,
             jnp.asarray(self.common_mode) * parts.common_mode,
@@ -75,14 +75,16 @@ def residual_weights(
     shapes: Float[np.ndarray, "times shapes"],
     size_deviations: Float[np.ndarray, " shapes"],
 ) -> ResidualWeights:
-    """The weights of one recording.
+    """Computes the weights of one recording.
 
     **Arguments:**
 
     - `samples`: $w_{tc}$, 0 to 1. `moments`: factor on the common mode at each time, 0 to 1.
     - `channel`, `common_mode`: standard deviations of a channel without the common mode, and of the
-      common mode times the root of the number of channels, K. Equal ones weigh all samples alike.
-    - `shapes`: of the camera's common error. `size_deviations`: standard deviations of their sizes.
+      common mode times the root of the number of channels, K. If they are equal, all samples have
+      equal weights.
+    - `shapes`: shapes of the camera's common error. `size_deviations`: prior standard deviations of
+      their amplitudes.
     """
     total = samples.sum(axis=1, keepdims=True)
     share = np.divide(samples, total, out=np.zeros_like(samples), where=total > 0)

@@ -1,17 +1,17 @@
-r"""The residuals of a twin on recordings, as one function of the unknowns.
+r"""The residuals of a twin on recordings, as a function of the unknowns.
 
-The output errors $D$ of a recording are simulated less recorded temperatures. They have two parts
-with noise of their own: the common mode of the channels, which is the camera's or the room's, and
-what is left in each channel.
+The output errors $D$ of a recording are simulated minus recorded temperatures. They have two parts
+with different noise: the common mode of the channels, which comes from the camera or the room, and
+the rest of each channel.
 
 $$m_t = \sum_c w_{tc} D_{tc} \Big/ \sum_c w_{tc}, \qquad
 \lVert r \rVert^2 = \sum_{tc} \frac{w_{tc} (D_{tc} - m_t)^2}{\sigma_i^2}
 + \sum_t \frac{w_t (m_t - c_t)^2}{\sigma_m^2} + \sum_j \frac{b_j^2}{s_j^2}
 + \sum_p \frac{(u_p - \bar u_p)^2}{s_p^2}$$
 
-$c = \Phi b$ is the camera's common error, whose sizes $b$ are solved for in closed form, and the
-last sum is what is known of the parameters beforehand.
-Without any of that, and with equal weights, it is eq. (11) of the paper.
+$c = \Phi b$ is the camera's common error, whose amplitudes $b$ are solved for in closed form, and
+the last sum is the prior of the parameters. Without camera and prior, and with equal weights, this
+is eq. (11) of the paper.
 """
 
 from collections.abc import Sequence
@@ -27,21 +27,22 @@ from ._objective import Objective, RecordingGroup
 from ._residual_weights import ResidualWeights, SplitErrors
 
 Residuals = list[SplitErrors | Float[Array, "..."]]
-"""For each group of recordings the weighted parts of their output errors, then of the priors."""
+"""For each group of recordings the weighted parts of their output errors, followed by those of the
+priors."""
 
 
 def residuals(
     vector: Float[Array, " unknowns"], objective: Objective
 ) -> tuple[Residuals, Float[Array, ""]]:
-    """The weighted residuals, and the mean squared error of all samples that are there, K^2."""
+    """The weighted residuals, and the mean squared error of all existing samples, K^2."""
     return weighted_residuals(output_errors(vector, objective), vector, objective)
 
 
 def output_errors(
     vector: Float[Array, " unknowns"], objective: Objective
 ) -> list[Float[Array, "_recordings _times _channels"]]:
-    """Simulated less recorded temperatures, `(recordings, times, channels)` for each group, K; 0
-    for samples that fill up."""
+    """Simulated minus recorded temperatures, `(recordings, times, channels)` for each group, K; 0
+    for padding."""
 
     def of_recording(local: Array, group: RecordingGroup) -> Array:
         simulated = camera_readings(local, objective, group.grid, group.columns)
@@ -85,7 +86,7 @@ def weighted_residuals(
 def local_vectors(
     vector: Float[Array, " unknowns"], objective: Objective
 ) -> list[Float[Array, "_recordings _entries"]]:
-    """For each group the entries of the vector that concern each of its recordings."""
+    """For each group of recordings, the entries of the vector on which each recording depends."""
     indices = objective.layout.entry_indices()
     return [vector[indices[list(group.positions)]] for group in objective.groups]
 
@@ -96,7 +97,7 @@ def camera_readings(
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "times channels"]:
-    """What the camera reads without its common error, degC."""
+    """The readings of the camera without its common error, degC."""
     twin = objective.twin.with_parameters(objective.layout.local_values(local))
     system = twin.system(lumped=True)
     surroundings, rise = channel_rises(system, grid, columns)
@@ -106,11 +107,11 @@ def camera_readings(
 def channel_rises(
     system: System, grid: TimeGrid, columns: Int[Array | np.ndarray, " columns"]
 ) -> tuple[Float[Array, "times #channels"], Float[Array, "times channels"]]:
-    """From the rig's own start: the surroundings' temperature, K, and how far above it what each
-    channel looks at is."""
+    """The temperature of the surroundings, K, and the rise of each channel's target above it; both
+    are relative to the start of the rig."""
     weights = jnp.asarray(system.channel_weights)[columns]
     drive, rise = solve_network(system, grid, system.initial_temperature, weights)
     ambient = jnp.asarray(drive.ambient_at_samples(), rise.dtype)
     ambient = jnp.broadcast_to(ambient, (rise.shape[0], 1))
-    seen = jnp.broadcast_to(system.on_plate, system.gain.shape)[columns]
-    return drive.reference + ambient, rise - seen * ambient
+    on_plate = jnp.broadcast_to(system.on_plate, system.gain.shape)[columns]
+    return drive.reference + ambient, rise - on_plate * ambient

@@ -1,4 +1,5 @@
-"""Iteratively reweighted least squares: descend, learn the noise from the residuals, weigh anew."""
+"""Iteratively reweighted least squares: minimise, estimate the noise from the residuals, update the
+weights."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,12 +19,12 @@ from ._problem import MatchProblem
 
 ROUNDS = 3
 LOOSE = (3e-2, 1e-2)
-"""Relative fall of the cost at which rounds end that are not the last."""
+"""Relative tolerances of the cost for the rounds before the last."""
 
 
 @final
 class Estimate(NamedTuple):
-    """Where the last round ended, and the noise model of its weights."""
+    """The result of the last round, and the noise model of its weights."""
 
     result: DescentResult
     noise_model: NoiseModel
@@ -36,16 +37,18 @@ def reweighted_least_squares(
     max_iterations: int,
     on_step: OnStep | None = None,
 ) -> list[Estimate]:
-    """Matches in rounds until the weights fit the residuals; in one where weights do not matter.
+    """Matches in rounds until the weights agree with the residuals; in a single round if the
+    weights do not depend on the noise.
 
     **Arguments:**
 
-    - `problems`: one or several, alike but for their recordings' temperatures, samples and events.
-    - `solver`: with the tolerances of the last round.
-    - `starts`: of each. `max_iterations`: of each, over all rounds.
+    - `problems`: one or several problems that differ only in their recordings' temperatures,
+      samples and events.
+    - `solver`: the solver, with the tolerances of the last round.
+    - `starts`: the starts. `max_iterations`: the limit for each, over all rounds.
     - `on_step`: called with the number of the problem and each step.
 
-    **Raises:** `MatchError` where the recordings of two problems differ in shape.
+    **Raises:** `MatchError` if the recordings of two problems differ in shape.
     """
     noise_models = [initial_noise_model(problem) for problem in problems]
     space = problems[0].unknowns.search_space()
@@ -80,7 +83,7 @@ def reweighted_least_squares(
 def _loosened(
     solver: optx.AbstractLeastSquaresSolver, number: int
 ) -> optx.AbstractLeastSquaresSolver:
-    """Our own solver with the tolerance of an early round; any other as it is."""
+    """The default solver with the tolerance of an early round; any other solver unchanged."""
     if isinstance(solver, BoundedLevenbergMarquardt):
         return replace(solver, rtol=LOOSE[number])
     return solver

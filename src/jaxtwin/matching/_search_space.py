@@ -1,4 +1,4 @@
-"""The box in which the optimiser's vector may lie, and the transform that removes its walls."""
+"""The bounds of the optimiser's vector, and the transform that removes them."""
 
 from typing import final
 
@@ -10,16 +10,16 @@ from jaxtyping import Array, Float
 Vector = Float[np.ndarray | Array, "*descents unknowns"]
 
 WALL = 1e-6
-"""Of the range between two bounds: a start is moved this far inside, as the transform does not
-move at a wall."""
+"""A start at a bound is moved inside by this part of the range, because the derivative of the
+transform is 0 at a bound."""
 
 
 @final
 class SearchSpace(eqx.Module):
     """Bounds of the optimiser's vector, and how far its entries are expected to move.
 
-    - `lower`, `upper`: bounds, infinite where there are none.
-    - `scale`: one over how far each entry is expected to move; None where that is not known.
+    - `lower`, `upper`: bounds, infinite if there are none.
+    - `scale`: the reciprocal of how far each entry is expected to move; None if that is not known.
     """
 
     lower: Vector
@@ -33,15 +33,15 @@ class SearchSpace(eqx.Module):
     def to_unbounded(
         self, vector: Float[np.ndarray, " unknowns"]
     ) -> Float[np.ndarray, " unknowns"]:
-        r"""The variables of an optimiser that knows no bounds.
+        r"""Transforms a vector to the variables of an optimiser without bounds.
 
         An entry between two bounds becomes the angle $z$ of MINUIT (James and Roos, Computer
         Physics Communications 10 (1975) 343-367),
 
         $$u = l + \frac{h - l}{2} (1 + \sin z),$$
 
-        which reaches its bounds, as a logistic curve would not. Any other entry is only scaled, and
-        cut off at its bound.
+        which can reach its bounds, unlike a logistic curve. Any other entry is only scaled, and
+        clipped at its bound.
         """
         lower, upper = np.asarray(self.lower), np.asarray(self.upper)
         walled = np.isfinite(lower) & np.isfinite(upper)
@@ -51,7 +51,7 @@ class SearchSpace(eqx.Module):
         return np.where(walled, angle, vector * self._plain_scale())
 
     def from_unbounded(self, variables: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
-        """The vector of such variables."""
+        """The vector that belongs to such variables."""
         lower, upper = jnp.asarray(self.lower), jnp.asarray(self.upper)
         walled = jnp.isfinite(lower) & jnp.isfinite(upper)
         low, high = jnp.where(walled, lower, 0.0), jnp.where(walled, upper, 1.0)

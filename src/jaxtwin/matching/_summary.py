@@ -1,4 +1,4 @@
-"""A fit as a table that people paste: plain text, Markdown or LaTeX."""
+"""A fit as a table in plain text, Markdown or LaTeX."""
 
 import math
 from textwrap import wrap
@@ -25,19 +25,19 @@ COLUMNS = (
     "",
 )
 WIDTH = 100
-"""Of lines of plain text, in characters."""
+"""The width of plain text, in characters."""
 
 NUMBERS = slice(1, 8)
-"""Columns that are aligned to the right."""
+"""The columns that are aligned to the right."""
 
 LARGE_GAP = 0.01
-"""Of `Fit.solver_gap`, K: a tenth of what a good match leaves."""
+"""A larger `Fit.solver_gap` is mentioned, K: a tenth of the RMSE of a good match."""
 
 
 def summary_table(fit: "Fit", style: Style = "text") -> str:
     """Table 4 of the paper with the matched values, 95 % intervals, priors and warnings.
 
-    In plain text the fit of each channel follows, and what the recordings cannot tell.
+    The plain text also contains the fit of each channel and the undetermined directions.
     """
     rows = [_row(row) for row in fit.parameters.values() if row.free]
     if style == "markdown":
@@ -106,7 +106,7 @@ def _markdown(rows: list[tuple[str, ...]]) -> str:
 
 
 def _latex(rows: list[tuple[str, ...]]) -> str:
-    """For the package booktabs."""
+    """A `tabular` for the package booktabs."""
     lines = [r"\begin{tabular}{l" + "r" * (NUMBERS.stop - NUMBERS.start) + "ll}", r"\toprule"]
     for number, row in enumerate((COLUMNS, *rows)):
         cells = " & ".join(_escaped(cell) for cell in row)
@@ -138,7 +138,7 @@ def _row(row: "FittedParameter") -> tuple[str, ...]:
 
 
 def prior_text(row: "FittedParameter") -> str:
-    """A prior for tables: its centre, and its standard deviation or the factor that this is."""
+    """A prior for tables: its centre, and its standard deviation or factor."""
     if row.prior_spread is None or row.prior_value is None:
         return "-"
     if row.is_logarithmic:

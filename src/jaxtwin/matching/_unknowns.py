@@ -1,4 +1,4 @@
-"""Which parameters a match may change, and how they stand in the optimiser's vector."""
+"""The parameters that a match may change, and their positions in the optimiser's vector."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,17 +15,18 @@ from ..rig import Parameter
 from ._search_space import SearchSpace
 
 NARROWEST = 1e-100
-"""Spread of a prior, and one over the widest: their squares have to be numbers."""
+"""The smallest spread of a prior, and the reciprocal of the largest: their squares must be finite
+and positive."""
 
 
 @final
 @dataclass(frozen=True)
 class Unknowns:
-    """The optimiser's vector: shared parameters first, then those of each group of recordings, one
-    by one, then each recording's own, one by one.
+    """The optimiser's vector: shared parameters, then the values of each group of recordings, then
+    those of each recording.
 
-    Parameters that stay above 0 enter by their logarithm: their relative change is what matters,
-    and no step can make them negative. The others, such as temperatures, enter as they are.
+    Positive parameters enter by their logarithm: their relative change matters, and no step can
+    make them negative. The others, such as temperatures, enter as they are.
 
     **Arguments:**
 
@@ -42,8 +43,8 @@ class Unknowns:
 
     @classmethod
     def of(cls, rows: Sequence[Parameter], groups: Sequence[int]) -> "Unknowns":
-        """Rows by their scope. Where there is a single group, what groups have each for themselves
-        is shared."""
+        """Sorts parameters by their scope. If there is a single group, the parameters of groups are
+        shared."""
         single = max(groups) == 0
         return cls(
             shared=tuple(r for r in rows if r.scope == "shared" or (single and r.scope == "group")),
@@ -54,7 +55,7 @@ class Unknowns:
 
     @property
     def recordings(self) -> int:
-        """How many recordings there are."""
+        """The number of recordings."""
         return len(self.groups)
 
     @property
@@ -65,7 +66,7 @@ class Unknowns:
 
     @property
     def size(self) -> int:
-        """Length of the vector."""
+        """The length of the vector."""
         return len(self.entry_parameters)
 
     def start(self) -> Float[np.ndarray, " unknowns"]:
@@ -81,46 +82,46 @@ class Unknowns:
         return np.array([row.to_entry(row.upper) for row in self.entry_parameters])
 
     def prior_means(self) -> Float[np.ndarray, " unknowns"]:
-        """The mean of each entry's prior; 0 where it has none."""
+        """The prior mean of each entry; 0 for an entry without a prior."""
         expected = [(row, row.prior_value) for row in self.entry_parameters]
         return np.array([0.0 if value is None else row.to_entry(value) for row, value in expected])
 
     def prior_weights(self) -> Float[np.ndarray, " unknowns"]:
-        """One over the standard deviation of each entry's prior, whatever is known of the others; 0
-        where it has none."""
+        """The reciprocal of the prior standard deviation of each entry by itself; 0 for an entry
+        without a prior."""
         return np.array(
             [0.0 if row.deviation is None else 1 / row.deviation for row in self.entry_parameters]
         )
 
     def group_entries(self) -> Int[np.ndarray, "groups entries"]:
-        """Where in the vector the values of each group stand."""
+        """The positions of each group's values in the vector."""
         groups, size = max(self.groups) + 1, len(self.per_group)
         return len(self.shared) + size * np.arange(groups)[:, None] + np.arange(size)
 
     def rows_of_groups(self) -> tuple[tuple[Parameter, ...], Int[np.ndarray, "rows groups"]]:
-        """The parameters of which each group has a value, and where in the vector these stand; of
-        a single group they stand among the shared ones."""
+        """The parameters of scope group and the positions of their values; with a single group
+        these are among the shared ones."""
         if self.per_group:
             return self.per_group, self.group_entries().T
         places = [number for number, row in enumerate(self.shared) if row.scope == "group"]
         return tuple(self.shared[n] for n in places), np.array(places, int).reshape(-1, 1)
 
     def default_scales(self) -> Float[np.ndarray, " unknowns"]:
-        """What stands for a prior's standard deviation where an entry has none: a factor of e, a
-        tenth of its range, or one more than its size."""
+        """A default for the prior standard deviation of an entry: a factor of e, a tenth of its
+        range, or its size plus one."""
         with np.errstate(invalid="ignore"):
             ranges = self.upper() - self.lower()
         plain = 0.1 * np.where(np.isfinite(ranges), ranges, np.abs(self.start()) + 1)
         return np.where([row.is_logarithmic for row in self.entry_parameters], 1.0, plain)
 
     def scales(self) -> Float[np.ndarray, " unknowns"]:
-        """By how much each entry is expected to move: the standard deviation of its prior, or its
-        default scale."""
+        """How far each entry is expected to move: its prior standard deviation, or its default
+        scale."""
         weights = self.prior_weights()
         return np.where(weights > 0, 1 / np.where(weights > 0, weights, 1), self.default_scales())
 
     def search_space(self) -> SearchSpace:
-        """Bounds of the vector, and one over its scales where priors say some."""
+        """Bounds of the vector, and the reciprocals of its scales if there are priors."""
         weights = self.prior_weights()
         scale = np.where(weights > 0, weights, 1 / self.default_scales())
         return SearchSpace(self.lower(), self.upper(), scale if weights.any() else None)
@@ -128,12 +129,13 @@ class Unknowns:
     def value_derivatives(
         self, vector: Float[np.ndarray, " unknowns"]
     ) -> Float[np.ndarray, " unknowns"]:
-        """Derivatives of the parameters' values in the vector's entries."""
+        """Derivatives of the parameters' values with respect to the vector's entries."""
         pairs = zip(self.entry_parameters, vector, strict=True)
         return np.array([np.exp(entry) if row.is_logarithmic else 1.0 for row, entry in pairs])
 
     def labels(self, recordings: Sequence[str], groups: Sequence[str]) -> tuple[str, ...]:
-        """Names of the entries; those of one group or recording as `name[group]`."""
+        """Names of the entries; the value of a group or recording is `name[group]` or
+        `name[recording]`."""
         own = [f"{row.name}[{group}]" for group in groups for row in self.per_group]
         own += [
             f"{row.name}[{recording}]" for recording in recordings for row in self.per_recording
@@ -142,7 +144,7 @@ class Unknowns:
 
     @property
     def layout(self) -> "Layout":
-        """Which entry is what."""
+        """The order of the entries, for compiled code."""
         return Layout(
             shared=tuple((row.name, row.is_logarithmic) for row in self.shared),
             per_group=tuple((row.name, row.is_logarithmic) for row in self.per_group),
@@ -178,7 +180,8 @@ class Unknowns:
 @final
 @dataclass(frozen=True)
 class Layout:
-    """What compiled code knows of the unknowns: their order, not their values or bounds.
+    """The layout of the vector for compiled code: the order of the unknowns, without values and
+    bounds.
 
     **Arguments:**
 
@@ -193,11 +196,11 @@ class Layout:
 
     @property
     def names(self) -> tuple[tuple[str, bool], ...]:
-        """Of the entries that concern one recording."""
+        """Names of the entries on which a recording depends."""
         return self.shared + self.per_group + self.per_recording
 
     def entry_indices(self) -> Int[np.ndarray, "recordings entries"]:
-        """Where in the vector the entries that concern each recording stand."""
+        """The positions of the entries on which each recording depends."""
         shared, grouped, own = map(len, (self.shared, self.per_group, self.per_recording))
         recordings, group = len(self.groups), np.array(self.groups)[:, None]
         of_group = shared + grouped * group + np.arange(grouped)
@@ -207,7 +210,7 @@ class Layout:
         return np.concatenate([first, of_group, of_recording], axis=1)
 
     def local_values(self, local: Float[Array, " entries"]) -> dict[str, Float[Array, ""]]:
-        """Name -> value in the parameter's unit, from the entries that concern one recording."""
+        """Name -> value in the parameter's unit, from the entries on which a recording depends."""
         entries = self.names
         logarithmic = np.array([is_logarithm for _, is_logarithm in entries], dtype=bool)
         # All at once: an operation of its own for each would be compiled for each.
@@ -216,7 +219,7 @@ class Layout:
         return {name: values[number] for number, (name, _) in enumerate(entries)}
 
     def network_entries(self, twin: Twin) -> list[int]:
-        """Which entries that concern a recording act on the network, not only on gains."""
+        """The entries of a recording that act on the network, not only on gains."""
         outer = twin.wiring.gain_parameters
         return [number for number, (name, _) in enumerate(self.names) if name not in outer]
 
@@ -231,22 +234,23 @@ def choose_unknowns(
     per_recording: Iterable[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> Unknowns:
-    """The unknowns of a match: the rig's parameter table, changed by keywords.
+    """Chooses the unknowns of a match: the rig's parameter table, changed by keywords.
 
     **Arguments:**
 
-    - `twin`: its values are where the match starts.
+    - `twin`: its values are the start of the match.
     - `groups`: the number of each recording's group, counted from 0.
-    - `free`: the free parameters instead of those that the table calls free.
+    - `free`: the free parameters, in place of those that the table marks as free.
     - `fixed`: parameters to hold.
-    - `shared`, `per_recording`: parameters that are free too, with one value for all recordings or
-      one for each, whatever the table's scope is.
-    - `bounds`: other bounds, name -> (lower, upper) in the parameter's unit.
+    - `shared`, `per_recording`: parameters that are free in addition, with one value for all
+      recordings or a value for each, whatever their scope in the table.
+    - `bounds`: bounds that replace those of the table, name -> (lower, upper) in the parameter's
+      unit.
 
     **Raises:** `ParameterError` for unknown names and for a parameter with several values;
-    `MatchError` where a name is asked for two opposite things or has bounds without being free,
-    where bounds exclude the value or what is expected beforehand or change what a
-    prior's spread means, where that spread is nothing or endless, or nothing is left free.
+    `MatchError` if a name has contradictory roles, or has bounds without being free; if bounds
+    exclude the value or the prior's centre, or change the meaning of the prior's spread; if that
+    spread is too small or too large; or if nothing is left free.
     """
     table = twin.rig.parameters
     twin.numbers_si  # noqa: B018 - refuses a parameter with several values
@@ -309,7 +313,7 @@ def choose_unknowns(
 
 
 def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Parameter:
-    """A parameter that starts at a value inside bounds under which its prior means the same."""
+    """A parameter with a start value and bounds that do not change the meaning of its prior."""
     lower, upper = _pair(row.name, bounds)
     given = f"{lower:g} to {upper:g} {row.unit}".rstrip()
     if not lower <= value <= upper or lower == upper:
