@@ -23,7 +23,7 @@ from ._casadi import HAS_COMPILER, CvodesSetting, cvodes, cvodes_cost
 from ._measure import median_ratio, on_all_cores, rounds, run_alone
 from ._reference import reference_readings
 from ._scipy import lsoda
-from ._stock_diffrax import kvaerno
+from ._stock_diffrax import stock_diffrax
 from ._task import DUAL_CELL, PUBLISHED, STARTUP, Task
 
 Run = Callable[[], Float[np.ndarray, "d t c"]]
@@ -54,6 +54,7 @@ SOLVERS: tuple[diffrax.AbstractSolver, ...] = (
     diffrax.KenCarp3(),
     diffrax.KenCarp4(),
     diffrax.KenCarp5(),
+    diffrax.Tsit5(),
 )
 
 
@@ -64,7 +65,7 @@ def _candidates(quick: bool) -> dict[str, tuple[Candidates, int, int]]:
     }
     stock: Candidates = {
         f"{type(solver).__name__}, {tolerance:.0e}".replace("e-0", "e-"): partial(
-            kvaerno, solver, tolerance=tolerance
+            stock_diffrax, solver, tolerance=tolerance
         )
         for solver, tolerance in product(SOLVERS, (1e-5, 1e-6))
     }
@@ -179,6 +180,7 @@ def _by_turns(
     return {
         name: {
             "ms_per_draw": 1e3 * float(np.median(per_draw[name])),
+            "cpu_ms_per_draw": 1e3 * min(_cpu_seconds(run) for _ in range(3)) / count,
             "error_K": _error(run(), truth),
             "times_ours": median_ratio(per_draw[name], per_draw[OURS]),
             "draws": count,

@@ -4,9 +4,10 @@ They hold inside a `with` and in its thread alone: nothing is changed for anybod
 """
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 
 import jax
+from jax.core import Tracer
 
 
 @contextmanager
@@ -33,3 +34,14 @@ def own_settings(*, float64: bool | None = True) -> Iterator[None]:
         # A float32 solve is right to a millikelvin with sums in float32, not in bfloat16.
         stack.enter_context(jax.default_matmul_precision(None))
         yield
+
+
+def is_traced(*values: object) -> bool:
+    """Whether anything among these values is being traced by JAX."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
+
+
+def settings_for(*values: object) -> AbstractContextManager[None]:
+    """The settings to compute with these values: in float64 for a person at a prompt, in what the
+    surroundings say where one of the values is traced."""
+    return own_settings(float64=None if is_traced(*values) else True)

@@ -1,19 +1,26 @@
 """`jaxtwin drive`: a duty schedule on a live rig."""
 
-import contextlib
-import getpass
-import shlex
-import sys
-from pathlib import Path
-from typing import Annotated
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._options import BaudOption, LinkOption, ParametersOption, RigArgument, SetOption
-from ._output import check_output, say
-from ._show_progress import show_progress
-from ._signals import stop_signals
-from ._sources import open_twin
+from ._live_run import Run, run_on_live_rig
+from ._options import (
+    BaudOption,
+    DatabaseOption,
+    LinkOption,
+    OperatorOption,
+    ParametersOption,
+    ResetOption,
+    RigArgument,
+    SetOption,
+    SilenceOption,
+)
+
+if TYPE_CHECKING:
+    from ..physics import Twin
 
 
 def drive(
@@ -29,18 +36,10 @@ def drive(
     duration: Annotated[
         float, typer.Option(metavar="S", help="Of the schedule, in the time of the rig.")
     ] = 1000.0,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Record at the same time, .db.")
-    ] = None,
-    silence: Annotated[
-        float, typer.Option(min=0.1, metavar="S", help="Stop after so long without data.")
-    ] = 3.0,
-    reset: Annotated[
-        bool, typer.Option("--reset", help="End a trip of the device first. Look why it tripped.")
-    ] = False,
-    operator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Kept in the recording; the user's name.")
-    ] = None,
+    out: DatabaseOption = None,
+    silence: SilenceOption = 3.0,
+    reset: ResetOption = False,
+    operator: OperatorOption = None,
     parameters: ParametersOption = None,
     set_name: SetOption = None,
     baud: BaudOption = 115_200,
@@ -50,43 +49,26 @@ def drive(
     The cells are also switched off after an error. The exit code is 0 after the whole schedule, 3
     if an interlock stopped it, 130 after Ctrl-C.
     """
-    from ..io import Experiment
-    from ..live import Guard, Recorder, connect, opener
-    from ..live import drive as run_plan
-    from ..rig import load_rig
 
-    check_output(out, ".db")
-    with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
-        loaded = load_rig(rig)
-        twin = open_twin(loaded, set_name, parameters)
-        plan = Experiment.schedule(duty, duration=duration, cells=len(loaded.cells))
-        # Compiled now: a rig that is connected sends, and nobody would listen.
-        Guard(twin, "", silence=silence)
-        for url in link:  # what cannot be a link is refused before there is a file
-            opener(url, baud=baud)
-        recorder = stack.enter_context(Recorder(out, loaded)) if out else None
-        bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
-        progress.step(f"driving {loaded.name} for {duration:g} s")
+    def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
+        from ..io import Experiment
+        from ..live import drive as run_plan
 
-        def tell(time: float, pwm: tuple[int, ...]) -> None:
-            parts = ", ".join(f"{100 * count / loaded.driver.counts:.0f} %" for count in pwm)
-            progress.update(f"{time:.0f} s, duty {parts}")
+        plan = Experiment.schedule(duty, duration=duration, cells=len(twin.rig.cells))
+        about = {"plan": {"duty": duty, "duration_s": duration}}
+        return partial(run_plan, rig=twin, plan=plan), about
 
-        about = {
-            "plan": {"duty": duty, "duration_s": duration},
-            "operator": operator or getpass.getuser(),
-            "command": shlex.join(["jaxtwin", *sys.argv[1:]]),
-        }
-        outcome = run_plan(
-            bench,
-            twin,
-            plan,
-            silence=silence,
-            reset=reset,
-            about=about,
-            stop=stop,
-            progress=tell,
-        )
-    if outcome == "stopped":
-        raise KeyboardInterrupt  # exit code 130, with the cells off and the journal closed
-    say("the cells are off")
+    run_on_live_rig(
+        prepare,
+        doing="driving",
+        duration=duration,
+        rig=rig,
+        link=link,
+        out=out,
+        silence=silence,
+        reset=reset,
+        operator=operator,
+        parameters=parameters,
+        set_name=set_name,
+        baud=baud,
+    )

@@ -42,3 +42,15 @@ LinkOption = Annotated[
     ),
 ]
 BaudOption = Annotated[int, typer.Option(min=1, metavar="RATE", help="Of serial ports.")]
+DatabaseOption = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Record at the same time, .db.")
+]
+SilenceOption = Annotated[
+    float, typer.Option(min=0.1, metavar="S", help="Stop after so long without data.")
+]
+ResetOption = Annotated[
+    bool, typer.Option("--reset", help="End a trip of the device first. Look why it tripped.")
+]
+OperatorOption = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Kept in the recording; the user's name.")
+]

@@ -72,6 +72,17 @@ class AbstractController(eqx.Module):
         """
 
 
+class AbstractChannelGroupController(AbstractController):
+    """A controller whose outputs are each the mean over a group of channels."""
+
+    measured: eqx.AbstractVar[tuple[tuple[str, ...], ...] | None]
+    """The channels of each output; None: a single output, the mean of all."""
+
+    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
+        """Equal weights for the channels of an output."""
+        return means_of(self.measured, channels)
+
+
 @final
 class FunctionController(AbstractController):
     """A plain function as a controller.

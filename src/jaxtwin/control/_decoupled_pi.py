@@ -19,13 +19,12 @@ from numpy.typing import ArrayLike
 
 from .._errors import ControlError
 from ._controller import (
-    AbstractController,
+    AbstractChannelGroupController,
     Numbers,
     check_parameters,
     checked_limits,
     checked_measured,
     checked_sample_time,
-    means_of,
 )
 from ._pid import Parameter, as_parameter, tracking_share
 
@@ -37,7 +36,7 @@ class DecoupledPIState(NamedTuple):
 
 
 @final
-class DecoupledPI(AbstractController):
+class DecoupledPI(AbstractChannelGroupController):
     """A multivariable PI: one pair of gains for the mean of the outputs, another for how they
     differ.
 
@@ -93,16 +92,13 @@ class DecoupledPI(AbstractController):
         groups = checked_measured("DecoupledPI", measured)
         if groups is None:
             raise ControlError("DecoupledPI: measured: expected an output for each cell")
-        self.measured = groups
+        # Narrower than in the base class, which is sound: a module never changes.
+        self.measured = groups  # pyright: ignore[reportIncompatibleVariableOverride]
         self.decoupling = as_parameter(np.eye(len(groups)) if decoupling is None else decoupling)
         if isinstance(self.decoupling, np.ndarray):
             check_decoupling("DecoupledPI", self.decoupling, len(groups))
         self.limits = checked_limits("DecoupledPI", limits)
         self.sample_time_s = checked_sample_time("DecoupledPI", sample_time_s)
-
-    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
-        """Means over the channels of each output."""
-        return means_of(self.measured, channels)
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

@@ -10,9 +10,10 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from .._errors import ControlError
+from .._jax_settings import is_traced, settings_for
 from .._lapack import solve
 from ._operating_point import OperatingPoint
-from ._precision import is_traced, plain, precision_for
+from ._plain import plain
 from ._to_control import discrete
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class DiscreteModel(eqx.Module):
 
         - `duty`: one for each input, or a single one for all.
         """
-        with precision_for(self, duty):
+        with settings_for(self, duty):
             A = jnp.asarray(self.A)
             if duty is None:
                 return plain(jnp.zeros(len(A), A.dtype))
@@ -76,7 +77,7 @@ class DiscreteModel(eqx.Module):
 
         **Raises:** `ControlError` where the command is not for the inputs of the model.
         """
-        with precision_for(self, state, duty):
+        with settings_for(self, state, duty):
             return plain(self.A @ state + self.B @ self._change(duty))
 
     def outputs(
@@ -86,7 +87,7 @@ class DiscreteModel(eqx.Module):
 
         The command matters only where `D` is not 0, as in models of reduced order.
         """
-        with precision_for(self, state, duty):
+        with settings_for(self, state, duty):
             change = self.C @ state + self.D @ self._change(duty)
             return plain(self.operating_point.outputs + change)
 
@@ -100,7 +101,7 @@ class DiscreteModel(eqx.Module):
         - `duty`: `(steps, inputs)`.
         - `start`: the state at the first of them; None: the operating point.
         """
-        with precision_for(self, duty, start):
+        with settings_for(self, duty, start):
             state = self.start() if start is None else start
             if is_traced(self, duty, state):
                 return _outputs(self, jnp.asarray(state), jnp.asarray(duty, self.A.dtype))

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number, whole_number
 from .._display import html_table, picture
 from .._errors import ControlError
+from .._jax_settings import is_traced, settings_for
 from .._lapack import solve
 from ._balanced_truncation import Balanced, balanced, residualised
 from ._directions import Directions, directions
@@ -19,7 +20,7 @@ from ._discrete_model import DiscreteModel
 from ._frequency_response import frequency_response, traced_response
 from ._hold import held
 from ._operating_point import OperatingPoint
-from ._precision import is_traced, plain, precision_for
+from ._plain import plain
 from ._to_control import continuous
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ class LinearModel(eqx.Module):
         is_delayed: bool | None = None,
         is_lagged: bool | None = None,
     ):
-        with precision_for(A, B, C, D, delay_s, lag_s):
+        with settings_for(A, B, C, D, delay_s, lag_s):
             self.A, self.B, self.C, self.D, self.delay_s, self.lag_s = (
                 plain(jnp.asarray(value, float))
                 for value in (A, B, C, D, _time("delay_s", delay_s), _time("lag_s", lag_s))
@@ -101,7 +102,7 @@ class LinearModel(eqx.Module):
     @property
     def dcgain(self) -> Float[Array | np.ndarray, "output input"]:
         """What the outputs change by in the end, K per unit of duty."""
-        with precision_for(self):
+        with settings_for(self):
             return plain(self.D - self.C @ solve(jnp.asarray(self.A), jnp.asarray(self.B)))
 
     def discretise(
@@ -129,7 +130,7 @@ class LinearModel(eqx.Module):
                 f"discretise: sample_time_s: expected a number above 0, in s, got {sample_time:g}"
             )
         shifts = self._shifts(sample_time, longest_delay_s)
-        with precision_for(self):
+        with settings_for(self):
             time = jnp.asarray(sample_time, self.A.dtype)
             lag = self.lag_s if self.is_lagged else None
             matrices = self.A, self.B, self.C, self.D
@@ -158,7 +159,7 @@ class LinearModel(eqx.Module):
         - `omega`: a frequency or several, rad/s.
         """
         if is_traced(self, omega):
-            with precision_for(self, omega):
+            with settings_for(self, omega):
                 frequencies = jnp.asarray(omega, float)
                 response = traced_response(self, frequencies.reshape(-1))
         else:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number
 from .._compilation import persistent_jit
 from .._errors import ControlError
+from .._jax_settings import is_traced, settings_for
 from ..matching import Fit
 from ..physics import Twin, check_twin
 from ..simulation._check_values import check_values
@@ -24,7 +25,7 @@ from ._operating_point import (
     slopes,
     target_of,
 )
-from ._precision import is_traced, plain, precision_for
+from ._plain import plain
 
 AT_REST = 1e-6
 """Heat flow into any node per W of all flows beyond which a steady state was not found."""
@@ -92,7 +93,7 @@ def linearize(
     target = None if temperatures is None else target_of(twin, temperatures)
     if ambient is not None:
         ambient = finite_number("linearize: ambient", ambient, ControlError)
-    with precision_for(twin, duty):
+    with settings_for(twin, duty):
         given = None if duty is None else _duty(twin, duty)
         room = None if ambient is None else jnp.asarray(ambient)
         model, reached, imbalance = plain(_linearized(twin, given, target, room))

@@ -20,13 +20,12 @@ from jaxtyping import Array, Float, PyTree
 from numpy.typing import ArrayLike
 
 from ._controller import (
-    AbstractController,
+    AbstractChannelGroupController,
     Numbers,
     check_parameters,
     checked_deviations,
     checked_limits,
     checked_measured,
-    means_of,
 )
 from ._discrete_model import DiscreteModel
 from ._kalman import KalmanFilter, kalman_filter
@@ -45,7 +44,7 @@ class LQIState(NamedTuple):
 
 
 @final
-class LQI(AbstractController):
+class LQI(AbstractChannelGroupController):
     """State feedback with integral action and a Kalman filter, designed on a linear model.
 
     ```python
@@ -130,10 +129,6 @@ class LQI(AbstractController):
         self.N = (np.eye(cells) + self.Kx @ plant.rest) @ plant.inverse
         self.kalman = kalman_filter("LQI", plant, w, v, h)
         self.duty, self.outputs = plant.duty, plant.outputs
-
-    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
-        """Means over the channels of each output."""
-        return means_of(self.measured, channels)
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

@@ -27,12 +27,11 @@ from scipy.linalg import block_diag
 from .._arguments import finite_number, whole_number
 from .._errors import ControlError
 from ._controller import (
-    AbstractController,
+    AbstractChannelGroupController,
     Numbers,
     checked_deviations,
     checked_limits,
     checked_measured,
-    means_of,
 )
 from ._discrete_model import DiscreteModel
 from ._kalman import KalmanFilter, kalman_filter
@@ -59,7 +58,7 @@ class Condensed(NamedTuple):
 
 
 @final
-class MPC(AbstractController):
+class MPC(AbstractChannelGroupController):
     """Model predictive control, designed on a linear model.
 
     ```python
@@ -133,10 +132,6 @@ class MPC(AbstractController):
         self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
         self.gain, self.inverse, self.output_deviation = plant.gain, plant.inverse, y
         self.duty, self.outputs = plant.duty, plant.outputs
-
-    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
-        """Means over the channels of each output."""
-        return means_of(self.measured, channels)
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

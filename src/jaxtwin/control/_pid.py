@@ -22,13 +22,12 @@ from jaxtyping import Array, Float, PyTree
 from numpy.typing import ArrayLike
 
 from ._controller import (
-    AbstractController,
+    AbstractChannelGroupController,
     Numbers,
     check_parameters,
     checked_limits,
     checked_measured,
     checked_sample_time,
-    means_of,
 )
 
 Parameter: TypeAlias = Float[Array | np.ndarray, "..."]
@@ -44,7 +43,7 @@ class PIDState(NamedTuple):
 
 
 @final
-class PID(AbstractController):
+class PID(AbstractChannelGroupController):
     """A PID for each cell: of the same output for all cells, or of one output each.
 
     ```python
@@ -115,10 +114,6 @@ class PID(AbstractController):
         self.limits = checked_limits("PID", limits)
         self.sample_time_s = checked_sample_time("PID", sample_time_s)
         self.measured = checked_measured("PID", measured)
-
-    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
-        """Means over the channels of each output."""
-        return means_of(self.measured, channels)
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

@@ -8,9 +8,9 @@ from jaxtyping import Float
 
 from .._arguments import of_kind
 from .._errors import ControlError
+from .._jax_settings import is_traced
 from ._controller import means_of
 from ._discrete_model import DiscreteModel
-from ._precision import is_traced
 
 LARGEST_CONDITION = 1e6
 """Of the gain at rest, beyond which the outputs count as moved alike by all cells."""

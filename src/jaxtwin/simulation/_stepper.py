@@ -1,20 +1,18 @@
 """A twin step by step, for whatever runs beside a rig: a live twin, an observer, a controller."""
 
-from contextlib import AbstractContextManager
 from typing import final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number
 from .._compilation import persistent_jit
 from .._errors import SimulationError
-from .._jax_settings import own_settings
+from .._jax_settings import is_traced, settings_for
 from ..physics import System, Twin, check_twin
 from ._check_values import check_values
 from ._exponential import Inputs, ModalField, StepFactors, exponential_step, step_factors
@@ -99,18 +97,17 @@ class Stepper(eqx.Module):
             raise SimulationError(
                 f"Stepper: step_size: expected a number above 0, in s, got {step_size!r}"
             )
-        is_traced = _is_traced(twin)
         if not isinstance(twin, System):
             check_twin("Stepper: twin", twin, SimulationError)
-            if not is_traced:
+            if not is_traced(twin):
                 check_values(twin)
-        with own_settings(float64=None if is_traced else True):
+        with settings_for(twin):
             self.system = twin if isinstance(twin, System) else _assembled(twin)
             self.reference = jnp.asarray(self.system.ambient_temperature)
             self.queue = _queue(self.system.delay, size, longest_delay)
             prepared = _prepared(self.system, jnp.asarray(size, self.reference.dtype))
             self.delay_steps, self.sizes, self.factors, self.field, stability = prepared
-        if not isinstance(stability, Tracer) and not float(stability) <= STABILITY_LIMIT:
+        if not is_traced(stability) and not float(stability) <= STABILITY_LIMIT:
             raise SimulationError(
                 f"Stepper: step_size: expected steps with a stability number of at most "
                 f"{STABILITY_LIMIT:g}, got {size:g} s with {float(stability):.2g}; take shorter "
@@ -120,7 +117,7 @@ class Stepper(eqx.Module):
     @property
     def ambient(self) -> Float[Array, ""]:
         """The ambient temperature of the rig, degC: what a step takes where none is given."""
-        with self._settings():
+        with settings_for(self.reference):
             return self.reference - ZERO_CELSIUS
 
     def start(
@@ -137,7 +134,7 @@ class Stepper(eqx.Module):
         - `duty`: cycles that have been commanded for long, `(cells,)`, -1 to 1; None: 0.
         """
         cells = (len(self.system.wiring.cold),)
-        with self._settings(nodes, duty):
+        with settings_for(self.reference, nodes, duty):
             if nodes is None:
                 nodes = self.system.initial_temperature - ZERO_CELSIUS
             dtype = self.reference.dtype
@@ -170,7 +167,7 @@ class Stepper(eqx.Module):
 
         **Raises:** `SimulationError` where the command is not for the cells of the rig.
         """
-        with self._settings(state, duty, ambient, steps, heat):
+        with settings_for(self.reference, state, duty, ambient, steps, heat):
             dtype = self.reference.dtype
             command = jnp.asarray(duty, dtype)
             cells = len(self.system.wiring.cold)
@@ -182,7 +179,7 @@ class Stepper(eqx.Module):
             ambient = self.ambient if ambient is None else jnp.asarray(ambient, dtype)
             if heat is not None:
                 heat = jnp.asarray(heat, dtype)
-            if isinstance(steps, int) and _is_traced((self.reference, state, command, ambient)):
+            if isinstance(steps, int) and is_traced(self.reference, state, command, ambient):
                 # As a number it is a loop of known length, through which gradients pass.
                 return _take_steps(self, state, command, ambient, steps, heat)
             return _steps(self, state, command, ambient, jnp.asarray(steps), heat)
@@ -191,17 +188,10 @@ class Stepper(eqx.Module):
         self, state: StepperState, ambient: ArrayLike | float | int | None = None
     ) -> Float[Array, " channels"]:
         """What the sensors read, degC, in surroundings at `ambient`, degC (None: the rig's)."""
-        with self._settings(state, ambient):
+        with settings_for(self.reference, state, ambient):
             dtype = self.reference.dtype
             ambient = self.ambient if ambient is None else jnp.asarray(ambient, dtype)
             return _channels(self.system, jnp.asarray(state.nodes, dtype), ambient)
-
-    def _settings(self, *values: object) -> AbstractContextManager[None]:
-        return own_settings(float64=None if _is_traced((self.reference, values)) else True)
-
-
-def _is_traced(tree: object) -> bool:
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def _queue(
@@ -213,7 +203,7 @@ def _queue(
         return 0
     where = "Stepper: longest_delay"
     if longest_delay is None:
-        if isinstance(delay, Tracer):
+        if is_traced(delay):
             raise SimulationError(
                 f"{where}: expected a number, in s, because the driver's delay is traced by JAX, "
                 "got None"
@@ -221,7 +211,7 @@ def _queue(
         longest = float(delay)
     else:
         longest = finite_number(where, longest_delay, SimulationError)
-        if not isinstance(delay, Tracer) and not float(delay) <= longest:
+        if not is_traced(delay) and not float(delay) <= longest:
             raise SimulationError(
                 f"{where}: expected at least the driver's delay, {float(delay):g} s, got "
                 f"{longest:g} s"

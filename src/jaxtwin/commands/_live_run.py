@@ -1,0 +1,85 @@
+"""A run on a live rig: what `drive` and `control` have in common."""
+
+import contextlib
+import getpass
+import shlex
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from ._output import check_output, say
+from ._show_progress import show_progress
+from ._signals import stop_signals
+from ._sources import open_twin
+
+if TYPE_CHECKING:
+    from ..physics import Twin
+
+Run = Callable[..., Literal["completed", "stopped"]]
+"""Commands a bench; takes it and the keywords `silence`, `reset`, `about`, `stop`, `progress`."""
+
+
+def run_on_live_rig(
+    prepare: "Callable[[Twin], tuple[Run, Mapping[str, Any]]]",
+    *,
+    rig: str,
+    link: Sequence[str],
+    doing: str,
+    duration: float,
+    out: Path | None,
+    silence: float,
+    reset: bool,
+    operator: str | None,
+    parameters: Path | None,
+    set_name: str | None,
+    baud: int,
+) -> None:
+    """Connects to a rig, commands it, and says when the cells are off.
+
+    **Arguments:**
+
+    - `prepare`: from the twin, what commands the rig, and what the recording keeps of the run
+      beside operator and command line. It is called before there is a connection or a file, so that
+      whatever it refuses leaves neither behind.
+    - `doing`: what the progress says, such as `"driving"`.
+    - the others: as the command's options.
+
+    **Raises:** `SafetyStop` if an interlock trips; `KeyboardInterrupt` after Ctrl-C, with the cells
+    off and the recording closed.
+    """
+    from ..live import Guard, Recorder, connect, opener
+    from ..rig import load_rig
+
+    check_output(out, ".db")
+    with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
+        loaded = load_rig(rig)
+        twin = open_twin(loaded, set_name, parameters)
+        run, about = prepare(twin)
+        # Compiled now: a rig that is connected sends, and nobody would listen.
+        Guard(twin, "", silence=silence)
+        for url in link:  # what cannot be a link is refused before there is a file
+            opener(url, baud=baud)
+        recorder = stack.enter_context(Recorder(out, loaded)) if out else None
+        bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
+        progress.step(f"{doing} {loaded.name} for {duration:g} s")
+
+        def tell(time: float, pwm: tuple[int, ...]) -> None:
+            parts = ", ".join(f"{100 * count / loaded.driver.counts:.0f} %" for count in pwm)
+            progress.update(f"{time:.0f} s, duty {parts}")
+
+        outcome = run(
+            bench,
+            silence=silence,
+            reset=reset,
+            about={
+                **about,
+                "operator": operator or getpass.getuser(),
+                "command": shlex.join(["jaxtwin", *sys.argv[1:]]),
+            },
+            stop=stop,
+            progress=tell,
+        )
+    if outcome == "stopped":
+        raise KeyboardInterrupt  # exit code 130
+    say("the cells are off")
