@@ -20,17 +20,17 @@ def fit_percent(
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = np.sum(recorded, axis=-2, keepdims=True, where=there) / there.sum(-2, keepdims=True)
         error = np.linalg.norm(np.where(there, recorded - simulated, 0.0), axis=-2)
-        spread = np.linalg.norm(np.where(there, recorded - mean, 0.0), axis=-2)
+        scatter = np.linalg.norm(np.where(there, recorded - mean, 0.0), axis=-2)
         # Rounding: the mean of equal numbers may be beside them.
         first = np.where(there, recorded, -np.inf).max(axis=-2)
         constant = first == np.where(there, recorded, np.inf).min(axis=-2)
-        return 100 * (1 - error / np.where(constant, np.nan, spread))
+        return 100 * (1 - error / np.where(constant, np.nan, scatter))
 
 
 def mean_fit_percent(fits: Iterable[float]) -> float:
     """Mean of the fits of several channels, %, without the constant ones; NaN where all are."""
-    told = [fit for fit in fits if not np.isnan(fit)]
-    return float(np.mean(told)) if told else float("nan")
+    defined = [fit for fit in fits if not np.isnan(fit)]
+    return float(np.mean(defined)) if defined else float("nan")
 
 
 def fit_text(percent: float, unit: str = "") -> str:

@@ -81,10 +81,10 @@ def test_a_linear_model_in_first_order_noise_has_the_covariance_of_the_theory():
             ["level", "rise", "transient"],
             normal,
             meat,
-            np.zeros((3, 3)),
-            np.ones(3),
-            np.ones(3),
-            np.ones(3, dtype=bool),
+            precision=np.zeros((3, 3)),
+            scale=np.ones(3),
+            slopes=np.ones(3),
+            inside=np.ones(3, dtype=bool),
         )
         np.testing.assert_allclose(result.covariance, inverse @ meat @ inverse, rtol=1e-6)
         found.append(np.diag(result.covariance))
@@ -130,12 +130,13 @@ def test_white_noise_is_white_and_nothing_is_nothing():
 def test_a_level_that_the_prior_holds_is_known_as_well_as_both_say():
     # One unknown: n samples of white noise of variance 1, and a prior whose standard deviation
     # is 1 / p: the variance is 1 / (n + p^2), and the recordings alone narrow it by sqrt(n) / p.
-    normal, precision = np.array([[25.0]]), np.array([[4.0]])
-    scale, slopes, inside = np.array([0.5]), np.ones(1), np.ones(1, dtype=bool)
-    result = uncertainty(["level"], normal, normal, precision, scale, slopes, inside)
+    normal = np.array([[25.0]])
+    prior = {"precision": np.array([[4.0]]), "scale": np.array([0.5])}
+    entries = {"slopes": np.ones(1), "inside": np.ones(1, dtype=bool)}
+    result = uncertainty(["level"], normal, normal, **prior, **entries)
     assert result.covariance[0, 0] == pytest.approx(1 / 29)
     assert result.prior_to_data_ratio[0] == pytest.approx(2.5)
     # Noise four times as strong where the unknown is told: half as far.
-    louder = uncertainty(["level"], normal, 4 * normal, precision, scale, slopes, inside)
+    louder = uncertainty(["level"], normal, 4 * normal, **prior, **entries)
     assert louder.prior_to_data_ratio[0] == pytest.approx(1.25)
     assert louder.covariance[0, 0] == pytest.approx((100 + 4) / 29**2)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import lognorm, norm
 
 from jaxtwin._number_text import interval_text, short_number
-from jaxtwin.matching._interval import interval_95
+from jaxtwin.matching._fitted_parameters import interval_95
 
 
 @given(st.floats(1e-6, 1e6), st.floats(1e-4, 20))

@@ -163,16 +163,15 @@ def test_what_the_recordings_leave_open_is_remarked_on(calm: Fit):
 def test_a_report_says_once_what_the_ratio_means():
     """Recordings see a + 2 b with 44.7 times what was known, and across it a tenth (by hand)."""
     together = np.array([[400.0, 800.0], [800.0, 1600.05]])
-    known = uncertainty(
-        ("a", "b"), together, together, np.eye(2), np.ones(2), np.ones(2), np.ones(2, bool)
-    )
+    measure = {"scale": np.ones(2), "slopes": np.ones(2), "inside": np.ones(2, bool)}
+    known = uncertainty(("a", "b"), together, together, precision=np.eye(2), **measure)
     report = known.report()
     assert report.count("below 1 the prior says more") == 1
     (direction,) = known.unidentifiable
     assert str(direction) == "+0.89 a -0.45 b (ratio 0.1)"
     assert f"unidentifiable: {direction}" in report.splitlines()
-    unit, nine = np.ones(1), 9 * np.eye(1)
-    clear = uncertainty(("a",), nine, nine, np.eye(1), unit, unit, np.ones(1, bool))
+    nine, measure = 9 * np.eye(1), {name: entries[:1] for name, entries in measure.items()}
+    clear = uncertainty(("a",), nine, nine, precision=np.eye(1), **measure)
     assert "ratio" not in clear.report()
 
 

@@ -78,7 +78,7 @@ def match(
         experiments = open_recordings(loaded, recordings)
         twin = open_fit(loaded, parameters) or open_twin(loaded, set_name, parameters)
 
-        def tell(iteration: "Iteration") -> None:
+        def show(iteration: "Iteration") -> None:
             where = f"start {iteration.start + 1} of {starts}, " if starts > 1 else ""
             progress.update(f"{where}{iteration}")
 
@@ -94,7 +94,7 @@ def match(
             starts=starts,
             seed=seed,
             max_iterations=max_iterations,
-            on_progress=tell,
+            on_progress=show,
         )
         progress.step(f"writing {out}")
         fit.save(out)

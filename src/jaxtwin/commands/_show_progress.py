@@ -39,17 +39,17 @@ class PlainProgress:
 
     def __init__(self) -> None:
         self.timer: threading.Timer | None = None
-        self.told = 0.0
+        self.last_line = 0.0
 
     def step(self, text: str) -> None:
         self.stop()
-        self.told = time.monotonic()
+        self.last_line = time.monotonic()
         self.timer = threading.Timer(PATIENCE, self._tell, [f"{text} ..."])
         self.timer.daemon = True
         self.timer.start()
 
     def update(self, text: str) -> None:
-        if time.monotonic() - self.told >= PAUSE:
+        if time.monotonic() - self.last_line >= PAUSE:
             self._tell(f"  {text}")
 
     def stop(self) -> None:
@@ -57,7 +57,7 @@ class PlainProgress:
             self.timer.cancel()
 
     def _tell(self, line: str) -> None:
-        self.told = time.monotonic()
+        self.last_line = time.monotonic()
         print(line, file=sys.stderr, flush=True)
 
 

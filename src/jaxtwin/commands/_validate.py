@@ -92,8 +92,16 @@ def validate(
         day = (group, None if given is None else _given(loaded, given))
 
         progress.step(f"validating {loaded.name} on {len(experiments)} recordings")
-        told = _ValidationProgress(progress, len(experiments))
-        result = _validate(fitted, experiments, split, leave_one_out, warm_up, day, told)
+        listener = _ValidationProgress(progress, len(experiments))
+        result = _validate(
+            fitted,
+            experiments,
+            split,
+            leave_one_out,
+            warm_up=warm_up,
+            day=day,
+            on_progress=listener,
+        )
         if out is not None:
             progress.step(f"drawing into {out}")
             _draw(result, out)
@@ -115,24 +123,25 @@ def _validate(
     experiments: "list[Experiment]",
     split: float | None,
     leave_one_out: bool,
+    *,
     warm_up: float,
     day: "tuple[str | None, float | list[Experiment] | None]",
-    told: "_ValidationProgress",
+    on_progress: "_ValidationProgress",
 ) -> "Validation":
     from .. import validation
 
     if split is None and not leave_one_out:
         group, given = day
         return validation.validate(
-            fitted, experiments, warm_up=warm_up, group=group, given=given, on_progress=told
+            fitted, experiments, warm_up=warm_up, group=group, given=given, on_progress=on_progress
         )
     if split is not None:
-        return validation.validate_split(fitted, experiments, split, on_progress=told)
+        return validation.validate_split(fitted, experiments, split, on_progress=on_progress)
     return validation.leave_one_out(
         fitted,
         experiments,
         warm_up=warm_up,
-        on_progress=told,
+        on_progress=on_progress,
     )
 
 

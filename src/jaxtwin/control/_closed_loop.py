@@ -95,7 +95,7 @@ class _Loop(NamedTuple):
 
     plant: StepperState
     controller: PyTree
-    seen: Float[Array, " outputs"]
+    measurement: Float[Array, " outputs"]
     missing_s: Float[Array, ""]
     is_off: Bool[Array, ""]
     late: Float[Array, "delay channels"]
@@ -138,10 +138,10 @@ def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenari
         then = loop.late[-1] if scenario.sensor_delay_steps else now
         output = weights @ (then + error)
         is_new = arrives & jnp.all(jnp.isfinite(error)) & jnp.all(jnp.isfinite(output))
-        seen = jnp.where(is_new, output, loop.seen)
+        measurement = jnp.where(is_new, output, loop.measurement)
         missing = jnp.where(is_new, 0.0, loop.missing_s + interval).astype(dtype)
         is_off = loop.is_off | (missing > scenario.silence_s)
-        asked, state = controller.step(loop.controller, reference, seen)
+        asked, state = controller.step(loop.controller, reference, measurement)
         duty = jnp.where(is_off, 0.0, jnp.clip(asked, -1.0, 1.0))
         if scenario.counts is not None:
             rounded = jnp.round(duty * scenario.counts) / scenario.counts
@@ -164,18 +164,18 @@ def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenari
 
         steps = ambient, heat, conductance
         (plant, late), found = jax.lax.scan(step, (loop.plant, loop.late), steps)
-        later = _Loop(plant, state, seen, missing, is_off, late)
-        return later, (*found, duty, seen)
+        later = _Loop(plant, state, measurement, missing, is_off, late)
+        return later, (*found, duty, measurement)
 
     idle = jnp.zeros(cells, dtype)
     plant = stepper.start(scenario.initial, idle)
     first = reading(plant, jnp.asarray(scenario.ambient)[0, 0])
-    seen = weights @ (first + jnp.nan_to_num(jnp.asarray(scenario.error)[0]))
+    measurement = weights @ (first + jnp.nan_to_num(jnp.asarray(scenario.error)[0]))
     late = jnp.broadcast_to(first, (scenario.sensor_delay_steps, channels))
     start = _Loop(
         plant,
-        controller.init(idle, seen),
-        seen,
+        controller.init(idle, measurement),
+        measurement,
         jnp.zeros((), dtype),
         jnp.zeros((), bool),
         late,

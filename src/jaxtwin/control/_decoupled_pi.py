@@ -121,8 +121,8 @@ class DecoupledPI(AbstractChannelGroupController):
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """One sample."""
         r, y, h = jnp.asarray(reference), jnp.asarray(measurement), self.sample_time_s
-        seen = jnp.asarray(self.setpoint_weight) * r - y
-        asked = self._gained(seen, self.Kp_mean, self.Kp_difference) + state.integral
+        weighted_error = jnp.asarray(self.setpoint_weight) * r - y
+        asked = self._gained(weighted_error, self.Kp_mean, self.Kp_difference) + state.integral
         wanted = jnp.asarray(self.decoupling) @ asked
         duty = jnp.clip(wanted, *self.limits)
         cut = self._undo(duty - wanted)

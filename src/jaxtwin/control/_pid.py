@@ -133,13 +133,15 @@ class PID(AbstractChannelGroupController):
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """One sample."""
         r, y, h = jnp.asarray(reference), jnp.asarray(measurement), self.sample_time_s
-        seen = jnp.asarray(self.derivative_weight) * r - y
-        derivative = (self.Tf * state.derivative + self.Kd * (seen - state.last)) / (self.Tf + h)
+        weighted = jnp.asarray(self.derivative_weight) * r - y
+        derivative = (self.Tf * state.derivative + self.Kd * (weighted - state.last)) / (
+            self.Tf + h
+        )
         asked = self.Kp * (self.setpoint_weight * r - y) + state.integral + derivative
         duty = jnp.clip(asked, *self.limits)
         back = tracking_share(self.Kp, self.Ki, self.tracking_time_s, h)
         integral = state.integral + self.Ki * h * (r - y) + back * (duty - asked)
-        return duty, PIDState(integral, derivative, seen)
+        return duty, PIDState(integral, derivative, weighted)
 
 
 def tracking_share(

@@ -80,8 +80,8 @@ class Guard:
         - `records`: those since the last call.
         - `now`: host time, ns.
         """
-        seen = _first(lock.see(record) for record in records for lock in self._interlocks)
-        return seen or _first(lock.check(now) for lock in self._interlocks)
+        trip = _first(lock.see(record) for record in records for lock in self._interlocks)
+        return trip or _first(lock.check(now) for lock in self._interlocks)
 
 
 def _first(trips: Iterable[Trip | None]) -> Trip | None:

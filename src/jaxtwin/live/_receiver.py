@@ -103,13 +103,13 @@ class Receiver:
         arrival = arrived.arrival
         frames, self._rest, discarded = deframe(self._rest, arrived.data)
         records: list[Record] = []
-        seen: Counter[str] = Counter()
+        counts: Counter[str] = Counter()
         why = ""
         for frame in frames:
             try:
-                new = self._accept(frame, arrival, seen)
+                new = self._accept(frame, arrival, counts)
             except LinkError as error:
-                seen["nonsense"] += 1
+                counts["nonsense"] += 1
                 discarded += len(frame)
                 why = str(error)
                 self._tell(why)
@@ -125,7 +125,7 @@ class Receiver:
         if discarded:
             self._garbage += discarded
             records.append(Event(self._link, arrival, "garbage", f"{discarded} bytes"))
-        for kind, number in seen.items():
+        for kind, number in counts.items():
             detail = f"{number}: {why}" if kind == "nonsense" else str(number)
             records.append(Event(self._link, arrival, kind, detail))
         self._judge(arrival, len(frames))
@@ -143,7 +143,7 @@ class Receiver:
         self.state = LinkState.STALE
         return [LinkChange(self._link, now, LinkState.STALE, f"silent for {silent:.1f} s")]
 
-    def _accept(self, frame: str | bytes, arrival: int, seen: Counter[str]) -> list[Record]:
+    def _accept(self, frame: str | bytes, arrival: int, counts: Counter[str]) -> list[Record]:
         message = parse(frame)
         if isinstance(message, Hello):
             return self._greeted(message, arrival)
@@ -164,7 +164,7 @@ class Receiver:
                 raise LinkError("a host's message from a device")
         place = self._counts.place(hello.boot, stream, message.seq, message.device_us, arrival)
         if place is None:
-            seen["duplicate"] += 1
+            counts["duplicate"] += 1
             return []
         records: list[Record] = []
         if place.boot != hello.boot:

@@ -26,10 +26,10 @@ class View:
 
     def take(self) -> list[Record]:
         """All that wait, the oldest first. May be called from another thread."""
-        taken: list[Record] = []
+        records: list[Record] = []
         while self._waiting:
             try:
-                taken.append(self._waiting.popleft())
+                records.append(self._waiting.popleft())
             except IndexError:  # the bench dropped it in between
                 break
-        return taken
+        return records

@@ -3,19 +3,19 @@
 
 from ._band import Band as Band
 from ._band import prediction_band as prediction_band
+from ._comparison import CameraError as CameraError
+from ._comparison import Comparison as Comparison
 from ._difference import FitDifference as FitDifference
 from ._difference import ParameterDifference as ParameterDifference
 from ._difference import compare_fits as compare_fits
-from ._fit import CameraError as CameraError
-from ._fit import Comparison as Comparison
 from ._fit import Fit as Fit
-from ._fit import FittedParameter as FittedParameter
-from ._fit import FittedParameters as FittedParameters
-from ._fit import Iteration as Iteration
-from ._fit import Optimum as Optimum
+from ._fitted_parameters import FittedParameter as FittedParameter
+from ._fitted_parameters import FittedParameters as FittedParameters
 from ._initial_conditions import WARM_UP as WARM_UP
 from ._initial_conditions import InitialConditions as InitialConditions
 from ._initial_conditions import estimate_initial_conditions as estimate_initial_conditions
+from ._iterations import Iteration as Iteration
+from ._iterations import Optimum as Optimum
 from ._levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
 from ._many import match_many as match_many
 from ._match import match as match

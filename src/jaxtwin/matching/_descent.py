@@ -119,7 +119,7 @@ def _descend_batch(
 ) -> list[DescentResult]:
     earlier = [start for start in batch.starts if isinstance(start, DescentResult)]
     steps = [list(start.steps) for start in earlier] or [[] for _ in batch.objectives]
-    left = np.array([max_iterations - max(0, len(taken) - 1) for taken in steps])
+    left = np.array([max_iterations - max(0, len(of_descent) - 1) for of_descent in steps])
     active = batch.active.copy()
     with own_settings():
         # Plain floats would be constants of the compiled step: another tolerance, another program.
@@ -202,10 +202,10 @@ def _step(
             evaluation = new
         elif accepted.any():
             # Also where all are accepted: what is compiled does not depend on the recordings.
-            evaluation = _select(jax.device_put(accepted), new, evaluation)
+            evaluation = _select(jax.device_put(vectors), new, evaluation)
     trials = Trial(vectors, costs, mean_squares, factors)
-    taken, optimiser = _update(solver, state.vectors, trials, space, state.optimiser, active)
-    return DescentState(taken, optimiser, evaluation)
+    vectors, optimiser = _update(solver, state.vectors, trials, space, state.optimiser, active)
+    return DescentState(vectors, optimiser, evaluation)
 
 
 def _result(state: DescentState, objective: Objective, steps: list[DescentStep]) -> DescentResult:

@@ -10,7 +10,8 @@ from .._arguments import of_kind
 from .._display import html_table
 from .._errors import MatchError
 from .._number_text import short_number
-from ._fit import Fit, FittedParameter
+from ._fit import Fit
+from ._fitted_parameters import FittedParameter
 
 if TYPE_CHECKING:
     import pandas

@@ -47,10 +47,10 @@ def estimate_uncertainty(
         problem.labels,
         lift.T @ normal @ lift,
         lift.T @ (meat + camera) @ lift,
-        precision,
-        unknowns.scales(),
-        unknowns.value_derivatives(vector),
-        inside,
+        precision=precision,
+        scale=unknowns.scales(),
+        slopes=unknowns.value_derivatives(vector),
+        inside=inside,
     )
     pull = np.zeros(count)
     linear = problem.linear_prior

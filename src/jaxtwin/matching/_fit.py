@@ -12,14 +12,16 @@ from jaxtyping import Float
 
 from .._by_recording import ByRecording
 from .._display import html_table, picture, report
-from .._errors import MatchError, ParameterError
+from .._errors import MatchError
 from .._measures import mean_fit_percent
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter, Rig, write_parameters
-from ..rig._parameter import Scope
-from ..rig._problems import unknown
 from ..simulation import Run
+from ._comparison import CameraError, Comparison
+from ._fitted_parameters import FittedParameter, FittedParameters
+from ._group_values import new_group_values
+from ._iterations import Iteration, Optimum
 from ._noise import Noise
 from ._noise_model import NoiseModel
 from ._problem import MatchProblem
@@ -30,153 +32,6 @@ if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.figure import Figure
-
-
-@final
-@dataclass(frozen=True)
-class FittedParameter:
-    r"""A matched or held parameter: a row of Table 4 of the paper.
-
-    **Arguments:**
-
-    - `name`, `unit`, `description`, `free`, `scope`: as in the rig's parameter table.
-    - `initial`, `value`: the value before and after the match, in `unit`. For a parameter with a
-      value for each recording, the mean; for one with a value for each of several groups, the
-      expected value of another group.
-    - `published`: the value in the rig's parameter set `published`, None if it has none.
-    - `lower`, `upper`: the bounds of the match.
-    - `is_logarithmic`: whether the parameter was matched by its logarithm. `prior_spread` is then
-      relative.
-    - `at_bound`: whether the value ended at a bound, so that the optimum without bounds lies
-      outside.
-    - `standard_error`: in `unit`, including the effect of autocorrelated residuals; infinite if the
-      parameter is undetermined, NaN if it was held or ended at a bound.
-    - `prior_value`, `prior_spread`: centre and standard deviation of the prior, None without a
-      prior.
-    - `prior_distance`: the distance of the value from the prior's centre in standard deviations;
-      the largest of all recordings.
-    - `prior_to_data_ratio`: the prior's standard deviation divided by the one that the recordings
-      alone would give if all other parameters were known.
-    - `warnings`: what to know before trusting the value.
-    - `relative_standard_error`: the standard error of the natural logarithm, for a parameter that
-      was matched by its logarithm; otherwise NaN.
-    - `interval`: the two ends of the 95 % interval, in `unit`: $v e^{\pm 1.96 s}$ for a parameter
-      that was matched by its logarithm, otherwise $v \pm 1.96 s$; bounds do not cut it. It is
-      unbounded for an undetermined parameter and NaN where `standard_error` is NaN. For a parameter
-      with a value for each recording it has the largest error.
-    - `group_spread`: the prior standard deviation between groups, in the measure of `prior_spread`,
-      or None.
-    """
-
-    name: str
-    unit: str
-    description: str
-    free: bool
-    scope: Scope
-    initial: float
-    value: float
-    published: float | None
-    lower: float
-    upper: float
-    is_logarithmic: bool
-    at_bound: bool
-    standard_error: float
-    prior_value: float | None = None
-    prior_spread: float | None = None
-    prior_distance: float | None = None
-    prior_to_data_ratio: float = math.nan
-    warnings: tuple[str, ...] = ()
-    relative_standard_error: float = math.nan
-    interval: tuple[float, float] = (math.nan, math.nan)
-    group_spread: float | None = None
-
-
-@final
-@dataclass(frozen=True)
-class Iteration:
-    """One iteration of the optimiser, for Fig. 14 of the paper.
-
-    - `number`: the number of the iteration; 0 is the start. `start`: the number of the start; for
-      `match_many` the number of the set, for `profile` the number of the point.
-    - `cost`: mean squared error, eq. (11), K^2. `rmse`: its root, K.
-    - `gradient`: the largest cosine between the residuals and a column of the Jacobian, 0 at an
-      optimum.
-    - `accepted`: whether the step was accepted.
-    - `parameters`: name -> value; a value of a single recording is `name[recording]`.
-    """
-
-    number: int
-    start: int
-    cost: float
-    rmse: float
-    gradient: float
-    accepted: bool
-    parameters: Mapping[str, float]
-
-    def __str__(self) -> str:
-        return f"iteration {self.number}: RMSE {self.rmse:.4f} K"
-
-
-@final
-@dataclass(frozen=True)
-class Optimum:
-    """The end of the descent from one of several starts.
-
-    - `start`: the number of the start. `cost`: half the sum of squared weighted residuals and
-      priors.
-    - `apart`: root mean square difference between the simulated channels of this optimum and those
-      of the best one, K. Optima with different parameters may predict the same.
-    - `rmse`: K. `iterations`, `status`, `converged`, `parameters`: as in `Fit`.
-    """
-
-    start: int
-    cost: float
-    apart: float
-    rmse: float
-    iterations: int
-    status: str
-    converged: bool
-    parameters: Mapping[str, float]
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class CameraError:
-    """The camera's error that all channels of a recording share.
-
-    - `events`: times of its flat-field corrections, s.
-    - `error`: the part of simulated minus recorded temperature that is the camera's, `(times,)`, K.
-    """
-
-    events: tuple[float, ...]
-    error: Float[np.ndarray, " times"]
-
-    @property
-    def offset(self) -> Float[np.ndarray, " times"]:
-        """How much too warm the camera reads, K."""
-        return -self.error
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """The fitted twin compared with a recording.
-
-    - `run`: the run of the fitted twin, without the camera's common error.
-    - `camera`: the camera's common error.
-    """
-
-    run: Run
-    camera: CameraError
-
-
-@final
-class FittedParameters(dict[str, FittedParameter]):
-    """A mapping name -> parameter, in the order of the rig's table. An unknown name raises a
-    `ParameterError` that suggests the nearest name."""
-
-    def __missing__(self, name: object) -> FittedParameter:
-        raise ParameterError(f"fit: {unknown('parameter', str(name), self)}")
 
 
 @final
@@ -328,8 +183,6 @@ class Fit:
         """
         if group in self.problem.groups:
             return self.mean_twin.with_parameters(self.group_values[group])
-        from ._group_values import new_group_values
-
         expected = new_group_values(self.problem.unknowns, self.vector)
         return self.mean_twin.with_parameters(expected.values)
 

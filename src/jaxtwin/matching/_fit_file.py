@@ -30,7 +30,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ..rig import bundled_rigs
-from ._fit import Fit, FittedParameter, Iteration, Optimum
+from ._fit import Fit
+from ._fitted_parameters import FittedParameter
+from ._iterations import Iteration, Optimum
 from ._noise import Noise
 from ._uncertainty import UnidentifiableDirection
 

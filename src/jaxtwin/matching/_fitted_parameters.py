@@ -1,14 +1,16 @@
 """The table of fitted parameters, with the warnings that belong to each."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
-from ._fit import FittedParameter, FittedParameters
+from .._errors import ParameterError
+from ..rig._parameter import Scope
+from ..rig._problems import unknown
 from ._group_values import new_group_values
-from ._interval import interval_95
 from ._problem import MatchProblem
 from ._uncertainty import Uncertainty
 from ._unknowns import Unknowns
@@ -19,6 +21,77 @@ bounds (of their logarithms)."""
 
 FAR = 2.0
 """A warning is given from this many standard deviations from the prior."""
+
+QUANTILE = 1.959963984540054
+"""The 0.975 quantile of the standard normal distribution."""
+
+
+@final
+@dataclass(frozen=True)
+class FittedParameter:
+    r"""A matched or held parameter: a row of Table 4 of the paper.
+
+    **Arguments:**
+
+    - `name`, `unit`, `description`, `free`, `scope`: as in the rig's parameter table.
+    - `initial`, `value`: the value before and after the match, in `unit`. For a parameter with a
+      value for each recording, the mean; for one with a value for each of several groups, the
+      expected value of another group.
+    - `published`: the value in the rig's parameter set `published`, None if it has none.
+    - `lower`, `upper`: the bounds of the match.
+    - `is_logarithmic`: whether the parameter was matched by its logarithm. `prior_spread` is then
+      relative.
+    - `at_bound`: whether the value ended at a bound, so that the optimum without bounds lies
+      outside.
+    - `standard_error`: in `unit`, including the effect of autocorrelated residuals; infinite if the
+      parameter is undetermined, NaN if it was held or ended at a bound.
+    - `prior_value`, `prior_spread`: centre and standard deviation of the prior, None without a
+      prior.
+    - `prior_distance`: the distance of the value from the prior's centre in standard deviations;
+      the largest of all recordings.
+    - `prior_to_data_ratio`: the prior's standard deviation divided by the one that the recordings
+      alone would give if all other parameters were known.
+    - `warnings`: what to know before trusting the value.
+    - `relative_standard_error`: the standard error of the natural logarithm, for a parameter that
+      was matched by its logarithm; otherwise NaN.
+    - `interval`: the two ends of the 95 % interval, in `unit`: $v e^{\pm 1.96 s}$ for a parameter
+      that was matched by its logarithm, otherwise $v \pm 1.96 s$; bounds do not cut it. It is
+      unbounded for an undetermined parameter and NaN where `standard_error` is NaN. For a parameter
+      with a value for each recording it has the largest error.
+    - `group_spread`: the prior standard deviation between groups, in the measure of `prior_spread`,
+      or None.
+    """
+
+    name: str
+    unit: str
+    description: str
+    free: bool
+    scope: Scope
+    initial: float
+    value: float
+    published: float | None
+    lower: float
+    upper: float
+    is_logarithmic: bool
+    at_bound: bool
+    standard_error: float
+    prior_value: float | None = None
+    prior_spread: float | None = None
+    prior_distance: float | None = None
+    prior_to_data_ratio: float = math.nan
+    warnings: tuple[str, ...] = ()
+    relative_standard_error: float = math.nan
+    interval: tuple[float, float] = (math.nan, math.nan)
+    group_spread: float | None = None
+
+
+@final
+class FittedParameters(dict[str, FittedParameter]):
+    """A mapping name -> parameter, in the order of the rig's table. An unknown name raises a
+    `ParameterError` that suggests the nearest name."""
+
+    def __missing__(self, name: object) -> FittedParameter:
+        raise ParameterError(f"fit: {unknown('parameter', str(name), self)}")
 
 
 def fitted_parameters(
@@ -135,3 +208,29 @@ def near_bound(row: FittedParameter) -> bool:
     if not (math.isfinite(lower) and math.isfinite(upper)):
         return False
     return min(value - lower, upper - value) < NEAR * (upper - lower)
+
+
+def interval_95(value: float, error: float, *, is_logarithmic: bool) -> tuple[float, float]:
+    r"""Computes the 95 % interval of a value, in its own unit.
+
+    A positive parameter is matched by its logarithm, in which the likelihood is nearly normal. Its
+    interval is $v e^{\pm 1.96 s}$, which is positive for any error. The interval of any other
+    parameter is $v \pm 1.96 s$. Bounds do not cut the interval.
+
+    **Arguments:**
+
+    - `value`: the matched value.
+    - `error`: its standard error, of the logarithm if it was matched by it; infinite for an
+      undetermined value, NaN if there is none.
+
+    **Returns:** lower and upper end, both NaN if there is no error.
+    """
+    if math.isnan(error):
+        return math.nan, math.nan
+    reach = QUANTILE * error
+    if not is_logarithmic:
+        return value - reach, value + reach
+    try:
+        return value * math.exp(-reach), value * math.exp(reach)
+    except OverflowError:
+        return 0.0, math.inf

@@ -22,8 +22,10 @@ from ..rig import Rig, load_rig, read_parameters
 from ..rig._bundled import read_toml
 from ..rig._problems import refuse
 from ..simulation import simulate
-from ._fit import CameraError, Comparison, Fit, FittedParameters
+from ._comparison import CameraError, Comparison
+from ._fit import Fit
 from ._fit_file import FORMAT, StoredFit, StoredRecording, rig_to_load, unrolled
+from ._fitted_parameters import FittedParameters
 from ._linear_prior import LinearPrior
 from ._noise_model import NoiseModel
 from ._objective import recording_weights, shapes_needed

@@ -1,19 +1,18 @@
 """Makes a `Fit` from the problem of a match, its best descent and its noise model."""
 
 import time
-from dataclasses import replace
 from datetime import UTC, datetime
 
 import jax
 import numpy as np
-from jaxtyping import Float
 
 from .. import __version__
-from ..simulation import Run, simulate
-from ._descent_result import DescentResult, DescentStep
+from ..simulation import simulate
+from ._comparison import CameraError, Comparison
 from ._estimate_uncertainty import estimate_uncertainty
-from ._fit import CameraError, Comparison, Fit, Iteration, Optimum
+from ._fit import Fit
 from ._fitted_parameters import fitted_parameters
+from ._iterations import Optimum, make_iteration
 from ._problem import MatchProblem
 from ._reweighted_least_squares import Estimate
 
@@ -48,6 +47,7 @@ def make_fit(
         CameraError(events, of_recording.camera)
         for events, of_recording in zip(noise_model.events, errors, strict=True)
     ]
+    comparisons = tuple(map(Comparison, runs, cameras))
     gaps = [
         run.temperatures - solved for run, solved in zip(runs, result.temperatures(), strict=True)
     ]
@@ -67,8 +67,8 @@ def make_fit(
         },
         fit_percent={
             (name, channel): percent
-            for name, run, camera in zip(names, runs, cameras, strict=True)
-            for channel, percent in _camera_reading(run, camera.offset).fit_percent.items()
+            for name, comparison in zip(names, comparisons, strict=True)
+            for channel, percent in comparison.reading.fit_percent.items()
         },
         rmse=float(np.sqrt(result.mean_square)),
         status=result.status,
@@ -88,43 +88,5 @@ def make_fit(
         vector=result.vector,
         date=datetime.now(UTC).isoformat(timespec="seconds"),
         versions={"jaxtwin": __version__, "jax": jax.__version__},
-        comparisons=tuple(map(Comparison, runs, cameras)),
+        comparisons=comparisons,
     )
-
-
-def make_iteration(problem: MatchProblem, step: DescentStep, start: int) -> Iteration:
-    """An iteration of the descent from one of the starts, in the parameters' units."""
-    return Iteration(
-        number=step.number,
-        start=start,
-        cost=step.mean_square,
-        rmse=float(np.sqrt(step.mean_square)),
-        gradient=step.gradient,
-        accepted=step.accepted,
-        parameters=problem.labelled(step.vector),
-    )
-
-
-def make_optimum(
-    problem: MatchProblem, result: DescentResult, start: int, best: DescentResult
-) -> Optimum:
-    """The end of the descent from one of the starts, compared with the best."""
-    # Samples that fill up recordings differ by nothing.
-    pairs = zip(result.evaluation.output_errors, best.evaluation.output_errors, strict=True)
-    squares = sum(float(np.sum((errors - of_best) ** 2)) for errors, of_best in pairs)
-    samples = sum(int(g.lengths.sum()) * g.temperatures.shape[-1] for g in best.objective.groups)
-    return Optimum(
-        start=start,
-        cost=result.cost,
-        apart=float(np.sqrt(squares / samples)),
-        rmse=float(np.sqrt(result.mean_square)),
-        iterations=result.iterations,
-        status=result.status,
-        converged=result.converged,
-        parameters=problem.labelled(result.vector),
-    )
-
-
-def _camera_reading(run: Run, offset: Float[np.ndarray, " times"]) -> Run:
-    """A run with the camera's common error added to its readings."""
-    return replace(run, temperatures=run.temperatures + offset[:, None])

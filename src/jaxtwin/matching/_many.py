@@ -13,8 +13,9 @@ from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
 from ._descent_result import DescentStep
-from ._fit import Fit, Iteration
-from ._make_fit import make_fit, make_iteration
+from ._fit import Fit
+from ._iterations import Iteration, make_iteration
+from ._make_fit import make_fit
 from ._match import checked_solver
 from ._problem import Events, MatchProblem, make_match_problem, named_recordings
 from ._reweighted_least_squares import Estimate, reweighted_least_squares
@@ -80,7 +81,8 @@ def match_many(
         bounds=bounds,
     )
     problems = [
-        make_match_problem(twin, members, unknowns, events, None, robust) for members in recordings
+        make_match_problem(twin, members, unknowns, events=events, robust=robust)
+        for members in recordings
     ]
 
     def report_step(number: int, step: DescentStep) -> None:

@@ -15,9 +15,10 @@ from ..io._experiment import as_experiments
 from ..physics import Twin
 from ._descent import descend
 from ._descent_result import DescentStep
-from ._fit import Fit, Iteration
+from ._fit import Fit
+from ._iterations import Iteration, make_iteration, make_optimum
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
-from ._make_fit import make_fit, make_iteration, make_optimum
+from ._make_fit import make_fit
 from ._masks_and_events import Span
 from ._objective import make_objective
 from ._problem import Events, MatchProblem, make_match_problem, named_groups, named_recordings
@@ -119,7 +120,9 @@ def match(
     whole_number("max_iterations", max_iterations, 1, MatchError)
     whole_number("seed", seed, 0, MatchError)
     check_callable("on_progress", on_progress, MatchError)
-    problem = make_match_problem(twin, recordings, unknowns, events, masks, robust, group_names)
+    problem = make_match_problem(
+        twin, recordings, unknowns, events=events, masks=masks, robust=robust, groups=group_names
+    )
     solver = checked_solver(solver, problem)
 
     def report_step(start: int, step: DescentStep) -> None:

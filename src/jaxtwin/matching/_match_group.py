@@ -24,8 +24,9 @@ from ._descent import descend
 from ._fit import Fit
 from ._group_values import group_and_shared_values
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
+from ._iterations import make_optimum
 from ._linear_prior import LinearPrior
-from ._make_fit import make_fit, make_optimum
+from ._make_fit import make_fit
 from ._match import default_solver
 from ._noise_model import NoiseModel, initial_noise_model, update_noise_model
 from ._objective import make_objective

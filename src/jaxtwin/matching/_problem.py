@@ -78,6 +78,7 @@ def make_match_problem(
     twin: Twin,
     recordings: Mapping[str, Experiment],
     unknowns: Unknowns,
+    *,
     events: Events | None = None,
     masks: Mapping[str, Sequence[Span]] | None = None,
     robust: float | None = None,

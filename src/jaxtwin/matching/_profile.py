@@ -33,8 +33,8 @@ from .._number_text import short_number
 from .._waiting import announced
 from ._descent import descend
 from ._descent_result import DescentStep
-from ._fit import Fit, Iteration
-from ._make_fit import make_iteration
+from ._fit import Fit
+from ._iterations import Iteration, make_iteration
 from ._match import default_solver
 from ._objective import make_objective
 

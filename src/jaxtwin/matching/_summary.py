@@ -8,7 +8,8 @@ from .._measures import fit_text
 from .._number_text import interval_text, short_number
 
 if TYPE_CHECKING:
-    from ._fit import Fit, FittedParameter
+    from ._fit import Fit
+    from ._fitted_parameters import FittedParameter
 
 Style = Literal["text", "markdown", "latex"]
 

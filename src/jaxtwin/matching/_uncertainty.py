@@ -110,6 +110,7 @@ def uncertainty(
     labels: Sequence[str],
     normal: Float[np.ndarray, "free free"],
     meat: Float[np.ndarray, "free free"],
+    *,
     precision: Float[np.ndarray, "values values"],
     scale: Float[np.ndarray, " values"],
     slopes: Float[np.ndarray, " values"],

@@ -114,11 +114,11 @@ def _edges(
         if outside < LEAST_OUTSIDE:
             return None
         places = np.array([_step(pixels[row, low:high], noise) for row in rows]) + low
-        seen = np.isfinite(places)
-        if np.count_nonzero(seen) < max(3, len(rows) // 2):
+        visible = np.isfinite(places)
+        if np.count_nonzero(visible) < max(3, len(rows) // 2):
             return None
         across = ((places - view_across[0]) / (view_across[1] - view_across[0]) - 0.5) * size_across
-        lines.append(_line(along[seen], across[seen]))
+        lines.append(_line(along[visible], across[visible]))
     return np.array(lines)
 
 

@@ -78,7 +78,9 @@ def draw_cells(
         if number % layout.columns == 0:
             top = lowest + (ABOVE + 0.2 * (number > 0)) * layout.inch
         x = layout.cell_centre(number, len(twin.netlist.cells))
-        lowest = max(lowest, _draw_column(ax, twin, cell, values, texts, x, top, layout.inch))
+        lowest = max(
+            lowest, _draw_column(ax, twin, cell, values, texts, x=x, top=top, inch=layout.inch)
+        )
     return lowest
 
 
@@ -88,6 +90,7 @@ def _draw_column(
     cell: ThermoelectricElement,
     values: Mapping[str, float],
     texts: Mapping[str, str],
+    *,
     x: float,
     top: float,
     inch: float,

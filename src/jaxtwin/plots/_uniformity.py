@@ -147,8 +147,8 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
 
 def _range(values: np.ndarray, unit: str) -> str:
     """Lowest and highest of the channels that have a sample."""
-    seen = values[np.isfinite(values)]
-    if not len(seen):
+    finite = values[np.isfinite(values)]
+    if not len(finite):
         return "no sample"
     return f"{seen.min():.1f} … {seen.max():.1f} {unit}".replace("-", "−")
 

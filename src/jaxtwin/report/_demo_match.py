@@ -255,8 +255,8 @@ def _start(run: Run) -> float:
 
 
 def _news(progress: Progress, starts: int = 1) -> Callable[[Iteration], None]:
-    def tell(iteration: Iteration) -> None:
+    def show(iteration: Iteration) -> None:
         where = f"start {iteration.start + 1} of {starts}, " if starts > 1 else ""
         progress.update(f"{where}iteration {iteration.number}, RMSE {iteration.rmse:.3f} K")
 
-    return tell
+    return show

@@ -73,12 +73,12 @@ def uniformity_section(fit: Fit, *, level: int = 2) -> tuple[Section, dict[str, 
 def _seen_together(runs: list[Run]) -> list[Run]:
     """The first run, and those with the same drive that show other places of the plate."""
     first, *others = runs
-    chosen, seen = [first], set(first.channels)
+    chosen, covered = [first], set(first.channels)
     for run in others:
         same = np.array_equal(run.experiment.duty, first.experiment.duty)
-        if same and not seen & set(run.channels):
+        if same and not covered & set(run.channels):
             chosen.append(run)
-            seen |= set(run.channels)
+            covered |= set(run.channels)
     return chosen
 
 

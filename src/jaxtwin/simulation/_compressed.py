@@ -60,9 +60,9 @@ def compress(grid: TimeGrid, recorded: Float[np.ndarray, "times channels"]) -> C
     own = samples[np.where(filled, first[is_long, None] + place, 0)]
     w, y = np.split(np.where(filled[:, :, None], own, 0.0), [POWERS], axis=2)
     q, r = np.linalg.qr(w)
-    seen = np.swapaxes(q, 1, 2) @ y
-    beyond = np.sum((y - q @ seen) ** 2, axis=(0, 1))[:-1]
-    combined = np.concatenate([r, seen], axis=2).reshape(-1, samples.shape[1])
+    projected = np.swapaxes(q, 1, 2) @ y
+    beyond = np.sum((y - q @ projected) ** 2, axis=(0, 1))[:-1]
+    combined = np.concatenate([r, projected], axis=2).reshape(-1, samples.shape[1])
     rows = padded(np.concatenate([samples[short], combined]), 0.0)
     rows_of = padded(np.concatenate([step_of[short], np.repeat(steps[is_long], POWERS)]))
     every = np.ones((len(combined), there.shape[1]))

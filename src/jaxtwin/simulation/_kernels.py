@@ -129,8 +129,8 @@ def sample_chunk(
         deviation = stepped.channels.at_samples(drive.grid, which)
         ambient = drive.ambient_at_samples(which)
         gain = draw.system.gain[columns]
-        seen = jnp.broadcast_to(draw.system.on_plate, draw.system.gain.shape)[columns]
-        reading = ambient + gain * (deviation - seen * ambient) + (drive.reference - 273.15)
+        on_plate = jnp.broadcast_to(draw.system.on_plate, draw.system.gain.shape)[columns]
+        reading = ambient + gain * (deviation - on_plate * ambient) + (drive.reference - 273.15)
         return jnp.where(stepped.failed, jnp.nan, reading)
 
     return jax.vmap(sample_draw)(prepared, stepped)

@@ -98,7 +98,7 @@ def validate(
     made = []
     for name, experiment, of in zip(names, several, groups, strict=True):
         if span is None:
-            made.append(_predict(name, fitted, experiment, warm_up, own, None, of))
+            made.append(_predict(name, fitted, experiment, warm_up, own=own, group=of))
         else:
             made.append(_predict_rest(name, check_given(fitted, [of]), experiment, span, of))
         _tell(on_progress, made[-1])
@@ -190,7 +190,7 @@ def leave_one_out(
         fit = match(twin, others, on_progress=on_progress, **_without(out, name, options))
         groups = options.get("groups")
         group = None if groups is None else groups[out]
-        made.append(_predict(name, fit, several[out], warm_up, None, fit, group))
+        made.append(_predict(name, fit, several[out], warm_up, fit=fit, group=group))
         _tell(on_progress, made[-1])
     return Validation(twin.rig.name, "each predicted by a match to the others", tuple(made))
 
@@ -200,8 +200,9 @@ def _predict(
     fitted: Twin | Fit,
     recording: Experiment,
     warm_up: float,
-    own: Iterable[str] | None,
-    fit: Fit | None,
+    *,
+    own: Iterable[str] | None = None,
+    fit: Fit | None = None,
     group: str | None = None,
 ) -> Prediction:
     start = _start_of_rest(name, recording, "warm_up", warm_up)
