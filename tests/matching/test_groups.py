@@ -2,9 +2,11 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from small_rigs import CAMERA, small_rig_file, zone
 
 from jaxtwin import Experiment, Fit, MatchError, RigError, Twin, load_rig, match, simulate, validate
 from jaxtwin.matching import prediction_band
@@ -14,60 +16,7 @@ from jaxtwin.matching._unknowns import Unknowns
 from jaxtwin.rig import Parameter, Rig
 from jaxtwin.validation._validate import _beyond_given
 
-RIG = """
-format = 1
-name = "two days"
-
-[plate]
-columns = ["2 cm", "2 cm", "2 cm", "2 cm"]
-rows = ["2 cm"]
-thickness = "1 mm"
-density = "8960 kg/m^3"
-specific_heat = "390 J/(kg K)"
-conductivity = "k"
-film_coefficient = "15 W/(m^2 K)"
-
-[[cells]]
-name = "P1"
-module = "TEC1-12706"
-side_capacitance = "17 J/K"
-contacts = { V12 = "R_pc" }
-sink_resistance = "0.5 K/W"
-
-[driver]
-supply_voltage = "12 V"
-on_resistance = "0.1 ohm"
-counts = 255
-polarity = 1
-averaging = "on-off"
-
-[camera]
-resolution = [80, 20]
-noise = "0.1 K"
-view = { x = [0, 80], y = [0, 20] }
-registration = { shift_x = "d_x" }
-
-[[channels]]
-name = "T1"
-x = ["1 cm", "2.5 cm"]
-y = ["0 cm", "2 cm"]
-
-[[channels]]
-name = "T2"
-x = ["2.5 cm", "5.5 cm"]
-y = ["0 cm", "2 cm"]
-
-[[channels]]
-name = "T3"
-x = ["5.5 cm", "7 cm"]
-y = ["0 cm", "2 cm"]
-
-[ambient]
-temperature = "T_amb"
-
-[initial]
-temperature = "T_amb"
-
+PARAMETERS = """
 [parameters.k]
 value = 200.0
 unit = "W/(m K)"
@@ -103,11 +52,31 @@ TRUTH = {"monday": {"R_pc": 0.5, "d_x": 2.0}, "friday": {"R_pc": 1.5, "d_x": -5.
 NOISE = 0.05
 
 
+def rig_file(folder: Path) -> Path:
+    return small_rig_file(
+        folder,
+        ["2 cm"] * 4,
+        ["2 cm"],
+        [{"V12": "R_pc"}],
+        thickness="1 mm",
+        density="8960 kg/m^3",
+        specific_heat="390 J/(kg K)",
+        conductivity="k",
+        film_coefficient="15 W/(m^2 K)",
+        sink_resistance="0.5 K/W",
+        sensors=CAMERA.replace("60", "20") + 'registration = { shift_x = "d_x" }',
+        channels="".join(
+            zone(name, x, (0.0, 2.0))
+            for name, x in {"T1": (1.0, 2.5), "T2": (2.5, 5.5), "T3": (5.5, 7.0)}.items()
+        ),
+        ambient="T_amb",
+        parameters=PARAMETERS,
+    )
+
+
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
-    path = tmp_path_factory.mktemp("rig") / "rig.toml"
-    path.write_text(RIG)
-    return load_rig(path)
+    return load_rig(rig_file(tmp_path_factory.mktemp("rig")))
 
 
 def recording(rig: Rig, day: str, number: int, **values: float) -> Experiment:
@@ -339,7 +308,7 @@ def test_what_is_known_cannot_be_given(rig: Rig, first: Fit, monday):
     ("old", "new"), [('scope = "group"', 'scope = "shared"'), (", between_groups = 1.0", "")]
 )
 def test_a_scope_and_a_spread_between_groups_belong_together(tmp_path, old: str, new: str):
-    path = tmp_path / "rig.toml"
-    path.write_text(RIG.replace(old, new))
+    path = rig_file(tmp_path)
+    path.write_text(path.read_text().replace(old, new))
     with pytest.raises(RigError, match=r"between_groups: expected .* got (1|none) with scope = "):
         load_rig(path)

@@ -4,79 +4,49 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from small_rigs import CAMERA, small_rig_file, zone
 
 from jaxtwin import Experiment, RigError, Twin, load_rig, response, simulate, simulate_batch
 from jaxtwin.physics import channel_weights
 from jaxtwin.rig import Rig
 
-RIG = """
-format = 1
-name = "seen elsewhere"
-
-[plate]
-columns = ["2 cm", "4 cm", "3 cm"]
-rows = ["3 cm", "2 cm"]
-thickness = "1 mm"
-density = "8960 kg/m^3"
-specific_heat = "390 J/(kg K)"
-conductivity = "200 W/(m K)"
-film_coefficient = "15 W/(m^2 K)"
-
-[[cells]]
-name = "P1"
-module = "TEC1-12706"
-side_capacitance = "17 J/K"
-contacts = { V11 = "0.5 K/W" }
-sink_resistance = "0.5 K/W"
-
-[driver]
-supply_voltage = "12 V"
-on_resistance = "0.1 ohm"
-counts = 255
-polarity = 1
-averaging = "on-off"
-
-[camera]
-resolution = [90, 50]
-noise = "0.1 K"
-view = { x = [0, 90], y = [0, 50] }
-
+REGISTRATION = """
 [camera.registration]
 shift_x = "d_x"
 shift_y = "d_y"
 scale = "s"
 rotation = "phi"
-
-[[channels]]
-name = "T1"
-x = ["1 cm", "4 cm"]
-y = ["1 cm", "4 cm"]
-gain = "0.8"
-
-[[channels]]
-name = "T2"
-x = ["6 cm", "9 cm"]
-y = ["0 cm", "3 cm"]
-
-[ambient]
-temperature = "20 degC"
-
-[initial]
-temperature = "20 degC"
-
+"""
+PARAMETERS = """
 [parameters]
 d_x = { value = 0.0, unit = "mm" }
 d_y = { value = 0.0, unit = "mm" }
 s = { value = 1.0, unit = "", bounds = [0.5, 2.0] }
 phi = { value = 0.0, unit = "deg" }
 """
+SECOND = zone("T2", (6.0, 9.0), (0.0, 3.0))
+
+
+def rig_file(folder: Path, second: str = SECOND) -> Path:
+    return small_rig_file(
+        folder,
+        ["2 cm", "4 cm", "3 cm"],
+        ["3 cm", "2 cm"],
+        [{"V11": "0.5 K/W"}],
+        thickness="1 mm",
+        density="8960 kg/m^3",
+        specific_heat="390 J/(kg K)",
+        film_coefficient="15 W/(m^2 K)",
+        sink_resistance="0.5 K/W",
+        sensors=CAMERA.replace("80", "90").replace("60", "50") + REGISTRATION,
+        channels=zone("T1", (1.0, 4.0), (1.0, 4.0), 'gain = "0.8"') + second,
+        parameters=PARAMETERS,
+    )
 
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
-    path = tmp_path_factory.mktemp("rig") / "rig.toml"
-    path.write_text(RIG)
-    return load_rig(path)
+    return load_rig(rig_file(tmp_path_factory.mktemp("rig")))
 
 
 def weights(rig: Rig, **values: float) -> np.ndarray:
@@ -155,7 +125,6 @@ def test_draws_of_the_registration_are_the_single_runs(rig: Rig):
 
 
 def test_named_elements_cannot_be_moved(tmp_path):
-    path = tmp_path / "rig.toml"
-    path.write_text(RIG.replace('x = ["6 cm", "9 cm"]\ny = ["0 cm", "3 cm"]', 'nodes = ["V13"]'))
+    path = rig_file(tmp_path, second='[[channels]]\nname = "T2"\nnodes = ["V13"]')
     with pytest.raises(RigError, match=r"channels\[T2\].nodes: expected ranges .* named elements"):
         load_rig(path)

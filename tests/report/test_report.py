@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from small_results import fit, recordings
+from small_rigs import small_rig_file
 from typer.testing import CliRunner
 
 from jaxtwin import Experiment, Fit, JaxtwinError, MatchError, Twin, load_rig, match, simulate
@@ -132,55 +133,22 @@ def test_a_fit_without_its_recordings_and_a_folder_of_somebody_are_refused(tmp_p
 
 def strip(folder: Path) -> Path:
     """A rig file of one cell and one thermocouple."""
-    path = folder / "strip.toml"
-    path.write_text(
-        """
-format = 1
-name = "strip"
-
-[plate]
-columns = ["4 cm", "4 cm"]
-rows = ["2 cm"]
-thickness = "2 mm"
-density = "2700 kg/m^3"
-specific_heat = "900 J/(kg K)"
-conductivity = "180 W/(m K)"
-film_coefficient = "h"
-
-[[cells]]
-name = "P1"
-module = "TEC1-12706"
-side_capacitance = "17 J/K"
-contacts = { V11 = "0.6 K/W" }
-sink_resistance = "0.5 K/W"
-
-[driver]
-supply_voltage = "12 V"
-on_resistance = "0.1 ohm"
-counts = 255
-polarity = 1
-averaging = "on-off"
-
-[sensors]
-noise = "0.05 K"
-
-[[channels]]
-name = "near"
-nodes = ["V11"]
-
-[ambient]
-temperature = "20 degC"
-
-[initial]
-temperature = "20 degC"
-
-[parameters.h]
-value = 15.0
-unit = "W/(m^2 K)"
-bounds = [2.0, 100.0]
-prior = { spread = 0.7 }
-free = true
-""",
-        encoding="utf-8",
+    return small_rig_file(
+        folder,
+        ["4 cm", "4 cm"],
+        ["2 cm"],
+        [{"V11": "0.6 K/W"}],
+        conductivity="180 W/(m K)",
+        film_coefficient="h",
+        sink_resistance="0.5 K/W",
+        sensors='[sensors]\nnoise = "0.05 K"',
+        channels='[[channels]]\nname = "near"\nnodes = ["V11"]',
+        parameters="""
+        [parameters.h]
+        value = 15.0
+        unit = "W/(m^2 K)"
+        bounds = [2.0, 100.0]
+        prior = { spread = 0.7 }
+        free = true
+        """,
     )
-    return path
