@@ -288,9 +288,9 @@ def test_a_replay_is_the_records_once_more(recorded: tuple[Path, list]) -> None:
     kinds["Event"] += 1  # the end of the recording, which nobody had seen then
     assert kinds_again == kinds
     for kind in (Sample, Reading):
-        recorded = [record for record in records if isinstance(record, kind)]
+        originals = [record for record in records if isinstance(record, kind)]
         replayed = [record for record in again if isinstance(record, kind)]
-        for a, b in zip(recorded, replayed, strict=True):
+        for a, b in zip(originals, replayed, strict=True):
             if isinstance(a, Reading) and isinstance(b, Reading):
                 np.testing.assert_array_equal(a.temperatures, b.temperatures)
                 np.testing.assert_array_equal(a.pixels, b.pixels)

@@ -1,5 +1,7 @@
 """Zones that the camera sees elsewhere: overlaps by hand, by counting points, in every solver."""
 
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np

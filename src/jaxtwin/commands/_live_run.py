@@ -64,7 +64,7 @@ def run_on_live_rig(
         bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
         progress.step(f"{doing} {loaded.name} for {duration:g} s")
 
-        def tell(time: float, pwm: tuple[int, ...]) -> None:
+        def show(time: float, pwm: tuple[int, ...]) -> None:
             parts = ", ".join(f"{100 * count / loaded.driver.counts:.0f} %" for count in pwm)
             progress.update(f"{time:.0f} s, duty {parts}")
 
@@ -78,7 +78,7 @@ def run_on_live_rig(
                 "command": shlex.join(["jaxtwin", *sys.argv[1:]]),
             },
             stop=stop,
-            progress=tell,
+            progress=show,
         )
     if outcome == "stopped":
         raise KeyboardInterrupt  # exit code 130

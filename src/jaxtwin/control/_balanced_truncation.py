@@ -1,10 +1,10 @@
-r"""Balanced truncation: the states that a drive moves most and the outputs show best are kept.
+r"""Balanced truncation: reduces a model to the states that matter most between inputs and outputs.
 
-With the Gramians $A P + P A^T + B B^T = 0$ and $A^T Q + Q A + C^T C = 0$, a model is balanced where
+With the Gramians $A P + P A^T + B B^T = 0$ and $A^T Q + Q A + C^T C = 0$, a model is balanced if
 both are the same diagonal matrix, of the Hankel singular values $\sigma_i$. The states that are
-left out are taken as always at rest (singular perturbation), which keeps the gain at rest. The
-error of the frequency response is at most $2 (\sigma_{r + 1} + ... + \sigma_n)$ (Liu and Anderson,
-Int. J. Control 50, 1989); that of truncation itself has the same bound and another gain at rest.
+left out are assumed to be always at rest (singular perturbation), which preserves the gain at rest.
+The error of the frequency response is at most $2 (\sigma_{r + 1} + ... + \sigma_n)$ (Liu and
+Anderson, Int. J. Control 50, 1989). Plain truncation has the same bound but another gain at rest.
 """
 
 from typing import NamedTuple
@@ -16,12 +16,12 @@ from scipy.linalg import solve_continuous_lyapunov
 from .._errors import ControlError
 
 NOTHING = 1e-11
-"""Hankel singular values below this part of the largest are rounding: states that no drive moves or
-no output shows, such as the differences between mirror images on a symmetric plate."""
+"""Hankel singular values below this part of the largest are rounding: they belong to states that no
+input moves or no output shows, such as differences between mirror images on a symmetric plate."""
 
 
 class Balanced(NamedTuple):
-    """A balanced model without the states that nothing moves or shows."""
+    """A balanced model without the states that no input moves or no output shows."""
 
     A: Float[np.ndarray, "kept kept"]
     B: Float[np.ndarray, "kept input"]
@@ -56,7 +56,7 @@ def balanced(
 def residualised(
     model: Balanced, order: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A, B, C and D with all states but the first ones always at rest."""
+    """A, B, C and D of the model whose states beyond the first ones are always at rest."""
     A, B, C, _ = model
     kept, left_out = slice(order), slice(order, None)
     rest = np.linalg.solve(A[left_out, left_out], np.hstack([A[left_out, kept], B[left_out]]))
@@ -70,6 +70,6 @@ def residualised(
 
 
 def _root(gramian: np.ndarray) -> np.ndarray:
-    """A square root of a matrix that rounding may have left with negative eigenvalues."""
+    """A square root of a matrix that rounding may have given negative eigenvalues."""
     values, vectors = np.linalg.eigh((gramian + gramian.T) / 2)
     return vectors * np.sqrt(np.maximum(values, 0.0))

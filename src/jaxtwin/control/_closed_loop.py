@@ -1,4 +1,4 @@
-"""A closed loop as a pure JAX function: twin, controller, and what happens to them."""
+"""A closed loop as a pure JAX function of twin, controller and scenario."""
 
 from typing import Any, NamedTuple, final
 
@@ -17,22 +17,23 @@ from ._controller import AbstractController
 
 @final
 class Scenario(eqx.Module):
-    """What a closed loop goes through, made by `jaxtwin.control.scenario`.
+    """The inputs of a closed loop, made by `jaxtwin.control.scenario`.
 
-    A sample of the controller is followed by `substeps` steps of the plant. Where a row has two
-    leading axes they are the samples and the steps in them.
+    A sample of the controller is followed by `substeps` steps of the plant. If a table has two
+    leading axes, they are the samples and the steps in each sample.
 
     **Arguments:**
 
-    - `time`: of the samples, s. `reference`: degC.
-    - `output_weights`: of the channels in the controller's outputs.
-    - `initial`: of the nodes, degC.
-    - `ambient`: degC. `heat`, `conductance`: of disturbances, W and W/K; None for none.
-    - `error`, `arrives`: of the readings, K.
-    - `step_s`: of the plant, s. `longest_delay_s`: of the driver, s.
-    - `sensor_delay_steps`: by how many of them readings are late.
-    - `counts`: full duty in counts; None where the duty is not quantised.
-    - `silence_s`: so long without a reading, and the cells are off for good.
+    - `time`: times of the samples, s. `reference`: references of the outputs, degC.
+    - `output_weights`: weights of the channels in the controller's outputs.
+    - `initial`: initial temperatures of the nodes, degC.
+    - `ambient`: ambient temperature, degC. `heat`, `conductance`: heat (W) and additional
+      conductance (W/K) of disturbances; None for none.
+    - `error`, `arrives`: errors of the readings, K, and whether a reading arrives.
+    - `step_s`: step of the plant, s. `longest_delay_s`: the longest delay of the driver, s.
+    - `sensor_delay_steps`: the delay of the readings in steps.
+    - `counts`: full duty in counts; None for a duty that is not quantised.
+    - `silence_s`: the cells are switched off for good after this time without a reading.
     """
 
     time: Float[Array | np.ndarray, " samples"]
@@ -53,19 +54,20 @@ class Scenario(eqx.Module):
 
 @final
 class ClosedLoop(eqx.Module):
-    """What happened in a closed loop, at every step of the plant; what measures are taken of.
+    """The signals of a closed loop at every step of the plant, from which measures are computed.
 
     **Arguments:**
 
     - `time`: s.
-    - `reference`, `output`: what the controlled temperatures should have been, and were, degC.
-    - `measurement`: what the controller believed: with noise, late or held, degC.
+    - `reference`, `output`: reference and true value of the controlled temperatures, degC.
+    - `measurement`: the controlled temperatures as the controller gets them, with noise, delay and
+      lost messages, degC.
     - `temperatures`: of the channels, without noise, degC.
     - `nodes`: of the twin's nodes, degC.
-    - `duty`: commanded from this time on, -1 to 1.
-    - `power`: that each cell's bridge draws from the supply, W.
-    - `elements`: how many of the nodes, the first ones, are the plate's.
-    - `sides`: which nodes are sides of the cells.
+    - `duty`: the duty commanded from this time on, -1 to 1.
+    - `power`: the power that each cell's bridge draws from the supply, W.
+    - `elements`: the number of elements of the plate, which are the first nodes.
+    - `sides`: the nodes that are sides of the cells.
     """
 
     time: Float[Array | np.ndarray, "*draws times"]
@@ -81,12 +83,12 @@ class ClosedLoop(eqx.Module):
 
     @property
     def plate(self) -> Float[Array | np.ndarray, "*draws times elements"]:
-        """Of the plate's elements, degC."""
+        """Temperatures of the plate's elements, degC."""
         return self.nodes[..., : self.elements]
 
     @property
     def cell_sides(self) -> Float[Array | np.ndarray, "*draws times sides"]:
-        """Of the cells' sides, degC."""
+        """Temperatures of the cells' sides, degC."""
         return self.nodes[..., np.array(self.sides)]
 
 
@@ -102,18 +104,17 @@ class _Loop(NamedTuple):
 
 
 def closed_loop(twin: Twin, controller: AbstractController, scenario: Scenario) -> ClosedLoop:
-    """Runs a controller on a twin; a pure JAX function of both, and of the scenario.
+    """Runs a controller on a twin. This is a pure JAX function of both, and of the scenario.
 
-    For one's own `jax.jit`, `jax.vmap`, `jax.jacfwd` or `jax.grad`; `simulate_closed_loop` is this
-    with checks and labels. Its precision is that of the surroundings: wrap it in
-    `jax.enable_x64(True)` for float64. Derivatives pass over the rounding of the duty to counts as
-    if it were not there.
+    It can be used inside `jax.jit`, `jax.vmap`, `jax.jacfwd` or `jax.grad`; `simulate_closed_loop`
+    adds checks and labels. The precision is the one that JAX is set to: use `jax.enable_x64(True)`
+    for float64. Derivatives ignore the rounding of the duty to counts.
 
     **Arguments:**
 
     - `twin`: rig and parameters.
-    - `controller`: its outputs must be those that the scenario was made for.
-    - `scenario`: what happens.
+    - `controller`: a controller with the outputs for which the scenario was made.
+    - `scenario`: references, initial state, disturbances and errors of the readings.
     """
     stepper = Stepper(twin, scenario.step_s, longest_delay=scenario.longest_delay_s)
     return run_loop(stepper, controller, scenario)
@@ -121,7 +122,7 @@ def closed_loop(twin: Twin, controller: AbstractController, scenario: Scenario) 
 
 @persistent_jit
 def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenario) -> ClosedLoop:
-    """The same on a twin that is ready to be stepped, in its precision."""
+    """The same on a twin that is prepared for stepping, in its precision."""
     dtype = stepper.reference.dtype
     controller, scenario = in_precision((controller, scenario), dtype)
     system, wiring = stepper.system, stepper.system.wiring
@@ -214,7 +215,7 @@ def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenari
 
 
 def in_precision(tree: PyTree, dtype: Any) -> PyTree:
-    """Floating-point leaves in a precision."""
+    """Converts floating-point leaves to a precision."""
 
     def cast(leaf: Any) -> Any:
         is_floating = eqx.is_array(leaf) and jnp.issubdtype(leaf.dtype, jnp.floating)

@@ -1,4 +1,4 @@
-"""What a simulated closed loop gives."""
+"""The result of a simulated closed loop."""
 
 import os
 from dataclasses import dataclass
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, repr=False, eq=False)
 class ClosedLoopRun:
-    """One closed loop.
+    """A simulated closed loop.
 
     **Arguments:**
 
-    - `run`: the twin's run under the duty that was commanded; its temperatures have no noise.
-    - `loop`: what measures are taken of.
+    - `run`: the twin's run under the commanded duty; its temperatures have no noise.
+    - `loop`: the signals from which measures are computed.
     - `outputs`: names of the controlled temperatures.
     """
 
@@ -48,7 +48,7 @@ class ClosedLoopRun:
         outputs: tuple[str, ...],
         ambient: Float[np.ndarray, " times"],
     ) -> "ClosedLoopRun":
-        """With the names of a twin."""
+        """Adds the names of a twin to the signals of a loop."""
         experiment = Experiment(
             loop.time, loop.duty, channels=twin.channels, ambient=ambient, name="closed loop"
         )
@@ -69,37 +69,37 @@ class ClosedLoopRun:
 
     @property
     def reference(self) -> Float[np.ndarray, "times outputs"]:
-        """What the outputs should have been, degC."""
+        """References of the outputs, degC."""
         return np.asarray(self.loop.reference)
 
     @property
     def output(self) -> Float[np.ndarray, "times outputs"]:
-        """What they were, degC."""
+        """The true outputs, degC."""
         return np.asarray(self.loop.output)
 
     @property
     def measurement(self) -> Float[np.ndarray, "times outputs"]:
-        """What the controller believed, degC."""
+        """The outputs as the controller gets them, degC."""
         return np.asarray(self.loop.measurement)
 
     @property
     def duty(self) -> Float[np.ndarray, "times cells"]:
-        """Commanded from each time on, -1 to 1."""
+        """The duty commanded from each time on, -1 to 1."""
         return np.asarray(self.loop.duty)
 
     @property
     def power(self) -> Float[np.ndarray, "times cells"]:
-        """That each cell's bridge draws from the supply, W."""
+        """The power that each cell's bridge draws from the supply, W."""
         return np.asarray(self.loop.power)
 
     @property
     def energy(self) -> Float[np.ndarray, " times"]:
-        """Drawn from the supply up to each time, J."""
+        """The energy drawn from the supply up to each time, J."""
         steps = np.diff(self.time) * self.power.sum(axis=1)[:-1]
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def measures(self) -> "pandas.DataFrame":
-        """A row for each measure, its index: value and unit."""
+        """A table with a row for each measure: its name as index, value and unit."""
         import pandas
 
         with own_settings():
@@ -110,8 +110,8 @@ class ClosedLoopRun:
         return pandas.DataFrame(rows, columns=["measure", "value", "unit"]).set_index("measure")
 
     def to_xarray(self) -> "xarray.Dataset":
-        """That of the run, and reference, measurement and controlled (time, output), power (time,
-        cell), energy (time)."""
+        """The dataset of the run, with reference, measurement and controlled (time, output), power
+        (time, cell) and energy (time)."""
         celsius = {"units": "degC"}
         more: dict[str, Any] = {
             name: (("time", "output"), getattr(self, name), celsius)
@@ -123,7 +123,8 @@ class ClosedLoopRun:
         return self.run.to_xarray().assign(more).assign_coords(output=list(self.outputs))
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each time (s), its index: references, outputs, duty and power by name."""
+        """A table with a row for each time (s), its index, and columns for references, outputs,
+        duty and power by name."""
         import pandas
 
         columns: dict[str, np.ndarray] = {}
@@ -136,14 +137,15 @@ class ClosedLoopRun:
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
     def plot(self) -> "Figure":
-        """Outputs beside their references, duty and power: `jaxtwin.plots.plot_closed_loop`."""
+        """Plots outputs, references, duty and power: `jaxtwin.plots.plot_closed_loop`."""
         return picture("plot_closed_loop", self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the run, as a whole or not at all: .nc with everything that `to_xarray` holds,
-        .csv as `Run.save` does.
+        """Writes the run, as a whole or not at all: a .nc file with the contents of `to_xarray`, or
+        a .csv file as `Run.save` writes it.
 
-        **Raises:** `RecordingError` for another ending, and where the file cannot be written.
+        **Raises:** `RecordingError` if the file name has another ending or the file cannot be
+        written.
         """
         from ..io._write import save_dataset
 

@@ -1,11 +1,11 @@
-r"""PI on the mean and on the differences of several outputs.
+r"""PI control of the mean and of the differences of several outputs.
 
-With $\bar e$ the mean error and $e_i - \bar e$ the differences,
+With the mean error $\bar e$ and the differences $e_i - \bar e$,
 
 $$w_i = (P + I)_{mean}(\bar e) + (P + I)_{diff}(e_i - \bar e), \quad u = \mathrm{sat}(D w).$$
 
-Two cells on a plate warm each other: a duty that is meant for the difference then also moves the
-mean, unless the matrix $D$, the inverse of the plate's gain, undoes that.
+Two cells on a plate warm each other: a duty that is meant for the difference also moves the mean.
+The matrix $D$, the inverse of the plate's gain, compensates for this.
 """
 
 from collections.abc import Sequence
@@ -30,28 +30,29 @@ from ._pid import Parameter, as_parameter, tracking_share
 
 
 class DecoupledPIState(NamedTuple):
-    """What it remembers: the integral parts, before the decoupling."""
+    """The state of a `DecoupledPI`: the integral parts, before the decoupling."""
 
     integral: Float[Array, " cells"]
 
 
 @final
 class DecoupledPI(AbstractChannelGroupController):
-    """A multivariable PI: one pair of gains for the mean of the outputs, another for how they
-    differ.
+    """A multivariable PI controller: one pair of gains for the mean of the outputs, another for
+    their differences.
 
-    There are as many outputs as cells, output i being where cell i acts most.
+    There are as many outputs as cells; output i is the one on which cell i acts most.
 
     **Arguments:**
 
-    - `Kp_mean`, `Kp_difference`: 1/K. `Ki_mean`, `Ki_difference`: 1/(K s).
-    - `measured`: the outputs, each a channel or a group of channels whose mean counts.
-    - `decoupling`: D, `(cells, cells)`; None: the unit matrix. `decoupling_of` makes it.
+    - `Kp_mean`, `Kp_difference`: proportional gains, 1/K. `Ki_mean`, `Ki_difference`: integral
+      gains, 1/(K s).
+    - `measured`: the outputs, each a channel or a group of channels that is averaged.
+    - `decoupling`: D, `(cells, cells)`; None for the unit matrix. `decoupling_of` computes it.
     - `setpoint_weight`, `limits`, `sample_time_s`: as in `PID`.
 
-    **Raises:** `ControlError` where a gain is no finite number of at least 0, the decoupling is
-    singular or of another shape, the limits are not from -1 to 1, or the sample time is not above
-    0.
+    **Raises:** `ControlError` if a gain is not a finite number of at least 0, the decoupling is
+    singular or has another shape, the limits are not within -1 to 1, or the sample time is not
+    positive.
     """
 
     Kp_mean: Parameter
@@ -103,7 +104,7 @@ class DecoupledPI(AbstractChannelGroupController):
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
     ) -> PyTree:
-        """The state from which the duty goes on where it is, with the reference at the
+        """The state with which the duty stays where it is while the reference equals the
         measurement."""
         asked = self._undo(jnp.asarray(duty))
         proportional = self._gained(
@@ -119,7 +120,7 @@ class DecoupledPI(AbstractChannelGroupController):
         reference: Float[ArrayLike, " outputs"],
         measurement: Float[ArrayLike, " outputs"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
-        """One sample."""
+        """Computes the duty of a sample and the next state."""
         r, y, h = jnp.asarray(reference), jnp.asarray(measurement), self.sample_time_s
         weighted_error = jnp.asarray(self.setpoint_weight) * r - y
         asked = self._gained(weighted_error, self.Kp_mean, self.Kp_difference) + state.integral
@@ -151,17 +152,16 @@ class DecoupledPI(AbstractChannelGroupController):
 
 
 def decoupling_of(gain: ArrayLike) -> Float[np.ndarray, "cells cells"]:
-    """The decoupling that makes a plate answer as if its cells did not warm each other.
+    """Computes the decoupling with which a plate responds as if its cells did not warm each other.
 
-    D = g G⁻¹ with G the steady gain from duty to outputs, K, and g the change of the mean output
-    under equal duty: an equal duty stays about what it is, and gains keep their meaning.
+    D = g G⁻¹, where G is the steady gain from duty to outputs, K, and g is the change of the mean
+    output under equal duty. An equal duty thus stays about the same, and gains keep their meaning.
 
     **Arguments:**
 
-    - `gain`: G, `(cells, cells)`, such as `jaxtwin.linearize(...).dcgain` in the outputs.
+    - `gain`: G, `(cells, cells)`, such as `jaxtwin.linearize(...).dcgain` of the outputs.
 
-    **Raises:** `ControlError` where it is not square, or singular: the cells cannot tell the
-    outputs apart.
+    **Raises:** `ControlError` if the gain is not square or is singular.
     """
     G = np.asarray(gain, float)
     if G.ndim != 2 or G.shape[0] != G.shape[1] or not np.isfinite(G).all():
@@ -175,7 +175,7 @@ def decoupling_of(gain: ArrayLike) -> Float[np.ndarray, "cells cells"]:
 
 
 def check_decoupling(where: str, decoupling: np.ndarray, cells: int) -> None:
-    """**Raises:** `ControlError` where it is no invertible matrix of finite numbers."""
+    """**Raises:** `ControlError` if the decoupling is not an invertible, finite matrix."""
     size = (cells, cells)
     if (
         decoupling.shape != size
@@ -188,11 +188,11 @@ def check_decoupling(where: str, decoupling: np.ndarray, cells: int) -> None:
 
 
 def inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """The inverse of a small matrix by Gauss-Jordan elimination in plain operations.
+    """The inverse of a small matrix by Gauss-Jordan elimination, in plain operations.
 
-    LAPACK calls inside of batches wait for each other, see `_lapack`; a matrix of one row or
-    column for each cell is done in a few multiplications. The largest number of a column is its
-    pivot: a decoupling may have zeros on its diagonal.
+    LAPACK calls inside batches wait for each other, see `_lapack`; a matrix with a row and column
+    for each cell needs only a few multiplications. The pivot is the largest number of a column,
+    because a decoupling may have zeros on its diagonal.
     """
     size = matrix.shape[0]
     rows = jnp.arange(size)

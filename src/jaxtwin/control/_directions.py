@@ -1,4 +1,4 @@
-"""The directions in which a plate can be moved: its mean, and its evenness."""
+"""The directions in which cells move the temperatures of a plate: its mean and its uniformity."""
 
 from dataclasses import dataclass
 from typing import final
@@ -12,15 +12,15 @@ from jaxtyping import Float
 class Directions:
     r"""The singular value decomposition of the gain at rest, $G = U \Sigma V^T$.
 
-    Duty along a column of `inputs` moves the channels along the same column of `outputs`, by
+    A duty along a column of `inputs` moves the channels along the same column of `outputs`, by
     `gains` kelvins (root of the sum of squares) per unit of duty.
 
     - `gains`: $\Sigma$, largest first, K per unit of duty.
     - `outputs`: $U$, `(outputs, directions)`. `inputs`: $V$, `(inputs, directions)`.
-    - `mean_share`: which part of a direction's temperatures, as squares, is the same in all
-      channels: near 1 the direction moves the mean, near 0 the uniformity.
-    - `duty_per_kelvin`: the duty (root of the sum of squares) for one kelvin, root mean
-      square over the channels.
+    - `mean_share`: the part of a direction's squared temperatures that all channels share. Near 1
+      the direction moves the mean, near 0 the uniformity.
+    - `duty_per_kelvin`: the duty (root of the sum of squares) for 1 K, root mean square over the
+      channels.
     """
 
     gains: Float[np.ndarray, " directions"]
@@ -31,7 +31,7 @@ class Directions:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """`"mean"` or `"uniformity"` of each direction, whichever has the larger part."""
+        """`"mean"` or `"uniformity"` for each direction, whichever has the larger part."""
         return tuple("mean" if share > 0.5 else "uniformity" for share in self.mean_share)
 
     @property
@@ -41,7 +41,7 @@ class Directions:
 
 
 def directions(gain: Float[np.ndarray, "outputs inputs"]) -> Directions:
-    """The directions of a gain; temperatures of each rise on average."""
+    """Computes the directions of a gain. Each is signed such that temperatures rise on average."""
     outputs, gains, inputs = np.linalg.svd(gain, full_matrices=False)
     sign = np.where(outputs.sum(axis=0) < 0, -1.0, 1.0)
     return Directions(

@@ -1,4 +1,4 @@
-"""A linear model step by step."""
+"""A linear model in discrete time."""
 
 from typing import TYPE_CHECKING, final
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 @final
 class DiscreteModel(eqx.Module):
-    r"""A linear model at sample times, as `LinearModel.discretise` makes it.
+    r"""A linear model at sample times, made by `LinearModel.discretise`.
 
     $$x_{k+1} = A x_k + B u_k, \quad y_k = C x_k + D u_k$$
 
-    with all three as deviations from the operating point. The methods take and return duty cycles
-    and temperatures themselves.
+    All three are deviations from the operating point. The methods take and return duty cycles and
+    temperatures themselves.
 
     ```python
     model = jt.linearize(jt.Twin("dual-cell"), duty=0.4).discretise(1.0)
@@ -39,10 +39,10 @@ class DiscreteModel(eqx.Module):
 
     **Arguments:**
 
-    - `A`, `B`, `C`, `D`: K and units of duty.
-    - `operating_point`: what the deviations are counted from.
-    - `sample_time_s`: s.
-    - `state_names`, `input_names`, `output_names`.
+    - `A`, `B`, `C`, `D`: the matrices, in K and units of duty.
+    - `operating_point`: the point from which deviations are counted.
+    - `sample_time_s`: the sample time, s.
+    - `state_names`, `input_names`, `output_names`: names of states, inputs and outputs.
     """
 
     A: Float[Array | np.ndarray, "state state"]
@@ -58,11 +58,11 @@ class DiscreteModel(eqx.Module):
     def start(
         self, duty: ArrayLike | float | int | None = None
     ) -> Float[Array | np.ndarray, " state"]:
-        """The state after a duty cycle that was commanded for long; None: at the operating point.
+        """The steady state under a constant duty cycle; None for the operating point.
 
         **Arguments:**
 
-        - `duty`: one for each input, or a single one for all.
+        - `duty`: a value for each input, or a single value for all.
         """
         with settings_for(self, duty):
             A = jnp.asarray(self.A)
@@ -73,9 +73,9 @@ class DiscreteModel(eqx.Module):
     def step(
         self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
     ) -> Float[Array | np.ndarray, " state"]:
-        """The state a sample time later, under a command held until then.
+        """The state one sample time later, under a command that is held until then.
 
-        **Raises:** `ControlError` where the command is not for the inputs of the model.
+        **Raises:** `ControlError` if the command does not fit the inputs of the model.
         """
         with settings_for(self, state, duty):
             return plain(self.A @ state + self.B @ self._change(duty))
@@ -83,9 +83,9 @@ class DiscreteModel(eqx.Module):
     def outputs(
         self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
     ) -> Float[Array | np.ndarray, " output"]:
-        """What the channels read, degC, where a command is given at that moment.
+        """The readings of the channels, degC, if a command is given at that moment.
 
-        The command matters only where `D` is not 0, as in models of reduced order.
+        The command matters only if `D` is not 0, as in models of reduced order.
         """
         with settings_for(self, state, duty):
             change = self.C @ state + self.D @ self._change(duty)
@@ -94,12 +94,13 @@ class DiscreteModel(eqx.Module):
     def simulate(
         self, duty: ArrayLike, start: Float[Array | np.ndarray, " state"] | None = None
     ) -> Float[Array | np.ndarray, "steps output"]:
-        """The outputs, degC, at the beginning of each step of a sequence of commands.
+        """Simulates a sequence of commands, and returns the outputs at the beginning of each step,
+        degC.
 
         **Arguments:**
 
-        - `duty`: `(steps, inputs)`.
-        - `start`: the state at the first of them; None: the operating point.
+        - `duty`: the commands, `(steps, inputs)`.
+        - `start`: the state at the first step; None for the operating point.
         """
         with settings_for(self, duty, start):
             state = self.start() if start is None else start
@@ -112,14 +113,14 @@ class DiscreteModel(eqx.Module):
             return np.array(rows).reshape(len(rows), len(self.output_names))
 
     def to_control(self) -> "control.StateSpace":
-        """The model for python-control (extra `control`), exact with lag and delay.
+        """Converts the model to python-control (extra `control`), exact with lag and delay.
 
-        **Raises:** `ControlError` where python-control is not installed.
+        **Raises:** `ControlError` if python-control is not installed.
         """
         return discrete(self)
 
     def _change(self, duty: ArrayLike | float | int) -> Float[Array | np.ndarray, " input"]:
-        """A command as deviation from the operating point."""
+        """A command as a deviation from the operating point."""
         command = jnp.asarray(duty) if is_traced(duty) else np.asarray(duty, float)
         inputs = len(self.input_names)
         if command.shape not in ((), (inputs,)):

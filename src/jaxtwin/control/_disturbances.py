@@ -1,4 +1,4 @@
-"""What disturbs a plate under control: draughts, and hands upon it."""
+"""Disturbances of a plate under control: draughts, and heat such as that of a hand."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from ..rig._problems import unknown
 @final
 @dataclass(frozen=True)
 class Draught:
-    """Air that blows upon some elements of the plate.
+    """A draught over some elements of the plate.
 
     **Arguments:**
 
-    - `elements`: of the plate, such as `("V11", "V12")`.
-    - `start_s`, `end_s`: when, s.
-    - `film_coefficient`: by how much that of the upper face grows, W/(m^2 K).
+    - `elements`: elements of the plate, such as `("V11", "V12")`.
+    - `start_s`, `end_s`: start and end, s.
+    - `film_coefficient`: the increase of the film coefficient of the upper face, W/(m^2 K).
     """
 
     elements: tuple[str, ...]
@@ -34,13 +34,13 @@ class Draught:
 @final
 @dataclass(frozen=True)
 class HeatInput:
-    """Heat into some elements of the plate: a hand upon it, say.
+    """Heat into some elements of the plate, for example from a hand.
 
     **Arguments:**
 
-    - `elements`: of the plate, which share it equally.
-    - `start_s`, `end_s`: when, s.
-    - `heat`: W, below 0 where it is taken away.
+    - `elements`: elements of the plate, which share the heat equally.
+    - `start_s`, `end_s`: start and end, s.
+    - `heat`: W, negative for cooling.
     """
 
     elements: tuple[str, ...]
@@ -58,10 +58,11 @@ def disturbance_tables(
     disturbances: Iterable[Disturbance],
     times: Float[np.ndarray, " times"],
 ) -> tuple[Float[np.ndarray, "times nodes"], Float[np.ndarray, "times nodes"]]:
-    """Heat into the nodes, W, and further conductance to the surroundings, W/K, at given times.
+    """The heat into each node, W, and its additional conductance to the surroundings, W/K, at given
+    times.
 
-    **Raises:** `ControlError` for an element that the plate does not have, and numbers that are
-    none.
+    **Raises:** `ControlError` for an element that the plate does not have, and for values that are
+    not numbers.
     """
     plate = twin.rig.plate
     columns = {node.name: number for number, node in enumerate(twin.netlist.nodes)}

@@ -1,11 +1,12 @@
-r"""A linear model under commands that are held between sample times, with lag and delay exact.
+r"""Discretises a linear model under held commands, exactly with lag and delay.
 
-With the duty that the cells get as a state $v$ behind those of the model, the state moves by
+The duty that reaches the cells is a state $v$ behind those of the model. While the same command $u$
+arrives, the states $z$ change by
 
 $$z(t + h) = e^{F h} z(t) + \int_0^h e^{F s} ds\, H u$$
 
-while the same command $u$ arrives. With a delay of $(n + r) T_s$, $0 \le r < 1$, the command of
-$n + 1$ steps ago arrives for the first $r T_s$ of a step and that of $n$ steps ago for the rest.
+With a delay of $(n + r) T_s$, $0 \le r < 1$, the command of $n + 1$ steps ago arrives for the first
+$r T_s$ of a step, and that of $n$ steps ago for the rest.
 """
 
 from typing import Any, TypeAlias
@@ -20,7 +21,8 @@ from ._matrix_exponential import matrix_exponential
 Matrices: TypeAlias = tuple[Any, Any, Any, Any]
 
 ROUNDING = 1e-9
-"""Parts of a step that are taken for 0, so that a delay of n steps is one."""
+"""Parts of a step below this are set to 0, so that a delay of n steps is a delay of n steps after
+rounding."""
 
 
 @persistent_jit
@@ -31,7 +33,7 @@ def held(
     sample_time: Float[Array, ""],
     shifts: int,
 ) -> Matrices:
-    """A, B, C and D of the discrete model, with room for so many commands on their way.
+    """A, B, C and D of the discrete model, with states for the given number of commands in transit.
 
     **Arguments:**
 
@@ -69,7 +71,7 @@ def held(
 
 
 def _lagged(matrices: Matrices, lag: Float[Array | np.ndarray, ""] | None) -> Matrices:
-    """The model with the duty that the cells get among its states, where it lags."""
+    """The model with the duty that reaches the cells among its states, if it lags."""
     A, B, C, D = (jnp.asarray(matrix) for matrix in matrices)
     if lag is None:
         return A, B, C, D
@@ -81,7 +83,7 @@ def _lagged(matrices: Matrices, lag: Float[Array | np.ndarray, ""] | None) -> Ma
 
 
 def _moved(F: Array, H: Array, time: Array) -> tuple[Array, Array]:
-    """What a state becomes after a time, and what a held command adds."""
+    """The transition matrix of a time, and the effect of a command that is held for that time."""
     states, inputs = H.shape
     both = jnp.block([[F, H], [jnp.zeros((inputs, states + inputs))]])
     moved = matrix_exponential(both * time)

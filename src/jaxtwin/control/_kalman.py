@@ -1,13 +1,13 @@
-r"""A steady-state Kalman filter that also estimates what disturbs the plant.
+r"""A steady-state Kalman filter that also estimates disturbances of the plant.
 
-The states are those of the plant and a disturbance for each output, in K that it moves the output
-by at rest. It drifts as a random walk and acts as a duty would, so that the model at rest agrees
-with the readings whatever the model's error:
+The states are those of the plant and, for each output, a disturbance, expressed as the change of
+the output at rest, K. The disturbance is a random walk and acts like a duty. The model therefore
+agrees with the readings at rest, whatever its error:
 
 $$x_{k+1} = A x_k + B (u_k + G^+ d_k), \quad d_{k+1} = d_k + w_k, \quad y_k = C x_k + v_k$$
 
-with $G$ the gain at rest (Pannocchia and Rawlings, AIChE J. 49, 2003, on disturbance models
-without offset).
+with $G$ the gain at rest (Pannocchia and Rawlings, AIChE J. 49, 2003, on disturbance models without
+offset).
 """
 
 from typing import final
@@ -23,12 +23,13 @@ from ._riccati import filter_gain
 
 @final
 class KalmanFilter(eqx.Module):
-    """All duty and temperatures are deviations from the plant's operating point.
+    """A steady-state Kalman filter. All duty cycles and temperatures are deviations from the
+    plant's operating point.
 
-    **Arguments:** the states are those of the plant, then the disturbances, K.
+    **Arguments:** the states are those of the plant, followed by the disturbances, K.
 
-    - `A`, `B`, `C`: of both.
-    - `L`: of the correction by a reading.
+    - `A`, `B`, `C`: matrices of these states.
+    - `L`: the filter gain.
     - `by_duty`, `by_disturbance`: the states at rest, per duty and per K.
     """
 
@@ -49,13 +50,13 @@ class KalmanFilter(eqx.Module):
     def correct(
         self, states: Float[Array, " state"], outputs: Float[Array, " output"]
     ) -> Float[Array, " state"]:
-        """The states as predicted, after a reading."""
+        """Corrects the predicted states by a reading."""
         return states + self.L @ (outputs - self.C @ states)
 
     def predict(
         self, states: Float[Array, " state"], duty: Float[Array, " cell"]
     ) -> Float[Array, " state"]:
-        """The states a sample later."""
+        """Predicts the states of the next sample."""
         return jnp.asarray(self.A) @ states + jnp.asarray(self.B) @ duty
 
 
@@ -66,12 +67,14 @@ def kalman_filter(
     reading_noise: Float[np.ndarray, " output"],
     sample_time_s: float,
 ) -> KalmanFilter:
-    """**Arguments:**
+    """Designs the filter.
+
+    **Arguments:**
 
     - `drift`: of the disturbances, K at rest per square root of a second.
     - `reading_noise`: standard deviation of a reading of each output, K.
 
-    **Raises:** `ControlError` where there is no such filter.
+    **Raises:** `ControlError` if no such filter exists.
     """
     states, outputs = len(plant.A), len(plant.C)
     unit, zero = np.eye(outputs), np.zeros((outputs, states))

@@ -32,27 +32,27 @@ if TYPE_CHECKING:
 
 @final
 class LinearModel(eqx.Module):
-    r"""Deviations from an operating point, as `linearize` makes it of a twin.
+    r"""A linear model of deviations from an operating point, made by `linearize`.
 
     $$\dot x = A x + B v, \quad y = C x + D v, \quad \tau \dot v(t) = u(t - \theta) - v(t)$$
 
-    $u$ is what is commanded; $\theta$, the driver's delay, and $\tau$, its lag, are kept apart from
-    the matrices.
+    $u$ is the commanded duty. The driver's delay $\theta$ and lag $\tau$ are kept apart from the
+    matrices.
 
-    A model is a PyTree whose leaves are its numbers; it passes through `jax.jit`, `jax.vmap` and
+    A model is a PyTree whose leaves are its numbers. It can pass through `jax.jit`, `jax.vmap` and
     `jax.grad`.
 
     **Arguments:**
 
-    - `A` (1/s), `B` (K/s per unit of duty), `C` (K/K), `D` (K per unit of duty).
-    - `operating_point`: what the deviations are counted from; None: zeros.
-    - `state_names`, `input_names`, `output_names`: None: numbered.
-    - `delay_s`, `lag_s`: of the duty that reaches the cells behind the command, s; 0 for none.
-    - `is_delayed`, `is_lagged`: whether there are any, which decides on the number of states of a
-      discrete model. None: where they are above 0, or traced by JAX.
+    - `A` (1/s), `B` (K/s per unit of duty), `C` (K/K), `D` (K per unit of duty): the matrices.
+    - `operating_point`: the point from which deviations are counted; None for zeros.
+    - `state_names`, `input_names`, `output_names`: names; None for numbers.
+    - `delay_s`, `lag_s`: delay and lag between the command and the duty that reaches the cells, s;
+      0 for none.
+    - `is_delayed`, `is_lagged`: whether there are any, which determines the number of states of a
+      discrete model. None: yes if they are positive or traced by JAX.
 
-    **Raises:** `ControlError` where shapes or names do not belong together, or a delay or a lag is
-    below 0.
+    **Raises:** `ControlError` if shapes or names do not agree, or if a delay or a lag is negative.
     """
 
     A: Float[Array | np.ndarray, "state state"]
@@ -101,28 +101,28 @@ class LinearModel(eqx.Module):
 
     @property
     def dcgain(self) -> Float[Array | np.ndarray, "output input"]:
-        """What the outputs change by in the end, K per unit of duty."""
+        """The gain at rest: the steady change of the outputs, K per unit of duty."""
         with settings_for(self):
             return plain(self.D - self.C @ solve(jnp.asarray(self.A), jnp.asarray(self.B)))
 
     def discretise(
         self, sample_time_s: float | int, *, longest_delay_s: float | int | None = None
     ) -> DiscreteModel:
-        r"""The model at sample times, under commands that are held between them.
+        r"""Discretises the model under commands that are held between the sample times.
 
-        It is exact, whatever the sample time, also where the delay is no multiple of it.
-        The lag adds a state for each input, the duty that the cells get; the delay $\theta = (n +
-        r) T_s$ adds the $n + 1$ commands that are still on their way, or $n$ where $r = 0$. Their
-        states come after those of the model.
+        The result is exact for any sample time, also if the delay is not a multiple of it. The lag
+        adds a state for each input, the duty that reaches the cells. A delay $\theta = (n + r) T_s$
+        adds the $n + 1$ commands that are in transit, or $n$ if $r = 0$. These states follow those
+        of the model.
 
         **Arguments:**
 
         - `sample_time_s`: $T_s$, s.
-        - `longest_delay_s`: for how long a delay the model has states. None: for its own. It must
-          be given where the delay is traced by JAX.
+        - `longest_delay_s`: the delay for which the model has states. None for its own delay. It
+          must be given if the delay is traced by JAX.
 
-        **Raises:** `ControlError` where the sample time is not above 0, or the delay is traced and
-        `longest_delay_s` is missing, or is longer than that.
+        **Raises:** `ControlError` if the sample time is not positive, or if the delay is longer
+        than `longest_delay_s`, or is traced and `longest_delay_s` is missing.
         """
         sample_time = finite_number("discretise: sample_time_s", sample_time_s, ControlError)
         if sample_time <= 0:
@@ -152,11 +152,11 @@ class LinearModel(eqx.Module):
     def frequency_response(
         self, omega: ArrayLike | float | int
     ) -> Complex[Array | np.ndarray, "*frequency output input"]:
-        r"""$G(j \omega)$ with delay and lag exact, K per unit of duty.
+        r"""The frequency response $G(j \omega)$ with exact delay and lag, K per unit of duty.
 
         **Arguments:**
 
-        - `omega`: a frequency or several, rad/s.
+        - `omega`: one or several frequencies, rad/s.
         """
         if is_traced(self, omega):
             with settings_for(self, omega):
@@ -169,54 +169,56 @@ class LinearModel(eqx.Module):
 
     @property
     def poles(self) -> Complex[np.ndarray, " state"]:
-        """The eigenvalues of `A`, 1/s, slowest first; the lag's own is at `-1 / lag_s`."""
+        """The eigenvalues of `A`, 1/s, slowest first; the pole of the lag is at `-1 / lag_s`."""
         poles = np.linalg.eigvals(np.asarray(self.A)).astype(complex)
         return poles[np.argsort(-np.real(poles))]
 
     @property
     def time_constants_s(self) -> Float[np.ndarray, " state"]:
-        """The inverse of the poles' decay, s, slowest first; infinite where nothing decays."""
+        """The reciprocals of the decay rates of the poles, s, slowest first; infinite for poles
+        that do not decay."""
         decay = np.maximum(-np.real(self.poles), 0.0)
         return np.divide(1.0, decay, out=np.full(decay.shape, np.inf), where=decay > 0)
 
     @property
     def relative_gain_array(self) -> Float[np.ndarray, "output input"]:
-        r"""$G \circ (G^+)^T$ of the gain at rest (Bristol 1966): by which channel a cell is best
-        controlled, if each were controlled by itself. The columns sum to 1."""
+        r"""$G \circ (G^+)^T$ of the gain at rest (Bristol 1966). It shows by which channel each
+        cell is best controlled, if each has its own loop. The columns sum to 1."""
         gain = np.asarray(self.dcgain)
         return gain * np.linalg.pinv(gain).T
 
     @property
     def directions(self) -> Directions:
-        """The directions in which the duty moves the channels in the end: see `Directions`."""
+        """The directions in which the duty moves the channels at rest: see `Directions`."""
         return directions(np.asarray(self.dcgain))
 
     @property
     def hankel_singular_values(self) -> Float[np.ndarray, " kept"]:
-        """How much each balanced state matters between the drive and the outputs, largest first.
+        """The Hankel singular values, largest first: how much each balanced state matters between
+        inputs and outputs.
 
-        Those that are rounding are left out.
+        Values that are rounding are left out.
 
-        **Raises:** `ControlError` where the model is not stable.
+        **Raises:** `ControlError` if the model is not stable.
         """
         return self._balanced().hankel
 
     def error_bound(self, order: int) -> float:
-        """By how much the frequency response of `reduce(order)` is off at most, at any frequency, K
-        per unit of duty (the largest singular value of the difference)."""
+        """A bound on the error of the frequency response of `reduce(order)` at any frequency, K per
+        unit of duty (the largest singular value of the difference)."""
         return 2 * float(self.hankel_singular_values[order:].sum())
 
     def reduce(self, order: int) -> "LinearModel":
-        """A model with fewer states and the same gain at rest, by balanced truncation.
+        """Reduces the model by balanced truncation, with the same gain at rest.
 
-        The states that matter least are taken as always at rest; what they gave then stands in
-        `D`. Delay, lag and operating point stay as they are.
+        The states that matter least are assumed to be always at rest; their contribution becomes
+        part of `D`. Delay, lag and operating point do not change.
 
         **Arguments:**
 
-        - `order`: how many states are kept.
+        - `order`: the number of states that are kept.
 
-        **Raises:** `ControlError` where the model is not stable, or has fewer states that a drive
+        **Raises:** `ControlError` if the model is not stable, or has fewer states that an input
         moves and the outputs show.
         """
         order = whole_number("reduce: order", order, 1, ControlError)
@@ -245,22 +247,23 @@ class LinearModel(eqx.Module):
         )
 
     def to_control(self, *, pade_order: int | None = None) -> "control.StateSpace":
-        """The model for python-control (extra `control`), with the lag among its states.
+        """Converts the model to python-control (extra `control`), with the lag among its states.
 
-        A delay cannot be in it: it is replaced by Pade's approximation where an order is given.
-        `discretise(...).to_control()` has it exactly.
+        A continuous model of python-control has no delay. It is replaced by Padé's approximation if
+        an order is given. `discretise(...).to_control()` contains it exactly.
 
         **Arguments:**
 
-        - `pade_order`: of the approximation.
+        - `pade_order`: the order of the approximation.
 
-        **Raises:** `ControlError` where the model has a delay and no order is given, or
+        **Raises:** `ControlError` if the model has a delay and no order is given, or if
         python-control is not installed.
         """
         return continuous(self, pade_order)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The matrices `A`, `B`, `C` and `D`, with names; delay and lag are attributes, s.
+        """The matrices `A`, `B`, `C` and `D` as a dataset with names; delay and lag are attributes,
+        s.
 
         The columns of `A` and `C` have the dimension `from_state`.
         """
@@ -288,7 +291,8 @@ class LinearModel(eqx.Module):
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """The gain at rest, K per unit of duty: a row for each output, a column for each input."""
+        """The gain at rest as a table, K per unit of duty: a row for each output, a column for each
+        input."""
         import pandas
 
         return pandas.DataFrame(
@@ -298,7 +302,7 @@ class LinearModel(eqx.Module):
         )
 
     def plot(self) -> "Figure":
-        """The Bode diagram: `jaxtwin.plots.plot_bode`."""
+        """Plots the Bode diagram: `jaxtwin.plots.plot_bode`."""
         return picture("plot_bode", self)
 
     def _balanced(self) -> Balanced:

@@ -1,13 +1,13 @@
-r"""LQI: state feedback with integral action, on the states that a Kalman filter estimates.
+r"""LQI: state feedback with integral action, with states that a Kalman filter estimates.
 
-With deviations from the operating point, $q$ the integrated errors and $\hat x$ the filter's
-estimate of the states,
+All quantities are deviations from the operating point; $q$ are the integrated errors and $\hat x$
+the estimated states:
 
 $$v_k = b\,N r_k - K_x \hat x_k + K_i q_k, \quad u_k = \mathrm{sat}(v_k), \quad
 q_{k+1} = q_k + h (r_k - y_k) + K_i^+ (u_k - v_k),$$
 
-the gains minimise $\sum (y / \Delta y)^2 + (q / \Delta q)^2 + (u / \Delta u)^2$ (Bryson's rule:
-each quantity counts in the deviation that is still accepted of it).
+The gains minimise $\sum (y / \Delta y)^2 + (q / \Delta q)^2 + (u / \Delta u)^2$, where each
+quantity is divided by the deviation that is accepted of it (Bryson's rule).
 """
 
 from collections.abc import Sequence
@@ -35,8 +35,8 @@ from ._riccati import regulator
 
 
 class LQIState(NamedTuple):
-    """What it remembers: the predicted states, the integrated errors (K s), and the part of the
-    duty at the start that no integral can hold."""
+    """The state of an `LQI`: the predicted states, the integrated errors (K s), and the part of the
+    initial duty that no integral can hold."""
 
     states: Float[Array, " state"]
     integral: Float[Array, " outputs"]
@@ -52,26 +52,29 @@ class LQI(AbstractChannelGroupController):
     lqi = LQI(model, measured=["TAM", "TCM"], limits=(0, 1))
     ```
 
-    The gains are computed here, once, and are parameters like those of a `PID`: they can be
-    differentiated and drawn. Its sample time is the model's.
+    The gains are computed once, by the constructor. They are parameters like those of a `PID`: they
+    can be differentiated and drawn. The sample time is that of the model.
 
     **Arguments:** deviations and noises are single numbers, or one for each output or cell.
 
-    - `model`: of the rig near its operating point, from `discretise`; delay and lag are states.
-    - `measured`: the outputs, at most as many as cells, each a channel or a group of channels whose
-      mean counts; None: the mean over all channels.
-    - `output_deviation`, K, `integral_deviation`, K s, `duty_deviation`: what is accepted of each;
-      a smaller one makes that quantity smaller, and a smaller integral deviation errors shorter.
-    - `drift`: by how much unknown heat moves the outputs at rest, K per square root of a second.
-    - `reading_noise`: standard deviation of a reading of each output, K. The ratio of both says how
-      far the filter trusts the model.
-    - `setpoint_weight`: b, how much of the duty for a new reference comes at once; 0 leaves all of
-      it to the integral, which overshoots least.
-    - `limits`: of the duty, within -1 to 1. At a limit the integral is set back to what the limit
-      leaves (back-calculation), and the filter knows what the cells get.
+    - `model`: a model of the rig near its operating point, from `discretise`; delay and lag are
+      states.
+    - `measured`: the outputs, at most as many as cells, each a channel or a group of channels that
+      is averaged; None for the mean over all channels.
+    - `output_deviation`, K, `integral_deviation`, K s, `duty_deviation`: the accepted deviation of
+      each. A smaller value keeps that quantity smaller; a smaller integral deviation shortens
+      errors.
+    - `drift`: the rate at which unknown heat moves the outputs at rest, K per square root of a
+      second.
+    - `reading_noise`: standard deviation of a reading of each output, K. The ratio of drift and
+      reading noise determines how much the filter trusts the model.
+    - `setpoint_weight`: b, the part of the duty for a new reference that is applied at once. With 0
+      the integral provides all of it, which overshoots least.
+    - `limits`: limits of the duty, within -1 to 1. At a limit the integral is set back by
+      back-calculation, and the filter uses the duty that the cells get.
 
-    **Raises:** `ControlError` where the model is none, or has no stable design, a deviation or a
-    noise is no finite number above 0, or the limits are not from -1 to 1.
+    **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
+    deviation or a noise is not a finite positive number, or the limits are not within -1 to 1.
     """
 
     Kx: Parameter
@@ -133,7 +136,7 @@ class LQI(AbstractChannelGroupController):
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
     ) -> PyTree:
-        """The state from which the duty goes on where it is, with the reference at the
+        """The state with which the duty stays where it is while the reference equals the
         measurement."""
         u, y = jnp.asarray(duty) - self.duty, jnp.asarray(measurement) - self.outputs
         states = self.kalman.init(u, y)
@@ -147,7 +150,7 @@ class LQI(AbstractChannelGroupController):
         reference: Float[ArrayLike, " outputs"],
         measurement: Float[ArrayLike, " outputs"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
-        """One sample."""
+        """Computes the duty of a sample and the next state."""
         r, y = jnp.asarray(reference) - self.outputs, jnp.asarray(measurement) - self.outputs
         states = self.kalman.correct(state.states, y)
         asked = self.duty + self._feedback(states, r) + self.Ki @ state.integral + state.kept

@@ -1,9 +1,8 @@
-r"""How far a loop is from instability, from the frequency response of what is in it.
+r"""Stability margins of a loop, from its frequency response.
 
-A loop $L(j \omega)$ is the product of plant and controller, with the minus sign of the
-feedback left out. All numbers hold for loops that are stable when closed; they do not tell whether
-that is so.
-Delays are exact: nothing here needs a rational function.
+A loop $L(j \omega)$ is the product of plant and controller, without the minus sign of the feedback.
+All numbers are valid for loops that are stable when closed; they do not show whether the closed
+loop is stable. Delays are exact, because no rational function is needed.
 """
 
 from collections.abc import Callable
@@ -17,20 +16,22 @@ from .._errors import ControlError
 from ._linear_model import LinearModel
 
 OMEGA = np.geomspace(1e-6, 1e3, 6000)
-"""Frequencies that are looked at where none are given, rad/s."""
+"""The default frequencies, rad/s."""
 
 Loop: TypeAlias = Callable[[Float[np.ndarray, " frequency"]], Complex[np.ndarray, "..."]]
-"""From frequencies, rad/s, to the loop's response there, `(frequency,)` or `(frequency, n, n)`."""
+"""A function from frequencies, rad/s, to the response of the loop, `(frequency,)` or `(frequency,
+n, n)`."""
 
 
 class Margins(NamedTuple):
     """Gain and phase margin, in the order of `control.margin` of python-control.
 
-    - `gm`: by which factor the gain may grow, or fall where it is below 1.
-    - `pm`: by how many degrees the phase may fall.
-    - `wcg`: where the phase is -180 degrees, rad/s. `wcp`: where the gain is 1, rad/s.
+    - `gm`: the factor by which the gain may grow, or fall if it is below 1.
+    - `pm`: the number of degrees by which the phase may fall.
+    - `wcg`: the frequency with a phase of -180 degrees, rad/s. `wcp`: the frequency with a gain of
+      1, rad/s.
 
-    A margin that no frequency has is infinite, its frequency NaN.
+    A margin is infinite, and its frequency NaN, if no frequency has that phase or gain.
     """
 
     gm: float
@@ -40,17 +41,17 @@ class Margins(NamedTuple):
 
     @property
     def delay_s(self) -> float:
-        """By how much later a loop may act, s, where its gain is 1 at a single frequency."""
+        """The further delay that the loop tolerates, s, if its gain is 1 at a single frequency."""
         return float(np.radians(self.pm % 360) / self.wcp) if np.isfinite(self.pm) else np.inf
 
 
 class DiskMargin(NamedTuple):
-    """How much gain and phase may change together, in all channels at once.
+    """How much gain and phase of all channels may change at the same time.
 
-    - `margin`: the size of the disk that they may move in.
-    - `gain`: from and to which factor the gain may change where the phase does not.
-    - `phase_deg`: by how much the phase may, either way, where the gain does not.
-    - `omega`: where the loop is nearest to instability, rad/s.
+    - `margin`: the size of the disk in which they may change.
+    - `gain`: the smallest and the largest factor of the gain if the phase does not change.
+    - `phase_deg`: the change of the phase in either direction if the gain does not change.
+    - `omega`: the frequency at which the loop is nearest to instability, rad/s.
     """
 
     margin: float
@@ -62,7 +63,7 @@ class DiskMargin(NamedTuple):
 def margins(
     loop: LinearModel | Loop, *, omega: Float[np.ndarray, " frequency"] | None = None
 ) -> Margins:
-    """Gain and phase margin of a loop with a single channel: the worst of each.
+    """Computes gain and phase margin of a loop with a single channel: the smallest of each.
 
     ```python
     model = jt.linearize(jt.Twin("single-cell"), duty=0.3)
@@ -72,10 +73,11 @@ def margins(
     **Arguments:**
 
     - `loop`: a function from frequencies, rad/s, to the response of plant times controller; or a
-      model with an input and an output.
-    - `omega`: increasing frequencies between which crossings are sought, rad/s; None: 1e-6 to 1e3.
+      model with a single input and output.
+    - `omega`: increasing frequencies between which crossings are searched, rad/s; None for 1e-6 to
+      1e3.
 
-    **Raises:** `ControlError` where the loop has several channels or is not finite.
+    **Raises:** `ControlError` if the loop has several channels or is not finite.
     """
     response, omega = _scalar(loop), _frequencies(omega)
     values = response(omega)
@@ -105,14 +107,15 @@ def margins(
 def sensitivity_peak(
     loop: LinearModel | Loop, *, omega: Float[np.ndarray, " frequency"] | None = None
 ) -> tuple[float, float]:
-    """The largest sensitivity, and its frequency, rad/s.
+    """Computes the peak of the sensitivity, and its frequency, rad/s.
 
-    By so much a disturbance is made worse at worst: the largest singular value of $(I + L)^{-1}$.
-    It is the inverse of the loop's smallest distance from -1, and 2 is a usual limit.
+    It is the largest singular value of $(I + L)^{-1}$ over all frequencies: the factor by which the
+    loop amplifies a disturbance at worst. For a single channel it is the reciprocal of the smallest
+    distance of the loop from -1. A usual limit is 2.
 
     **Arguments:**
 
-    - `loop`, `omega`: those of `margins`; several channels are a square matrix at each frequency.
+    - `loop`, `omega`: as in `margins`; several channels are a square matrix at each frequency.
     """
     return _peak(_square(loop), _frequencies(omega), 0.0)
 
@@ -123,17 +126,17 @@ def disk_margin(
     skew: float = 0.0,
     omega: Float[np.ndarray, " frequency"] | None = None,
 ) -> DiskMargin:
-    r"""The disk margin (Seiler, Packard and Gahinet, IEEE Control Systems 40, 2020).
+    r"""Computes the disk margin (Seiler, Packard and Gahinet, IEEE Control Systems 40, 2020).
 
     $$\alpha = 1 / \max_\omega \lVert S + \tfrac{\sigma - 1}{2} I \rVert$$
 
-    With several channels it holds for any changes of gain and phase in all of them, also where
-    they influence each other; for changes of each channel alone it is then on the safe side.
+    With several channels it is valid for any changes of gain and phase in all of them, also if they
+    interact. It is then conservative for changes of each channel by itself.
 
     **Arguments:**
 
-    - `loop`, `omega`: those of `sensitivity_peak`.
-    - `skew`: $\sigma$; 0 for gains that may fall as far as rise, 1 for the inverse of the
+    - `loop`, `omega`: as in `sensitivity_peak`.
+    - `skew`: $\sigma$; 0 for gains that may fall as much as rise, 1 for the reciprocal of the
       sensitivity's peak.
     """
     peak, at = _peak(_square(loop), _frequencies(omega), (skew - 1) / 2)

@@ -1,17 +1,17 @@
-"""The exponential of a matrix, without LAPACK, for draws in several threads: see `_lapack`."""
+"""The exponential of a matrix without LAPACK, for draws in several threads: see `_lapack`."""
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 TERMS = 18
-"""Of the series: with a norm of at most a half, the rest is below 1e-21."""
+"""The number of terms of the series: for a norm of at most a half, the remainder is below 1e-21."""
 
 MOST_SQUARINGS = 40
 
 
 def matrix_exponential(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Taylor's series of the matrix scaled down, squared as often as it was halved."""
+    """The Taylor series of the scaled matrix, squared repeatedly."""
     unit = jnp.eye(len(matrix), dtype=matrix.dtype)
     norm = jax.lax.stop_gradient(jnp.abs(matrix).sum(axis=0).max())
     halvings = jnp.clip(jnp.ceil(jnp.log2(jnp.maximum(norm, 1e-30))) + 1, 0, MOST_SQUARINGS)

@@ -9,20 +9,20 @@ from jaxtyping import Array, Float
 from ._closed_loop import ClosedLoop
 
 SETTLED = 0.5
-"""How far an output may be from its reference and count as settled, K."""
+"""An output counts as settled within this distance of its reference, K."""
 
 AT_REST = 0.1
-"""The last part of a run in which the plate counts as at rest."""
+"""The last part of a run, in which the plate counts as at rest."""
 
 FULL_DUTY = 1 - 0.5 / 255
-"""A duty of at least so much is at the limit."""
+"""A duty of at least this size counts as full."""
 
 Measure: TypeAlias = Callable[[ClosedLoop], Float[Array, ""]]
 
 
 def settling_time(loop: ClosedLoop) -> Float[Array, ""]:
-    """From the last change of a reference until all outputs stay within 0.5 K of theirs, s;
-    infinite where they never do."""
+    """The time from the last change of a reference until all outputs stay within 0.5 K of their
+    references, s; infinite if they never do."""
     time, change = jnp.asarray(loop.time), _last_change(loop)
     is_out = jnp.any(jnp.abs(_error(loop)) > SETTLED, axis=1)
     last_out = jnp.max(jnp.where(is_out, jnp.arange(time.size), -1))

@@ -41,15 +41,15 @@ from ._riccati import regulator
 
 
 class MPCState(NamedTuple):
-    """What it remembers: the predicted states, and what the cells get."""
+    """The state of an `MPC`: the predicted states, and the duty that the cells get."""
 
     states: Float[Array, " state"]
     duty: Float[Array, " cells"]
 
 
 class Condensed(NamedTuple):
-    """The cost as a function of the duty alone, `(samples, cells)` in a row: its Hessian, and what
-    its slope gets from each of these."""
+    """The cost as a function of the duty alone, `(samples, cells)` in a row: its Hessian, and the
+    matrices from which its gradient follows."""
 
     hessian: Float[Array | np.ndarray, "moves moves"]
     by_states: Float[Array | np.ndarray, "moves state"]
@@ -66,22 +66,22 @@ class MPC(AbstractChannelGroupController):
     mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), rate_limit=0.05)
     ```
 
-    It sees the reference of now and takes it for that of the whole horizon. In a loop of one's own
-    `step` takes `(horizon, outputs)` references too, those of this sample and the next ones. Its
-    sample time is the model's.
+    The controller uses the present reference for the whole horizon. In a loop of your own, `step`
+    also takes references `(horizon, outputs)`, those of this sample and of the next ones. The
+    sample time is that of the model.
 
     **Arguments:** deviations and noises are single numbers, or one for each output or cell.
 
     - `model`, `measured`, `output_deviation`, `drift`, `reading_noise`, `limits`: as in `LQI`.
-    - `duty_deviation`: how far the duty may be from that which holds the reference at rest. A
-      larger one hurries more, and overshoots where the plate is another than the model.
-    - `duty_change_deviation`: what is accepted of changes of the duty from sample to sample.
-    - `horizon`: samples that are planned.
-    - `rate_limit`: of each cell's duty, 1/s, hard; None: none.
+    - `duty_deviation`: the accepted deviation of the duty from the one that holds the reference at
+      rest. A larger value is faster, and overshoots more if the plate differs from the model.
+    - `duty_change_deviation`: the accepted change of the duty from sample to sample.
+    - `horizon`: the number of samples that are planned.
+    - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none.
 
-    **Raises:** `ControlError` where the model is none, or has no stable design, a deviation, a
-    noise or the rate is no finite number above 0, the horizon is no whole number above 0, or the
-    limits are not from -1 to 1.
+    **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
+    deviation, a noise or the rate is not a finite positive number, the horizon is not a positive
+    whole number, or the limits are not within -1 to 1.
     """
 
     condensed: Condensed
@@ -150,7 +150,7 @@ class MPC(AbstractChannelGroupController):
         reference: Float[ArrayLike, "*horizon outputs"],
         measurement: Float[ArrayLike, " outputs"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
-        """One sample."""
+        """Computes the duty of a sample and the next state."""
         states, moves = self._plan(state, jnp.asarray(reference), jnp.asarray(measurement))
         low, high = (limit - self.duty for limit in self.limits)
         now = moves[0]
@@ -165,7 +165,7 @@ class MPC(AbstractChannelGroupController):
     def _plan(
         self, state: MPCState, reference: Array, measurement: Array
     ) -> tuple[Float[Array, " state"], Float[Array, "horizon cells"]]:
-        """The states after the reading, and the duty of the next samples as deviations."""
+        """The states after the reading, and the planned duty of the next samples as deviations."""
         states = self.kalman.correct(state.states, measurement - self.outputs)
         outputs, cells = self.gain.shape
         missing = reference - self.outputs - states[-outputs:]
@@ -187,8 +187,8 @@ class MPC(AbstractChannelGroupController):
         return states, minimised(program).reshape(self.horizon, cells)
 
     def _target(self, missing: Float[Array, " outputs"]) -> Float[Array, " cells"]:
-        """The smallest duty that changes the outputs at rest by this, or, where the limits leave
-        none, that which comes nearest in deviations."""
+        """The smallest duty that changes the outputs at rest by this; if the limits exclude it, the
+        duty that comes nearest, measured in the accepted deviations."""
         gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
         scaled = gain / self.output_deviation[:, None]
         size = jnp.sum(scaled**2) / len(gain)
@@ -214,10 +214,13 @@ class MPC(AbstractChannelGroupController):
 def _condensed(
     plant: Plant, horizon: int, y: np.ndarray, u: np.ndarray, change: np.ndarray
 ) -> Condensed:
-    r"""With $\xi = (x, u_{-1})$, deviations from where the plate comes to rest, and $\Delta u$ as
-    input, the problem is a regulator of which the rest beyond the horizon is the Riccati cost.
+    r"""Condenses the cost to a function of the duty.
 
-    **Raises:** `ControlError` where the plant has no stable design.
+    With $\xi = (x, u_{-1})$, deviations from the point where the plate comes to rest, and the input
+    $\Delta u$, the problem is that of a regulator, and the cost beyond the horizon is its Riccati
+    cost.
+
+    **Raises:** `ControlError` if the plant has no stable design.
     """
     (n, cells), outputs = plant.B.shape, len(plant.C)
     unit = np.eye(cells)

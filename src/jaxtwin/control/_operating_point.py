@@ -1,4 +1,4 @@
-"""Steady states: the temperatures under a duty cycle, and the duty cycle for temperatures."""
+"""Steady states: the temperatures for a duty cycle, and the duty cycle for temperatures."""
 
 from collections.abc import Mapping
 from typing import final
@@ -17,22 +17,22 @@ from ..physics import System, Twin
 ZERO_CELSIUS = 273.15
 
 NEWTON_STEPS = 40
-"""Of the search for a duty cycle. It takes a handful; those on the way from full cooling to full
-heating are held to `LONGEST_STEP`."""
+"""Steps of the search for a duty cycle. It usually needs a handful; on the way from full cooling to
+full heating each is limited to `LONGEST_STEP`."""
 
 LONGEST_STEP = 0.25
 
 KINK = 1e-9
-"""How far from a duty of 0 its two slopes are taken."""
+"""The distance from a duty of 0 at which its two slopes are computed."""
 
 
 @final
 class OperatingPoint(eqx.Module):
-    """Where a rig rests.
+    """A steady state of a rig.
 
     - `duty`: of the cells, -1 to 1.
-    - `nodes`: temperatures, degC, in the order of `twin.netlist.nodes`.
-    - `outputs`: what the channels read there, degC.
+    - `nodes`: temperatures of the nodes, degC, in the order of `twin.netlist.nodes`.
+    - `outputs`: readings of the channels, degC.
     - `ambient`: temperature of the surroundings, degC.
     """
 
@@ -44,7 +44,7 @@ class OperatingPoint(eqx.Module):
 
 @final
 class Target(eqx.Module):
-    """Temperatures that a duty cycle is sought for.
+    """Temperatures for which a duty cycle is searched.
 
     The search minimises the distance of `channels @ readings` from `temperatures` over `duty =
     directions @ unknowns`.
@@ -56,10 +56,10 @@ class Target(eqx.Module):
 
 
 def target_of(twin: Twin, temperatures: Mapping[str, float] | float | int) -> Target:
-    """What `linearize` was given as temperatures, checked.
+    """The temperatures given to `linearize`, checked.
 
-    **Raises:** `ControlError` for unknown channels, numbers that are none, or fewer channels than
-    cells.
+    **Raises:** `ControlError` for unknown channels, values that are not numbers, or fewer channels
+    than cells.
     """
     where = "linearize: temperatures"
     cells, names = len(twin.netlist.cells), twin.channels
@@ -89,10 +89,11 @@ def slopes(
     duty: Float[Array, " cells"],
     reference: Float[Array, ""],
 ) -> tuple[Float[Array, "nodes nodes"], Float[Array, "nodes cells"]]:
-    """The derivatives of the heat into the nodes by their temperatures, W/K, and by the duty, W.
+    """The derivatives of the heat into the nodes with respect to their temperatures, W/K, and to
+    the duty, W.
 
-    At a duty of 0, where the slopes of heating and of cooling differ, that by the duty is the mean
-    of the two.
+    At a duty of 0, where the slopes of heating and of cooling differ, the derivative with respect
+    to the duty is the mean of the two.
     """
     at_zero = jnp.where(duty == 0, jnp.asarray(KINK, duty.dtype), 0.0)
     by_duty = jax.jacfwd(lambda duty: system.heat_into_nodes(deviation, duty, reference))
@@ -105,9 +106,10 @@ def slopes(
 def duty_for(
     system: System, target: Target, reference: Float[Array, ""]
 ) -> tuple[Float[Array, " cells"], Float[Array, " targets"]]:
-    """The duty cycle for temperatures by Gauss and Newton's method, and what it reaches, degC.
+    """Finds the duty cycle for temperatures by the Gauss-Newton method, and the temperatures that
+    it reaches, degC.
 
-    Its derivatives by the parameters are exact where the target can be reached.
+    Its derivatives with respect to the parameters are exact if the target can be reached.
     """
     directions = jnp.asarray(target.directions, reference.dtype)
     channels = jnp.asarray(target.channels, reference.dtype)

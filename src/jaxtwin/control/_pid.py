@@ -35,7 +35,7 @@ Parameter: TypeAlias = Float[Array | np.ndarray, "..."]
 
 
 class PIDState(NamedTuple):
-    """What a PID remembers: integral and derivative part of each cell, and d of each output."""
+    """The state of a `PID`: integral and derivative part of each cell, and d of each output."""
 
     integral: Float[Array, " cells"]
     derivative: Float[Array, " cells"]
@@ -44,32 +44,32 @@ class PIDState(NamedTuple):
 
 @final
 class PID(AbstractChannelGroupController):
-    """A PID for each cell: of the same output for all cells, or of one output each.
+    """A PID controller for each cell, all with the same output or each with its own.
 
     ```python
     PID(Kp=0.1, Ki=0.002, measured=[["T11", "T21", "TAM"], ["T16", "T26", "TCM"]])
     ```
 
-    Where only one output is measured, all cells follow it with the same gains; they get equal duty
-    unless they had different ones at the start.
+    If there is a single output, all cells follow it with the same gains; their duty cycles are
+    equal unless they differed at the start.
 
     **Arguments:** gains are single numbers or one for each cell.
 
-    - `Kp`: 1/K. `Ki`: 1/(K s). `Kd`: s/K, on the measurement.
+    - `Kp`: proportional gain, 1/K. `Ki`: integral gain, 1/(K s). `Kd`: derivative gain, s/K.
     - `Tf`: time constant of the derivative's filter, s.
-    - `setpoint_weight`: b, how much of the reference the proportional part sees; less than 1
-      overshoots less.
-    - `derivative_weight`: c, the same for the derivative part: 0 is a derivative of the measurement
-      alone.
-    - `tracking_time_s`: of the anti-windup by back-calculation, s; None: Kp / Ki. Shorter ones than
-      the sample time count as the sample time.
-    - `limits`: of the duty, within -1 to 1. (0, 1) never cools.
-    - `sample_time_s`: s.
-    - `measured`: the outputs, each a channel or a group of channels whose mean counts; None: the
+    - `setpoint_weight`: b, the weight of the reference in the proportional part; values below 1
+      overshoot less.
+    - `derivative_weight`: c, the same for the derivative part: with 0 it is the derivative of the
+      measurement alone.
+    - `tracking_time_s`: time constant of the anti-windup by back-calculation, s; None for Kp / Ki.
+      It is at least the sample time.
+    - `limits`: limits of the duty, within -1 to 1. (0, 1) never cools.
+    - `sample_time_s`: the sample time, s.
+    - `measured`: the outputs, each a channel or a group of channels that is averaged; None for the
       mean over all channels.
 
-    **Raises:** `ControlError` where a gain is no finite number of at least 0, the limits are
-    not from -1 to 1, or the sample time is not above 0.
+    **Raises:** `ControlError` if a gain is not a finite number of at least 0, the limits are not
+    within -1 to 1, or the sample time is not positive.
     """
 
     Kp: Parameter
@@ -118,8 +118,8 @@ class PID(AbstractChannelGroupController):
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
     ) -> PyTree:
-        """The state from which the duty goes on where it is, with the reference at the measurement
-        and the plate at rest."""
+        """The state with which the duty stays where it is while the reference equals the
+        measurement and the plate is at rest."""
         duty, y = jnp.asarray(duty), jnp.asarray(measurement)
         integral = duty - self.Kp * (self.setpoint_weight - 1) * y
         last = (jnp.asarray(self.derivative_weight) - 1) * y
@@ -131,7 +131,7 @@ class PID(AbstractChannelGroupController):
         reference: Float[ArrayLike, " outputs"],
         measurement: Float[ArrayLike, " outputs"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
-        """One sample."""
+        """Computes the duty of a sample and the next state."""
         r, y, h = jnp.asarray(reference), jnp.asarray(measurement), self.sample_time_s
         weighted = jnp.asarray(self.derivative_weight) * r - y
         derivative = (self.Tf * state.derivative + self.Kd * (weighted - state.last)) / (
@@ -150,9 +150,10 @@ def tracking_share(
     tracking_time_s: Parameter | None,
     sample_time_s: float,
 ) -> Float[Array, "*cells"]:
-    """Which part of what the limits cut off leaves the integral in a sample: h / Tt, at most 1.
+    """The part of the clipped duty that is taken back from the integral in a sample: h / Tt, at
+    most 1.
 
-    Without an integral gain there is nothing to wind up.
+    Without an integral gain there is no windup.
     """
     Kp, Ki = jnp.asarray(Kp), jnp.asarray(Ki)
     # Both branches stay finite, and so do their derivatives.
@@ -164,7 +165,7 @@ def tracking_share(
 
 
 def as_parameter(value: Numbers) -> Parameter:
-    """A parameter as an array that leaves the choice of precision to JAX."""
+    """A parameter as an array whose precision JAX chooses."""
     if isinstance(value, int | float | list | tuple | np.generic):
         return np.asarray(value, np.float64)
     if isinstance(value, np.ndarray):

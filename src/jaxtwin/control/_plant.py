@@ -1,4 +1,4 @@
-"""What a controller is designed on: a discrete model, seen through the controller's outputs."""
+"""The plant for which a controller is designed: a discrete model with the controller's outputs."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -13,14 +13,14 @@ from ._controller import means_of
 from ._discrete_model import DiscreteModel
 
 LARGEST_CONDITION = 1e6
-"""Of the gain at rest, beyond which the outputs count as moved alike by all cells."""
+"""A larger condition number of the gain at rest means that all cells move the outputs alike."""
 
 
 class Plant(NamedTuple):
-    r"""$x_{k+1} = A x_k + B u_k$, $y_k = C x_k$, as deviations from `duty` and `outputs`.
+    """The plant $x_{k+1} = A x_k + B u_k$, $y_k = C x_k$, as deviations from `duty` and `outputs`.
 
-    - `rest`: the states at rest per duty; `gain`: the outputs, K; `inverse`: the smallest duty that
-      changes the outputs at rest by 1 K.
+    - `rest`: the states at rest per unit of duty; `gain`: the outputs at rest, K; `inverse`: the
+      smallest duty that changes the outputs at rest by 1 K.
     """
 
     A: Float[np.ndarray, "state state"]
@@ -34,14 +34,14 @@ class Plant(NamedTuple):
 
 
 def plant_of(where: str, model: Any, measured: Sequence[Sequence[str]] | None) -> Plant:
-    """The plant between the duty and means over some channels.
+    """The plant from the duty to means over some channels.
 
-    A model of reduced order has fast states that are always at rest: its outputs follow the
-    command at once. What is read when a command is about to be given still follows the last
-    command, which then is a state.
+    A model of reduced order has fast states that are always at rest: its outputs follow the command
+    at once. A reading that is taken just before a new command still follows the last command, which
+    is therefore a state.
 
-    **Raises:** `ControlError` where it is no discrete model with numbers, has no steady state, or
-    the outputs are more than the inputs, or moved alike by all of them.
+    **Raises:** `ControlError` if the model is not a discrete model with numbers or has no steady
+    state, or if there are more outputs than inputs, or all inputs move the outputs alike.
     """
     expected = "a DiscreteModel, such as linearize(...).reduce(4).discretise(1.0)"
     of_kind(f"{where}: model", model, DiscreteModel, expected, ControlError)

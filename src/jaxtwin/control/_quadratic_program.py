@@ -1,11 +1,11 @@
-r"""Small convex quadratic programs with limits on both sides, inside of JAX.
+r"""Small convex quadratic programs with limits on both sides, inside JAX.
 
 $$\min_z \tfrac12 z^T H z + f^T z, \quad a \le M z \le b$$
 
-The method is a primal-dual interior point with a single factorisation a step (Nocedal and Wright,
-*Numerical Optimization*, 2006, chapter 16.6). It takes 8 to 20 steps whatever the problem;
-first-order methods would need hundreds, because the Hessian of a plate seen through its delay has
-eigenvalues that are far apart.
+The method is a primal-dual interior point method with a single factorisation in each step (Nocedal
+and Wright, *Numerical Optimization*, 2006, chapter 16.6). It needs 8 to 20 steps. First-order
+methods would need hundreds, because the eigenvalues of the Hessian of a plate with a delay are far
+apart.
 """
 
 from typing import NamedTuple
@@ -17,17 +17,17 @@ from jaxtyping import Array, Bool, Float
 from .._lapack import solve, solve_definite
 
 STEPS = 30
-"""At most, for programs that are harder than any that was tried."""
+"""The largest number of steps."""
 
 CENTERING = 0.05
-"""By how much a step aims to bring slack times multiplier down."""
+"""The factor by which a step aims to reduce the product of slack and multiplier."""
 
 TO_BOUNDARY = 0.99
-"""Part of the way to the nearest limit that a step goes at most."""
+"""The largest part of the way to the nearest limit that a step takes."""
 
 
 class QuadraticProgram(NamedTuple):
-    """Each limit leaves room: `lowest` is below `highest`."""
+    """A quadratic program whose limits leave room: `lowest` is below `highest`."""
 
     hessian: Float[Array, "n n"]
     slope: Float[Array, " n"]
@@ -37,7 +37,7 @@ class QuadraticProgram(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Unknowns, slacks and multipliers of `[M; -M] z <= [b; -a]`."""
+    """Unknowns, and slacks and multipliers of `[M; -M] z <= [b; -a]`."""
 
     z: Float[Array, " n"]
     slack: Float[Array, " limits"]
@@ -45,8 +45,8 @@ class _Point(NamedTuple):
 
 
 def minimised(program: QuadraticProgram) -> Float[Array, " n"]:
-    """The minimum. Its derivatives are those of the optimality conditions, by a last Newton step
-    through which they pass; not those of the steps before."""
+    """The minimum. Its derivatives are those of the optimality conditions: they pass through a last
+    Newton step, and not through the steps before."""
     # Scaled to a Hessian of about 1, so that slacks and multipliers are of one size.
     scale = jnp.max(jnp.abs(jnp.diag(program.hessian)))
     program = program._replace(hessian=program.hessian / scale, slope=program.slope / scale)
@@ -65,7 +65,7 @@ def minimised(program: QuadraticProgram) -> Float[Array, " n"]:
 
 
 def _start(program: QuadraticProgram) -> _Point:
-    """Multipliers of 1, and slacks as if each unknown were midway."""
+    """Multipliers of 1, and slacks as if each unknown were midway between its limits."""
     width = program.highest - program.lowest
     count = 2 * len(width)
     z = jnp.zeros_like(program.slope)
@@ -80,9 +80,10 @@ def _step(
 
     **Arguments:**
 
-    - `fixed`: of which the matrix of the step is made, without derivatives.
-    - `program`: whose conditions are to hold.
-    - `is_last`: whole, and with the aim where the point is.
+    - `fixed`: the program from which the matrix of the step is made, without derivatives.
+    - `program`: the program whose conditions are to hold.
+    - `is_last`: whether this is the last step, a full one that aims at the present point's
+      complementarity.
     """
     z, slack, multiplier = point
     count = len(slack)
@@ -118,7 +119,7 @@ def _transposed(
 
 
 def _reach(value: Float[Array, " limits"], change: Float[Array, " limits"]) -> Float[Array, ""]:
-    """How far a step can go until something that is above 0 is nearly 0."""
+    """The part of a step after which the first positive quantity is nearly 0."""
     falls = change < 0
     until = jnp.where(falls, -value / jnp.where(falls, change, -1.0), jnp.inf)
     return jnp.minimum(1.0, TO_BOUNDARY * jnp.min(until))

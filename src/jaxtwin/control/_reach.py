@@ -1,4 +1,5 @@
-"""What the duty of a rig can reach, and how fast the rig answers: checked before a loop is run."""
+"""Checks before a loop is run: whether the rig can reach the references, and whether the controller
+is fast enough."""
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ from ..physics import System, Twin
 from ..simulation._modes import network_modes
 
 LEVELS = np.linspace(-1, 1, 17)
-"""Equal duty cycles that are tried: a cell that cools does so best with less than full duty."""
+"""Equal duty cycles that are tried: a cell cools best with less than full duty."""
 
 MARGIN = 1e-6
 
@@ -23,9 +24,9 @@ def check_reach(
     times: Float[np.ndarray, " samples"],
     ambient: Float[np.ndarray, "rows substeps"],
 ) -> None:
-    """Refuses references beyond what equal duty of all cells holds in the end.
+    """Refuses references that no equal duty of all cells reaches at rest.
 
-    **Raises:** `ControlError` that names reference, time and reach.
+    **Raises:** `ControlError` that names the reference, its time and the reachable range.
     """
     reached = weights @ np.asarray(_steady_channels(system)).T
     lowest = reached.min(axis=1) + float(ambient.min())
@@ -41,7 +42,7 @@ def check_reach(
 
 
 def check_sample_time(twin: Twin, sample_time_s: float) -> None:
-    """Refuses a controller that looks less often than the plate's slowest change takes.
+    """Refuses a controller whose sample time is longer than the slowest time constant of the plate.
 
     **Raises:** `ControlError`.
     """
@@ -55,7 +56,7 @@ def check_sample_time(twin: Twin, sample_time_s: float) -> None:
 
 @persistent_jit
 def _steady_channels(system: System) -> Float[Array, "levels channels"]:
-    """Rises of the channels above the surroundings under equal duty of all cells, K."""
+    """Steady rises of the channels above the surroundings under equal duty of all cells, K."""
     reference = jnp.asarray(system.ambient_temperature)
     cells = len(system.wiring.cold)
 

@@ -1,4 +1,4 @@
-"""What a controller reads of a rig, sample by sample: noise, recalibrations, lost messages."""
+"""Errors of the readings that a controller gets: noise, recalibrations, lost messages."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -15,14 +15,14 @@ from ..rig import Rig
 from ..rig._problems import unknown
 
 FRAMES_PER_SECOND = 9.0
-"""Of the camera, as the virtual rig sends them."""
+"""The frame rate of the camera, as in the virtual rig."""
 
 
 class ReadingErrors(NamedTuple):
     """Errors of the channels at each sample.
 
-    - `error`: `(samples, channels)`, K; NaN from when a channel has failed.
-    - `arrives`: whether there is a new reading, `(samples,)`.
+    - `error`: `(samples, channels)`, K; NaN after a channel has failed.
+    - `arrives`: whether a new reading arrives, `(samples,)`.
     """
 
     error: Float[np.ndarray, "samples channels"]
@@ -39,17 +39,17 @@ def reading_errors(
     failed_channels: Mapping[str, float],
     seed: int,
 ) -> ReadingErrors:
-    """The errors of a camera, or of point sensors, as the virtual rig makes them.
+    """Makes the errors of a camera, or of point sensors, like those of the virtual rig.
 
     **Arguments:**
 
-    - `times`: of the controller's samples, s.
+    - `times`: times of the controller's samples, s.
     - `noise`: whether readings have the noise that the rig file states.
-    - `faults`: its `drop`, `jumps` and `stall` count here.
-    - `failed_channels`: channel -> time from which on it reads nothing, s.
+    - `faults`: faults of a virtual rig, of which `drop`, `jumps` and `stall` are used.
+    - `failed_channels`: channel -> time from which it gives no reading, s.
 
-    **Raises:** `ControlError` for a channel that the rig does not have, and faults that a
-    simulated loop does not have.
+    **Raises:** `ControlError` for a channel that the rig does not have, and for faults that a
+    simulated loop cannot have.
     """
     names = tuple(channel.name for channel in rig.channels)
     if faults.loosen or faults.fail or faults.corrupt or faults.disconnect:
@@ -87,8 +87,7 @@ def reading_errors(
 
 
 def _noise_factor(rig: Rig) -> Float[np.ndarray, "channels channels"]:
-    """F with F F^T the covariance of the channels' noise, K^2: zones that share pixels share
-    noise."""
+    """F with F F^T the covariance of the channels' noise, K^2; zones share noise by pixels."""
     if rig.camera is None:
         return rig.noise * np.eye(len(rig.channels))
     weights = pixel_weights(rig).reshape(len(rig.channels), -1)

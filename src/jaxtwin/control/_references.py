@@ -1,4 +1,4 @@
-"""References of a closed loop: what each output should be at each sample."""
+"""References of a closed loop: the desired value of each output at each sample."""
 
 import math
 from itertools import pairwise
@@ -14,17 +14,17 @@ from .._errors import ControlError
 def reference_samples(
     where: str, references: Any, times: Float[np.ndarray, " samples"], outputs: int
 ) -> Float[np.ndarray, "samples outputs"]:
-    """References at the samples, degC.
+    """The references at the samples, degC.
 
     **Arguments:**
 
-    - `where`: what they are, for messages.
-    - `references`: a number for all outputs; text such as `"0:35,600:45"` or `"0:35/37"` (times
-      in s, a value for all outputs or one each, held until the next time); or an array
+    - `where`: the name of the argument, for error messages.
+    - `references`: a number for all outputs; a text such as `"0:35,600:45"` or `"0:35/37"` (times
+      in s, a value for all outputs or one for each, held until the next time); or an array
       `(outputs,)` or `(samples, outputs)`.
-    - `times`: of the samples, s.
+    - `times`: times of the samples, s.
 
-    **Raises:** `ControlError` that quotes what is wrong.
+    **Raises:** `ControlError` that quotes the invalid part.
     """
     if isinstance(references, str):
         return _scheduled(where, references, times, outputs)
@@ -87,7 +87,7 @@ def sample_times(
 ) -> Float[np.ndarray, " samples"]:
     """Times of the samples from 0 to the duration, s.
 
-    **Raises:** `ControlError` where the duration is no multiple of the sample time.
+    **Raises:** `ControlError` if the duration is not a multiple of the sample time.
     """
     duration = finite_number(f"{where}: duration_s", duration_s, ControlError)
     count = round(duration / sample_time_s)

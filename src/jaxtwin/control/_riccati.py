@@ -15,7 +15,7 @@ from scipy.linalg import LinAlgError, solve_discrete_are
 from .._errors import ControlError
 
 STABLE = 1 - 1e-9
-"""The largest pole, by its distance from 0, of a loop that counts as stable."""
+"""A loop counts as stable if the largest absolute value of its poles is below this."""
 
 
 def regulator(
@@ -25,9 +25,9 @@ def regulator(
     Q: Float[np.ndarray, "state state"],
     R: Float[np.ndarray, "input input"],
 ) -> tuple[Float[np.ndarray, "input state"], Float[np.ndarray, "state state"]]:
-    """The gain K and the cost P of what is to come.
+    """The gain K, and P of the cost-to-go.
 
-    **Raises:** `ControlError` where no gain makes the loop stable.
+    **Raises:** `ControlError` if no gain makes the loop stable.
     """
     try:
         P = solve_discrete_are(A, B, Q, R)
@@ -47,14 +47,14 @@ def filter_gain(
     process: Float[np.ndarray, "state state"],
     reading: Float[np.ndarray, "output output"],
 ) -> Float[np.ndarray, "state output"]:
-    r"""L of $\hat x_{k|k} = \hat x_{k|k-1} + L (y_k - C \hat x_{k|k-1})$.
+    r"""The gain L of $\hat x_{k|k} = \hat x_{k|k-1} + L (y_k - C \hat x_{k|k-1})$.
 
     **Arguments:**
 
-    - `process`, `reading`: covariances of what moves the states from sample to sample, and of what
-      the readings are off by.
+    - `process`, `reading`: covariances of the process noise from sample to sample, and of the
+      reading noise.
 
-    **Raises:** `ControlError` where no gain makes the filter's error go to 0.
+    **Raises:** `ControlError` if no gain makes the error of the filter go to 0.
     """
     _, P = regulator(where, A.T, C.T, process, reading)
     return np.linalg.solve(C @ P @ C.T + reading, C @ P).T

@@ -150,7 +150,7 @@ def _range(values: np.ndarray, unit: str) -> str:
     finite = values[np.isfinite(values)]
     if not len(finite):
         return "no sample"
-    return f"{seen.min():.1f} … {seen.max():.1f} {unit}".replace("-", "−")
+    return f"{finite.min():.1f} … {finite.max():.1f} {unit}".replace("-", "−")
 
 
 def _samples(run: Run, times: Sequence[float]) -> list[int]:
