@@ -1,6 +1,6 @@
-"""Arguments of public functions that are something else than they should be, told in one line.
+"""Checks of the arguments of public functions; each error is a single line.
 
-Type checkers find them beforehand; at a prompt, nobody has asked one.
+Type checkers find most of these errors, but nobody runs them at a prompt.
 """
 
 import errno
@@ -110,7 +110,7 @@ def path_of(where: str, value: Any, error: Failure) -> Path:
     try:
         path.lstat()
     except OSError as problem:
-        # What is missing or may not be read is told where it is opened.
+        # A missing or unreadable file is reported where it is opened.
         if problem.errno == errno.ENAMETOOLONG:
             _refuse(where, value, "a path whose names are not too long", error)
     return path

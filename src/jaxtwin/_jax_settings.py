@@ -12,7 +12,7 @@ from jax.core import Tracer
 
 @contextmanager
 def own_settings(*, float64: bool | None = True) -> Iterator[None]:
-    """Settings that a user's checks of their own code, or their precision, do not reach.
+    """Applies jaxtwin's JAX settings, whatever debugging settings or precision the user has set.
 
     **Arguments:**
 
@@ -21,15 +21,15 @@ def own_settings(*, float64: bool | None = True) -> Iterator[None]:
     with ExitStack() as stack:
         if float64 is not None:
             stack.enter_context(jax.enable_x64(float64))
-        # Vectors that scale the rows of matrices, and whole numbers times real ones, are meant.
+        # Rank and type promotion is intended: vectors scale rows, integers multiply floats.
         stack.enter_context(jax.numpy_rank_promotion("allow"))
         stack.enter_context(jax.numpy_dtype_promotion("standard"))
         # Recordings are NumPy arrays; they go to the device where they are used.
         stack.enter_context(jax.transfer_guard("allow"))
-        # A draw that fails is NaN among others that do not, and is told by that.
+        # A failed draw is recognised by its NaN.
         stack.enter_context(jax.debug_nans(False))
         stack.enter_context(jax.debug_infs(False))
-        # Compiled, whatever a user looks into op by op: a match would take hours.
+        # Always compiled: op by op, a match would take hours.
         stack.enter_context(jax.disable_jit(False))
         # A float32 solve is right to a millikelvin with sums in float32, not in bfloat16.
         stack.enter_context(jax.default_matmul_precision(None))

@@ -9,7 +9,7 @@ LARGE = 1e6
 def interval_text(interval: tuple[float, float]) -> str:
     """An interval for tables, with as many digits as tell its ends apart.
 
-    `unknown` where nothing tells the value, `-` where there is no interval.
+    `unknown` for an undetermined value, `-` where there is no interval.
     """
     low, high = interval
     if math.isnan(low) or math.isnan(high):

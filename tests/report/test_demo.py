@@ -18,7 +18,7 @@ from jaxtwin.matching import FittedParameters
 from jaxtwin.report import _demo, write_demo
 from jaxtwin.report._corrections import shows_sawtooth
 from jaxtwin.report._demo_checks import check_table
-from jaxtwin.report._demo_sensitivity import told_text
+from jaxtwin.report._demo_sensitivity import significance_text
 from jaxtwin.report._demo_source import Source, find_source
 from jaxtwin.report._parameters import parameter_table
 
@@ -120,13 +120,13 @@ def test_what_few_draws_tell_is_compared_by_name_and_sign():
             interval[row, names.index(name)] += sign
         return replace(analysis(), names=names, interval=interval, rank_interval=interval)
 
-    text = told_text(telling({"R_pc": -1, "R_Tez": -1}), telling({"R_pc": -1, "R_Tez": 1}))
+    text = significance_text(telling({"R_pc": -1, "R_Tez": -1}), telling({"R_pc": -1, "R_Tez": 1}))
     assert "of 20 draws, R_pc (−), R_Tez (−)" in text
     assert "of 20 draws, R_pc (−), R_Tez (+)" in text
     assert "do not confirm R_Tez." in text
-    text = told_text(telling({"R_pc": -1, "R_E": 1}), telling({"R_pc": -1, "R_Tfx": 1}))
+    text = significance_text(telling({"R_pc": -1, "R_E": 1}), telling({"R_pc": -1, "R_Tfx": 1}))
     assert "do not confirm R_E." in text
-    assert "do not confirm" not in told_text(telling({}), telling({"R_pc": 1}))
+    assert "do not confirm" not in significance_text(telling({}), telling({"R_pc": 1}))
 
 
 @pytest.mark.slow

@@ -117,7 +117,7 @@ class Experiment:
         - `text`: `"0:0.5,500:0.78"` is a duty cycle of 0.5 in every cell from 0 s and 0.78 from
             500 s on; `"0:0.5/0.3"` gives each cell its own. Before the first time the duty is 0.
         - `duration`, `step`: the samples are 0, step, 2 step, ... up to the duration, s. A switch
-            between two of them gets a sample of its own.
+            between two of them gets a separate sample.
         - `cells`: number of cells.
         - `channels`, `ambient`, `name`: as in `Experiment`.
 

@@ -2,7 +2,7 @@
 
 The file is a header of 128 bytes and then elements, each a tag (type, size in bytes) and its data.
 An element is either compressed, and holds another one, or it is a variable, which holds its flags,
-dimensions, name and numbers as elements of their own.
+dimensions, name and numbers as separate elements.
 Source: MathWorks, "MAT-File Format", level 5.
 
 `scipy.io.loadmat` reads the same, and the tests compare with it. It is not used here because

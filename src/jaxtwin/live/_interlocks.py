@@ -52,7 +52,7 @@ class Guard:
         self._obedience = Obedience(owner, cells, self.limits.command_delay)
         self._readings = Plausibility(channels, self.limits)
         self._twin = TwinWatch(twin, self.limits)
-        # The plainest reason first: it is the one that is told.
+        # The plainest reason first, because only the first is reported.
         self._interlocks: tuple[Interlock, ...] = (
             self._readings,
             self._presence,

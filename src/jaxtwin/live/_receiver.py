@@ -36,7 +36,7 @@ three damaged camera frames, or of a serial line with the wrong baud rate for 15
 MOST_MESSAGES = 20_000
 """Messages in a second above which a device is disconnected."""
 
-MOST_TOLD = 20
+MOST_REPORTED = 20
 """Number of implausible messages that are logged for a connection."""
 
 _DIGITS = re.compile("[0-9.]+")
@@ -84,7 +84,7 @@ class Receiver:
         self._second = self._messages = 0
         self._counts = MessageCounts(counted)
         self._recalibrating = False
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._faults: dict[int, str] = {}
 
     def changed(self, change: LinkChange) -> list[Record]:
@@ -92,7 +92,7 @@ class Receiver:
         self.state = change.state
         self._rest, self.hello, self.verdict = b"", None, None
         self._garbage = 0
-        self._told.clear()
+        self._reported.clear()
         self.last_valid = change.arrival
         return [change]
 
@@ -248,8 +248,8 @@ class Receiver:
     def _tell(self, why: str) -> None:
         """Logs each reason once for a connection, because a faulty device repeats its error."""
         reason = _DIGITS.sub("", why.rpartition(":")[2])
-        if reason not in self._told and len(self._told) < MOST_TOLD:
-            self._told.add(reason)
+        if reason not in self._reported and len(self._reported) < MOST_REPORTED:
+            self._reported.add(reason)
             log.warning("%s: %s", self._link, why)
 
     def _judge(self, arrival: int, messages: int) -> None:

@@ -70,7 +70,7 @@ class SerialTransport:
     """An open serial port."""
 
     def __init__(self, url: str, baud: int):
-        # pyserial's RFC 2217 client refuses any write timeout; its socket has one of its own.
+        # pyserial's RFC 2217 client refuses any write timeout; its socket has a separate one.
         write_timeout = None if url.startswith("rfc2217:") else 1.0
         # Two programs on one port would each get a part of the bytes.
         exclusive: dict[str, Any] = {"exclusive": True} if "://" not in url else {}

@@ -358,7 +358,7 @@ def _triangle_of(columns: Float[Array, "columns rows"]) -> Float[Array, "columns
 
 def _damped_step(state: LMState, held: Bool[Array, " unknowns"]) -> Vector:
     n = state.factors.projected.size
-    # A column of zeros has no scale of its own; any will do, as nothing moves along it.
+    # A column of zeros has no scale; any value will do, because nothing moves along it.
     scale = jnp.where(state.scale > 0, state.scale, 1.0)
     triangle = jnp.where(held[None, :], 0.0, state.factors.triangle)
     damped = jnp.concatenate([triangle, jnp.diag(jnp.sqrt(state.damping) * scale)])

@@ -201,7 +201,7 @@ def _adjustment(fit: Fit, entry: int) -> float:
     variance = float(known.vector_covariance[entry, entry])
     if known.labels[entry] not in known.insensitive and 0 < variance < np.inf:
         return float(known.inverse_hessian[entry, entry]) / variance
-    # At a bound, or where nothing tells the value, it has no covariance: all residuals by their
+    # A value at a bound, or an undetermined one, has no covariance: all residuals by their
     # size and correlation, the stronger of their two kinds for both.
     pairs = zip(fit.noise, (fit.noise_model.channel, fit.noise_model.common_mode), strict=True)
     stronger = max(found.effective / counted.effective for found, counted in pairs)

@@ -213,7 +213,7 @@ class Layout:
         """Name -> value in the parameter's unit, from the entries on which a recording depends."""
         entries = self.names
         logarithmic = np.array([is_logarithm for _, is_logarithm in entries], dtype=bool)
-        # All at once: an operation of its own for each would be compiled for each.
+        # All at once: separate operations would be compiled one by one.
         powers = jnp.exp(jnp.where(logarithmic, local, 0.0))
         values = jnp.where(logarithmic, powers, local)
         return {name: values[number] for number, (name, _) in enumerate(entries)}

@@ -1,6 +1,6 @@
 """Pictures. Each function returns the figure, or the axes where it draws into one.
 
-They are drawn with matplotlib in a style of their own; matplotlib's settings are left alone.
+They are drawn with matplotlib in jaxtwin's own style; matplotlib's settings do not change.
 """
 
 from ._bands import plot_bands

@@ -27,7 +27,7 @@ def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
     **Arguments:**
 
     - `fit`: the result of `jaxtwin.match`.
-    - `ax`: axes to draw into, or None for a figure of their own.
+    - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
     """

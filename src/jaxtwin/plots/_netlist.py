@@ -33,7 +33,7 @@ def plot_netlist(
 
     Plate elements are drawn at their true size. Lines between their centres are links, a stub with
     a ring at its end stands for all links from an element to the air; both are as wide as they
-    conduct, each on a scale of its own that the legend gives. A stub with a dot and a cell's name
+    conduct, each on a separate scale that the legend gives. A stub with a dot and a cell's name
     is that cell's contact; below the plate stands what is behind each cell, with the resistances
     between.
 
@@ -42,7 +42,7 @@ def plot_netlist(
     - `twin`: with one value for each parameter.
     - `temperatures`: of all nodes, degC, in the order of `twin.netlist.nodes`: a row of
       `run.states`, for example. They colour the plate. None: its heat capacities do.
-    - `ax`: axes to draw into, or None for a figure of their own.
+    - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
 

@@ -18,7 +18,7 @@ def plot_sensitivity_matrix(sensitivity: Sensitivity, *, ax: Axes | None = None)
     **Arguments:**
 
     - `sensitivity`: the result of `jaxtwin.sensitivity`.
-    - `ax`: axes to draw into, or None for a figure of their own.
+    - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
     """

@@ -20,7 +20,7 @@ def plot_tornado(
 
     - `sensitivity`: the result of `jaxtwin.sensitivity`.
     - `channel`: one of `sensitivity.channels`; `"mean"` is the mean cost of all.
-    - `ax`: axes to draw into, or None for a figure of their own.
+    - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
     """

@@ -74,7 +74,7 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
 def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> Figure:
     """The plate at several times: as the twin has it, as its camera reads it, as it was recorded.
 
-    The last row is recorded less read, on a scale of its own about 0. Places whose sample is
+    The last row is recorded less read, on a separate scale about 0. Places whose sample is
     missing stay empty.
 
     **Arguments:**

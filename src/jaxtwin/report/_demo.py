@@ -55,7 +55,7 @@ def write_demo(
     - `recordings`: the folder of the authors' recordings; None: looked for in the usual places, and
       where they are not found the bundled synthetic ones are taken.
     - `draws`: of the larger of two sensitivity analyses.
-    - `progress`: told what is going on.
+    - `progress`: called with each step.
 
     **Returns:** the path of the page, `index.html`, with everything inside it. Beside it lie the
     pictures, the matched parameters and all numbers.

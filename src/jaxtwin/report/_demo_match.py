@@ -103,7 +103,7 @@ def match_own(
                 (
                     "The recordings were made on different days. "
                     if source.real
-                    else "Each synthetic recording has an ambient temperature of its own. "
+                    else "Each synthetic recording has its own ambient temperature. "
                 )
                 + "With an ambient temperature matched for each of them, the same sixteen "
                 "parameters fit better:"

@@ -37,7 +37,7 @@ def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitiv
                 "with a standard deviation of 25 % and kept positive, and each draw is simulated "
                 "through all recordings. The index is the Pearson correlation of a parameter with "
                 "a channel's mean squared error, as in the paper; lines are its 95 % interval. "
-                + told_text(few, many)
+                + significance_text(few, many)
             ),
             drawing_numbers(many, fit),
             Picture(
@@ -53,14 +53,14 @@ def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitiv
     return section, few, many
 
 
-def told_text(few: Sensitivity, many: Sensitivity) -> str:
-    """Which parameters' correlations with the mean cost can be told from chance, by name and sign,
-    with few draws and with many, and where the two disagree."""
+def significance_text(few: Sensitivity, many: Sensitivity) -> str:
+    """The parameters with a significant correlation with the mean cost, by name and sign, with few
+    draws and with many, and where the two disagree."""
     early, late = few.significant(), many.significant()
     changed = [name for name in early if name not in late or late[name] != early[name]]
     first = (
-        "Parameters whose correlation with the mean of all channels can be told from chance, with "
-        f"its sign: of {grouped(len(few.samples))} draws, {named(early)}; of "
+        "Parameters with a significant correlation with the mean of all channels, with its sign: "
+        f"of {grouped(len(few.samples))} draws, {named(early)}; of "
         f"{grouped(len(many.samples))} draws, {named(late)}."
     )
     sentences = [first]

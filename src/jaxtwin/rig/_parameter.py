@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, final
 
 Scope = Literal["shared", "group", "recording"]
-"""Who has a value of its own."""
+"""What has a separate value: all recordings together, each group of them, or each recording."""
 
 
 @final

@@ -1,4 +1,4 @@
-"""Tables of a file -> pydantic model, with the first mistake told in one line."""
+"""Tables of a file -> pydantic model; the first mistake is reported in one line."""
 
 import reprlib
 from typing import Any, TypeVar

@@ -1,6 +1,6 @@
 """What is compiled for a chunk of draws side by side: linear algebra, steps, readings.
 
-Each part is a compiled function of its own. XLA would compute what one part
+Each part is compiled separately. XLA would compute what one part
 makes once for every use in the next, and copy the modes into another order at every step.
 """
 
