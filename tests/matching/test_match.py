@@ -17,6 +17,7 @@ from jaxtwin import (
     read_parameters,
     simulate,
 )
+from jaxtwin.matching import Iteration
 
 FREE = ["R_E", "R_pc", "R_Tez"]
 TRUTH = {"R_E": 1.4, "R_pc": 0.25, "R_Tez": 6.0}
@@ -123,7 +124,16 @@ def test_bounds_hold_and_are_reported(start: Twin):
 
 @pytest.mark.slow
 def test_further_starts_reach_the_same_optimum(start: Twin):
-    fit = match(start, recordings(0.0), free=[*FREE, "T_amb"], starts=3, seed=1)
+    shown: list[Iteration] = []
+    fit = match(
+        start,
+        recordings(0.0),
+        free=[*FREE, "T_amb"],
+        starts=3,
+        seed=1,
+        on_progress=shown.append,
+    )
+    assert {iteration.start for iteration in shown} == {0, 1, 2}
     assert len(fit.optima) == 3
     assert [optimum.rmse for optimum in fit.optima] == sorted(
         optimum.rmse for optimum in fit.optima

@@ -79,6 +79,12 @@ def test_correlated_noise_is_no_white_noise_and_counts_less():
     assert test.autocorrelation_time == pytest.approx(3.0, rel=0.1)
 
 
+def test_a_lag_without_a_pair_has_no_autocorrelation():
+    """Samples 0, 1 and 5 of six, by hand: the only pair of neighbours is -1, and none is 2 apart."""
+    series = np.array([1.0, -1.0, np.nan, np.nan, np.nan, 0.0])
+    np.testing.assert_allclose(autocorrelation(series, 2), [1.0, -1.25, 0.0], atol=1e-12)
+
+
 def test_a_series_that_never_changes_has_no_autocorrelation():
     np.testing.assert_array_equal(autocorrelation(np.ones(20), 4), np.zeros(5))
 
