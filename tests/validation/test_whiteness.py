@@ -80,7 +80,7 @@ def test_correlated_noise_is_no_white_noise_and_counts_less():
 
 
 def test_a_lag_without_a_pair_has_no_autocorrelation():
-    """Samples 0, 1 and 5 of six, by hand: the only pair of neighbours is -1, and none is 2 apart."""
+    """Samples 0, 1 and 5 of six, by hand: the only neighbours give -1, and none are 2 apart."""
     series = np.array([1.0, -1.0, np.nan, np.nan, np.nan, 0.0])
     np.testing.assert_allclose(autocorrelation(series, 2), [1.0, -1.25, 0.0], atol=1e-12)
 
