@@ -182,7 +182,7 @@ WRONG = {
     ),
     "no recording": (
         ["match", "paper-2024", "zone-D", "--out", "fit.toml"],
-        "zone-D: no such file, and no known recording",
+        "zone-D: expected a file or a known recording, got neither",
     ),
     "recording of another rig": (
         ["match", "paper-2024", "other.csv", "--out", "fit.toml"],

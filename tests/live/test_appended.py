@@ -156,7 +156,7 @@ def test_a_file_that_goes_away_ends_the_recording_at_once(rig: Rig, file: Path, 
 def test_a_foreign_database_is_refused_before_it_is_touched(rig: Rig, file: Path) -> None:
     sqlite3.connect(file).execute("CREATE TABLE t (x)").connection.close()
     before = file.read_bytes()
-    with pytest.raises(RecordingError, match="no recording of a live rig"):
+    with pytest.raises(RecordingError, match="expected a recording of a live rig"):
         Recorder(file, rig, append=True)
     assert file.read_bytes() == before
     assert [path.name for path in file.parent.iterdir()] == [file.name]

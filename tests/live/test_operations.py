@@ -118,10 +118,10 @@ def test_a_backup_replaces_nothing_and_copies_recordings_only(rig: Rig, tmp_path
     file, copy = tmp_path / "session.db", tmp_path / "copy.db"
     Recorder(file, rig).close()
     copy.write_text("precious")
-    with pytest.raises(RecordingError, match="is there already"):
+    with pytest.raises(RecordingError, match="expected a new file, got an existing one"):
         backup_session(file, copy)
     assert copy.read_text() == "precious"
-    with pytest.raises(RecordingError, match="is no recording"):
+    with pytest.raises(RecordingError, match="expected a recording of a live rig"):
         backup_session(copy, tmp_path / "other.db")
     assert run(["backup", str(file), str(tmp_path / "third.db")]) == 0
 

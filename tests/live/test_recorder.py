@@ -164,7 +164,7 @@ def test_a_suspend_is_noted_at_once(
 
 def test_a_file_that_is_there_is_not_overwritten(rig: Rig, file: Path) -> None:
     file.write_text("precious")
-    with pytest.raises(RecordingError, match="is there already"):
+    with pytest.raises(RecordingError, match="expected a new file, got an existing one"):
         Recorder(file, rig)
     assert file.read_text() == "precious"
 
@@ -289,7 +289,7 @@ def test_a_reader_that_ends_first_takes_nothing_from_the_recorder(rig: Rig, file
 def test_other_databases_are_no_recordings_and_are_left_alone(file: Path) -> None:
     sqlite3.connect(file).execute("CREATE TABLE t (x)").connection.close()
     before = file.read_bytes()
-    with pytest.raises(RecordingError, match="no recording of a live rig"):
+    with pytest.raises(RecordingError, match="expected a recording of a live rig"):
         Session(file)
     with pytest.raises(RecordingError, match="is no recording"):
         jt.read_recording(file)

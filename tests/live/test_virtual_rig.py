@@ -186,7 +186,7 @@ def test_a_fault_that_is_none_is_quoted(text: str) -> None:
 
 
 def test_a_fault_of_a_cell_that_is_not_there_is_refused(twin: Twin) -> None:
-    with pytest.raises(JaxtwinError, match="the rig has P1, P2"):
+    with pytest.raises(JaxtwinError, match="expected one of the cells P1, P2, got"):
         VirtualRig(twin, faults=Faults.parse("fail=P3@1"))
 
 

@@ -28,7 +28,9 @@ def export(
 
     check_output(out, ".nc", ".csv")
     if out.exists() and not overwrite:
-        raise typer.BadParameter(f"{out}: is there already; name another, or add --overwrite")
+        raise typer.BadParameter(
+            f"{out}: expected a new file, got an existing one; name another, or add --overwrite"
+        )
     check_json(json)
     with show_progress() as progress:
         progress.step(f"reading {recording}")

@@ -117,5 +117,6 @@ def find_recording(name: str) -> Path:
     if path.parent == Path() and path.stem in published and path.suffix in ("", ".mat"):
         return find_recordings(names=[published[path.stem]])[0]
     raise RecordingError(
-        f"{name}: no such file, and no known recording ('jaxtwin data list' lists them)"
+        f"{name}: expected a file or a known recording, got neither; 'jaxtwin data list' lists the "
+        "known ones"
     )

@@ -31,7 +31,7 @@ def backup_session(file: str | Path, copy: str | Path) -> str:
     beside = target.with_name(target.name + ".sha256")
     for path in (target, beside):
         if path.exists():
-            raise RecordingError(f"{path}: is there already; name another")
+            raise RecordingError(f"{path}: expected a new file, got an existing one; name another")
     partial = target.with_name(target.name + ".part")
     try:
         with Session(file) as session:

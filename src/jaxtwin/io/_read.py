@@ -127,12 +127,15 @@ def _kind(file: Path, content: bytes) -> str:
         return "mat"
     if content.startswith(b"MATLAB 7.3") or (ending == ".mat" and HDF5 in content[:1024]):
         raise RecordingError(
-            f"{file}: is a MATLAB 7.3 (HDF5) file, which is not read; save it in MATLAB with '-v7'"
+            f"{file}: expected a MATLAB 5 to 7 file, got MATLAB 7.3 (HDF5); save it in MATLAB with "
+            "'-v7'"
         )
     if content.startswith((HDF5, b"CDF\x01", b"CDF\x02")):
         return "netcdf"
     if ending == ".mat":
-        raise RecordingError(f"{file}: is no MATLAB 5 to 7 file: its header is missing or damaged")
+        raise RecordingError(
+            f"{file}: expected a MATLAB 5 to 7 file, got a missing or damaged header"
+        )
     if ending == ".nc":
-        raise RecordingError(f"{file}: is no netCDF file: its first bytes are {content[:8]!r}")
+        raise RecordingError(f"{file}: expected a netCDF file, got the first bytes {content[:8]!r}")
     return "csv"

@@ -79,7 +79,9 @@ class Session:
         if not self.file.is_file():
             raise RecordingError(f"{self.file}: no such file")
         if not is_session(self.file):
-            raise RecordingError(f"{self.file}: is no recording of a live rig")
+            raise RecordingError(
+                f"{self.file}: expected a recording of a live rig, got another file"
+            )
         self.database = _open(self.file)
         try:
             self.metadata: dict[str, Any] = read_metadata(self.database, self.file)

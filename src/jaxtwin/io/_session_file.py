@@ -77,7 +77,9 @@ def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
         (application,) = database.execute("PRAGMA application_id").fetchone()
         (form,) = database.execute("PRAGMA user_version").fetchone()
         if application != APPLICATION:
-            raise RecordingError(f"{file}: is an SQLite database, but no recording of a live rig")
+            raise RecordingError(
+                f"{file}: expected a recording of a live rig, got another SQLite database"
+            )
         if form != FORMAT:
             raise RecordingError(f"{file}: format: expected {FORMAT}, got {form}")
         rows = database.execute("SELECT key, value FROM session").fetchall()

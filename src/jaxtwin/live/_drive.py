@@ -44,7 +44,9 @@ def drive(
     twin = rig if isinstance(rig, Twin) else Twin(rig)
     cells = len(twin.rig.cells)
     if plan.n_cells != cells:
-        raise JaxtwinError(f"a plan for {plan.n_cells} cells; {twin.rig.name} has {cells}")
+        raise JaxtwinError(
+            f"{twin.rig.name}: expected a plan for {cells} cells, got one for {plan.n_cells}"
+        )
     return operate(
         bench,
         twin,

@@ -58,7 +58,9 @@ class Faults:
         """**Raises:** `LinkError` where a fault names a cell that the rig does not have."""
         for fault in (self.loosen, self.fail):
             if fault is not None and fault[0] not in cells:
-                raise LinkError(f"fault of cell {fault[0]!r}: the rig has {', '.join(cells)}")
+                raise LinkError(
+                    f"fault: expected one of the cells {', '.join(cells)}, got {fault[0]!r}"
+                )
 
 
 def loosened(system: System, cell: int, factor: float) -> System:

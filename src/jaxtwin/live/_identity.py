@@ -102,5 +102,5 @@ def _checked(name: str) -> str:
         return read_name(write_name(name))
     except ValueError:
         raise LinkError(
-            f"name {name!r}: the protocol allows 1 to {LONGEST_NAME} printable characters"
+            f"name: expected 1 to {LONGEST_NAME} printable characters, got {name!r}"
         ) from None

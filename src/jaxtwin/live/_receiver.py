@@ -271,8 +271,13 @@ def _detail(notice: Notice) -> str:
 
 def _check_data(message: Data, hello: Hello) -> None:
     if len(message.pwm) != len(hello.cells):
-        raise LinkError(f"{len(message.pwm)} counts for {len(hello.cells)} cells")
+        raise LinkError(f"expected counts for {len(hello.cells)} cells, got {len(message.pwm)}")
     if any(abs(count) > hello.counts for count in message.pwm):
-        raise LinkError(f"counts {message.pwm} outside -{hello.counts} to {hello.counts}")
+        raise LinkError(
+            f"expected counts from -{hello.counts} to {hello.counts}, got {message.pwm}"
+        )
     if len(message.temperatures) != len(hello.channels):
-        raise LinkError(f"{len(message.temperatures)} temperatures for {len(hello.channels)}")
+        raise LinkError(
+            f"expected temperatures of {len(hello.channels)} channels, got "
+            f"{len(message.temperatures)}"
+        )

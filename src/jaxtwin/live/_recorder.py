@@ -76,9 +76,15 @@ class Recorder:
         metadata = metadata_of(rig)
         existed = self.file.exists()
         if existed and not append:
-            raise RecordingError(f"{self.file}: is there already; append to it, or name another")
+            raise RecordingError(
+                f"{self.file}: expected a new file, got an existing one; append to it, or name "
+                "another"
+            )
         if existed and not is_session(self.file):  # looked at before SQLite touches it
-            raise RecordingError(f"{self.file}: is no recording of a live rig; it is left alone")
+            raise RecordingError(
+                f"{self.file}: expected a recording of a live rig, got another file, which is "
+                "unchanged"
+            )
         self._shift = 0  # ns, from the clock's time to the recording's
         self._lock = lock(self.file)
         try:

@@ -75,7 +75,7 @@ class TcpServer:
         host, _, port = address.rpartition(":")
         try:
             if not 0 <= int(port) < 2**16:
-                raise ValueError(f"port {port} is above 65535")
+                raise ValueError(f"expected a port from 0 to 65535, got {port}")
             self._listener = socket.create_server((host or "127.0.0.1", int(port)))
         except (OSError, ValueError) as error:
             raise LinkError(f"--tcp: expected HOST:PORT, free, got {address!r} ({error})") from None
