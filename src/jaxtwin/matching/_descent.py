@@ -6,6 +6,7 @@ again.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, TypeVar, final
 
 import equinox as eqx
@@ -134,6 +135,8 @@ def _descend_batch(
                 evaluation = jax.device_put(_stacked([start.evaluation for start in earlier]))
                 errors, jacobians = evaluation.output_errors, evaluation.jacobians
                 proposal = _Proposal(state.vectors, errors, jacobians)
+            elif iteration == 0:
+                proposal = _at_start(state.vectors, objective)
             else:
                 vectors = _propose(solver, state.vectors, state.optimiser, space)
                 proposal = _Proposal(vectors, _solve(vectors, objective), None)
@@ -176,6 +179,14 @@ def _first_state(
         damping = jax.device_put(np.array([float(s.damping) for s in earlier]))
         optimiser = eqx.tree_at(lambda s: s.damping, optimiser, damping)
     return DescentState(vectors, optimiser, None)
+
+
+def _at_start(vectors: Float[Array, "descents unknowns"], objective: Objective) -> _Proposal:
+    """The starts, with Jacobians as they are always accepted. In a process that has neither of the
+    two programs yet both are compiled at the same time."""
+    with ThreadPoolExecutor(1) as pool:
+        jacobians = pool.submit(own_settings()(_differentiate), vectors, objective)
+        return _Proposal(vectors, _solve(vectors, objective), jacobians.result())
 
 
 def _step(
