@@ -21,6 +21,14 @@ def test_it_says_which_devices_jax_has_and_who_turns_float64_on():
     assert found["float64 by default"].startswith("off")
 
 
+def test_settings_of_threads_are_those_of_the_environment(monkeypatch):
+    for name in ("OMP_NUM_THREADS", "PJRT_NPROC", "XLA_FLAGS"):
+        monkeypatch.delenv(name, raising=False)
+    assert examine()["machine"]["thread settings"] == "none"
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    assert examine()["machine"]["thread settings"] == "OMP_NUM_THREADS=2"
+
+
 def test_recordings_are_named_or_it_says_where_they_were_looked_for(tmp_path, monkeypatch):
     monkeypatch.setenv("JAXTWIN_RECORDINGS", str(tmp_path))
     assert f"looked in: {tmp_path}" in examine()["recordings"]["two cells"]

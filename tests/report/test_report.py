@@ -14,9 +14,9 @@ from jaxtwin import Experiment, Fit, JaxtwinError, MatchError, Twin, load_rig, m
 from jaxtwin.cli import app
 from jaxtwin.io import write_recording
 from jaxtwin.report._agreement import residuals_section
-from jaxtwin.report._blocks import Table
+from jaxtwin.report._blocks import Picture, Table
 from jaxtwin.report._parameters import own_values_table, parameter_table
-from jaxtwin.report._uniformity import _seen_together
+from jaxtwin.report._uniformity import _seen_together, uniformity_section
 
 SECTIONS = (
     "The rig",
@@ -98,6 +98,14 @@ def test_the_tests_of_residuals_are_those_of_the_runs():
         f"{residual.std():.3f}",
         f"{residual.mean():+.3f}",
     )
+
+
+def test_uniformity_is_shown_over_time_and_over_the_plate():
+    section, numbers = uniformity_section(fit(), level=2)
+    pictures = [block for block in section.blocks if isinstance(block, Picture)]
+    assert [picture.name for picture in pictures] == ["uniformity", "plate-beside"]
+    assert all(picture.png.startswith(b"\x89PNG") for picture in pictures)
+    assert numbers.keys() == fit().runs.keys()
 
 
 def test_recordings_of_other_places_under_the_same_drive_are_one_picture_of_the_plate():
