@@ -67,6 +67,8 @@ MISTAKES = {
     "a channel without place": ("paper", 'nodes = ["V38"]', 'x = ["1 cm", "2 cm"]', "channels[T26]", "either nodes or x with y"),
     "circuit and materials": ("paper", 'thickness = "5.08 mm"', 'thickness = "5.08 mm"\ndensity = "8960 kg/m^3"', "plate.density", "either this or [circuit]"),
     "neither circuit nor materials": ("dual", 'density = "8960 kg/m^3"\n', "", "plate.density", "got neither", "[circuit] or all of"),
+    "a limit of the rate that is never kept": ("paper", 'temperature = "90 degC"', 'temperature = "90 degC"\nrate = "0 K/s"', "limits.rate", "expected a rate above 0", "'0 K/s'"),
+    "a lowest temperature above the limit": ("paper", 'temperature = "90 degC"', 'temperature = "90 degC"\nlowest = "90 degC"', "limits.lowest", "expected a temperature below limits.temperature", "'90 degC'"),
     "a zone outside the plate": ("dual", '"25.5 cm"', '"26 cm"', "channels[T16].x", "'26 cm'", "0 to 25.5 cm"),
     "a zone of no size": ("dual", '["5.25 cm", "6.25 cm"]', '["6.25 cm", "6.25 cm"]', "channels[TAM].y", "a range inside the plate"),
     "too few film coefficients": ("dual", '["h_A", "h_A", "h_A",', '["h_A",', "plate.film_coefficient", "expected 8 values", "got 6"),

@@ -85,7 +85,10 @@ def build_limits(table: LimitsTable, fields: Fields) -> Limits:
         command_delay=optional("command_delay", DURATION),
     )
     if limits.lowest is not None and limits.lowest >= limits.temperature:
-        fields.refuse("limits.lowest", "found a temperature above limits.temperature")
+        fields.refuse(
+            "limits.lowest",
+            f"expected a temperature below limits.temperature, got {table.lowest!r}",
+        )
     if limits.rate is not None and limits.rate <= 0:
         fields.refuse("limits.rate", f"expected a rate above 0, got {table.rate!r}")
     return limits
