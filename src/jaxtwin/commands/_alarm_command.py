@@ -11,19 +11,19 @@ if TYPE_CHECKING:
     from ..live import Trip
 
 END_SECONDS = 10.0
-"""How long commands may still take when recording ends, s."""
+"""Time that commands have left to finish when the recording ends, s."""
 
 log = logging.getLogger("jaxtwin.live")
 
 
 @final
 class AlarmCommand:
-    """Runs a command for each alarm; recording does not wait for it. A context manager.
+    """Runs a command for each alarm, without delaying the recording. A context manager.
 
     **Arguments:**
 
-    - `command`: for the shell, with `JAXTWIN_ALARM` (one word) and `JAXTWIN_ALARM_DETAIL` in its
-        environment; `None`: alarms are logged only.
+    - `command`: a shell command, with `JAXTWIN_ALARM` (one word) and `JAXTWIN_ALARM_DETAIL` in its
+      environment; None: alarms are only logged.
     """
 
     def __init__(self, command: str | None):

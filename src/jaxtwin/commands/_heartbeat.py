@@ -1,4 +1,4 @@
-"""Signs of life for whoever supervises a command: systemd's watchdog, and a file."""
+"""Heartbeats for the supervisor of a command: systemd's watchdog, and a health file."""
 
 import contextlib
 import json
@@ -12,16 +12,17 @@ from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
 
 EVERY = 1.0
-"""Between two signs of life, s."""
+"""Time between two heartbeats, s."""
 
 
 @final
 class Heartbeat:
-    """Tells systemd (`NOTIFY_SOCKET`, `Type=notify`) and a health file that the command is alive.
+    """Reports to systemd (`NOTIFY_SOCKET`, `Type=notify`) and in a health file that the command is
+    alive.
 
     **Arguments:**
 
-    - `file`: JSON with the time and what is known, replaced as a whole once a second; or `None`.
+    - `file`: a JSON file with the time and the state, replaced as a whole once a second; or None.
     """
 
     def __init__(self, file: Path | None):
@@ -30,11 +31,11 @@ class Heartbeat:
         self._address = os.environ.get("NOTIFY_SOCKET", "")
 
     def ready(self) -> None:
-        """The command does what it is for."""
+        """Reports that the command has started its work."""
         self._notify("READY=1")
 
     def beat(self, content: dict[str, Any]) -> None:
-        """Called in every turn; says something once a second."""
+        """Called in every turn of the loop; reports once a second."""
         if time.monotonic() - self._last < EVERY:
             return
         self._last = time.monotonic()

@@ -1,4 +1,4 @@
-"""Where results go: checked before the work starts, written as a whole or not at all."""
+"""Output files of commands: checked before the work starts, and written as a whole or not at all."""
 
 import json
 import os
@@ -16,15 +16,15 @@ STDOUT = Path("-")
 
 
 def check_output(path: Path | None, *endings: str, option: str = "--out") -> None:
-    """Refuses a file that could not be written in the end.
+    """Refuses a file that could not be written at the end.
 
     **Arguments:**
 
-    - `path`: the file, or None where none is wanted.
-    - `endings`: that are allowed; any, where none is given.
-    - `option`: which the path came from.
+    - `path`: the file, or None if none is wanted.
+    - `endings`: the allowed endings; all if none is given.
+    - `option`: the option that gave the path.
 
-    **Raises:** `typer.BadParameter` that says what is wrong.
+    **Raises:** `typer.BadParameter` with the reason.
     """
     if path is None:
         return
@@ -49,7 +49,7 @@ def check_json(path: Path | None) -> None:
 
 
 def write_json(path: Path | None, numbers: Any) -> None:
-    """Writes numbers as JSON, to a file or to standard output; nothing where the path is None."""
+    """Writes numbers as JSON to a file or to standard output; nothing if the path is None."""
     if path is None:
         return
     text = json.dumps(numbers, indent=2, ensure_ascii=False) + "\n"
@@ -60,17 +60,17 @@ def write_json(path: Path | None, numbers: Any) -> None:
 
 
 def say(text: str, json_path: Path | None = None) -> None:
-    """Prints for a person; on standard error where standard output belongs to the JSON."""
+    """Prints text for a person: on standard error if standard output holds the JSON."""
     print(printable(text), file=sys.stderr if json_path == STDOUT else sys.stdout, flush=True)
 
 
 def printable(text: str) -> str:
-    """Text from outside without what a terminal would obey."""
+    """Removes control characters, which a terminal would obey, from text of unknown origin."""
     return "".join(letter if letter.isprintable() or letter == "\n" else "�" for letter in text)
 
 
 def aligned(rows: Sequence[Sequence[str]], gap: str = "  ") -> str:
-    """Rows of text in columns, each as wide as its widest entry."""
+    """Formats rows of text in columns, each as wide as its widest entry."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         gap.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()

@@ -1,4 +1,4 @@
-"""Where `jaxtwin record` writes: one file, or one a day."""
+"""The output of `jaxtwin record`: a single file, or a file for each day."""
 
 import datetime
 import hashlib
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 @final
 class RecordedDays:
-    """The recorder of today. A context manager.
+    """The recorder of the present day. A context manager.
 
     **Arguments:**
 
     - `out`: the file; with `daily` the day (UTC) is added to its name.
-    - `rig`, `append`, `keep_frames`: as for `Recorder`. A day that was begun is gone on with.
-    - `daily`: begin another file at midnight, and leave the checksum of the one before beside it.
+    - `rig`, `append`, `keep_frames`: as for `Recorder`. A file of the present day is continued.
+    - `daily`: begin a new file at midnight, and write the checksum of the file before.
     """
 
     def __init__(self, out: Path, rig: "Rig", *, daily: bool, append: bool, keep_frames: bool):
@@ -41,7 +41,7 @@ class RecordedDays:
         self.recorder.__exit__(kind, error, where)
 
     def turn(self, bench: "Bench") -> None:
-        """Begins the next day's file where it is time."""
+        """Begins the next day's file after midnight."""
         today = self._today()
         if not self._daily or today == self._day:
             return

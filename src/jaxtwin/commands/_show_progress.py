@@ -1,8 +1,8 @@
-"""What a command is doing, for the person who waits, on standard error.
+"""Progress of a command, on standard error.
 
-On a terminal: a line that lives while a step goes on, and stays with its time when it is done.
-Elsewhere (a log, a pipe, a terminal that only prints lines): a plain line for each step that takes
-a second or more, and news of it every ten seconds at most.
+On a terminal each step has a line that is updated while the step runs, and that shows its time at
+the end. Elsewhere (a log, a pipe, a terminal that only prints lines) a step that takes a second or
+more has a plain line, with an update every ten seconds at most.
 """
 
 import os
@@ -21,7 +21,7 @@ PAUSE = 10.0  # s between two plain lines of news
 
 @contextmanager
 def show_progress() -> Iterator[Progress]:
-    """Shows progress while the block runs. What was under way when it fails is left unmarked."""
+    """Shows progress while the block runs. If it fails, the step under way is left unmarked."""
     # On a terminal that can only print lines, rich would show nothing at all.
     living = sys.stderr.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
     shown = LiveProgress() if living else PlainProgress()
@@ -35,7 +35,7 @@ def show_progress() -> Iterator[Progress]:
 
 
 class PlainProgress:
-    """Plain lines; a step that is done within a second has nothing to tell."""
+    """Plain lines; a step that ends within a second has none."""
 
     def __init__(self) -> None:
         self.timer: threading.Timer | None = None
@@ -62,7 +62,7 @@ class PlainProgress:
 
 
 class LiveProgress:
-    """A spinner with the step and its news, by rich."""
+    """A spinner with the step and its progress, by rich."""
 
     def __init__(self) -> None:
         from rich.console import Console

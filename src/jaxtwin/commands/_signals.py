@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: commands that run until they are told to stop, and all others."""
+"""Handling of Ctrl-C and SIGTERM, for commands that run until they are stopped and for all others."""
 
 import contextlib
 import signal
@@ -9,9 +9,10 @@ from types import FrameType
 
 @contextlib.contextmanager
 def stop_signals() -> Iterator[threading.Event]:
-    """An event that they set while the block runs: nothing is interrupted in the middle.
+    """An event that Ctrl-C and SIGTERM set while the block runs, in place of interrupting it.
 
-    Entered before a command prints or writes anything: whoever sees that it runs may stop it.
+    Enter it before the command prints or writes anything, because its output tells a supervisor
+    that it can be stopped.
     """
     stop = threading.Event()
     names = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -26,10 +27,10 @@ def stop_signals() -> Iterator[threading.Event]:
 
 @contextlib.contextmanager
 def lasting_interrupt() -> Iterator[None]:
-    """A Ctrl-C that is not lost while the block runs.
+    """Makes sure that a Ctrl-C is not lost while the block runs.
 
-    Python drops what is raised in a callback of its garbage collector, as JAX has one, and the
-    work goes on as if nobody had pressed a key: there the key is pressed again a moment later.
+    Python drops exceptions that are raised in a callback of its garbage collector, and JAX has such
+    a callback; the work would go on. In this case the interrupt is raised again a moment later.
     """
 
     def press(number: int, frame: FrameType | None) -> None:
@@ -55,7 +56,7 @@ def lasting_interrupt() -> Iterator[None]:
 
 
 def _press_in_main_thread(number: int) -> None:
-    """Also wakes a main thread that waits, which a signal to another thread does not."""
+    """Also wakes a waiting main thread, which a signal to another thread does not."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, number)
     else:

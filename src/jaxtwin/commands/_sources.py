@@ -1,4 +1,4 @@
-"""What commands start from: a twin with its values, and recordings."""
+"""Opens the inputs of commands: a twin with its values, and recordings."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,14 +14,15 @@ if TYPE_CHECKING:
 def open_twin(
     rig: "Rig", set_name: str | None, parameters: Path | None, recording: str | None = None
 ) -> "Twin":
-    """The twin of a rig, with the values of a parameter set and, over them, of a parameter file.
+    """The twin of a rig, with the values of a parameter set, and of a parameter file that overrides
+    them.
 
     **Arguments:**
 
-    - `rig`: of which one.
+    - `rig`: the rig.
     - `set_name`: a parameter set of the rig, or None.
     - `parameters`: a parameter file, or None.
-    - `recording`: whose own values to take where the file has some.
+    - `recording`: the recording whose own values are used, if the file has some.
 
     **Raises:** `ParameterError` for an unknown set or a file that does not fit the rig.
     """
@@ -43,7 +44,7 @@ def open_twin(
 
 
 def open_fit(rig: "Rig", parameters: Path | None) -> "Fit | None":
-    """The fit in a parameter file; None where the file holds values only, or there is none.
+    """The fit in a parameter file; None if the file holds only values, or there is no file.
 
     **Raises:** `ParameterError` for a file that cannot be read or a fit of another rig.
     """
@@ -63,10 +64,10 @@ def open_fit(rig: "Rig", parameters: Path | None) -> "Fit | None":
 def open_twins(
     rig: "Rig", set_name: str | None, parameters: Path | None, experiments: "Sequence[Experiment]"
 ) -> "Fit | list[Twin]":
-    """The fit in a parameter file, which has a twin for each experiment; else a twin for each, with
-    the values of the recording of its name where the file has some.
+    """The fit in a parameter file, which has a twin for each experiment; otherwise a list of twins
+    with the values that the file has for the recording of that name.
 
-    **Raises:** as `open_twin` and `open_fit`.
+    **Raises:** the errors of `open_twin` and `open_fit`.
     """
     fit = open_fit(rig, parameters)
     if fit is not None:
@@ -81,10 +82,10 @@ def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":
 
     **Arguments:**
 
-    - `rig`: its driver says how PWM counts are meant.
-    - `names`: files, or what `jaxtwin data list` lists.
+    - `rig`: the rig, whose driver determines the meaning of PWM counts.
+    - `names`: files, or names that `jaxtwin data list` lists.
 
-    **Raises:** `RecordingError` for the first that is not found or cannot be read.
+    **Raises:** `RecordingError` for the first recording that is not found or cannot be read.
     """
     from ..io import read_recording
 
@@ -96,9 +97,9 @@ def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":
 
 
 def find_recording(name: str) -> Path:
-    """A file, a synthetic recording by its name, or a published one wherever it lies.
+    """The path of a file, of a synthetic recording given by its name, or of a published one.
 
-    **Raises:** `RecordingError` where it is none of them.
+    **Raises:** `RecordingError` if it is none of these.
     """
     from .._errors import RecordingError
     from ..data import synthetic_recordings

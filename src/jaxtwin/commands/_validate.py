@@ -1,4 +1,4 @@
-"""`jaxtwin validate`: predictions of what a match has not seen."""
+"""`jaxtwin validate`: predictions of recordings that a match has not seen."""
 
 import math
 from pathlib import Path
@@ -110,7 +110,7 @@ def validate(
 
 
 def _given(rig: "Rig", texts: list[str]) -> "float | list[Experiment]":
-    """How much of each recording is given, s, or other recordings."""
+    """The length of each recording's first part, s, or other recordings."""
     try:
         (span,) = map(float, texts)
     except ValueError:
@@ -146,7 +146,7 @@ def _validate(
 
 
 class _ValidationProgress:
-    """How far a validation is, in words."""
+    """Progress of a validation, as text."""
 
     def __init__(self, progress: Progress, recordings: int):
         self.progress, self.recordings = progress, recordings
@@ -154,7 +154,7 @@ class _ValidationProgress:
         self.progress.update(f"0 of {recordings} predicted")
 
     def __call__(self, newest: "Iteration | Prediction") -> None:
-        """A recording more is predicted, or a match has made a step."""
+        """Counts a predicted recording, or a step of a match."""
         from ..matching import Iteration
 
         matching = isinstance(newest, Iteration)

@@ -1,4 +1,4 @@
-"""`jaxtwin warm-up`: programs compiled beforehand and kept, so that nobody waits for them later."""
+"""`jaxtwin warm-up`: compiles programs beforehand and keeps them."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -73,7 +73,7 @@ def warm_up(
 
 
 def _made_recording(twin: "Twin") -> "Experiment":
-    """A run of the rig as if it had been recorded."""
+    """A run of the rig with noise, in place of a recording."""
     import numpy as np
 
     from ..io import Experiment

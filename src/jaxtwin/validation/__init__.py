@@ -1,4 +1,4 @@
-"""Validation: how well a matched twin predicts what the match has not seen."""
+"""Validation: how well a matched twin predicts recordings that the match has not seen."""
 
 from ._validate import leave_one_out, validate, validate_split
 from ._validation import Prediction, Validation

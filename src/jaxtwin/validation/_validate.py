@@ -1,4 +1,5 @@
-"""Predicting what a match has not seen: another recording, the rest of one, each one in turn."""
+"""Predictions of data that a match has not seen: another recording, the rest of a recording, or
+each recording in turn."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -26,11 +27,11 @@ from ..simulation import Run, simulate
 from ._validation import Prediction, Validation
 
 LEAST = 30
-"""Samples of each channel of a predicted part: fewer say little about a prediction."""
+"""The smallest number of samples of each channel in a predicted part."""
 
 OUTSIDE = 0.2
-"""A prediction that leaves the range of the given readings by more than this part of it is warned
-of."""
+"""A prediction that leaves the range of the given readings by more than this part of it has a
+warning."""
 
 
 @announced("validation")
@@ -46,32 +47,31 @@ def validate(
 ) -> Validation:
     """Predicts recordings that the match has not seen.
 
-    Only what belongs to a recording and not to the rig (its room's temperature, the rig's at the
-    start, the delay of the drive) is estimated from it, and from its first `warm_up` seconds alone:
-    see `jaxtwin.matching.estimate_initial_conditions`. Everything after that is predicted. The
-    camera's corrections are not: nobody knows them beforehand.
+    The values that belong to a recording and not to the rig (room temperature, temperature of the
+    rig at the start, delay of the drive) are estimated from its first `warm_up` seconds, see
+    `jaxtwin.matching.estimate_initial_conditions`. The rest of the recording is predicted, except
+    corrections of the camera, which cannot be known beforehand.
 
-    What differs between groups of recordings, such as days, has the values of the recording's group
-    where the fit knows it, and otherwise those that are expected of a new group, unless recordings
-    are `given` from which they follow.
+    Parameters that differ between groups of recordings, such as days, have the values of the
+    recording's group if the fit knows it. Otherwise they have the values expected of a new group,
+    or are estimated from recordings that are `given`.
 
     **Arguments:**
 
-    - `twin`: a fit, the path of a saved one, or a twin with its values.
+    - `twin`: a fit, the path of a saved fit, or a twin.
     - `experiments`: one or several recordings of the same rig.
-    - `warm_up`: s.
-    - `own`: which parameters are estimated from a recording; by default those that have a value for
-      each recording in the fit, or in the rig's table.
-    - `group`: of the recordings; by default what each says itself, and beside `given` a new one
-      where it says nothing.
-    - `given`: from what the values of a new group are estimated: the first part of each recording
-      itself, s, in place of `warm_up`; or other recordings of the group.
-    - `on_progress`: called with each `Prediction` as it is made.
+    - `warm_up`: the length of the part from which own values are estimated, s.
+    - `own`: the parameters that are estimated from a recording; by default those with a value for
+      each recording in the fit or in the rig's table.
+    - `group`: the group of the recordings; by default the one that each names itself, and beside
+      `given` a new group for a recording without a name of its group.
+    - `given`: the data from which the values of a new group are estimated: the length of the first
+      part of each recording, s, which replaces `warm_up`; or other recordings of the group.
+    - `on_progress`: called with each `Prediction`.
 
-    **Raises:** `MatchError` where a recording is too short for that or has no temperatures, or
-    something is given for a group that the fit knows, or beside a twin that is no fit;
-    `SimulationError` for recordings of another rig; `ParameterError` where a saved fit cannot be
-    read.
+    **Raises:** `MatchError` if a recording is too short or has no temperatures, or if something is
+    given for a group that the fit knows, or beside a twin that is not a fit; `SimulationError` for
+    recordings of another rig; `ParameterError` if a saved fit cannot be read.
     """
     fitted = Fit.load(twin) if isinstance(twin, str | os.PathLike) else twin
     twin = fitted.twin if isinstance(fitted, Fit) else fitted
@@ -118,14 +118,15 @@ def validate_split(
 
     **Arguments:**
 
-    - `twin`: where the match starts, as in `match`.
+    - `twin`: the start of the match, as in `match`.
     - `experiments`: one or several recordings.
-    - `at`: the match sees samples before this time, s.
-    - `on_progress`: called with each `Iteration` of the match and each `Prediction` as it is made.
-    - `options`: the others of `match`. Events and masks at or after the split are left out.
+    - `at`: the match uses the samples before this time, s.
+    - `on_progress`: called with each `Iteration` of the match and each `Prediction`.
+    - `options`: the other arguments of `match`. Events and masks at or after the split are left
+      out.
 
-    **Raises:** `MatchError` where the split leaves too few samples on either side; what `match`
-    raises.
+    **Raises:** `MatchError` if the split leaves too few samples on either side; the errors of
+    `match`.
     """
     twin = twin.mean_twin if isinstance(twin, Fit) else twin
     at = finite_number("validate_split: at", at, MatchError)
@@ -165,17 +166,17 @@ def leave_one_out(
     on_progress: Callable[[Iteration | Prediction], None] | None = None,
     **options: Any,
 ) -> Validation:
-    """Predicts each recording with a twin matched to the others.
+    """Predicts each recording with a twin that is matched to the others.
 
     **Arguments:**
 
-    - `twin`: where every match starts, as in `match`.
+    - `twin`: the start of every match, as in `match`.
     - `experiments`: two or more recordings.
     - `warm_up`: as in `validate`.
-    - `on_progress`: called with each `Iteration` of each match and each `Prediction` as it is made.
-    - `options`: the others of `match`.
+    - `on_progress`: called with each `Iteration` of each match and each `Prediction`.
+    - `options`: the other arguments of `match`.
 
-    **Raises:** `MatchError` for fewer than two recordings; what `match` and `validate` raise.
+    **Raises:** `MatchError` for fewer than two recordings; the errors of `match` and `validate`.
     """
     twin = twin.mean_twin if isinstance(twin, Fit) else twin
     several = as_experiments("leave_one_out: experiments", experiments, MatchError)
@@ -214,7 +215,7 @@ def _predict(
 def _predict_rest(
     name: str, fit: Fit, recording: Experiment, given: float, group: str
 ) -> Prediction:
-    """The rest of a recording of a new group, from its first part."""
+    """Predicts the rest of a recording of a new group from its first part."""
     start = _start_of_rest(name, recording, "given", given)
     first = match_first_part(fit, recording, given, group)
     whole = simulate(first.twin, recording)
@@ -230,7 +231,7 @@ def _beyond_given(
     is_given: Bool[np.ndarray, " times"],
     given: float,
 ) -> tuple[str, ...]:
-    """A warning where temperatures are predicted far outside of those in the given part."""
+    """A warning if the predicted temperatures lie far outside those in the given part."""
     low, high = predicted[is_given].min(axis=0), predicted[is_given].max(axis=0)
     later = predicted[~is_given]
     outside = np.maximum(later.max(axis=0) - high, low - later.min(axis=0))
@@ -258,7 +259,7 @@ def _start_of_rest(name: str, recording: Experiment, what: str, span: float) -> 
 
 
 def _samples(recording: Experiment, part: Bool[np.ndarray, " times"]) -> int:
-    """How many samples the channel has that has the fewest in a part."""
+    """The number of samples of the channel with the fewest samples in a part."""
     return int(recording.sampled[part].sum(axis=0).min(initial=len(recording.time)))
 
 
@@ -281,7 +282,7 @@ def _from(run: Run, start: float) -> Run:
 
 
 def _before(at: float, recordings: Sequence[Experiment], options: dict[str, Any]) -> dict[str, Any]:
-    """Options of a match that sees recordings up to a time only."""
+    """The options of a match that uses recordings up to a time."""
     last = max(float(recording.time[recording.time < at][-1]) for recording in recordings)
     kept = dict(options)
     if isinstance(events := options.get("events"), Mapping):
@@ -295,7 +296,7 @@ def _before(at: float, recordings: Sequence[Experiment], options: dict[str, Any]
 
 
 def _without(out: int, name: str, options: dict[str, Any]) -> dict[str, Any]:
-    """Options of a match that does not see one recording."""
+    """The options of a match that does not use one of the recordings."""
     kept = dict(options)
     for key in ("events", "masks"):
         if isinstance(given := options.get(key), Mapping):

@@ -1,4 +1,4 @@
-"""What a validation gives."""
+"""The result of a validation."""
 
 import math
 from collections.abc import Mapping
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, repr=False)
 class Prediction:
-    """A recording, or its part, that the match has not seen, and what the twin says about it.
+    """The prediction of a recording, or of a part of it, that the match has not seen.
 
     **Arguments:**
 
-    - `name`: of the recording.
-    - `run`: the predicted part: what was recorded and what the twin says.
-    - `twin`: which said it.
+    - `name`: the name of the recording.
+    - `run`: the predicted part, with recorded and predicted temperatures.
+    - `twin`: the twin that made the prediction.
     - `estimated`: values that were estimated from the part before, name -> value.
-    - `warnings`: what that part does not show.
-    - `fit`: the match that the prediction rests on; None where that was saved earlier.
+    - `warnings`: the values that this part does not determine.
+    - `fit`: the match on which the prediction rests; None if that was saved earlier.
     """
 
     name: str
@@ -47,18 +47,18 @@ class Prediction:
 
     @property
     def residuals(self) -> Float[np.ndarray, "times channels"]:
-        """Recorded less predicted, K; NaN where a sample is missing."""
+        """Recorded minus predicted temperatures, K; NaN for missing samples."""
         assert self.run.experiment.temperatures is not None
         return self.run.experiment.temperatures - self.run.temperatures
 
     @property
     def sample_time(self) -> float:
-        """Median time from one sample to the next, s."""
+        """Median time between samples, s."""
         return float(np.median(np.diff(self.run.time)))
 
     @cached_property
     def whiteness(self) -> dict[str, Whiteness]:
-        """Channel -> test of its residuals."""
+        """Channel -> test of the whiteness of its residuals."""
         columns = self.residuals.T
         return {
             name: whiteness(column) for name, column in zip(self.run.channels, columns, strict=True)
@@ -73,13 +73,13 @@ class Prediction:
 @final
 @dataclass(frozen=True, repr=False)
 class Validation:
-    """Predictions of what the match has not seen, and how good they are.
+    """Predictions of data that the match has not seen, and their accuracy.
 
     **Arguments:**
 
-    - `rig`: its name.
-    - `kind`: what the match has seen, in words.
-    - `predictions`: one for each recording.
+    - `rig`: the name of the rig.
+    - `kind`: what the match has seen, as text.
+    - `predictions`: a prediction for each recording.
     """
 
     rig: str
@@ -97,12 +97,12 @@ class Validation:
 
     @property
     def mean_fit_percent(self) -> float:
-        """Mean over all channels of all recordings, %, without those that never change."""
+        """Mean over all channels of all recordings that are not constant, %."""
         return mean_fit_percent(self.fit_percent.values())
 
     @property
     def rmse(self) -> float:
-        """Over all predicted samples, K."""
+        """Root mean square error over all predicted samples, K."""
         errors = np.concatenate([prediction.residuals.ravel() for prediction in self.predictions])
         return float(np.sqrt(np.nanmean(errors**2)))
 
@@ -112,7 +112,7 @@ class Validation:
         return ByRecording({part.name: part.run for part in self.predictions})
 
     def summary(self) -> str:
-        """The numbers as a table of text, a row for each channel."""
+        """The numbers as a text table, with a row for each channel."""
         rows: list[tuple[str, ...]] = [
             (
                 "recording",
@@ -159,17 +159,17 @@ class Validation:
         return "\n".join(lines)
 
     def plot(self) -> "Figure":
-        """The predictions beside the recordings: `jaxtwin.plots.plot_comparison`."""
+        """Plots predicted beside recorded temperatures: `jaxtwin.plots.plot_comparison`."""
         return picture("plot_comparison", list(self.runs.values()))
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The columns of `to_dataframe` with labels, each (recording, channel), NaN where a
-        recording does not have the channel. The runs have their own `to_xarray`."""
+        """The columns of `to_dataframe` as a dataset, each (recording, channel), NaN if a recording
+        does not have the channel. The runs have their own `to_xarray`."""
         return self.to_dataframe().to_xarray().assign_attrs(rig=self.rig, kind=self.kind)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each recording and channel, its index, and columns fit_percent (%), rmse (K),
-        mean_error (K), p_value and autocorrelation_time (s), as in `summary`."""
+        """A table with a row for each recording and channel, its index, and the columns fit_percent
+        (%), rmse (K), mean_error (K), p_value and autocorrelation_time (s), as in `summary`."""
         import pandas
 
         rows = {
@@ -190,7 +190,7 @@ class Validation:
         return table.rename_axis(["recording", "channel"])
 
     def to_dict(self) -> dict[str, Any]:
-        """The result in plain types for JSON; numbers that are not finite become None."""
+        """The result as plain types for JSON; numbers that are not finite become None."""
         return {
             "rig": self.rig,
             "kind": self.kind,

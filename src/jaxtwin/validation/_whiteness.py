@@ -13,13 +13,12 @@ from ..matching import estimate_noise
 @final
 @dataclass(frozen=True)
 class Whiteness:
-    """A channel's residuals against white noise.
+    """The result of a test of whiteness of a channel's residuals.
 
     - `statistic`: $Q$. `lags`: $h$.
-    - `p_value`: how likely white noise would have a larger one. Below 0.01 the residuals still hold
-      something that could be described.
-    - `autocorrelation_time`: how many samples count as one, because they do not vary
-      independently.
+    - `p_value`: the probability that white noise has a larger statistic. Below 0.01 the residuals
+      contain something that a better model could describe.
+    - `autocorrelation_time`: the number of samples with the information of one independent sample.
     """
 
     statistic: float
@@ -29,14 +28,14 @@ class Whiteness:
 
     @property
     def is_white(self) -> bool:
-        """Whether the test finds nothing, at 1 %."""
+        """Whether the test does not reject whiteness at the level of 1 %."""
         return self.p_value >= 0.01
 
 
 def whiteness(residuals: Float[np.ndarray, " times"]) -> Whiteness:
-    """Ljung and Box's test of equally spaced residuals, less their mean; NaN where one is missing.
+    """Ljung and Box's test of equally spaced residuals about their mean; NaN for missing samples.
 
-    **Raises:** `ValueError` for fewer than ten samples that are there.
+    **Raises:** `ValueError` for fewer than ten samples.
     """
     test = ljung_box(residuals)
     samples = int(np.count_nonzero(~np.isnan(residuals)))
