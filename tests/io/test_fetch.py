@@ -56,7 +56,7 @@ def server(monkeypatch) -> Iterator[Server]:
 def test_they_are_put_where_they_are_looked_for_and_fetched_once(server, tmp_path):
     recordings = [server.recording("/a.mat"), server.recording("/b.mat", "single-cell/b.mat")]
     said: list[str] = []
-    paths = fetch_recordings(tmp_path, recordings, progress=said.append)
+    paths = fetch_recordings(tmp_path, recordings, on_progress=said.append)
     assert paths == (tmp_path / "a.mat", tmp_path / "single-cell" / "b.mat")
     assert [path.read_bytes() for path in paths] == [b"zone A", b"one cell"]
     assert said == ["a.mat (1 of 2)", "single-cell/b.mat (2 of 2)"]

@@ -54,7 +54,7 @@ def test_a_schedule_is_driven_in_rig_time_and_ends_with_the_cells_off(
         bench,
         rig,
         plan("0:0.5,30:0.78/-0.2", 60),
-        progress=lambda time, pwm: applied.append((time, pwm)),
+        on_progress=lambda time, pwm: applied.append((time, pwm)),
     )
     assert {pwm for time, pwm in applied if time < 30} == {(128, 128)}
     assert {pwm for time, pwm in applied if time >= 30} == {(199, -51)}
@@ -100,7 +100,7 @@ def test_a_device_that_restarts_stops_it(rig: Rig, twin: Twin, clock: HandClock)
             device.receive(encode(Ask(2)))
 
     with pytest.raises(SafetyStop, match="the device on rig has restarted"):
-        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), progress=restart)
+        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), on_progress=restart)
     assert device.pwm == OFF
 
 
@@ -132,7 +132,7 @@ def test_an_exception_switches_off_before_it_goes_on(
     with Recorder(tmp_path / "session.db", rig, clock=clock) as recorder:
         bench = virtual_bench(rig, device, clock, journal=recorder)
         with pytest.raises(ZeroDivisionError):
-            drive(bench, rig, plan("0:1", 60), progress=fails)
+            drive(bench, rig, plan("0:1", 60), on_progress=fails)
     assert device.pwm == OFF
     with Session(tmp_path / "session.db") as session:
         query = "SELECT content FROM documents WHERE kind = 'stop'"
@@ -157,7 +157,7 @@ def test_a_journal_that_fails_does_not_keep_the_cells_on(
             recorder.close()  # from now on every write fails, as on a full disk
 
     with pytest.raises(JaxtwinError, match="closed"):
-        drive(bench, rig, plan("0:1", 60), progress=closes)
+        drive(bench, rig, plan("0:1", 60), on_progress=closes)
     assert device.pwm == OFF
 
 
@@ -170,7 +170,7 @@ def test_a_set_stop_ends_it_politely(rig: Rig, twin: Twin, clock: HandClock) -> 
         if time > 5:
             stop.set()
 
-    drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), stop=stop, progress=progress)
+    drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), stop=stop, on_progress=progress)
     assert 5 < seen[-1] < 6
     assert device.pwm == OFF
 
@@ -219,7 +219,7 @@ from jaxtwin.live import connect, drive
 rig = jt.load_rig("dual-cell")
 with connect(rig, sys.argv[1]) as bench:
     plan = jt.Experiment.schedule("0:0.5", duration=1000, cells=2)
-    drive(bench, rig, plan, progress=lambda *_: print("on", flush=True))
+    drive(bench, rig, plan, on_progress=lambda *_: print("on", flush=True))
 """
 
 
@@ -270,7 +270,7 @@ def test_two_drives_do_not_share_a_rig(rig: Rig, twin: Twin, clock: HandClock) -
     device.stage = OutputStage(2, 255, 60.0)
     first = virtual_bench(rig, device, clock)
     with contextlib.suppress(SafetyStop):
-        drive(first, rig, plan("0:0.5", 6), progress=meanwhile)
+        drive(first, rig, plan("0:0.5", 6), on_progress=meanwhile)
     assert refused == ["commander"]
 
 

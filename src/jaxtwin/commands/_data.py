@@ -36,7 +36,7 @@ def fetch(
     from ..io import fetch_recordings
 
     with show_progress() as progress:
-        paths = fetch_recordings(folder, progress=progress.step)
+        paths = fetch_recordings(folder, on_progress=progress.step)
     for path in paths:
         print(path)
 

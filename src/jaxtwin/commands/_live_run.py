@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from ..physics import Twin
 
 Run = Callable[..., Literal["completed", "stopped"]]
-"""Commands a bench; takes it and the keywords `silence`, `reset`, `about`, `stop`, `progress`."""
+"""Commands a bench; takes it and the keywords `silence`, `reset`, `about`, `stop` and
+`on_progress`."""
 
 
 def run_on_live_rig(
@@ -78,7 +79,7 @@ def run_on_live_rig(
                 "command": shlex.join(["jaxtwin", *sys.argv[1:]]),
             },
             stop=stop,
-            progress=show,
+            on_progress=show,
         )
     if outcome == "stopped":
         raise KeyboardInterrupt  # exit code 130

@@ -1,4 +1,4 @@
-"""Output files of commands: checked before the work starts, and written as a whole or not at all."""
+"""Output files of commands: checked before the work, and written as a whole or not at all."""
 
 import json
 import os

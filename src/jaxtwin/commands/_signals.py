@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM, for commands that run until they are stopped and for all others."""
+"""Ctrl-C and SIGTERM, for commands that run until they are stopped and for all others."""
 
 import contextlib
 import signal

@@ -32,7 +32,7 @@ def control(
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
-    progress: Callable[[float, tuple[int, ...]], None] | None = None,
+    on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
 ) -> Literal["completed", "stopped"]:
     """Runs a controller on a live rig; the cells are off when it returns, however it returns.
 
@@ -47,7 +47,7 @@ def control(
     - `controller`: what commands the cells.
     - `references`: as in `simulate_closed_loop`.
     - `duration_s`: after which it ends, s of the rig: a multiple of the sample time.
-    - `silence`, `reset`, `about`, `stop`, `progress`: as in `jaxtwin.live.operate`.
+    - `silence`, `reset`, `about`, `stop`, `on_progress`: as in `jaxtwin.live.operate`.
 
     **Returns:** whether it came to its end, or was stopped.
 
@@ -65,7 +65,7 @@ def control(
         reset=reset,
         about={"control": plan, **(about or {})},
         stop=stop,
-        progress=progress,
+        on_progress=on_progress,
     )
 
 

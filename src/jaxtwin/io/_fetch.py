@@ -12,7 +12,7 @@ def fetch_recordings(
     folder: str | Path | None = None,
     recordings: Sequence[PublishedRecording] = TWO_CELL + SINGLE_CELL,
     *,
-    progress: Callable[[str], None] | None = None,
+    on_progress: Callable[[str], None] | None = None,
 ) -> tuple[Path, ...]:
     """Fetches recordings that are not there yet, and checks every one by its SHA-256.
 
@@ -20,7 +20,7 @@ def fetch_recordings(
 
     - `folder`: where to put them; the default is a cache folder that `find_recordings` knows.
     - `recordings`: which ones; the default is all that the authors published and jaxtwin knows.
-    - `progress`: called with a line of text before each file.
+    - `on_progress`: called with a line of text before each file.
 
     **Returns:**
 
@@ -36,12 +36,12 @@ def fetch_recordings(
     target = cache_folder() if folder is None else Path(folder)
     logger = pooch.get_logger()
     level = logger.level
-    logger.setLevel("ERROR")  # progress speaks instead
+    logger.setLevel("ERROR")  # `on_progress` reports instead
     try:
         paths = []
         for number, recording in enumerate(recordings, start=1):
-            if progress is not None:
-                progress(f"{recording.name} ({number} of {len(recordings)})")
+            if on_progress is not None:
+                on_progress(f"{recording.name} ({number} of {len(recordings)})")
             paths.append(_fetch(recording, target))
         return tuple(paths)
     finally:

@@ -23,7 +23,7 @@ def drive(
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
-    progress: Callable[[float, tuple[int, ...]], None] | None = None,
+    on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
 ) -> Literal["completed", "stopped"]:
     """Applies a plan's duty to a live rig. The cells are off when it returns, also after an error.
 
@@ -34,7 +34,7 @@ def drive(
         fit, say, for the interlocks that ask the twin.
     - `plan`: its duty is applied, in the time of the rig: a recording's, or a schedule's
         (`Experiment.schedule`).
-    - `silence`, `reset`, `about`, `stop`, `progress`: as in `operate`.
+    - `silence`, `reset`, `about`, `stop`, `on_progress`: as in `operate`.
 
     **Returns:** `"completed"`, or `"stopped"` if `stop` ended it.
 
@@ -55,7 +55,7 @@ def drive(
         reset=reset,
         about=about,
         stop=stop,
-        progress=progress,
+        on_progress=on_progress,
     )
 
 

@@ -62,7 +62,7 @@ def operate(
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
-    progress: Callable[[float, tuple[int, ...]], None] | None = None,
+    on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
 ) -> Literal["completed", "stopped"]:
     """Commands a live rig. The cells are off when it returns, also after an error.
 
@@ -75,7 +75,7 @@ def operate(
     - `reset`: end a trip of the device first, on purpose.
     - `about`: stored at the start of the run in a recording: a plan or a command line, for example.
     - `stop`: ends it early when set.
-    - `progress`: called with the time (s of the rig) and the counts after each command.
+    - `on_progress`: called with the time (s of the rig) and the counts after each command.
 
     **Returns:** `"completed"` if `duty` ended the run, `"stopped"` if `stop` did.
 
@@ -89,7 +89,7 @@ def operate(
     bench.note(Document(bench.clock.now(), "start", uid, {**(about or {}), **content}))
     status, error, off = "completed", None, False
     try:
-        status = run.go(duty, reset, stop, progress)
+        status = run.go(duty, reset, stop, on_progress)
     except BaseException as raised:
         status, error = "stopped", raised
         if not isinstance(raised, KeyboardInterrupt):
@@ -164,7 +164,7 @@ class _Run:
         duty: DutySource,
         reset: bool,
         stop: threading.Event | None,
-        progress: Callable[[float, tuple[int, ...]], None] | None,
+        on_progress: Callable[[float, tuple[int, ...]], None] | None,
     ) -> Literal["completed", "stopped"]:
         bench, guard = self._bench, self._guard
         rate, boots, records = wait_until_ready(bench, guard, reset, stop)
@@ -192,8 +192,8 @@ class _Run:
             if not bench.send_duty(pwm):
                 raise SafetyStop("stopped: a command could not be sent", "link-down")
             guard.commanded(bench.clock.now(), bench.number, pwm)
-            if progress is not None:
-                progress(elapsed * rate, pwm)
+            if on_progress is not None:
+                on_progress(elapsed * rate, pwm)
 
     def _learn(self, records: Sequence[Record]) -> None:
         for record in records:
