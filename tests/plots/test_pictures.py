@@ -122,10 +122,16 @@ def test_cells_with_the_same_drive_share_a_label():
         assert {text.get_text() for text in axes.texts} == labels
 
 
-@pytest.mark.parametrize(("lowest", "ticks"), [(0.0, [0, 50, 100]), (-0.2, [-100, 0, 100])])
-def test_the_axis_of_the_duty_goes_below_0_where_a_cell_cools(lowest: float, ticks: list[int]):
+@pytest.mark.parametrize(
+    ("lowest", "ticks", "bottom"), [(0.0, [0, 50, 100], -4.0), (-0.2, [-100, 0, 100], -105.0)]
+)
+def test_the_axis_of_the_duty_goes_below_0_where_a_cell_cools(
+    lowest: float, ticks: list[int], bottom: float
+):
     drive = Experiment(np.arange(4.0), np.array([[lowest], [0.5], [0.5], [0.5]]))
-    assert plots.plot_recordings([drive]).axes[1].get_yticks().tolist() == ticks
+    axes = plots.plot_recordings([drive]).axes[1]
+    assert axes.get_yticks().tolist() == ticks
+    assert axes.get_ylim() == (bottom, 105.0)
 
 
 def test_each_panel_of_a_comparison_carries_its_fit():
