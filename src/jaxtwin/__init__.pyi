@@ -20,11 +20,11 @@ from .io import find_recordings as find_recordings  # where they are on this mac
 from .io import read_recording as read_recording  # .mat, .csv or .nc -> Experiment
 from .io import write_recording as write_recording  # Experiment -> .csv or .nc
 from .matching import Fit as Fit  # the result of a match
-from .matching import compare_fits as compare_fits  # how many standard errors they are apart
+from .matching import compare_fits as compare_fits  # the differences in standard errors
 from .matching import match as match  # parameters from recordings
 from .matching import match_many as match_many  # the same for many sets of recordings at once
-from .matching import prediction_band as prediction_band  # what a match leaves open, simulated
-from .matching import profile as profile  # how much worse a match is with one parameter elsewhere
+from .matching import prediction_band as prediction_band  # where readings are expected
+from .matching import profile as profile  # the cost of a match over one parameter
 from .physics import Netlist as Netlist  # nodes, links, cells: the common form of every rig
 from .physics import ThermoelectricModule as ThermoelectricModule  # a Peltier cell; DC sweeps
 from .physics import Twin as Twin  # a rig with values for its parameters
