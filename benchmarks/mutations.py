@@ -24,6 +24,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -45,6 +46,9 @@ TESTS = {
 
 LONGEST = 900
 """Seconds after which the tests are stopped: a mutation that never ends is one that is noticed."""
+
+LONGEST_TEXT = 200
+"""Characters of a mutation in the table."""
 
 ARITHMETIC: dict[type[ast.operator], str] = {
     ast.Add: "-",
@@ -255,7 +259,8 @@ def table(outcomes: list[Outcome]) -> str:
     lines += ["", "| not caught | why |", "|---|---|"]
     for row in outcomes:
         if not row.failure:
-            text = row.mutation.replace("|", r"\|").replace("\n", " ")
+            text = textwrap.shorten(row.mutation, LONGEST_TEXT, placeholder=" ...")
+            text = text.replace("|", r"\|")
             lines.append(f"| `{text}` | {row.equivalent or 'a test is missing'} |")
     return "\n".join(lines) + "\n"
 
