@@ -172,13 +172,17 @@ CASES = {
         "SimulationError",
         "sweep: draws: " + WHOLE + "above 0",
     ),
-    "sweep(twin, seen, 'folder', draws=3, process=3)": (
+    "sweep(twin, seen, 'folder', draws=3, executor=3)": (
         "SimulationError",
-        "process: expected .* got 3",
+        "sweep: executor: expected .* got 3",
     ),
-    "sweep(twin, seen, 'folder', draws=3, process=(0.5, 2))": (
+    "simulate_batch(twin, seen, draws, executor='dask')": (
         "SimulationError",
-        "process: expected .* got 0.5",
+        "simulate_batch: executor: expected .* got 'dask'",
+    ),
+    "match_many(twin, [[seen]], executor=3)": (
+        "MatchError",
+        "match_many: executor: expected .* got 3",
     ),
     "validate(twin, seen, warm_up='a')": ("MatchError", "validate: warm_up: " + FINITE),
     "validate(twin, seen, own=3)": ("MatchError", "validate: own: " + NAMES),

@@ -1,5 +1,9 @@
 """Many sets of recordings at once: what one of them cannot spoil for the others."""
 
+import pickle
+from concurrent.futures import Future
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
@@ -143,3 +147,35 @@ def test_sets_that_need_other_programs_are_refused():
 def test_at_least_one_iteration_is_asked_for(benches: list[Experiment]):
     with pytest.raises(MatchError, match="max_iterations: expected a whole number above 0, got 0"):
         matched(benches[0], max_iterations=0)
+
+
+class Sending:
+    """An executor that sends everything as to another process, and is at once done."""
+
+    def __init__(self) -> None:
+        self.units = 0
+
+    def submit(self, fn: Any, /, *args: Any) -> Future[Any]:
+        self.units += 1
+        work, arguments = pickle.loads(pickle.dumps((fn, args)))
+        job: Future[Any] = Future()
+        job.set_result(pickle.loads(pickle.dumps(work(*arguments))))
+        return job
+
+
+@pytest.mark.slow
+def test_workers_match_four_sets_each(benches: list[Experiment]):
+    """Five sets are two units; the second is filled up, and what fills it is not reported."""
+    sets = [*benches, *benches[:2]]
+    alone = matched(*sets)
+    executor, seen = Sending(), []
+    fits = matched(*sets, executor=executor, on_progress=seen.append)
+    assert executor.units == 2
+    assert {iteration.start for iteration in seen} == set(range(5))
+    for fit, other in zip(fits, alone, strict=True):
+        assert fit is not None
+        assert other is not None
+        assert value(fit) == pytest.approx(value(other), rel=1e-6)
+        assert fit.recordings == other.recordings
+        assert len(fit.history) == len(other.history)
+    assert value(fits[0]) == pytest.approx(value(fits[3]), rel=1e-9)

@@ -38,7 +38,8 @@ class FakeEngine:
     ) -> Reductions:
         R_E = parameters["R_E"]
         self.given.append(R_E)
-        options["on_progress"](len(R_E))
+        if options["on_progress"] is not None:
+            options["on_progress"](len(R_E))
         channels = experiment.channels or twin.channels
         return Reductions(
             channels=channels,

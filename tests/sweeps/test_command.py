@@ -15,12 +15,14 @@ def _own_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_sweep_goes_on_and_says_so(engine, capsys):
-    """Half of it by one part, the rest by the same command without parts."""
+def test_a_sweep_goes_on_and_says_so(tmp_path, engine, capsys):
+    """Two of its chunks are taken away again, as if it had been stopped before them."""
     command = ["sweep", "paper-2024", *DRIVE, "--draws", "20", "--chunk", "5", "--out", "out"]
     command += ["--reductions", "final,plate_range", "--seed", "7", "--set", "startup"]
-    assert run([*command, "--process", "1/2"]) == 0
-    assert "10 of 20 draws are done" in capsys.readouterr().out
+    assert run(command) == 0
+    assert "20 of 20 draws are done" in capsys.readouterr().out
+    for chunk in "02":
+        (tmp_path / "out" / "done" / chunk).unlink()
     assert run([*command, "--json", "-"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["done"], told["new"], told["complete"]) == (20, 10, True)
@@ -43,10 +45,7 @@ def test_costs_are_kept_where_there_are_recordings(capsys):
     [
         ([], "give either recordings or --duty"),
         (["synthetic-A", *DRIVE], "give either recordings or --duty"),
-        ([*DRIVE, "--process", "half"], "--process: expected P/N such as 0/2, got 'half'"),
-        ([*DRIVE, "--process", "2/2"], "got 2 of 2"),
-        ([*DRIVE, "--processes", "2"], "go with --coordinator"),
-        ([*DRIVE, "--process", "0/2", "--coordinator", "a:1"], "either --process or --coordinator"),
+        ([*DRIVE, "--dask", "nowhere"], "--dask: nowhere: "),
         ([*DRIVE, "--reductions", "mean"], "reductions: expected some of cost"),
         (["nowhere.csv"], "nowhere.csv"),
     ],

@@ -1,19 +1,26 @@
 """`jaxtwin sweep`: millions of draws into a folder, over many sittings, processes and hosts."""
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from .._errors import SimulationError
 from ._options import JsonOption, ParametersOption, RigArgument, SeedOption, SetOption
 from ._output import check_json, say, write_json
 from ._show_progress import show_progress
 from ._sources import open_recordings, open_twins
 
 if TYPE_CHECKING:
+    from .._executor import Executor
     from ..io import Experiment
     from ..rig import Rig
     from ..sweeps import Sweep
+
+CONNECTING = 10
+"""Seconds that a scheduler has to answer."""
 
 
 def sweep(
@@ -54,19 +61,9 @@ def sweep(
     chunk: Annotated[
         int, typer.Option(min=1, help="Draws that are written at a time; a kill costs these.")
     ] = 65536,
-    process: Annotated[
+    dask: Annotated[
         str | None,
-        typer.Option(metavar="P/N", help="Do part P, counted from 0, of N; others do the rest."),
-    ] = None,
-    coordinator: Annotated[
-        str | None,
-        typer.Option(metavar="HOST:PORT", help="Share by jax.distributed: where process 0 is."),
-    ] = None,
-    processes: Annotated[
-        int | None, typer.Option(min=1, help="With --coordinator: how many share.")
-    ] = None,
-    process_id: Annotated[
-        int | None, typer.Option(min=0, help="With --coordinator: which this one is.")
+        typer.Option(metavar="HOST:PORT", help="Scheduler of a Dask cluster that computes."),
     ] = None,
     parameters: ParametersOption = None,
     set_name: SetOption = None,
@@ -75,56 +72,62 @@ def sweep(
     """Simulate millions of draws and keep reductions of them; run it again to resume."""
     if bool(recordings) == (duty is not None):
         raise typer.BadParameter("give either recordings or --duty")
-    part = _part(process, coordinator, processes, process_id)
     check_json(json)
     with show_progress() as progress:
         progress.step("reading")
         from .. import sweep as run  # which takes a second
         from ..rig import load_rig
         from ..sweeps import SweepProgress
-        from ..sweeps._parts import init_distributed
 
         loaded = load_rig(rig)
         experiments = _experiments(loaded, recordings or [], duty, duration)
         twins = open_twins(loaded, set_name, parameters, experiments)
-        if coordinator is not None:
-            progress.step(f"connecting to {coordinator}")
-            part = init_distributed(coordinator, processes, process_id)
 
         def report(advance: SweepProgress) -> None:
             progress.update(str(advance))
 
-        progress.step(f"{draws} draws of {loaded.name} into {out}")
-        result = run(
-            twins,
-            experiments,
-            out,
-            draws=draws,
-            spread=spread,
-            seed=seed,
-            reductions=None if reductions is None else reductions.split(","),
-            precision=precision,
-            chunk_size=chunk,
-            process=part,
-            on_progress=report,
-        )
+        with ExitStack() as stack:
+            executor = None
+            if dask is not None:
+                progress.step(f"connecting to {dask}")
+                executor = stack.enter_context(_dask_executor(dask))
+            progress.step(f"{draws} draws of {loaded.name} into {out}")
+            result = run(
+                twins,
+                experiments,
+                out,
+                draws=draws,
+                spread=spread,
+                seed=seed,
+                reductions=None if reductions is None else reductions.split(","),
+                precision=precision,
+                chunk_size=chunk,
+                executor=executor,
+                on_progress=report,
+            )
     say(_summary(result), json)
     write_json(json, result.to_dict())
 
 
-def _part(
-    process: str | None, coordinator: str | None, processes: int | None, process_id: int | None
-) -> tuple[int, int] | None:
-    if coordinator is None and (processes, process_id) != (None, None):
-        raise typer.BadParameter("--processes and --process-id go with --coordinator")
-    if process is None:
-        return None
-    if coordinator is not None:
-        raise typer.BadParameter("give either --process or --coordinator")
-    number, slash, count = process.partition("/")
-    if not (slash and number.isdecimal() and count.isdecimal()):
-        raise typer.BadParameter(f"--process: expected P/N such as 0/2, got {process!r}")
-    return int(number), int(count)
+@contextmanager
+def _dask_executor(address: str) -> "Iterator[Executor]":
+    """The workers of a Dask cluster.
+
+    **Raises:** `SimulationError` where there is no scheduler, or Dask is not installed.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise SimulationError(
+            "--dask: expected Dask, which is not installed: pip install 'jaxtwin[dask]', in a "
+            "checkout pip install -e '.[dask]'"
+        ) from None
+    try:
+        client = Client(address, timeout=CONNECTING)
+    except (OSError, ValueError) as problem:
+        raise SimulationError(f"--dask: {address}: {problem}") from None
+    with client:
+        yield client.get_executor()
 
 
 def _experiments(

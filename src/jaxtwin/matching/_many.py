@@ -2,12 +2,15 @@
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import optimistix as optx
 
 from .._arguments import check_callable, whole_number
 from .._errors import MatchError, ParameterError, SimulationError
+from .._executor import Executor, check_executor, work_in_units
 from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
@@ -20,6 +23,9 @@ from ._match import checked_solver
 from ._problem import Events, MatchProblem, make_match_problem, named_recordings
 from ._reweighted_least_squares import Estimate, reweighted_least_squares
 from ._unknowns import choose_unknowns
+
+UNIT = 4
+"""Sets that a worker of an executor matches side by side."""
 
 
 @announced("match of several sets")
@@ -36,6 +42,7 @@ def match_many(
     robust: float | None = None,
     max_iterations: int = 200,
     solver: optx.AbstractLeastSquaresSolver | None = None,
+    executor: Executor | None = None,
     on_progress: Callable[[Iteration], None] | None = None,
 ) -> tuple[Fit | None, ...]:
     """Matches the same twin to many sets of recordings, each on its own, in batches.
@@ -51,20 +58,23 @@ def match_many(
       same number of channels, and all or none with a recorded ambient temperature. The numbers of
       samples and of changes of the inputs, from which the solver's steps follow, may differ by an
       eighth, or freely where they are small.
-    - `on_progress`: called with each `Iteration` when it ends; its `start` is the number of the
-      set, counted from 0.
+    - `executor`: who matches the sets in place of this process, four at a time; see
+      `simulate_batch`. A fit is the same for any number of workers, and up to rounding the same as
+      without an executor.
+    - `on_progress`: called with each `Iteration` when it ends, with an executor when its four sets
+      are done; its `start` is the number of the set, counted from 0.
     - the others: as in `match`.
 
     **Returns:** a `Fit` for each set, in order; None for a set whose temperatures, residuals or
     derivatives are not finite. Such a set does not affect the others.
 
     **Raises:** the errors of `match`, except that for temperatures that are not finite;
-    `MatchError` also if there is no set or the sets differ in shape.
+    `MatchError` also if there is no set, the sets differ in shape, or an executor fails.
     """
-    began = time.perf_counter()
     twin = twin.mean_twin if isinstance(twin, Fit) else twin
     whole_number("max_iterations", max_iterations, 1, MatchError)
     check_callable("on_progress", on_progress, MatchError)
+    check_executor("match_many: executor", executor, MatchError)
     if isinstance(sets, str | bytes | Experiment) or not isinstance(sets, Iterable):
         raise MatchError(f"sets: expected one or several sets of recordings, got {sets!r}")
     listed = [as_experiments("match_many: sets", members, MatchError) for members in sets]
@@ -85,17 +95,55 @@ def match_many(
         for members in recordings
     ]
 
-    def report_step(number: int, step: DescentStep) -> None:
+    def report(iteration: Iteration) -> None:
         if on_progress is not None:
-            on_progress(make_iteration(problems[number], step, number))
+            on_progress(iteration)
 
-    estimates = reweighted_least_squares(
-        problems,
-        checked_solver(solver, problems[0]),
-        [unknowns.start()] * len(problems),
-        max_iterations,
-        report_step,
-    )
+    optimiser = checked_solver(solver, problems[0])
+    if executor is None:
+        return _match_sets(problems, optimiser, max_iterations, report)
+    fits: list[Fit | None] = [None] * len(problems)
+    # The last unit is filled up, so that the others' compiled programs are its own.
+    units = [
+        ([*part, *part[-1:] * (min(UNIT, len(problems)) - len(part))], optimiser, max_iterations)
+        for part in (problems[first : first + UNIT] for first in range(0, len(problems), UNIT))
+    ]
+    where = "match_many: executor"
+    with closing(work_in_units(where, executor, _match_unit, units, MatchError)) as done:
+        for number, (found, iterations) in done:
+            first = number * UNIT
+            count = min(UNIT, len(problems) - first)
+            fits[first : first + count] = found[:count]
+            for iteration in iterations:
+                if iteration.start < count:
+                    report(replace(iteration, start=first + iteration.start))
+    return tuple(fits)
+
+
+def _match_unit(
+    problems: Sequence[MatchProblem],
+    optimiser: optx.AbstractLeastSquaresSolver,
+    max_iterations: int,
+) -> tuple[tuple[Fit | None, ...], list[Iteration]]:
+    """The fits of some sets, and all steps that led there."""
+    iterations: list[Iteration] = []
+    return _match_sets(problems, optimiser, max_iterations, iterations.append), iterations
+
+
+def _match_sets(
+    problems: Sequence[MatchProblem],
+    optimiser: optx.AbstractLeastSquaresSolver,
+    max_iterations: int,
+    report: Callable[[Iteration], None],
+) -> tuple[Fit | None, ...]:
+    """The fits of some sets, side by side."""
+    began = time.perf_counter()
+
+    def report_step(number: int, step: DescentStep) -> None:
+        report(make_iteration(problems[number], step, number))
+
+    starts = [problem.unknowns.start() for problem in problems]
+    estimates = reweighted_least_squares(problems, optimiser, starts, max_iterations, report_step)
     return tuple(_fit(*pair, began) for pair in zip(problems, estimates, strict=True))
 
 

@@ -69,9 +69,19 @@ class DrawSolver:
     workers: int | None
 
     def solve(
-        self, draws: Draws, refinement: int, on_progress: Callable[[int], None] | None
+        self,
+        draws: Draws,
+        refinement: int,
+        on_progress: Callable[[int], None] | None = None,
+        total: int | None = None,
     ) -> Results:
-        """By the default solver on steps that are halved so often; see `solve_refined`."""
+        """By the default solver on steps that are halved so often; see `solve_refined`.
+
+        **Arguments:**
+
+        - `on_progress`: called with the number of draws of each finished chunk.
+        - `total`: of draws, where these are a part of them; see `work_in_chunks`.
+        """
         own_delays = has_own_delays(self.twin, draws)
         commanded = self._grid(refinement)
         # Draws that share the driver's delay share how samples are read.
@@ -100,6 +110,7 @@ class DrawSolver:
             chunk_size=self.chunk_size or usual_chunk_size(own_delays),
             workers=self.workers,
             on_progress=on_progress,
+            total=total,
         )
 
     def solve_with_diffrax(
@@ -107,8 +118,9 @@ class DrawSolver:
         draws: Draws,
         method: "DiffraxMethod",
         on_progress: Callable[[int], None] | None = None,
+        total: int | None = None,
     ) -> Results:
-        """By a diffrax solver, always in float64."""
+        """By a diffrax solver, always in float64; `on_progress` and `total` as in `solve`."""
         from ._diffrax_programs import diffrax_chunk
 
         grid = self._grid(0)
@@ -133,6 +145,7 @@ class DrawSolver:
             chunk_size=self.chunk_size or usual_chunk_size(own_delays=True),
             workers=1 if is_alone else self.workers,
             on_progress=on_progress,
+            total=total,
         )
 
     def _grid(self, refinement: int) -> TimeGrid:

@@ -9,9 +9,11 @@ from numpy.typing import ArrayLike
 
 from .._arguments import check_callable, mapping_of, whole_number
 from .._errors import JaxtwinError, ParameterError, SimulationError
+from .._executor import Executor, check_executor
 from .._waiting import announced
 from ..io import Experiment
 from ..physics import Twin
+from ._draw_units import solve_draws
 from ._draws import DrawSolver, Precision
 from ._initial import Initial, checked_initial
 from ._own_twin import FittedTwins, own_twin
@@ -38,6 +40,7 @@ def simulate_batch(
     adjoint: "diffrax.AbstractAdjoint | None" = None,
     chunk_size: int | None = None,
     workers: int | None = None,
+    executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Float[np.ndarray, "draws times channels"]: ...
 
@@ -57,6 +60,7 @@ def simulate_batch(
     adjoint: "diffrax.AbstractAdjoint | None" = None,
     chunk_size: int | None = None,
     workers: int | None = None,
+    executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Reductions: ...
 
@@ -76,6 +80,7 @@ def simulate_batch(
     adjoint: "diffrax.AbstractAdjoint | None" = None,
     chunk_size: int | None = None,
     workers: int | None = None,
+    executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Float[np.ndarray, "draws times channels"] | Reductions:
     """Runs a twin through an experiment for many draws of its parameters.
@@ -105,7 +110,12 @@ def simulate_batch(
       `response`), but it decides which loop diffrax runs.
     - `chunk_size`: draws at a time, by default by the kind of device.
     - `workers`: threads that work on chunks, by default one a core on a CPU. The implicit solvers
-      of diffrax have one there, whatever is said.
+      of diffrax have one there, whatever is said. Beside an executor: of each of its workers, by
+      default one.
+    - `executor`: who works on the draws instead of this process, some thousands at a time: any
+      `concurrent.futures.Executor` whose workers can import jaxtwin, such as a
+      `ProcessPoolExecutor` (by spawn) or `Client(...).get_executor()` of Dask. Results are the same
+      to the last bit on machines of the same kind. What is lost with a worker is done by another.
     - `on_progress`: called with the number of draws in each chunk when it is done for the first
       time; draws that are solved again come after the last call.
 
@@ -115,7 +125,7 @@ def simulate_batch(
     **Raises:** `ParameterError` for unknown names, draws that are not one row of finite numbers or
     not equally many, or none, or a twin with several values of another parameter;
     `SimulationError` where experiment and rig do not belong together, the cost is asked for
-    without recorded temperatures, or an option has no meaning.
+    without recorded temperatures, an option has no meaning, or an executor fails.
     """
     method = chosen_method(solver, stepsize_controller, dt0, adjoint)
     twin = own_twin(twin, experiment)
@@ -127,6 +137,7 @@ def simulate_batch(
         if number is not None:
             whole_number(name, number, 1, SimulationError)
     check_callable("on_progress", on_progress, SimulationError)
+    check_executor("simulate_batch: executor", executor, SimulationError)
     if checked_precision(precision) == "float32" and method is not None:
         raise SimulationError(
             'precision: expected "float64" beside a solver, got "float32"; only the default '
@@ -147,17 +158,18 @@ def simulate_batch(
         return {name: values[chosen] for name, values in draws.items()}
 
     def solve(chosen: Int[np.ndarray, " some"], refinement: int) -> Results:
-        return batch.solve(some(chosen), refinement, None if refinement else on_progress)
+        report = None if refinement else on_progress
+        return solve_draws(batch, some(chosen), refinement, executor, report)
 
     def rescue(chosen: Int[np.ndarray, " some"]) -> Results:
         from ._diffeqsolve import stiff_method
 
-        return batch.solve_with_diffrax(some(chosen), stiff_method(experiment))
+        return solve_draws(batch, some(chosen), stiff_method(experiment), executor)
 
     if method is None:
         results = solve_refined(len(next(iter(draws.values()))), solve, rescue)
     else:
-        results = batch.solve_with_diffrax(draws, method, on_progress)
+        results = solve_draws(batch, draws, method, executor, on_progress)
     return results["temperatures"] if wanted is None else Reductions.of(names, results)
 
 

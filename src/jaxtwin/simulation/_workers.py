@@ -16,8 +16,9 @@ enough for its cache."""
 CHUNK_CPU_OWN_DELAYS = 64
 """The same where each draw has a delay, and so a table of its own for reading the samples."""
 
-CHUNK_ACCELERATOR = 65536
-"""Draws that an accelerator works on at a time: enough to fill it."""
+CHUNK_ACCELERATOR = 16384
+"""Draws that an accelerator works on at a time: enough to fill it, in some gigabytes of its memory.
+CUDA's batched eigensolvers take at most 65 535 matrices."""
 
 
 def work_in_chunks(
@@ -27,6 +28,7 @@ def work_in_chunks(
     chunk_size: int,
     workers: int | None = None,
     on_progress: Callable[[int], None] | None = None,
+    total: int | None = None,
 ) -> dict[str, Shaped[np.ndarray, "draws ..."]]:
     """Works on all draws, chunk by chunk.
 
@@ -38,6 +40,8 @@ def work_in_chunks(
     - `chunk_size`: draws at a time.
     - `workers`: threads, None for one a core, or one an accelerator.
     - `on_progress`: called with the number of draws of each finished chunk.
+    - `total`: of draws, where these are a part of them: chunks are as large as they would be for
+      all, so that results do not depend on how draws are parted.
 
     **Returns:** the results of all draws, in their order.
     """
@@ -45,7 +49,7 @@ def work_in_chunks(
     devices = jax.local_devices()
     count = len(next(iter(draws.values())))
     # Draws that are solved again come in any number: few sizes, few compilations.
-    size = min(chunk_size, 1 << (count - 1).bit_length())
+    size = min(chunk_size, 1 << ((total or count) - 1).bit_length())
     result: dict[str, np.ndarray] = {}
     one_at_a_time = threading.Lock()
 

@@ -114,9 +114,14 @@ class Plan:
         return normal_draws(self.values, self.spread, self.seed, stop, start)
 
     def solve(
-        self, chunk: int, on_progress: Callable[[int], None]
+        self, chunk: int, on_progress: Callable[[int], None] | None, workers: int | None = None
     ) -> dict[str, Shaped[np.ndarray, "draws *columns"]]:
-        """Runs a chunk: array name -> results of its draws."""
+        """Runs a chunk: array name -> results of its draws.
+
+        **Arguments:**
+
+        - `on_progress`, `workers`: of `simulate_batch`.
+        """
         samples = self.samples(*self.span(chunk))
         kept: dict[str, list[np.ndarray]] = {name: [] for name in self.reductions}
         failed = np.zeros(len(next(iter(samples.values()))), dtype=bool)
@@ -127,6 +132,7 @@ class Plan:
                 rescaled_draws(twin, self.values, samples),
                 reductions=self.reductions,
                 precision=self.precision,
+                workers=workers,
                 on_progress=on_progress,
             )
             failed |= result.failed

@@ -13,10 +13,10 @@ class SweepProgress:
 
     **Arguments:**
 
-    - `done`, `total`: draws of this process's part, those of earlier runs included.
+    - `done`, `total`: draws, those of earlier runs and of other processes included.
     - `rate`: draws per second, without the first chunk, which waits for the compiler; None until
       it is known.
-    - `left`: time until the part is done, s; None until it is known.
+    - `left`: time until the sweep is done, s; None until it is known.
     """
 
     done: int
@@ -70,6 +70,10 @@ class ProgressMeter:
             rate = (self.finished - before) / self.simulations / (now - since)
             left = (self.total - done) / rate
         self.on_progress(SweepProgress(done, self.total, rate, left))
+
+    def add_elsewhere(self, draws: int) -> None:
+        """Adds draws that another process does, or has done meanwhile."""
+        self.done_before += draws
 
 
 def _clock(seconds: float) -> str:

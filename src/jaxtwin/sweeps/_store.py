@@ -9,7 +9,7 @@ draws are a function of their number.
 import json
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, final
@@ -80,12 +80,15 @@ class Store:
             put(self._file("done", chunk), b"\x01")
 
     @contextmanager
-    def claim(self, chunk: int) -> Iterator[bool]:
-        """Keeps other processes off a chunk while the block runs; False where one is at it."""
+    def claim(self, chunks: Iterable[int]) -> Iterator[list[int]]:
+        """Keeps other processes off chunks while the block runs; those that none is at.
+
+        One claim of a process at a time: the locks of all end with the first.
+        """
         with disk_errors(self.folder):
             file = (self.folder / "done" / "claims").open("ab")
         with file:
-            yield lock(file, chunk)
+            yield [chunk for chunk in chunks if lock(file, chunk)]
 
     def _file(self, name: str, chunk: int) -> Path:
         """A chunk's file, by the key that the Zarr format gives it."""

@@ -2,23 +2,27 @@
 
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 import numpy as np
+from jaxtyping import Shaped
 
 from .._arguments import check_callable, path_of
 from .._display import html_table, picture
 from .._errors import SimulationError
+from .._executor import Executor, check_executor, work_in_units
+from .._waiting import silent
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
 from ..simulation import Precision
 from ._open import count_failed, open_sweep
-from ._parts import assigned_part
-from ._plan import plan_sweep
+from ._plan import Plan, plan_sweep
 from ._progress_meter import ProgressMeter, SweepProgress
 from ._store import Store
 
@@ -43,7 +47,7 @@ class Sweep:
     - `draws`: number of draws asked for.
     - `done`: number of draws finished, by all processes and runs; `failed`: those that failed.
     - `new`: number of draws finished by this run, in `wall_time` seconds including compilation.
-    - `busy`: number of this process's chunks that another process was working on.
+    - `busy`: number of chunks that another process was working on.
     """
 
     folder: Path
@@ -105,14 +109,15 @@ def sweep(
     reductions: Iterable[str] | None = None,
     precision: Precision = "float64",
     chunk_size: int = CHUNK,
-    process: tuple[int, int] | None = None,
+    executor: Executor | None = None,
     on_progress: Callable[[SweepProgress], None] | None = None,
 ) -> Sweep:
     """Simulates many random draws of a twin's parameters and writes reductions of them to a folder.
 
-    The same call resumes where an earlier one stopped, however it was stopped. Several processes
-    or hosts that see the same folder share the work. Draws and results are the same for any
-    number of stops and processes.
+    The same call resumes where an earlier one stopped, however it was stopped. An executor spreads
+    the work over processes and hosts; so do several calls at once whose processes see the same
+    folder, as each takes the chunks that no other is at. Draws and results are the same for any
+    number of stops, workers and processes.
 
     **Arguments:**
 
@@ -128,20 +133,21 @@ def sweep(
       experiment has recorded temperatures.
     - `precision`: of the computation and of what is kept.
     - `chunk_size`: draws that are computed and written at a time.
-    - `process`: (number, processes) where several processes share the work. By default these are
-      taken from `jax.distributed` where that is initialised.
+    - `executor`: who computes the chunks instead of this process, one thread each; see
+      `simulate_batch`. This process alone writes to the folder.
     - `on_progress`: called with a `SweepProgress` whenever simulations have finished.
 
-    **Returns:** a `Sweep`, once this process's part is done.
+    **Returns:** a `Sweep`, once no chunk is left that another process is not at.
 
     **Raises:** `ParameterError` for unknown names or a value of zero; `SimulationError` for numbers
     out of range, experiments that do not belong to the rig, a folder of another sweep or of
-    something else, or a disk that does not take the results; `MatchError` where a recording that a
-    fit has not seen is too short to take its own values from.
+    something else, a disk that does not take the results, or an executor that fails; `MatchError`
+    where a recording that a fit has not seen is too short to take its own values from.
     """
     began = time.perf_counter()
     place = path_of("sweep: folder", folder, SimulationError)
     check_callable("sweep: on_progress", on_progress, SimulationError)
+    check_executor("sweep: executor", executor, SimulationError)
     plan = plan_sweep(
         twin,
         experiments,
@@ -153,22 +159,17 @@ def sweep(
         precision=precision,
         chunk_size=chunk_size,
     )
-    number, processes = assigned_part(process)
     store = Store(place, plan)
     sizes = -np.subtract(*np.transpose([plan.span(chunk) for chunk in range(plan.chunks)]))
-    own = np.arange(plan.chunks) % processes == number
     before = store.done()
-    meter = ProgressMeter(
-        int(sizes[own & before].sum()), int(sizes[own].sum()), len(plan.experiments), on_progress
-    )
-    new = busy = 0
-    for chunk in np.flatnonzero(own & ~before).tolist():
-        with store.claim(chunk) as mine:
-            if not mine:
-                busy += 1
-            elif not store.is_done(chunk):
-                store.write(chunk, plan.solve(chunk, meter))
-                new += int(sizes[chunk])
+    left = np.flatnonzero(~before).tolist()
+    meter = ProgressMeter(int(sizes[before].sum()), plan.draws, len(plan.experiments), on_progress)
+    new: list[int] = []
+    solved = _solve_here if executor is None else partial(_solve_by, executor)
+    with closing(solved(store, left, meter)) as chunks:
+        for chunk, results in chunks:
+            store.write(chunk, results)
+            new.append(chunk)
     done = store.done()
     return Sweep(
         folder=store.folder,
@@ -176,7 +177,40 @@ def sweep(
         draws=plan.draws,
         done=int(sizes[done].sum()),
         failed=count_failed(store.folder, done, plan.chunk_size),
-        new=new,
+        new=int(sizes[new].sum()),
         wall_time=time.perf_counter() - began,
-        busy=busy,
+        busy=len(set(left) - set(new) - set(np.flatnonzero(done).tolist())),
     )
+
+
+Solved: TypeAlias = Generator[tuple[int, dict[str, Shaped[np.ndarray, "draws *columns"]]]]
+"""Numbers of chunks and their results, by the name of the array."""
+
+
+def _solve_here(store: Store, chunks: list[int], meter: ProgressMeter) -> Solved:
+    """One chunk after the other: other processes may be at the next ones meanwhile."""
+    for chunk in chunks:
+        with store.claim([chunk]) as mine:
+            if mine and not store.is_done(chunk):
+                yield chunk, store.plan.solve(chunk, meter)
+            else:
+                start, stop = store.plan.span(chunk)
+                meter.add_elsewhere(stop - start)
+
+
+def _solve_by(executor: Executor, store: Store, chunks: list[int], meter: ProgressMeter) -> Solved:
+    """All chunks that are left, in the order in which workers finish them."""
+    plan = store.plan
+    with store.claim(chunks) as mine:
+        mine = [chunk for chunk in mine if not store.is_done(chunk)]
+        units = [(plan, chunk) for chunk in mine]
+        where = "sweep: executor"
+        for number, results in work_in_units(where, executor, _solve_chunk, units, SimulationError):
+            yield mine[number], results
+            start, stop = plan.span(mine[number])
+            meter((stop - start) * len(plan.experiments))
+
+
+def _solve_chunk(plan: Plan, chunk: int) -> dict[str, Shaped[np.ndarray, "draws *columns"]]:
+    with silent():
+        return plan.solve(chunk, None, workers=1)

@@ -1,0 +1,152 @@
+"""Work in units that an executor hands to its workers: processes of this machine, or of a cluster.
+
+A unit is a function of this package and its arguments. It says all that its result depends on, so
+that any worker can do it, and do it again where another was lost.
+"""
+
+import multiprocessing
+import pickle
+import time
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+from ._errors import JaxtwinError
+
+Result = TypeVar("Result")
+
+ATTEMPTS = 3
+"""How often a unit is handed out before its failure is taken for its own."""
+
+POLL = 0.2
+"""Seconds between two looks at jobs that cannot say themselves that they are done."""
+
+
+@runtime_checkable
+class Job(Protocol):
+    """What an executor gives for a unit: a `concurrent.futures.Future`, or the like."""
+
+    def result(self) -> Any: ...
+
+    def done(self) -> bool: ...
+
+    def cancel(self) -> Any: ...
+
+
+@runtime_checkable
+class Executor(Protocol):
+    """A `concurrent.futures.Executor`, or anything else with its `submit`."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Any: ...
+
+
+def check_executor(where: str, executor: object, error: type[JaxtwinError]) -> None:
+    """Refuses what has no `submit` and is not None, and processes that would be forked: JAX's
+    threads are not in them, and whatever waits for one waits for ever.
+
+    **Raises:** `error`.
+    """
+    if executor is None:
+        return
+    if isinstance(executor, type) or not callable(getattr(executor, "submit", None)):
+        raise error(
+            f"{where}: expected a concurrent.futures.Executor or None, got {executor!r}; pass "
+            "Client(...).get_executor() of Dask, for example"
+        )
+    if isinstance(executor, ProcessPoolExecutor):
+        context = getattr(executor, "_mp_context", None) or multiprocessing.get_context()
+        if context.get_start_method() == "fork":
+            raise error(
+                f"{where}: expected processes that start afresh, got a ProcessPoolExecutor that "
+                'forks this one; pass mp_context=multiprocessing.get_context("spawn") to it'
+            )
+
+
+def work_in_units(
+    where: str,
+    executor: Executor,
+    work: Callable[..., Result],
+    units: Iterable[tuple[Any, ...]],
+    error: type[JaxtwinError],
+) -> Generator[tuple[int, Result]]:
+    """Has an executor do all units.
+
+    A unit that fails is handed out again, as its worker may have been lost; the third failure is
+    raised. Where the executor takes no more, what it has is finished first. What has not begun yet
+    is called off where the generator is closed.
+
+    **Arguments:**
+
+    - `where`: function and argument, for messages.
+    - `work`: a function of a module, which pickle can name.
+    - `units`: the arguments of each.
+    - `error`: for failures that are none of this package's.
+
+    **Returns:** the number of each unit and its result, as they are done.
+    """
+    arguments = list(units)
+    attempts = [0] * len(arguments)
+    left = len(arguments)
+    waiting: dict[Job, int] = {}
+    refusal: Exception | None = None
+    to_submit = list(range(len(arguments)))
+    try:
+        while to_submit or waiting:
+            for number in to_submit:
+                try:
+                    waiting[executor.submit(work, *arguments[number])] = number
+                except RuntimeError as problem:  # shut down, or broken by the death of a worker
+                    refusal = problem
+                    break
+                attempts[number] += 1
+            to_submit = []
+            if not waiting:
+                break
+            for job in _finished(waiting):
+                number = waiting.pop(job)
+                try:
+                    result = job.result()
+                except JaxtwinError:
+                    raise
+                except Exception as problem:
+                    _check_sendable(where, problem, error)
+                    if attempts[number] == ATTEMPTS:
+                        raise error(
+                            f"{where}: unit {number} of {len(arguments)} failed {ATTEMPTS} times, "
+                            f"the last time with {type(problem).__name__}: {problem}"
+                        ) from problem
+                    if refusal is None:
+                        to_submit.append(number)
+                else:
+                    left -= 1
+                    arguments[number] = ()
+                    yield number, result
+    finally:
+        for job in waiting:
+            job.cancel()
+    if left:
+        raise error(
+            f"{where}: the executor takes no more work ({refusal}) with {left} of "
+            f"{len(arguments)} units left; pass a new one"
+        ) from refusal
+
+
+def _finished(waiting: Iterable[Job]) -> list[Job]:
+    """Those that are done, at least one."""
+    jobs = list(waiting)
+    futures = [job for job in jobs if isinstance(job, Future)]
+    if len(futures) == len(jobs):
+        return list(wait(futures, return_when=FIRST_COMPLETED).done)
+    while True:
+        if done := [job for job in jobs if job.done()]:
+            return done
+        time.sleep(POLL)
+
+
+def _check_sendable(where: str, problem: Exception, error: type[JaxtwinError]) -> None:
+    is_about_pickling = isinstance(problem, AttributeError | TypeError) and "pickle" in str(problem)
+    if isinstance(problem, pickle.PicklingError) or is_about_pickling:
+        raise error(
+            f"{where}: the work cannot be sent to another process: {problem}; define functions in "
+            "a module, or use an executor that sends any function, such as Dask's"
+        ) from problem

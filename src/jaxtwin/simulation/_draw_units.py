@@ -1,0 +1,91 @@
+"""Draws handed to an executor's workers, some thousands at a time.
+
+A unit holds whole chunks, and these are as large as they are without an executor: each draw is
+computed beside the same others wherever it is, and comes out the same to the last bit.
+"""
+
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from .._errors import SimulationError
+from .._executor import Executor, work_in_units
+from ._draws import Draws, DrawSolver
+from ._refinement import Results
+from ._workers import CHUNK_CPU
+
+if TYPE_CHECKING:
+    from ._diffeqsolve import DiffraxMethod
+
+UNIT = 4096
+"""Draws in a unit: about a second of a core, in which some hundred kilobytes travel."""
+
+LARGEST_RESULT = 64 << 20
+"""Bytes in the result of a unit where trajectories are kept."""
+
+Way: TypeAlias = "int | DiffraxMethod"
+"""How to solve: by the default solver on steps halved so often, or by diffrax."""
+
+
+def solve_draws(
+    solver: DrawSolver,
+    draws: Draws,
+    way: Way,
+    executor: Executor | None,
+    on_progress: Callable[[int], None] | None = None,
+) -> Results:
+    """Solves draws in this process, or by the workers of an executor, each with one thread where
+    the solver does not say how many.
+
+    **Raises:** `SimulationError` where the executor fails.
+    """
+    if executor is None:
+        return _solve(solver, draws, way, on_progress)
+    total, size = len(next(iter(draws.values()))), _unit_size(solver)
+    alone = replace(solver, workers=solver.workers or 1)
+    parts = [slice(first, min(first + size, total)) for first in range(0, total, size)]
+    units = [
+        (alone, {name: values[part] for name, values in draws.items()}, way, min(size, total))
+        for part in parts
+    ]
+    results: Results = {}
+    where = "simulate_batch: executor"
+    with closing(work_in_units(where, executor, _solve_unit, units, SimulationError)) as done:
+        for number, found in done:
+            part = parts[number]
+            for name, values in found.items():
+                if name not in results:
+                    results[name] = np.empty((total, *values.shape[1:]), values.dtype)
+                results[name][part] = values
+            if on_progress is not None:
+                on_progress(part.stop - part.start)
+    return results
+
+
+def _solve_unit(solver: DrawSolver, draws: Draws, way: Way, total: int) -> Results:
+    return _solve(solver, draws, way, None, total)
+
+
+def _solve(
+    solver: DrawSolver,
+    draws: Draws,
+    way: Way,
+    on_progress: Callable[[int], None] | None,
+    total: int | None = None,
+) -> Results:
+    if isinstance(way, int):
+        return solver.solve(draws, way, on_progress, total)
+    return solver.solve_with_diffrax(draws, way, on_progress, total)
+
+
+def _unit_size(solver: DrawSolver) -> int:
+    """Draws, a multiple of what a worker computes at a time."""
+    reductions = solver.reductions
+    trajectory = solver.experiment.time.size * max(1, solver.columns.size) * 8
+    is_short = reductions and all(r.dimension != "unknown" for r in reductions.values())
+    most = UNIT if is_short else min(UNIT, LARGEST_RESULT // trajectory)
+    chunk = solver.chunk_size or CHUNK_CPU
+    return max(1, most // chunk) * chunk
