@@ -20,7 +20,7 @@ NEWEST ?= $(firstword $(shell for python in python3.13 \
     "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/3.13.*/bin/python; do \
     "$$python" -c pass 2>/dev/null && echo "$$python"; done))
 
-.PHONY: help bench demo test test-slow test-all test-lowest test-newest lint types notebook notebook-check pictures wheel-check clean
+.PHONY: help bench bench-gpu demo test test-slow test-all test-lowest test-newest lint types notebook notebook-check pictures wheel-check clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
@@ -34,6 +34,7 @@ help:
 	@echo "make test-lowest  a selection on the oldest libraries that pyproject.toml allows"
 	@echo "make test-newest  the selection on Python 3.13, where it is installed"
 	@echo "make bench        measure beside other tools; ARGS=--quick is small"
+	@echo "make bench-gpu    draws a second on an NVIDIA accelerator, in ten minutes"
 	@echo "make clean        remove what the other targets made"
 
 demo: $(INSTALLED)
@@ -79,6 +80,11 @@ wheel-check: $(INSTALLED)
 bench: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	$(BIN)/python -m benchmarks.compare $(ARGS)
+
+# Nothing but jaxtwin and JAX for CUDA 12, which comes as wheels; ARGS=--quick is small.
+bench-gpu: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --editable '.[cuda]'
+	$(BIN)/python -m benchmarks.gpu $(ARGS)
 
 # Only direct requirements are at their lower bounds. The newest libraries below them deprecate what
 # these old ones use: such warnings are no errors here.

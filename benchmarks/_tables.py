@@ -43,7 +43,7 @@ def _ways(task: str, answer: dict[str, Any]) -> str:
         "Medians of four rounds, of times and of ratios within a round; each way runs twice in a "
         "row, and the second time counts. CPU time is the least of three runs, over all threads. "
         "Other tools run with the fastest of their settings whose error is at most 1e-3 K:\n\n"
-        + _table(head, rows)
+        + table(head, rows)
         + "".join(_searched(tool, found) for tool, found in answer["searched"].items())
     )
 
@@ -52,7 +52,7 @@ def _searched(tool: str, found: dict[str, dict[str, float]]) -> str:
     rows = [
         (name, f"{row['ms_per_draw']:.3g}", f"{row['error_K']:.1e}") for name, row in found.items()
     ]
-    return f"\nSettings of {tool} that were searched:\n\n" + _table(
+    return f"\nSettings of {tool} that were searched:\n\n" + table(
         ("setting", "CPU ms a draw, over cores", "largest error, K"), rows
     )
 
@@ -69,7 +69,7 @@ def _scaling(answer: dict[str, Any]) -> str:
     wall, cpu = threads["wall_s"], threads["cpu_s"]
     return (
         "## Number of draws\n\n"
-        + _table(head, rows)
+        + table(head, rows)
         + "\nTime a draw over that of the same draws in calls of 1,000, made before and after: "
         f"{ratios}; largest over smallest {answer['flatness']:.2f} "
         f"(CPU time {answer['cpu_flatness']:.2f}). "
@@ -99,7 +99,7 @@ def _one_draw(answer: dict[str, Any]) -> str:
         "the same with a compilation cache, s",
         "warm, ms",
     )
-    return "## One draw\n\n" + _table(head, rows)
+    return "## One draw\n\n" + table(head, rows)
 
 
 def _matching(answer: dict[str, Any]) -> str:
@@ -129,11 +129,11 @@ def _matching(answer: dict[str, Any]) -> str:
         f"{1e3 * jacobian['seconds']:.0f} ms warm; the residuals alone "
         f"{1e3 * jacobian['residuals_only_seconds']:.1f} ms. "
         f"A match of {answer['unknowns']} unknowns, on the same residuals, which are compiled "
-        "beforehand for SciPy and lmfit:\n\n" + _table(head, rows)
+        "beforehand for SciPy and lmfit:\n\n" + table(head, rows)
     )
 
 
-def _table(head: Cells, rows: Iterable[Cells]) -> str:
+def table(head: Cells, rows: Iterable[Cells]) -> str:
     head = list(head)
     lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
     return "".join("| " + " | ".join(str(cell) for cell in line) + " |\n" for line in lines)

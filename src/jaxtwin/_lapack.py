@@ -4,8 +4,13 @@ On a CPU, XLA hands the matrices of a batch to the thread pool that it runs on i
 there for the last of them: two such calls at once, on as many cores, wait for each other for ever,
 and one beside any long computation waits for its end (seen with jax 0.10.2). One matrix after the
 other they run where they were called, and draws spread over cores by the chunks they come in.
+
+An accelerator gets the matrices of a batch at once. Of CUDA's two ways to eigenvalues only Jacobi's
+sweeps take a whole batch; by the other, which JAX chooses above 32 rows, they would run one after
+the other.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -44,8 +49,15 @@ def _solve(matrix: Array, right: Array) -> Array:
     return jnp.linalg.solve(matrix, right)
 
 
+def _eigh_by_jacobi(matrix: Array) -> tuple[Array, Array]:
+    jacobi = jax.lax.linalg.EighImplementation.JACOBI
+    vectors, values = jax.lax.linalg.eigh(matrix, implementation=jacobi)
+    return values, vectors
+
+
 def _one_by_one(
     call: custom_vmap,
+    at_once: Callable[..., Any],
     size: int,
     batched: list[bool],
     *given: Array,
@@ -59,11 +71,11 @@ def _one_by_one(
         *rows,
         # The call with its rule, which holds for a batch of batches too.
         cpu=lambda *rows: jax.lax.map(lambda row: call(*row), rows),
-        default=jax.vmap(call.fun),
+        default=jax.vmap(at_once),
     )
     return result, jax.tree.map(lambda _: True, result)
 
 
-eigh.def_vmap(partial(_one_by_one, eigh))
-_solve.def_vmap(partial(_one_by_one, _solve))
-solve_definite.def_vmap(partial(_one_by_one, solve_definite))
+eigh.def_vmap(partial(_one_by_one, eigh, _eigh_by_jacobi))
+_solve.def_vmap(partial(_one_by_one, _solve, _solve.fun))
+solve_definite.def_vmap(partial(_one_by_one, solve_definite, solve_definite.fun))

@@ -1,0 +1,177 @@
+"""Draws a second on an accelerator, beside the same program on the CPU.
+
+    make bench-gpu
+    python -m benchmarks.gpu --quick
+
+Both rigs, 1000 s at 1 Hz, costs and final temperatures of 1e4, 1e5 and 1e6 draws in float32 and
+float64, on the device that JAX finds. Each rig and precision has a process of its own. The first
+call is that of a process without kept programs; the error is the largest difference in the final
+temperatures of 256 draws to the CPU in float64. Stops starting new sizes where the next one would
+pass ten minutes in all. Prints a page, and writes it to benchmarks/results/gpu.md.
+"""
+
+import argparse
+import tempfile
+import time
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ._machine import machine
+from ._measure import in_fresh_process
+from ._tables import table
+
+RIGS = ("paper-2024", "dual-cell")
+PRECISIONS = ("float32", "float64")
+COUNTS, QUICK_COUNTS = (10_000, 100_000, 1_000_000), (200, 1000)
+COMPARED = 256
+"""Draws whose final temperatures are compared with the CPU's."""
+BUDGET = 540.0
+"""Seconds in which everything is to be done."""
+PAGE = Path(__file__).parent / "results" / "gpu.md"
+
+
+def measure(quick: bool = False) -> dict[str, Any]:
+    """**Returns:** `machine`, and `rows`: one for each rig and precision, see `draws_a_second`."""
+    began = time.perf_counter()
+    counts = QUICK_COUNTS if quick else COUNTS
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {"JAXTWIN_COMPILATION_CACHE": "off", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
+        for rig in RIGS:
+            in_fresh_process(
+                "gpu:reference", rig, folder, environment=environment | {"JAX_PLATFORMS": "cpu"}
+            )
+        cases = list(product(RIGS, PRECISIONS))
+        for done, (rig, precision) in enumerate(cases):
+            # Each of the rest may take an equal part of the time that is left.
+            share = (BUDGET - (time.perf_counter() - began)) / (len(cases) - done)
+            row = in_fresh_process(
+                "gpu:draws_a_second", rig, precision, counts, share, folder, environment=environment
+            )
+            rows.append({"rig": rig, "precision": precision, **row})
+    return {"machine": machine(), "counts": counts, "rows": rows, "quick": quick}
+
+
+def reference(rig: str, folder: str) -> None:
+    """Final temperatures of some draws by the CPU in float64."""
+    import jaxtwin as jt
+
+    task = _task(rig)
+    final = jt.simulate_batch(
+        task.twin, task.experiment, task.draws(COMPARED), reductions=["final"]
+    ).final
+    np.save(Path(folder) / f"{rig}.npy", final)
+
+
+def draws_a_second(
+    rig: str, precision: Any, counts: list[int], share: float, folder: str
+) -> dict[str, Any]:
+    """On the device that JAX finds.
+
+    **Returns:** `first_s`: of the first call, compilation and all; `speed`: pairs (draws, draws a
+    second), None for a size that would have taken too long; `peak_MiB`: of the device's memory,
+    None where it does not say; `error_K`; `failed`: draws of the largest size; `device`.
+    """
+    import jax
+
+    import jaxtwin as jt
+
+    began = time.perf_counter()
+    task = _task(rig)
+    experiment = task.experiment
+
+    def run(count: int) -> tuple[float, jt.simulation.Reductions]:
+        draws = task.draws(count)
+        start = time.perf_counter()
+        result = jt.simulate_batch(
+            task.twin, experiment, draws, reductions=["cost", "final"], precision=precision
+        )
+        return time.perf_counter() - start, result
+
+    first, result = run(counts[0])
+    assert result.final is not None
+    error = np.abs(result.final[:COMPARED] - np.load(Path(folder) / f"{rig}.npy")[: counts[0]])
+    speed: list[tuple[int, float | None]] = []
+    seconds = first
+    for count in counts:
+        expected = seconds / speed[-1][0] * count if speed else first
+        if speed and time.perf_counter() - began + expected > share:
+            speed.append((count, None))
+            continue
+        seconds, result = run(count)
+        speed.append((count, count / seconds))
+    statistics = jax.devices()[0].memory_stats() or {}
+    peak = statistics.get("peak_bytes_in_use")
+    return {
+        "first_s": first,
+        "speed": speed,
+        "peak_MiB": None if peak is None else peak / 2**20,
+        "error_K": float(np.nanmax(error)),
+        "failed": int(result.failed.sum()),
+        "device": jax.devices()[0].device_kind,
+    }
+
+
+def page(answer: dict[str, Any]) -> str:
+    """What was measured, as Markdown."""
+    where = answer["machine"]
+    rows = [
+        (
+            row["rig"],
+            row["precision"],
+            f"{row['first_s']:.1f}",
+            *("" if speed is None else f"{speed:,.0f}" for _, speed in row["speed"]),
+            "" if row["peak_MiB"] is None else f"{row['peak_MiB']:,.0f}",
+            f"{row['error_K']:.1e}",
+            row["failed"],
+        )
+        for row in answer["rows"]
+    ]
+    head = (
+        "rig",
+        "precision",
+        "first call, s",
+        *(f"draws a second, {count:,} draws" for count in answer["counts"]),
+        "peak memory, MiB",
+        "largest difference to the CPU, K",
+        "failed draws",
+    )
+    note = (
+        "\nA quick run: whether everything runs; its times mean little.\n"
+        if answer["quick"]
+        else ""
+    )
+    versions = ", ".join(f"{name} {version}" for name, version in where["versions"].items())
+    return (
+        f"# Draws a second on {answer['rows'][0]['device']}\n{note}\n"
+        f"Measured {where['date']} by `make bench-gpu`: 1000 s at 1 Hz, 15 channels, costs and "
+        f"final temperatures. {where['processor']}, {where['cores']} cores; Python "
+        f"{where['python']}, {versions}. An empty cell is a size that would have passed the ten "
+        "minutes of the whole page, or a device that does not tell its memory.\n\n"
+        + table(head, rows)
+    )
+
+
+def _task(rig: str) -> Any:
+    from ._task import DUAL_CELL, PUBLISHED
+
+    return {"paper-2024": PUBLISHED, "dual-cell": DUAL_CELL}[rig]
+
+
+def _main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="small: whether it runs at all")
+    answer = measure(parser.parse_args().quick)
+    text = page(answer)
+    if not answer["quick"]:
+        PAGE.write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    _main()
