@@ -122,7 +122,7 @@ _add(
     TWINS,
     _sweep.sweep,
     "jaxtwin sweep paper-2024 synthetic-A --parameters fit.toml --draws 10000000 --out sweep",
-    "jaxtwin sweep paper-2024 --duty 0:0.5,500:0.78 --draws 1000000 --out sweep --process 0/2",
+    "jaxtwin sweep paper-2024 --duty 0:0.5,500:0.78 --draws 1000000 --out sweep",
 )
 _add(
     "virtual-rig",
