@@ -2,7 +2,17 @@
 
 from functools import cache
 
-from jaxtwin import Experiment, Fit, Sensitivity, Twin, load_rig, match, read_recording, sensitivity
+from jaxtwin import (
+    Experiment,
+    Fit,
+    GlobalSensitivity,
+    Sensitivity,
+    Twin,
+    load_rig,
+    match,
+    read_recording,
+    sensitivity,
+)
 from jaxtwin.data import synthetic_recordings
 
 
@@ -25,3 +35,9 @@ def analysis() -> Sensitivity:
     """Twenty draws of four parameters."""
     names = ["R_pc", "R_E", "R_Tez", "R_Tfx"]
     return sensitivity(list(fit().twins.values()), recordings(), draws=20, parameters=names)
+
+
+@cache
+def global_analysis() -> GlobalSensitivity:
+    """Sobol's indices of the costs, from sixteen base samples."""
+    return sensitivity(fit(), method="sobol", draws=16, parameters=["R_pc", "R_E"])

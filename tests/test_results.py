@@ -13,7 +13,7 @@ import pytest
 import xarray
 from matplotlib import pyplot
 from matplotlib.figure import Figure
-from small_results import analysis, fit, recordings
+from small_results import analysis, fit, global_analysis, recordings
 
 import jaxtwin as jt
 from jaxtwin.control import PID, ClosedLoopRun
@@ -52,6 +52,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Profile": lambda _: jt.profile(fit(), "R_E", points=3),
     "Validation": lambda _: jt.validate(fit(), recordings()[0], warm_up=20),
     "Sensitivity": lambda _: analysis(),
+    "GlobalSensitivity": lambda _: global_analysis(),
     "Sweep": lambda folder: swept(folder / "sweep"),
     "DCSweep": lambda _: dc_sweep(),
     "LinearModel": lambda _: jt.linearize(fit().twin, duty=0.4),
@@ -59,7 +60,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
 }
 """Class -> one of it."""
 
-LONG = {"Band", "ClosedLoopRun", "Profile", "Run", "Sensitivity", "Validation"}
+LONG = {"Band", "ClosedLoopRun", "GlobalSensitivity", "Profile", "Run", "Sensitivity", "Validation"}
 """Of these, those that take more than some seconds, nearly all of it compilation."""
 
 INPUTS = {"CSources", "Experiment", "FitDifference", "Netlist", "PlateMap", "Rig", "Twin"}

@@ -35,6 +35,7 @@ from .rig import Rig as Rig  # a rig file, read and checked
 from .rig import bundled_rigs as bundled_rigs  # names of the bundled rigs
 from .rig import load_rig as load_rig  # a bundled rig, or a .toml file of yours
 from .rig import read_parameters as read_parameters  # values that a fit saved
+from .sensitivity_analysis import GlobalSensitivity as GlobalSensitivity  # by a global method
 from .sensitivity_analysis import Sensitivity as Sensitivity  # the result of a sensitivity analysis
 from .sensitivity_analysis import sensitivity as sensitivity  # which parameters matter
 from .simulation import Run as Run  # the result of a simulation

@@ -12,6 +12,9 @@ from ._correlation import plot_correlation
 from ._dc_sweep import plot_dc_curves, plot_dc_sweep
 from ._distributions import plot_distributions
 from ._history import plot_history
+from ._index_bars import plot_index_bars
+from ._indices_over_time import plot_indices_over_time
+from ._morris_plane import plot_morris_plane
 from ._netlist import plot_netlist
 from ._parameters import plot_parameters
 from ._plate_map import plot_plate_map
@@ -19,7 +22,9 @@ from ._png import to_png
 from ._profile import plot_profile
 from ._recordings import plot_recordings
 from ._residual_tests import plot_residual_tests
+from ._sensitivity_indices import plot_sensitivity_indices
 from ._sensitivity_matrix import plot_sensitivity_matrix
+from ._sobol_bars import plot_sobol_bars
 from ._style import styled
 from ._tornado import plot_tornado
 from ._uniformity import plot_plate_beside, plot_uniformity
@@ -35,6 +40,9 @@ __all__ = [
     "plot_dc_sweep",
     "plot_distributions",
     "plot_history",
+    "plot_index_bars",
+    "plot_indices_over_time",
+    "plot_morris_plane",
     "plot_netlist",
     "plot_parameters",
     "plot_plate_beside",
@@ -43,7 +51,9 @@ __all__ = [
     "plot_recordings",
     "plot_residual_tests",
     "plot_residuals",
+    "plot_sensitivity_indices",
     "plot_sensitivity_matrix",
+    "plot_sobol_bars",
     "plot_tornado",
     "plot_uniformity",
     "styled",

@@ -58,15 +58,15 @@ def paired_twins(
     return twins, recordings
 
 
-def central_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, float]:
-    """The values around which parameters are drawn: name -> value in the rig's unit.
+def drawn_names(twin: Twin, parameters: Iterable[str] | None) -> list[str]:
+    """The parameters that are drawn.
 
     **Arguments:**
 
     - `parameters`: names; None for the free parameters that recordings share, without the
       camera's registration.
 
-    **Raises:** `ParameterError` for unknown names, none at all, or a value of 0.
+    **Raises:** `ParameterError` for unknown names, or none at all.
     """
     table = twin.rig.parameters
     if parameters is None:
@@ -86,6 +86,19 @@ def central_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, fl
             f"{twin.rig.name}: parameters: expected some of {', '.join(table)}, got "
             f"{', '.join(unknown) or 'none'}"
         )
+    return names
+
+
+def central_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, float]:
+    """The values around which parameters are drawn: name -> value in the rig's unit.
+
+    **Arguments:**
+
+    - `parameters`: as in `drawn_names`.
+
+    **Raises:** `ParameterError` for unknown names, none at all, or a value of 0.
+    """
+    names = drawn_names(twin, parameters)
     values = {name: float(twin.parameters[name]) for name in names}
     for name, value in values.items():
         if value == 0:

@@ -65,16 +65,7 @@ def normal_draws(
 
     **Returns:** name -> draws, in the order of `values`.
     """
-    first = start // BLOCK
-    blocks = range(first, -(-stop // BLOCK))
-    uniform = np.concatenate(
-        [
-            np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, block])).random(
-                (BLOCK, len(values))
-            )
-            for block in blocks
-        ]
-    )[start - first * BLOCK : stop - first * BLOCK]
+    uniform = uniform_draws(len(values), seed, stop, start)
     # Probability below zero, which is cut off.
     below = ndtr(-1 / spread) if spread > 0 else 0.0
     scores = ndtri(below + uniform * (1 - below))
@@ -82,3 +73,25 @@ def normal_draws(
         name: value * (1 + spread * scores[:, column])
         for column, (name, value) in enumerate(values.items())
     }
+
+
+def uniform_draws(
+    columns: int, seed: int, stop: int, start: int = 0
+) -> Float[np.ndarray, "draws columns"]:
+    """Random numbers from 0 to 1 in several columns.
+
+    **Arguments:**
+
+    - `seed`: the same seed gives the same numbers, whatever `start` and `stop`.
+    - `stop`, `start`: the rows number start to stop - 1 of the sequence are made.
+    """
+    first = start // BLOCK
+    blocks = range(first, -(-stop // BLOCK))
+    return np.concatenate(
+        [
+            np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, block])).random(
+                (BLOCK, columns)
+            )
+            for block in blocks
+        ]
+    )[start - first * BLOCK : stop - first * BLOCK]

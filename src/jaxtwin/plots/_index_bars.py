@@ -1,0 +1,68 @@
+"""One sensitivity index of one output."""
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+
+from ..sensitivity_analysis import GlobalSensitivity
+from ._style import BLUE, INK, MUTED, VERMILION, styled, symbol
+
+
+@styled
+def plot_index_bars(
+    sensitivity: GlobalSensitivity, output: str | None = None, *, ax: Axes | None = None
+) -> Axes:
+    """The main index of each parameter, the strongest on top, with 95 % intervals where the method
+    has them.
+
+    **Arguments:**
+
+    - `sensitivity`: the result of `jaxtwin.sensitivity` by any global method.
+    - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
+    - `ax`: axes to draw into, or None for a figure of their own.
+
+    **Returns:** the axes.
+
+    **Raises:** `ParameterError` where there is no such output.
+    """
+    row, main = sensitivity.row(output), sensitivity.method.main
+    names = sensitivity.ranking(output)
+    order = [sensitivity.names.index(name) for name in names]
+    index = sensitivity[main][row, order]
+    places = np.arange(len(names))[::-1]
+    if ax is None:
+        size = (5.6, 1.2 + 0.29 * len(names))
+        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    colors = [BLUE if value < 0 else VERMILION for value in index]
+    ax.barh(places, index, color=colors, height=0.66, alpha=0.9)
+    known = sensitivity.indices
+    if f"{main}_conf" in known:
+        half = known[f"{main}_conf"][row, order]
+        ax.hlines(places, index - half, index + half, color=INK, lw=1.3)
+    elif f"{main}_low" in known:
+        low, high = known[f"{main}_low"][row, order], known[f"{main}_high"][row, order]
+        ax.hlines(places, low, high, color=INK, lw=1.3)
+    ax.axvline(0.0, color=MUTED, lw=0.8)
+    ax.set_yticks(places, [symbol(name) for name in names], fontsize=10)
+    ax.set(xlabel=_WORDS[main], title=sensitivity.labels[row])
+    unit = sensitivity.outputs[row].unit.replace("K2", "K²")
+    if main == "swing" and unit:
+        ax.set_xlabel(f"{_WORDS[main]}, {unit}")
+    ax.grid(visible=False, axis="y")
+    ax.tick_params(axis="y", length=0)
+    runs = f"{len(sensitivity.failed):,} runs".replace(",", " ")
+    ax.set_title(runs, loc="right", fontsize=9, fontweight="normal", color=MUTED)
+    return ax
+
+
+_WORDS = {
+    "pearson": "Pearson correlation",
+    "spearman": "Spearman rank correlation",
+    "SRC": "standardised regression coefficient",
+    "PRCC": "partial rank correlation",
+    "swing": "swing from the 2.5 % to the 97.5 % quantile",
+    "mu_star": "mean size of elementary effects",
+    "ST": "total index",
+    "dgsm": "bound of the total index",
+    "Sh": "Shapley effect, part of the variance",
+}

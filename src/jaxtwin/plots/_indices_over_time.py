@@ -1,0 +1,94 @@
+"""How a sensitivity index changes during a run."""
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+
+from .._errors import ParameterError
+from ..sensitivity_analysis import GlobalSensitivity
+from ._style import CYCLE, MUTED, styled, symbol
+
+NAMED = 6
+"""Lines with a colour and a name; the others are grey."""
+
+
+@styled
+def plot_indices_over_time(
+    sensitivity: GlobalSensitivity,
+    channel: str | None = None,
+    index: str | None = None,
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """An index of a channel's temperature at each time, a line for each parameter, with its 95 %
+    interval where the method has one. The six parameters that come highest have colours.
+
+    **Arguments:**
+
+    - `sensitivity`: the result of `jaxtwin.sensitivity` by a global method, with `"temperature"`
+      among its outputs.
+    - `channel`: its name; None for the first. Of several recordings, the first that has it.
+    - `index`: its name; None for the method's main index.
+    - `ax`: axes to draw into, or None for a figure of their own.
+
+    **Returns:** the axes.
+
+    **Raises:** `ParameterError` where there is no such channel with several times, or no such
+    index of parameters.
+    """
+    rows = _rows(sensitivity, channel)
+    name = sensitivity.method.main if index is None else index
+    values = sensitivity[name]
+    if values.ndim != 2:
+        raise ParameterError(f"index: expected one of single parameters, got {name!r}")
+    values = values[rows]
+    times = np.array([sensitivity.outputs[row].time for row in rows])
+    if ax is None:
+        ax = pyplot.figure(figsize=(6.4, 3.8), layout="constrained").subplots()
+    half = sensitivity.indices.get(f"{name}_conf")
+    height = np.abs(np.nan_to_num(values)).max(axis=0)
+    order = np.argsort(-height, kind="stable")
+    for place, column in reversed(list(enumerate(order))):
+        is_named = place < NAMED
+        color = CYCLE[place] if is_named else MUTED
+        ax.plot(
+            times, values[:, column], color=color, lw=1.8 if is_named else 0.7,
+            label=symbol(sensitivity.names[column]) if is_named else None, zorder=3 - place / 100,
+        )  # fmt: skip
+        if is_named and half is not None:
+            edge = half[rows, column]
+            ax.fill_between(
+                times, values[:, column] - edge, values[:, column] + edge,
+                color=color, alpha=0.18, lw=0,
+            )  # fmt: skip
+    ax.axhline(0.0, color=MUTED, lw=0.8)
+    output = sensitivity.outputs[rows[0]]
+    title = f"{name} of {output.quantity} {output.channel}"
+    ax.set(title=title, xlabel="time, s", ylabel=name, xlim=(min(0.0, times[0]), times[-1]))
+    handles, labels = ax.get_legend_handles_labels()
+    ax.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5))
+    if len(sensitivity.names) > NAMED:
+        ax.set_title(
+            f"{len(sensitivity.names) - NAMED} weaker parameters in grey",
+            loc="right", fontsize=9, fontweight="normal", color=MUTED,
+        )  # fmt: skip
+    return ax
+
+
+def _rows(sensitivity: GlobalSensitivity, channel: str | None) -> list[int]:
+    """The outputs of a channel at its times, of one recording."""
+    timed = [row for row, each in enumerate(sensitivity.outputs) if not np.isnan(each.time)]
+    channels = dict.fromkeys(sensitivity.outputs[row].channel for row in timed)
+    wanted = next(iter(channels), None) if channel is None else channel
+    chosen = [row for row in timed if sensitivity.outputs[row].channel == wanted]
+    chosen = [
+        row
+        for row in chosen
+        if sensitivity.outputs[row].recording == sensitivity.outputs[chosen[0]].recording
+    ]
+    if len(chosen) < 2:
+        raise ParameterError(
+            f"channel: expected one of {', '.join(channels) or 'those'} with several times, got "
+            f'{wanted!r}; ask for outputs=["temperature"]'
+        )
+    return chosen

@@ -1,0 +1,66 @@
+"""Morris's plane of elementary effects."""
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+
+from ..sensitivity_analysis import GlobalSensitivity
+from ._style import BLUE, INK, MUTED, styled, symbol
+
+NAMED = 0.05
+"""Parameters whose effect is at least this part of the largest have their names beside them."""
+
+
+LINE, WORD = 0.055, 0.1
+"""Height and width of a name, as parts of the axes."""
+
+
+@styled
+def plot_morris_plane(
+    sensitivity: GlobalSensitivity, output: str | None = None, *, ax: Axes | None = None
+) -> Axes:
+    """Mean size of each parameter's elementary effects, with its 95 % interval, and their standard
+    deviation: to the right is what acts, far up what acts nonlinearly or with others.
+
+    **Arguments:**
+
+    - `sensitivity`: the result of `jaxtwin.sensitivity` by "morris".
+    - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
+    - `ax`: axes to draw into, or None for a figure of their own.
+
+    **Returns:** the axes.
+
+    **Raises:** `ParameterError` where there is no such output.
+    """
+    row = sensitivity.row(output)
+    size, spread = sensitivity["mu_star"][row], sensitivity["sigma"][row]
+    if ax is None:
+        ax = pyplot.figure(figsize=(5.6, 4.2), layout="constrained").subplots()
+    half = sensitivity["mu_star_conf"][row]
+    ax.errorbar(size, spread, xerr=half, fmt="o", color=BLUE, ecolor=MUTED, elinewidth=1.0, ms=5)
+    limit = 1.15 * float(np.nanmax(size + half, initial=1e-300))
+    top = 1.15 * float(np.nanmax([spread.max(initial=0.0), 0.2 * limit]))
+    diagonal = min(limit, top)
+    ax.plot([0, diagonal], [0, diagonal], color=MUTED, lw=0.9, ls=(0, (4, 3)))
+    ax.annotate(
+        "sigma = mu_star", (0.97 * diagonal, 0.97 * diagonal), xytext=(-4, 0),
+        textcoords="offset points", ha="right", va="center", fontsize=8, color=MUTED,
+    )  # fmt: skip
+    unit = sensitivity.outputs[row].unit.replace("K2", "K²")
+    ends = f", {unit}" if unit else ""
+    ax.set(xlim=(0, limit), ylim=(-0.02 * top, top), title=sensitivity.labels[row])
+    written: list[tuple[float, float]] = []
+    for column in np.argsort(spread, kind="stable"):
+        if size[column] >= NAMED * size.max():
+            x, y = size[column] / limit, spread[column] / top
+            # Above the name of a neighbour, where they would touch.
+            above = max([y, *(other + LINE for at, other in written if abs(at - x) < WORD)])
+            written.append((x, above))
+            ax.annotate(
+                symbol(sensitivity.names[column]), (x * limit, above * top), xytext=(5, 5),
+                textcoords="offset points", color=INK,
+            )  # fmt: skip
+    ax.set(xlabel=f"mu_star, mean size of the effects{ends}", ylabel=f"sigma{ends}")
+    runs = f"{len(sensitivity.failed):,} runs".replace(",", " ")
+    ax.set_title(runs, loc="right", fontsize=9, fontweight="normal", color=MUTED)
+    return ax

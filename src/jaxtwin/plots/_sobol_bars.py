@@ -1,0 +1,56 @@
+"""Sobol's indices of one output."""
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+
+from ..sensitivity_analysis import GlobalSensitivity
+from ._style import BLUE, INK, MUTED, SKY, styled, symbol
+
+
+@styled
+def plot_sobol_bars(
+    sensitivity: GlobalSensitivity, output: str | None = None, *, ax: Axes | None = None
+) -> Axes:
+    """Total (light) and first order (dark) indices, the strongest on top: what is light alone is
+    interaction. Lines are 95 % intervals, where the method has them.
+
+    **Arguments:**
+
+    - `sensitivity`: the result of `jaxtwin.sensitivity` by "sobol" or "pce".
+    - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
+    - `ax`: axes to draw into, or None for a figure of their own.
+
+    **Returns:** the axes.
+
+    **Raises:** `ParameterError` where there is no such output.
+    """
+    row = sensitivity.row(output)
+    names = sensitivity.ranking(output)
+    order = [sensitivity.names.index(name) for name in names]
+    places = np.arange(len(names), dtype=float)[::-1]
+    if ax is None:
+        size = (5.6, 1.3 + 0.34 * len(names))
+        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    widest = 0.0
+    for name, words, shift, color in (
+        ("ST", "ST, with interactions", 0.19, SKY),
+        ("S1", "S1, alone", -0.19, BLUE),
+    ):
+        index = sensitivity[name][row, order]
+        ax.barh(places + shift, index, height=0.36, color=color, label=words)
+        half = np.zeros(len(order))
+        if f"{name}_conf" in sensitivity.indices:
+            half = sensitivity[f"{name}_conf"][row, order]
+            ax.hlines(places + shift, index - half, index + half, color=INK, lw=1.2)
+        widest = max(widest, float(np.nanmax(index + half, initial=0.0)))
+    ax.axvline(0.0, color=MUTED, lw=0.8)
+    ax.set_yticks(places, [symbol(name) for name in names], fontsize=10)
+    ax.set_xlim(right=1.05 * max(widest, 0.05))
+    ax.set(xlabel="part of the output's variance", title=sensitivity.labels[row])
+    ax.grid(visible=False, axis="y")
+    ax.tick_params(axis="y", length=0)
+    ax.legend(loc="lower right")
+    runs = f"{len(sensitivity.failed):,} runs".replace(",", " ")
+    ax.set_title(runs, loc="right", fontsize=9, fontweight="normal", color=MUTED)
+    return ax

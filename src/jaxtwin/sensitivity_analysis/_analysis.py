@@ -1,0 +1,155 @@
+"""The entry to sensitivity analysis: the paper's correlations, or a global method."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Literal, overload
+
+from .._arguments import check_callable
+from .._errors import SimulationError
+from .._waiting import announced
+from ..io import Experiment
+from ..matching import Fit
+from ..physics import Twin
+from ._global_analysis import global_sensitivity
+from ._global_sensitivity import GlobalSensitivity
+from ._input_choices import AskedInputs
+from ._method import AbstractMethod
+from ._methods import MethodName, checked_method
+from ._monte_carlo import correlate_costs
+from ._outputs import AskedOutputs
+from ._sampling import checked_seed, checked_spread
+from ._sensitivity import Sensitivity
+from ._unit_samples import SampleKind
+
+PAPERS_DRAWS = 50
+"""How many the paper takes."""
+
+
+@overload
+def sensitivity(
+    twin: Twin | Fit | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment] | None = None,
+    *,
+    method: Literal["correlations"] = "correlations",
+    draws: int | None = None,
+    spread: float | int = 0.25,
+    seed: int = 0,
+    parameters: Iterable[str] | None = None,
+    on_progress: Callable[[int], None] | None = None,
+) -> Sensitivity: ...
+
+
+@overload
+def sensitivity(
+    twin: Twin | Fit | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment] | None = None,
+    *,
+    method: MethodName | AbstractMethod,
+    draws: int | None = None,
+    spread: float | int = 0.25,
+    seed: int = 0,
+    parameters: Iterable[str] | None = None,
+    inputs: AskedInputs = "normal",
+    outputs: AskedOutputs = ("cost",),
+    times: Sequence[float] | None = None,
+    samples: SampleKind | None = None,
+    on_progress: Callable[[int], None] | None = None,
+) -> GlobalSensitivity: ...
+
+
+@announced("sensitivity analysis")
+def sensitivity(
+    twin: Twin | Fit | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment] | None = None,
+    *,
+    method: Literal["correlations"] | MethodName | AbstractMethod = "correlations",
+    draws: int | None = None,
+    spread: float | int = 0.25,
+    seed: int = 0,
+    parameters: Iterable[str] | None = None,
+    inputs: AskedInputs = "normal",
+    outputs: AskedOutputs = ("cost",),
+    times: Sequence[float] | None = None,
+    samples: SampleKind | None = None,
+    on_progress: Callable[[int], None] | None = None,
+) -> Sensitivity | GlobalSensitivity:
+    """Finds the parameters that matter, by runs with other values of them.
+
+    By default it correlates the cost with the parameters, as in the paper: every parameter is drawn
+    from a normal distribution around its value, independently of the others and kept positive; for
+    each draw the mean squared error of every channel against its recording is computed. The index
+    is the Pearson correlation between the two; beside it stands Spearman's, that of their ranks.
+    Both have 95 % confidence intervals: fifty draws leave them uncertain by about +-0.3. A cost has
+    heavy tails, and Pearson's correlation rests on the few draws furthest out: look at the ranks
+    for what holds for most draws. Near an optimum the cost is quadratic, which no correlation sees.
+
+    Other methods take any outputs and inputs; `docs/sensitivity.md` says which answers what.
+
+    **Arguments:**
+
+    - `twin`: a fit, of which each recording uses its own values (those of a recording that was
+      not matched are estimated from its first minute, see `Fit.twin_for`); or one
+      twin for all experiments, or one for each.
+    - `experiments`: one or several, with recorded temperatures where the cost is asked for; None
+      for those of the fit.
+    - `method`: "correlations"; "pearson", "spearman", "src", "prcc", "oat", "morris", "sobol",
+      "shapley", "dgsm" or "pce"; or a method with its own options, such as
+      `Sobol(second_order=True)` of `jaxtwin.sensitivity_analysis`.
+    - `draws`: how many, at least 3; None for the method's usual number, 50 in the paper. Base
+      samples of "sobol", trajectories of "morris", orders of "shapley", which take several runs
+      each; "oat" always takes the same.
+    - `spread`: relative standard deviation of "normal" and "lognormal" inputs, 0.25 in the paper.
+    - `seed`: the same seed gives the same numbers.
+    - `parameters`: names of those to draw; None for the free ones that all recordings share.
+    - `inputs`: "normal", the paper's, cut off at 0; "lognormal", around the same values; "bounds",
+      uniform between those of the rig file; "priors", those of the rig file; "posterior", what a
+      fit leaves open, correlated; or name -> `Normal`, `Uniform` or `LogNormal` of
+      `jaxtwin.sensitivity_analysis`.
+    - `outputs`: some of "cost", "final", "minimum", "maximum", "plate_range", "plate_std",
+      "uniformity", "temperature"; or a mapping of names to JAX functions of a trajectory, as
+      `simulate_batch` takes it. All come from the same runs.
+    - `times`: of "temperature", s; None for 25 times that divide each experiment evenly.
+    - `samples`: "random", "latin-hypercube" or "sobol"; None for the method's usual ones. Morris's
+      and Shapley's method have their own.
+    - `on_progress`: called with the number of newly finished simulations.
+
+    **Returns:** a `Sensitivity` by default, a `GlobalSensitivity` by other methods.
+
+    **Raises:** `ParameterError` for unknown names, a value of zero, or inputs that the parameters
+    or the method do not allow; `SimulationError` where an experiment has no recorded temperatures
+    or an argument is out of range; `MatchError` where a recording that a fit has not seen is too
+    short to take its own values from.
+    """
+    seed = checked_seed("sensitivity: seed", seed)
+    spread = checked_spread("sensitivity: spread", spread)
+    check_callable("sensitivity: on_progress", on_progress, SimulationError)
+    if method == "correlations":
+        is_papers = inputs == "normal" and not isinstance(outputs, Mapping)
+        is_papers = is_papers and list(outputs) in (["cost"], list("cost"))
+        if not is_papers or times is not None or samples is not None:
+            raise SimulationError(
+                "sensitivity: expected inputs, outputs, times and samples beside a global method "
+                'only, got them beside "correlations"; use method="pearson" or "spearman"'
+            )
+        return correlate_costs(
+            twin,
+            experiments,
+            draws=PAPERS_DRAWS if draws is None else draws,
+            spread=spread,
+            seed=seed,
+            parameters=parameters,
+            on_progress=on_progress,
+        )
+    return global_sensitivity(
+        twin,
+        experiments,
+        checked_method(method),
+        draws=draws,
+        spread=spread,
+        seed=seed,
+        parameters=parameters,
+        inputs=inputs,
+        outputs=outputs,
+        times=times,
+        samples=samples,
+        on_progress=on_progress,
+    )

@@ -1,0 +1,25 @@
+"""Bootstrap resamples of blocks, as weights: what is a mean over blocks is then a product."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtri
+
+RESAMPLES = 100
+"""How many: as many as SALib takes."""
+
+QUANTILE = float(ndtri(0.975))
+"""Standard deviations on each side of a 95 % interval."""
+
+
+def resample_weights(blocks: int, seed: int) -> Float[np.ndarray, "resamples blocks"]:
+    """How often each block is in each resample, over their number.
+
+    Seeds other than 0 draw the resamples that SALib's analyser of Sobol's indices draws.
+    """
+    chosen = np.random.default_rng(seed).integers(blocks, size=(blocks, RESAMPLES))
+    return np.stack([np.bincount(column, minlength=blocks) for column in chosen.T]) / blocks
+
+
+def half_width(resampled: Float[np.ndarray, "resamples *shape"]) -> Float[np.ndarray, "*shape"]:
+    """Half of a 95 % interval, from an index of each resample: SALib's `*_conf`."""
+    return QUANTILE * resampled.std(axis=0, ddof=1)

@@ -1,0 +1,108 @@
+"""A global sensitivity analysis: all outputs of all runs, and the indices that a method makes of
+them."""
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arguments import whole_number
+from .._errors import SimulationError
+from ..io import Experiment
+from ..matching import Fit
+from ..physics import Twin
+from ..simulation import simulate_batch
+from ._draws import paired_twins, rescaled_draws
+from ._global_sensitivity import GlobalSensitivity
+from ._input_choices import AskedInputs, chosen_inputs
+from ._inputs import Inputs
+from ._method import AbstractMethod, indices_of
+from ._outputs import (
+    AskedOutputs,
+    Column,
+    checked_outputs,
+    columns_of,
+    failed_runs,
+    reductions_for,
+    samples_at,
+    with_mean_cost,
+)
+from ._slopes import slopes_of
+from ._unit_samples import SampleKind, checked_kind
+
+
+def global_sensitivity(
+    twin: Twin | Fit | Sequence[Twin],
+    experiments: Experiment | Sequence[Experiment] | None,
+    method: AbstractMethod,
+    *,
+    draws: int | None,
+    spread: float,
+    seed: int,
+    parameters: Iterable[str] | None,
+    inputs: AskedInputs,
+    outputs: AskedOutputs,
+    times: Sequence[float] | None,
+    samples: SampleKind | None,
+    on_progress: Callable[[int], None] | None,
+) -> GlobalSensitivity:
+    """The arguments are those of `sensitivity`."""
+    began = time.perf_counter()
+    twins, recordings = paired_twins("sensitivity", twin, experiments)
+    count = method.usual_draws if draws is None else draws
+    count = whole_number("sensitivity: draws", count, method.least_draws, SimulationError)
+    kind = method.usual_samples if samples is None else checked_kind(samples)
+    asked = checked_outputs(outputs)
+    drawn = chosen_inputs(inputs, twin, twins[0], parameters, spread)
+    design = method.design(drawn, count, seed, kind)
+    values = design.samples
+    columns: list[Column] = []
+    slopes: list[list[Column]] = [[] for _ in drawn.names]
+    for own_twin, experiment in zip(twins, recordings, strict=True):
+        chosen = samples_at(times, experiment)
+        reductions = reductions_for(asked, chosen)
+        own = _draws_for(own_twin, drawn, values)
+        found = simulate_batch(
+            own_twin, experiment, own, reductions=reductions, on_progress=on_progress
+        )
+        columns += columns_of(found, asked, chosen, experiment)
+        if method.needs_slopes:
+            for j, part in enumerate(slopes_of(own_twin, experiment, own, reductions)):
+                factor = own[drawn.names[j]][0] / values[0, j] if drawn.relative_to else 1.0
+                slopes[j] += [
+                    (output, factor * column)
+                    for output, column in columns_of(part, asked, chosen, experiment)
+                ]
+    columns = with_mean_cost(columns)
+    rates = _stacked_slopes([with_mean_cost(part) for part in slopes], method)
+    table = np.column_stack([column for _, column in columns]).astype(float)
+    indices, counted = indices_of(method, design, table, rates, seed)
+    return GlobalSensitivity(
+        rig=twins[0].rig.name,
+        method=method,
+        design=design,
+        outputs=tuple(output for output, _ in columns),
+        indices=indices,
+        values=table,
+        counted=counted,
+        failed=failed_runs(columns),
+        seed=seed,
+        wall_time=time.perf_counter() - began,
+    )
+
+
+def _draws_for(
+    twin: Twin, inputs: Inputs, values: Float[np.ndarray, "runs parameters"]
+) -> dict[str, Float[np.ndarray, " runs"]]:
+    draws = dict(zip(inputs.names, values.T, strict=True))
+    return draws if inputs.relative_to is None else rescaled_draws(twin, inputs.relative_to, draws)
+
+
+def _stacked_slopes(
+    slopes: list[list[Column]], method: AbstractMethod
+) -> Float[np.ndarray, "runs outputs parameters"] | None:
+    if not method.needs_slopes:
+        return None
+    parts = [np.column_stack([column for _, column in part]) for part in slopes]
+    return np.stack(parts, axis=2).astype(float)

@@ -1,0 +1,261 @@
+"""The result of a global sensitivity analysis."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .._display import html_table, picture
+from .._errors import ParameterError
+from ._method import AbstractMethod, Design
+from ._outputs import Output, labels_of
+from ._sensitivity import MEAN
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
+
+
+@final
+@dataclass(frozen=True, repr=False, eq=False)
+class GlobalSensitivity:
+    """Sensitivity indices of several outputs, all from the same runs.
+
+    `result["ST"]` is the index of that name, `(outputs, parameters)`, NaN for an output that does
+    not vary; its name is SALib's where SALib has it. `result.problem`, `result.samples` and a
+    column of `result.values` are what SALib's analysers take.
+
+    **Arguments:**
+
+    - `rig`: name of the rig.
+    - `method`: which method. `design`: its runs.
+    - `outputs`: what each column of `values` is, with its unit.
+    - `indices`: name -> `(outputs, parameters)`; `(outputs,)` for what is said of an output as a
+      whole, such as `R2`; `(outputs, parameters, parameters)` for pairs, such as `S2`, of which the
+      upper triangle is filled.
+    - `values`: outputs of each run, `(runs, outputs)`, NaN where a run failed.
+    - `counted`: blocks of runs that are complete, of each output; others count in no index.
+    - `failed`: whether a run gave an output that is not finite.
+    - `seed`: of samples and resamples. `wall_time`: s, including compilation.
+    """
+
+    rig: str
+    method: AbstractMethod
+    design: Design
+    outputs: tuple[Output, ...]
+    indices: Mapping[str, Float[np.ndarray, "outputs ..."]]
+    values: Float[np.ndarray, "runs outputs"]
+    counted: Int[np.ndarray, " outputs"]
+    failed: Bool[np.ndarray, " runs"]
+    seed: int
+    wall_time: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters."""
+        return self.design.inputs.names
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The outputs as text, such as "cost T11"."""
+        return labels_of(self.outputs)
+
+    @property
+    def samples(self) -> Float[np.ndarray, "runs parameters"]:
+        """The parameters of each run, in their units."""
+        return self.design.samples
+
+    @property
+    def problem(self) -> dict[str, Any]:
+        """What `to_salib` gives."""
+        return self.to_salib()
+
+    def __getitem__(self, name: str) -> Float[np.ndarray, "outputs ..."]:
+        """One index.
+
+        **Raises:** `ParameterError` where the method does not have it.
+        """
+        if name not in self.indices:
+            raise ParameterError(
+                f"{self.method.name}: expected one of {', '.join(self.indices)}, got {name!r}"
+            )
+        return self.indices[name]
+
+    def ranking(self, output: str | None = None) -> tuple[str, ...]:
+        """Parameters from the strongest to the weakest, by the size of the method's main index.
+
+        **Arguments:**
+
+        - `output`: one of `labels`; None for the mean cost, or the first output where there is
+          none.
+
+        **Raises:** `ParameterError` where there is no such output.
+        """
+        strength = np.abs(self[self.method.main][self.row(output)])
+        order = np.argsort(-np.nan_to_num(strength, nan=-1.0), kind="stable")
+        return tuple(self.names[column] for column in order)
+
+    def row(self, output: str | None = None) -> int:
+        """The place of an output among `outputs`; arguments as in `ranking`."""
+        if output is None:
+            means = [n for n, each in enumerate(self.outputs) if each.channel == MEAN]
+            return means[0] if means else 0
+        if output not in self.labels:
+            shown = ", ".join(self.labels[:20]) + (" ..." if len(self.labels) > 20 else "")
+            raise ParameterError(f"output: expected one of {shown}, got {output!r}")
+        return self.labels.index(output)
+
+    def plot(self, output: str | None = None, ax: "Axes | None" = None) -> "Axes":
+        """The indices of one output, as the method shows them: Sobol's as bars of `S1` and `ST`,
+        Morris's as a plane of `mu_star` and `sigma`, others as a bar each.
+
+        **Arguments:** as in `ranking`, and
+
+        - `ax`: axes to draw into, or None for a figure of their own.
+        """
+        return picture("plot_sensitivity_indices", self, output, ax=ax)
+
+    def plot_over_time(
+        self, channel: str | None = None, index: str | None = None, ax: "Axes | None" = None
+    ) -> "Axes":
+        """An index of a channel's temperature over time; it takes `outputs=["temperature"]`.
+
+        **Arguments:**
+
+        - `channel`: its name; None for the first.
+        - `index`: its name; None for the method's main index.
+        - `ax`: axes to draw into, or None for a figure of their own.
+
+        **Raises:** `ParameterError` where there is no such channel with several times.
+        """
+        return picture("plot_indices_over_time", self, channel, index, ax=ax)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each output and parameter, its index, and a column for each index.
+
+        What is said of an output as a whole, such as `R2`, stands in each of its rows. Indices of
+        pairs are in `pairs_to_dataframe`.
+        """
+        import pandas
+
+        shape = (len(self.outputs), len(self.names))
+        columns = {
+            name: np.broadcast_to(values if values.ndim == 2 else values[:, None], shape).ravel()
+            for name, values in self.indices.items()
+            if values.ndim < 3
+        }
+        rows = pandas.MultiIndex.from_product(
+            [self.labels, self.names], names=["output", "parameter"]
+        )
+        return pandas.DataFrame(columns, index=rows)
+
+    def pairs_to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each output and pair of parameters, its index, and a column for each index of
+        pairs, such as `S2`; without columns where the method has none."""
+        import pandas
+
+        first, second = np.triu_indices(len(self.names), 1)
+        pairs = [(self.names[j], self.names[k]) for j, k in zip(first, second, strict=True)]
+        rows = pandas.MultiIndex.from_tuples(
+            [(label, *pair) for label in self.labels for pair in pairs],
+            names=["output", "parameter", "other"],
+        )
+        columns = {
+            name: values[:, first, second].ravel()
+            for name, values in self.indices.items()
+            if values.ndim == 3
+        }
+        return pandas.DataFrame(columns, index=rows)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Everything with labels: dims output, parameter, other (of a pair) and run."""
+        import xarray
+
+        dims = ("output", "parameter", "other")
+        variables: dict[str, Any] = {
+            name: (dims[: values.ndim], values) for name, values in self.indices.items()
+        }
+        variables |= {
+            "sample": (("run", "parameter"), self.samples),
+            "value": (("run", "output"), self.values),
+            "failed": ("run", self.failed),
+            "counted": ("output", self.counted),
+        }
+        coords: dict[str, Any] = {"output": list(self.labels), "parameter": list(self.names)}
+        if any(values.ndim == 3 for values in self.indices.values()):
+            coords["other"] = list(self.names)
+        for name in ("quantity", "channel", "time", "recording", "unit"):
+            coords[name] = ("output", [getattr(each, name) for each in self.outputs])
+        return xarray.Dataset(
+            variables,
+            coords=coords,
+            attrs={
+                "rig": self.rig,
+                "method": self.method.name,
+                "seed": self.seed,
+                "block": self.design.block,
+            },
+        )
+
+    def to_salib(self) -> dict[str, Any]:
+        """The problem in SALib's form, for its samplers and analysers.
+
+        **Raises:** `ParameterError` where parameters are correlated, which SALib cannot say.
+        """
+        return self.design.inputs.to_salib()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The indices in plain types for JSON, None where they are NaN."""
+        return {
+            "rig": self.rig,
+            "method": self.method.name,
+            "runs": len(self.failed),
+            "failed": int(self.failed.sum()),
+            "blocks": self.design.blocks,
+            "counted": dict(zip(self.labels, self.counted.tolist(), strict=True)),
+            "seed": self.seed,
+            "wall_time_s": self.wall_time,
+            "parameters": list(self.names),
+            "indices": {
+                name: {label: _plain(row) for label, row in zip(self.labels, values, strict=True)}
+                for name, values in self.indices.items()
+            },
+            "ranking": list(self.ranking()),
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes everything as netCDF (.nc), as a whole or not at all.
+
+        **Raises:** `RecordingError` for another ending, and where the file cannot be written.
+        """
+        from ..io._write import save_dataset
+
+        save_dataset(self.to_xarray(), path)
+
+    def _repr_html_(self) -> str:
+        label = self.labels[self.row()]
+        table = self.to_dataframe().loc[label]
+        rows = [(name, *(f"{value:.3g}" for value in table.loc[name])) for name in self.ranking()]
+        return html_table(f"{self!r}, {label}", ("parameter", *table.columns), rows)
+
+    def __repr__(self) -> str:
+        strongest = ", ".join(self.ranking()[:3])
+        missing = self.design.blocks - int(self.counted.min())
+        lost = ""
+        if missing:
+            lost = f" ({missing} of {self.design.blocks} blocks of runs incomplete, left out)"
+        return (
+            f"<GlobalSensitivity of {self.rig} by {self.method.name}: {len(self.failed)} runs"
+            f"{lost}, {len(self.outputs)} outputs, strongest {strongest}>"
+        )
+
+
+def _plain(values: Any) -> Any:
+    """Numbers and lists of them, None where they are not finite."""
+    if np.ndim(values):
+        return [_plain(value) for value in values]
+    return float(values) if np.isfinite(values) else None

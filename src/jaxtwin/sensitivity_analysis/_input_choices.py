@@ -1,0 +1,152 @@
+"""The usual distributions of a rig's parameters: around a value, in bounds, before and after a
+match."""
+
+from collections.abc import Iterable, Mapping
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+
+from .._arguments import mapping_of
+from .._errors import ParameterError
+from ..matching import Fit
+from ..physics import Twin
+from ..rig import Parameter
+from ._draws import central_values, drawn_names
+from ._inputs import Inputs
+from ._marginals import AbstractMarginal, LogNormal, Normal, Uniform
+
+InputKind: TypeAlias = Literal["normal", "lognormal", "bounds", "priors", "posterior"]
+
+AskedInputs: TypeAlias = InputKind | Mapping[str, AbstractMarginal]
+"""A kind, or name -> distribution."""
+
+
+def chosen_inputs(
+    asked: AskedInputs,
+    origin: object,
+    twin: Twin,
+    parameters: Iterable[str] | None,
+    spread: float,
+) -> Inputs:
+    """What is drawn.
+
+    **Arguments:**
+
+    - `asked`: a kind, or name -> distribution.
+    - `origin`: the fit, for its posterior; anything else has none.
+    - `twin`: whose values are in the middle.
+    - `parameters`: which to draw; None for all that are free, have a prior, or were matched.
+    - `spread`: relative standard deviation of "normal" and "lognormal".
+
+    **Raises:** `ParameterError` for parameters that have no such distribution.
+    """
+    if not isinstance(asked, str):
+        return _own(mapping_of("sensitivity: inputs", asked, _EXPECTED, ParameterError), twin)
+    if asked not in get_args(InputKind):
+        raise ParameterError(f"sensitivity: inputs: expected {_EXPECTED}, got {asked!r}")
+    if asked == "posterior":
+        return _posterior(origin, parameters)
+    if asked == "bounds":
+        rows = [twin.rig.parameters[name] for name in drawn_names(twin, parameters)]
+        return Inputs({row.name: _in_bounds(twin, row) for row in rows})
+    if asked == "priors":
+        return _priors(twin, parameters)
+    values = central_values(twin, parameters)
+    if asked == "normal":
+        marginals = {name: _around(value, spread) for name, value in values.items()}
+        return Inputs(marginals, relative_to=values)
+    for name, value in values.items():
+        if value < 0:
+            raise ParameterError(
+                f"{twin.rig.name}: parameter {name}: expected a value above 0 for a log-normal "
+                f"distribution, got {value:g}"
+            )
+    lognormal = {name: LogNormal(value, spread) for name, value in values.items()}
+    return Inputs(lognormal, relative_to=values)
+
+
+_EXPECTED = f"one of {', '.join(get_args(InputKind))}, or name -> distribution"
+
+
+def _around(value: float, spread: float) -> Normal:
+    """The paper's: cut off at 0, so that a resistance stays positive."""
+    limits = {"low": 0.0} if value > 0 else {"high": 0.0}
+    return Normal(value, spread * abs(value), **limits)
+
+
+def _in_bounds(twin: Twin, row: Parameter) -> Uniform:
+    if not (np.isfinite(row.lower) and np.isfinite(row.upper)):
+        raise ParameterError(
+            f"{twin.rig.name}: parameter {row.name}: expected two bounds, got {row.lower:g} to "
+            f"{row.upper:g}; give them in the rig file, or leave it out with parameters=[...]"
+        )
+    return Uniform(row.lower, row.upper)
+
+
+def _priors(twin: Twin, parameters: Iterable[str] | None) -> Inputs:
+    rows = [twin.rig.parameters[name] for name in drawn_names(twin, parameters)]
+    if parameters is None:
+        rows = [row for row in rows if row.deviation is not None]
+    marginals: dict[str, AbstractMarginal] = {}
+    for row in rows:
+        if row.deviation is None:
+            raise ParameterError(
+                f"{twin.rig.name}: parameter {row.name}: expected a prior, got none; give it one "
+                "in the rig file, or leave it out with parameters=[...]"
+            )
+        middle = row.value if row.prior_value is None else row.prior_value
+        if row.is_logarithmic:
+            marginals[row.name] = LogNormal(middle, row.deviation)
+        else:
+            marginals[row.name] = Normal(middle, row.deviation, row.lower, row.upper)
+    if not marginals:
+        raise ParameterError(
+            f'{twin.rig.name}: inputs "priors": expected priors in the rig file, got none; use '
+            '"normal" or "bounds"'
+        )
+    return Inputs(marginals)
+
+
+def _posterior(origin: object, parameters: Iterable[str] | None) -> Inputs:
+    """The Gaussian approximation of a match, in the logarithms of positive parameters. Values that
+    ended at a bound, or that nothing tells, are held."""
+    if not isinstance(origin, Fit):
+        raise ParameterError(
+            'sensitivity: inputs "posterior": expected a fit, got a twin; pass the fit itself'
+        )
+    rows = origin.problem.unknowns.shared
+    variances = np.diag(origin.uncertainty.vector_covariance)[: len(rows)]
+    known = [row.name for row, square in zip(rows, variances, strict=True) if square > 0]
+    where = f'{origin.twin.rig.name}: inputs "posterior"'
+    if not known:
+        raise ParameterError(
+            f"{where}: expected a fit whose shared values have standard errors, got one in which "
+            'all ended at bounds or are open; use "priors" or "bounds"'
+        )
+    wanted = known if parameters is None else drawn_names(origin.twin, parameters)
+    missing = [name for name in wanted if name not in known]
+    if missing:
+        raise ParameterError(
+            f"{where}: expected some of {', '.join(known)}, got {', '.join(missing)}"
+        )
+    entries = [[row.name for row in rows].index(name) for name in wanted]
+    covariance = origin.uncertainty.vector_covariance[np.ix_(entries, entries)]
+    errors = np.sqrt(np.diag(covariance))
+    marginals: dict[str, AbstractMarginal] = {}
+    for entry, error in zip(entries, errors.tolist(), strict=True):
+        row, value = rows[entry], float(origin.twin.parameters[rows[entry].name])
+        marginals[row.name] = (
+            LogNormal(value, error) if row.is_logarithmic else Normal(value, error)
+        )
+    return Inputs(marginals, covariance / np.outer(errors, errors))
+
+
+def _own(marginals: Mapping[str, AbstractMarginal], twin: Twin) -> Inputs:
+    names = drawn_names(twin, marginals)
+    for name, marginal in marginals.items():
+        if not isinstance(marginal, AbstractMarginal):
+            raise ParameterError(
+                f"sensitivity: inputs: {name}: expected Normal, Uniform or LogNormal of "
+                f"jaxtwin.sensitivity_analysis, got {marginal!r}"
+            )
+    return Inputs({name: marginals[name] for name in names})

@@ -1,0 +1,89 @@
+"""The joint distribution of the parameters of a global analysis."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtr, ndtri
+
+from .._errors import ParameterError
+from ._marginals import SMALLEST, AbstractMarginal
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What is drawn: a distribution for each parameter, and how they hang together.
+
+    Correlated parameters are a Gaussian copula: their normal scores, `ndtri` of their
+    probabilities, are jointly normal.
+
+    **Arguments:**
+
+    - `marginals`: name -> distribution.
+    - `correlation`: of the normal scores; None where parameters are independent.
+    - `relative_to`: the values around which parameters were drawn, where twins of other values are
+      to have the same draws relative to theirs; None where draws are the same for all.
+    """
+
+    marginals: Mapping[str, AbstractMarginal]
+    correlation: Float[np.ndarray, "parameters parameters"] | None = None
+    relative_to: Mapping[str, float] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters."""
+        return tuple(self.marginals)
+
+    def correlated(
+        self, unit: Float[np.ndarray, "draws parameters"]
+    ) -> Float[np.ndarray, "draws parameters"]:
+        """Probabilities that hang together as the parameters do, from independent ones."""
+        if self.correlation is None:
+            return unit
+        return ndtr(ndtri(np.clip(unit, SMALLEST, 1 - 2.0**-53)) @ self.root.T)
+
+    @cached_property
+    def root(self) -> Float[np.ndarray, "parameters parameters"]:
+        """A matrix whose product with its transpose is the correlation, which may be singular."""
+        if self.correlation is None:
+            return np.eye(len(self.names))
+        squares, directions = np.linalg.eigh(self.correlation)
+        return directions * np.sqrt(np.maximum(squares, 0.0))
+
+    def values(
+        self, unit: Float[np.ndarray, "draws parameters"]
+    ) -> Float[np.ndarray, "draws parameters"]:
+        """The parameters of these probabilities, each by its own distribution."""
+        pairs = zip(self.marginals.values(), unit.T, strict=True)
+        return np.column_stack([marginal.quantile(column) for marginal, column in pairs])
+
+    def check_independent(self, method: str) -> None:
+        """**Raises:** `ParameterError` where parameters are correlated."""
+        if self.correlation is not None:
+            raise ParameterError(
+                f"sensitivity: inputs: expected independent parameters for {method}, whose indices "
+                'have no meaning for others, got correlated ones; use method="shapley", or "src" '
+                'or "prcc" for what a parameter does while the others stand'
+            )
+
+    def to_salib(self) -> dict[str, Any]:
+        """The problem in SALib's form, for its samplers and analysers.
+
+        **Raises:** `ParameterError` where parameters are correlated, which SALib cannot say.
+        """
+        if self.correlation is not None:
+            raise ParameterError(
+                "to_salib: expected independent parameters, got correlated ones, for which SALib "
+                "has no form"
+            )
+        written = [marginal.to_salib() for marginal in self.marginals.values()]
+        return {
+            "num_vars": len(written),
+            "names": list(self.names),
+            "bounds": [numbers for _, numbers in written],
+            "dists": [kind for kind, _ in written],
+        }

@@ -1,0 +1,127 @@
+r"""Regression of outputs on parameters: what a parameter does while the others stand.
+
+With the correlations $C$ of the parameters with each other and $c$ with the output, the
+standardised coefficients are $C^{-1} c$ and their share of the variance $R^2 = c^T C^{-1} c$. With
+$P$ the inverse of the correlation matrix of parameters and output together, the partial correlation
+is $-P_{jy} / \sqrt{P_{jj} P_{yy}}$ (Saltelli and others, "Sensitivity Analysis in Practice", 2004).
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+
+from ._bootstrap import half_width, resample_weights
+from ._correlations import plain_design
+from ._indices import ranks
+from ._inputs import Inputs
+from ._method import AbstractMethod, Design, Indices
+from ._unit_samples import SampleKind
+
+
+@final
+@dataclass(frozen=True)
+class StandardisedRegression(AbstractMethod):
+    """Standardised regression coefficients `SRC`, with `SRC_conf`, half of their 95 % bootstrap
+    interval, and `R2`, the part of the variance that the linear model explains."""
+
+    name = "src"
+    main = "SRC"
+    usual_draws = 1024
+    usual_samples = "latin-hypercube"
+
+    def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
+        return plain_design(inputs, draws, seed, samples)
+
+    def estimate(
+        self,
+        design: Design,
+        outputs: Float[np.ndarray, "runs outputs"],
+        slopes: Float[np.ndarray, "runs outputs parameters"] | None,
+        seed: int,
+    ) -> Indices:
+        together = np.concatenate([design.samples, outputs], axis=1)
+        count = design.unit.shape[1]
+        found = correlations(together)
+        coefficients = _coefficients(found, count)
+        again = [
+            _coefficients(correlations(together, weights), count)
+            for weights in resample_weights(len(together), seed)
+        ]
+        return {
+            "SRC": coefficients,
+            "SRC_conf": half_width(np.stack(again)),
+            "R2": np.sum(coefficients * found[count:, :count], axis=1),
+        }
+
+
+@final
+@dataclass(frozen=True)
+class PartialRankCorrelation(AbstractMethod):
+    """Partial rank correlation coefficients `PRCC`, with `PRCC_conf`, half of their 95 % bootstrap
+    interval."""
+
+    name = "prcc"
+    main = "PRCC"
+    usual_draws = 1024
+    usual_samples = "latin-hypercube"
+
+    def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
+        return plain_design(inputs, draws, seed, samples)
+
+    def estimate(
+        self,
+        design: Design,
+        outputs: Float[np.ndarray, "runs outputs"],
+        slopes: Float[np.ndarray, "runs outputs parameters"] | None,
+        seed: int,
+    ) -> Indices:
+        together = np.concatenate([ranks(design.samples), ranks(outputs)], axis=1)
+        count = design.unit.shape[1]
+        again = [
+            _partial(correlations(together, weights), count)
+            for weights in resample_weights(len(together), seed)
+        ]
+        return {
+            "PRCC": _partial(correlations(together), count),
+            "PRCC_conf": half_width(np.stack(again)),
+        }
+
+
+def correlations(
+    columns: Float[np.ndarray, "runs columns"], weights: Float[np.ndarray, " runs"] | None = None
+) -> Float[np.ndarray, "columns columns"]:
+    """Correlations of columns; of runs with weights whose sum is 1."""
+    weights = np.full(len(columns), 1 / len(columns)) if weights is None else weights
+    centred = columns - weights @ columns
+    covariance = (centred.T * weights) @ centred
+    scale = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):  # a resample of a few runs may not vary
+        return covariance / np.outer(scale, scale)
+
+
+def _coefficients(
+    found: Float[np.ndarray, "columns columns"], count: int
+) -> Float[np.ndarray, "outputs parameters"]:
+    return _times_inverse(found[count:, :count], found[:count, :count])
+
+
+def _partial(
+    found: Float[np.ndarray, "columns columns"], count: int
+) -> Float[np.ndarray, "outputs parameters"]:
+    """By block inversion: of parameters and each output in turn."""
+    each, own = _times_inverse(found[count:, :count], found[:count, :count]), found[count:, :count]
+    rest = np.maximum(1 - np.sum(each * own, axis=1), 0.0)[:, None]
+    inverse = np.diag(_times_inverse(np.eye(count), found[:count, :count]))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return each / np.sqrt(rest * inverse + each**2)
+
+
+def _times_inverse(
+    rows: Float[np.ndarray, "rows parameters"], matrix: Float[np.ndarray, "parameters parameters"]
+) -> Float[np.ndarray, "rows parameters"]:
+    """NaN where fewer runs than parameters leave no inverse."""
+    if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < len(matrix):
+        return np.full(rows.shape, np.nan)
+    return np.linalg.solve(matrix, rows.T).T

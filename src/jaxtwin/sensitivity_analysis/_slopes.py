@@ -1,0 +1,105 @@
+"""Exact derivatives of outputs in parameters, for many draws."""
+
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .._compilation import persistent_jit
+from .._errors import SimulationError
+from .._jax_settings import own_settings
+from ..io import Experiment
+from ..physics import Twin
+from ..simulation import Reductions, TimeGrid, checked_channels, padded, padded_time_grid
+from ..simulation._reductions import AskedReductions, Reduction, checked_reductions
+from ..simulation._refinement import needs_shorter_steps
+from ..simulation._simulate import _run_exponential
+from ..simulation._workers import work_in_chunks
+
+CHUNK = 32
+"""Draws that a core differentiates at a time, each in all parameters."""
+
+
+def slopes_of(
+    twin: Twin,
+    experiment: Experiment,
+    draws: Mapping[str, Float[np.ndarray, " draws"]],
+    reductions: AskedReductions,
+) -> list[Reductions]:
+    """The derivatives of reductions in each parameter, as reductions of their own.
+
+    They are NaN for draws that the default solver would run again on shorter steps.
+
+    **Arguments:** as those of `simulate_batch`.
+
+    **Returns:** those of the first parameter, of the second, and so on.
+
+    **Raises:** `SimulationError` for reductions of the plate, whose derivatives are not computed.
+    """
+    wanted = checked_reductions(reductions, [experiment])
+    on_plate = [name for name, reduction in wanted.items() if reduction.reads == "plate_end"]
+    if on_plate:
+        raise SimulationError(
+            f"sensitivity: outputs: expected functions of the channels for derivatives, got "
+            f'{on_plate[0]!r}; use method="sobol" for it'
+        )
+    channels = checked_channels(twin, experiment)
+    columns = np.array([twin.channels.index(name) for name in channels])
+    grid = padded_time_grid(twin, experiment)
+    recorded = experiment.temperatures
+    target = None if recorded is None else padded(recorded, np.nan)
+
+    def work(chunk: Mapping[str, Float[np.ndarray, " chunk"]]) -> dict[str, Array | np.ndarray]:
+        values = np.column_stack(list(chunk.values()))
+        with own_settings():
+            slopes, number, error = _slopes_of_chunk(
+                twin, grid, tuple(chunk), values, wanted, columns, len(experiment.time), target
+            )
+            is_refused = needs_shorter_steps(number, error, 0) | np.isnan(number)
+            return {**slopes, "failed": is_refused}
+
+    found = work_in_chunks(draws, work, chunk_size=CHUNK)
+    return [
+        Reductions.of(
+            channels,
+            {name: part if name == "failed" else part[..., j] for name, part in found.items()},
+        )
+        for j in range(len(draws))
+    ]
+
+
+@persistent_jit
+def _slopes_of_chunk(
+    twin: Twin,
+    grid: TimeGrid,
+    names: tuple[str, ...],
+    values: Float[np.ndarray | Array, "draws parameters"],
+    reductions: Mapping[str, Reduction],
+    columns: Int[np.ndarray | Array, " channels"],
+    count: int,
+    recorded: Float[np.ndarray | Array, "filled channels"] | None,
+) -> tuple[dict[str, Array], Float[Array, " draws"], Float[Array, " draws"]]:
+    """By the name of the reduction `(draws, ..., parameters)`; stability numbers; error estimates
+    of the solutions, K."""
+
+    def read(
+        vector: Float[Array, " parameters"],
+    ) -> tuple[dict[str, Array], tuple[Float[Array, ""], Float[Array, ""]]]:
+        drawn = twin.with_parameters(dict(zip(names, vector, strict=True)))
+        _, readings, number, error = _run_exponential(drawn, grid, None)
+        trajectory = readings[:, columns] - 273.15
+        parts = {
+            "trajectory": trajectory[:count],
+            "padded_trajectory": trajectory,
+            "end": trajectory[-1],
+        }
+        found = {}
+        for name, reduction in reductions.items():
+            more = (recorded,) if reduction.needs_recording else ()
+            found[name] = jnp.asarray(reduction.function(parts[reduction.reads], *more))
+        return found, (number, error)
+
+    slopes, (number, error) = jax.vmap(jax.jacfwd(read, has_aux=True))(values)
+    return slopes, number, error

@@ -1,0 +1,46 @@
+"""Samples of the unit cube: random, stratified, and of low discrepancy."""
+
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import SimulationError
+from ._sampling import uniform_draws
+
+SampleKind: TypeAlias = Literal["random", "latin-hypercube", "sobol"]
+"""Independent random numbers, as the paper takes them; a Latin hypercube, which has a sample in
+each of equally likely intervals of each parameter; or Sobol's sequence, scrambled (Owen)."""
+
+
+def unit_samples(
+    kind: SampleKind, draws: int, columns: int, seed: int
+) -> Float[np.ndarray, "draws columns"]:
+    """Samples with independent columns, each uniform from 0 to 1; the same seed gives the same.
+
+    **Raises:** `SimulationError` where Sobol's sequence is asked for a number of draws that is no
+    power of two: others unbalance it.
+    """
+    if kind == "random":
+        return uniform_draws(columns, seed, draws)
+    from scipy.stats import qmc  # takes a while to import
+
+    option: dict[str, Any] = {"seed": seed}  # `rng` since SciPy 1.15, which takes both
+    if kind == "latin-hypercube":
+        return qmc.LatinHypercube(columns, **option).random(draws)
+    if draws & (draws - 1):
+        above = 1 << draws.bit_length()
+        raise SimulationError(
+            f"sensitivity: draws: expected a power of two for Sobol's sequence, which others "
+            f'unbalance, got {draws}; take {above // 2} or {above}, or samples="latin-hypercube"'
+        )
+    return qmc.Sobol(columns, scramble=True, **option).random(draws)
+
+
+def checked_kind(kind: SampleKind) -> SampleKind:
+    """**Raises:** `SimulationError` where there is no such kind."""
+    if kind not in get_args(SampleKind):
+        raise SimulationError(
+            f"sensitivity: samples: expected one of {', '.join(get_args(SampleKind))}, got {kind!r}"
+        )
+    return kind
