@@ -37,6 +37,7 @@ from jaxtwin.commands._sources import find_recording, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
 from jaxtwin.matching import FittedParameters
 from jaxtwin.report import write_demo
+from jaxtwin.sensitivity_analysis._analysis import PAPERS_DRAWS
 
 COMMANDS = [
     [],
@@ -291,6 +292,25 @@ def test_simulate_compares_with_a_recording_under_its_own_ambient(capsys):
     assert np.std(stored.temperatures - recorded.temperatures) == pytest.approx(0.1, abs=0.003)
 
 
+def test_global_sensitivity_by_a_command(minute, capsys):
+    few = ["--draws", "8", "--out", "s.nc", "--output", "final", "--output", "cost"]
+    chosen = ["--method", "sobol", "--second-order", "--inputs", "bounds", "--json", "s.json"]
+    assert run(["sensitivity", "paper-2024", minute, *chosen, *few]) == 0
+    assert "cost mean, 272 runs\nparameter  S1" in printed(capsys)
+    numbers = json.loads(Path("s.json").read_text())
+    assert len(numbers["indices"]["S2"]["final T11"]) == len(numbers["parameters"]) == 16
+    with xarray.open_dataset("s.nc") as stored:
+        assert dict(stored.sizes)["run"] == numbers["runs"] == 272
+        assert stored.attrs["method"] == "sobol"
+
+
+def test_second_order_is_sobols(minute, capsys):
+    wrong = ["sensitivity", "paper-2024", minute, "--second-order", "--out", "s.nc"]
+    assert run(wrong) == 2
+    assert "--method sobol" in capsys.readouterr().err
+    assert not Path("s.nc").exists()
+
+
 @pytest.mark.slow
 def test_match_saves_what_the_other_commands_take(minute, capsys):
     held = [name for name, row in load_rig("paper-2024").parameters.items() if row.free]
@@ -464,12 +484,14 @@ def test_a_tilde_behind_an_equals_sign_is_the_home_folder(tmp_path, monkeypatch)
     [
         ("demo", write_demo, {"draws": 10_000}),
         ("match", match, {"starts": 1, "seed": 0, "max_iterations": 200}),
-        ("sensitivity", sensitivity, {"draws": 50, "spread": 0.25, "seed": 0}),
+        ("sensitivity", sensitivity, {"draws": None, "spread": 0.25, "seed": 0}),
+        ("sensitivity", sensitivity, {"method": "correlations", "inputs": "normal"}),
         ("sweep", sweep, {"spread": 0.25, "seed": 0}),
     ],
 )
 def test_what_is_not_said_means_the_same_as_in_python(command, function, expected):
     """The paper's 50 draws of plus or minus a quarter among it."""
+    assert PAPERS_DRAWS == 50
     module = importlib.import_module(f"jaxtwin.commands._{command}")
     for each in (getattr(module, command), function):
         parameters = inspect.signature(each).parameters

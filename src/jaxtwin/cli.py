@@ -116,6 +116,7 @@ _add(
     TWINS,
     _sensitivity.sensitivity,
     "jaxtwin sensitivity paper-2024 synthetic-A --parameters fit.toml --draws 10000 --out sens.nc",
+    "jaxtwin sensitivity paper-2024 synthetic-A --method sobol --inputs bounds --out sobol.nc",
 )
 _add(
     "sweep",

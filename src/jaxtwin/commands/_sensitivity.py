@@ -1,7 +1,7 @@
 """`jaxtwin sensitivity`: which parameters matter."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,48 +18,103 @@ from ._show_progress import show_progress
 from ._sources import open_recordings, open_twins
 
 if TYPE_CHECKING:
-    from ..sensitivity_analysis import Sensitivity
+    from ..sensitivity_analysis import GlobalSensitivity, Sensitivity
 
 
 def sensitivity(
     rig: RigArgument,
     recordings: RecordingsArgument,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Draws, costs, indices: .nc.")],
-    draws: Annotated[int, typer.Option(min=3, help="How many; the paper takes 50.")] = 50,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="correlations (the paper's), pearson, spearman, src, prcc, oat, morris, sobol, "
+            "shapley, dgsm or pce; docs/sensitivity.md says which answers what."
+        ),
+    ] = "correlations",
+    draws: Annotated[
+        int | None,
+        typer.Option(min=3, help="How many; by default 50, as in the paper, or the method's own."),
+    ] = None,
     spread: Annotated[
         float, typer.Option(help="Standard deviation as a part of each value.")
     ] = 0.25,
+    inputs: Annotated[
+        str, typer.Option(help="What is drawn: normal, lognormal, bounds or priors.")
+    ] = "normal",
+    output: Annotated[
+        list[str],
+        typer.Option(
+            help="What is looked at, beside another method than correlations: cost, final, "
+            "minimum, maximum, plate_range, plate_std, uniformity or temperature; may be repeated."
+        ),
+    ] = ["cost"],  # noqa: B006 - read only
+    second_order: Annotated[
+        bool, typer.Option("--second-order", help="Interactions S2 too, beside --method sobol.")
+    ] = False,
     seed: SeedOption = 0,
     parameters: ParametersOption = None,
     set_name: SetOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Draw parameters around their values and correlate them with each channel's cost."""
+    """Run a rig with other values of its parameters, and say which of them matter."""
     check_output(out, ".nc")
     check_json(json)
+    if second_order and method != "sobol":
+        raise typer.BadParameter(f"--second-order: expected --method sobol beside it, got {method}")
     with show_progress() as progress:
         progress.step("reading")
         from .. import sensitivity as analysis  # which takes a second
         from ..rig import load_rig
+        from ..sensitivity_analysis import GlobalSensitivity, Sobol
+        from ..sensitivity_analysis._analysis import PAPERS_DRAWS
 
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
         twins = open_twins(loaded, set_name, parameters, experiments)
-        done, total = 0, draws * len(experiments)
+        done, known = 0, ""
+        if method == "correlations":
+            known = f" of {(PAPERS_DRAWS if draws is None else draws) * len(experiments)}"
 
         def report(finished: int) -> None:
             nonlocal done
             done += finished
-            progress.update(f"{done} of {total} simulations")
+            progress.update(f"{done}{known} simulations")
 
-        progress.step(f"{draws} draws on {len(experiments)} recordings")
+        progress.step(f"{method} on {len(experiments)} recordings")
+        chosen: Any = Sobol(second_order=True) if second_order else method
+        kinds: dict[str, Any] = {"inputs": inputs, "outputs": tuple(output)}
         result = analysis(
-            twins, experiments, draws=draws, spread=spread, seed=seed, on_progress=report
+            twins,
+            experiments,
+            method=chosen,
+            draws=draws,
+            spread=spread,
+            seed=seed,
+            on_progress=report,
+            **kinds,
         )
         progress.step(f"writing {out}")
         result.save(out)
-    say(_table(result), json)
+    is_global = isinstance(result, GlobalSensitivity)
+    say(_indices(result) if is_global else _table(result), json)
     write_json(json, result.to_dict())
+
+
+def _indices(result: "GlobalSensitivity") -> str:
+    """The indices of the mean cost, or of the first output."""
+    label = result.labels[result.row()]
+    table = result.to_dataframe().loc[label]
+    rows = [("parameter", *table.columns)]
+    rows += [(name, *(f"{value:.3g}" for value in table.loc[name])) for name in result.ranking()]
+    failed, left = int(result.failed.sum()), result.design.blocks - int(result.counted.min())
+    tail = ""
+    if failed:
+        tail = (
+            f"\n{failed} of {len(result.failed)} runs failed; {left} of {result.design.blocks} "
+            "blocks of runs do not count"
+        )
+    return f"{label}, {len(result.failed)} runs\n{aligned(rows)}{tail}"
 
 
 def _table(result: "Sensitivity") -> str:
