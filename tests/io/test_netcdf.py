@@ -156,5 +156,5 @@ def test_netcdf_4_without_its_library_says_what_to_install(experiment, tmp_path,
 def test_another_file_with_this_ending_is_no_netcdf(tmp_path):
     path = tmp_path / "run.nc"
     path.write_bytes(b"nothing of the kind")
-    with pytest.raises(RecordingError, match="expected a netCDF file, got .* b'nothing '"):
+    with pytest.raises(RecordingError, match=r"expected a netCDF file, got .* b'nothing '"):
         read_recording(path)
