@@ -294,7 +294,7 @@ def test_simulate_compares_with_a_recording_under_its_own_ambient(capsys):
 
 def test_global_sensitivity_by_a_command(minute, capsys):
     few = ["--draws", "8", "--out", "s.nc", "--output", "final", "--output", "cost"]
-    chosen = ["--method", "sobol", "--second-order", "--inputs", "bounds", "--json", "s.json"]
+    chosen = ["--method", "sobol", "--second-order", "--inputs", "lognormal", "--json", "s.json"]
     assert run(["sensitivity", "paper-2024", minute, *chosen, *few]) == 0
     assert "cost mean, 272 runs\nparameter  S1" in printed(capsys)
     numbers = json.loads(Path("s.json").read_text())
