@@ -10,8 +10,14 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from .._compilation import persistent_jit
 from ..physics import Twin
-from ..simulation import Stepper, StepperState
-from ..simulation._stepper import ZERO_CELSIUS
+from ..simulation import Stepper
+from ..simulation._stepper import (
+    ZERO_CELSIUS,
+    ModalState,
+    advance,
+    node_temperatures,
+    to_modal,
+)
 from ._controller import AbstractController
 
 
@@ -95,12 +101,12 @@ class ClosedLoop(eqx.Module):
 class _Loop(NamedTuple):
     """The state of a loop between two samples."""
 
-    plant: StepperState
+    plant: ModalState
     controller: PyTree
     measurement: Float[Array, " outputs"]
     missing_s: Float[Array, ""]
     is_off: Bool[Array, ""]
-    late: Float[Array, "delay channels"]
+    late: Float[Array, "delay outputs"]
 
 
 def closed_loop(twin: Twin, controller: AbstractController, scenario: Scenario) -> ClosedLoop:
@@ -130,14 +136,20 @@ def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenari
     weights = jnp.asarray(scenario.output_weights)
     interval = controller.sample_time_s
 
-    def reading(plant: StepperState, ambient: Array) -> Array:
-        return stepper.channels(plant, ambient)
+    gain = jnp.broadcast_to(system.gain, (channels,))[:, None]
+    shapes, celsius = stepper.field.modes.shapes, stepper.reference - ZERO_CELSIUS
+    # The controller's outputs by the modes, and by the ambient: no channel is read on the way.
+    seen_by_modes = weights @ (gain * jnp.asarray(system.channel_weights, dtype)) @ shapes
+    seen_by_ambient = weights @ (1 - gain[:, 0] * system.on_plate)
+
+    def outputs(plant: ModalState, ambient: Array) -> Array:
+        rest = seen_by_ambient * (ambient - celsius) + weights.sum(axis=1) * celsius
+        return seen_by_modes @ plant.amplitudes + rest
 
     def sample(loop: _Loop, row: Any) -> tuple[_Loop, Any]:
         reference, ambient, heat, conductance, error, arrives = row
-        now = reading(loop.plant, ambient[0])
-        then = loop.late[-1] if scenario.sensor_delay_steps else now
-        output = weights @ (then + error)
+        then = loop.late[-1] if scenario.sensor_delay_steps else outputs(loop.plant, ambient[0])
+        output = then + weights @ error
         is_new = arrives & jnp.all(jnp.isfinite(error)) & jnp.all(jnp.isfinite(output))
         measurement = jnp.where(is_new, output, loop.measurement)
         missing = jnp.where(is_new, 0.0, loop.missing_s + interval).astype(dtype)
@@ -148,49 +160,47 @@ def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenari
             rounded = jnp.round(duty * scenario.counts) / scenario.counts
             duty = duty + jax.lax.stop_gradient(rounded - duty)
 
-        def step(carry: tuple[StepperState, Array], row: Any) -> tuple[Any, Any]:
+        def step(carry: tuple[ModalState, Array], row: Any) -> tuple[Any, Any]:
             (plant, late), (ambient, heat, conductance) = carry, row
-            channels = reading(plant, ambient)
-            applied = duty if system.lag is None else jnp.asarray(plant.duty)
-            sides = jnp.asarray(plant.nodes) + ZERO_CELSIUS
-            power = system.bridge.supply_power(
-                system.module, applied, sides[wiring.cold], sides[wiring.hot]
-            )
             if conductance is not None:
-                heat = heat - conductance * (plant.nodes - ambient)
+                heat = heat - conductance * (node_temperatures(stepper, plant) - ambient)
             if scenario.sensor_delay_steps:
-                late = jnp.concatenate([channels[None], late[:-1]])
-            found = plant.nodes, channels, power
-            return (stepper.step(plant, duty, ambient, heat=heat), late), found
+                late = jnp.concatenate([outputs(plant, ambient)[None], late[:-1]])
+            applied = duty if system.lag is None else plant.duty
+            return (advance(stepper, plant, duty, ambient, heat), late), (plant.amplitudes, applied)
 
         steps = ambient, heat, conductance
-        (plant, late), found = jax.lax.scan(step, (loop.plant, loop.late), steps)
-        later = _Loop(plant, state, measurement, missing, is_off, late)
+        if len(ambient) == 1:  # without a loop in the loop
+            first = jax.tree.map(lambda row: row[0], steps)
+            carry, found = step((loop.plant, loop.late), first)
+        else:
+            carry, found = jax.lax.scan(step, (loop.plant, loop.late), steps)
+        later = _Loop(carry[0], state, measurement, missing, is_off, carry[1])
         return later, (*found, duty, measurement)
 
     idle = jnp.zeros(cells, dtype)
-    plant = stepper.start(scenario.initial, idle)
-    first = reading(plant, jnp.asarray(scenario.ambient)[0, 0])
-    measurement = weights @ (first + jnp.nan_to_num(jnp.asarray(scenario.error)[0]))
-    late = jnp.broadcast_to(first, (scenario.sensor_delay_steps, channels))
+    ambient = jnp.asarray(scenario.ambient)
+    plant = to_modal(stepper, stepper.start(scenario.initial, idle))
+    first = outputs(plant, ambient[0, 0])
+    measurement = first + weights @ jnp.nan_to_num(jnp.asarray(scenario.error)[0])
     start = _Loop(
         plant,
         controller.init(idle, measurement),
         measurement,
         jnp.zeros((), dtype),
         jnp.zeros((), bool),
-        late,
+        jnp.broadcast_to(first, (scenario.sensor_delay_steps, len(first))),
     )
     rows = (
         scenario.reference,
-        scenario.ambient,
+        ambient,
         scenario.heat,
         scenario.conductance,
         scenario.error,
         scenario.arrives,
     )
-    _, (nodes, readings, power, duty, measured) = jax.lax.scan(sample, start, rows)
-    substeps = scenario.ambient.shape[1]
+    _, (amplitudes, applied, duty, measured) = jax.lax.scan(sample, start, rows)
+    substeps = ambient.shape[1]
     count = (len(scenario.time) - 1) * substeps + 1
 
     def of_steps(values: Array) -> Array:
@@ -199,16 +209,25 @@ def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenari
     def of_samples(values: Array) -> Array:
         return jnp.repeat(values, substeps, axis=0)[:count]
 
-    temperatures = of_steps(readings)
+    # Whatever no controller needs is read of all steps at once.
+    deviation = of_steps(amplitudes) @ shapes.T
+    room = ambient.reshape(-1, 1)[:count] - celsius
+    temperatures = system.channel_temperatures(deviation, room) + celsius
+    sides = deviation + stepper.reference
     return ClosedLoop(
         time=scenario.step_s * jnp.arange(count, dtype=dtype),
         reference=of_samples(jnp.asarray(scenario.reference)),
         output=temperatures @ weights.T,
         measurement=of_samples(measured),
         temperatures=temperatures,
-        nodes=of_steps(nodes),
+        nodes=deviation + celsius,
         duty=of_samples(duty),
-        power=of_steps(power),
+        power=system.bridge.supply_power(
+            system.module,
+            of_steps(applied),
+            sides[:, wiring.cold],
+            sides[:, wiring.hot],
+        ),
         elements=wiring.elements,
         sides=tuple(int(side) for side in np.concatenate([wiring.cold, wiring.hot])),
     )

@@ -25,6 +25,7 @@ from ..simulation import Precision, Reductions, Stepper, checked_precision
 from ..simulation._check_values import check_values
 from ..simulation._draws import work_in_chunks
 from ..simulation._simulate_batch import _checked_draws
+from ..simulation._stepper import is_multiple
 from ._closed_loop import ClosedLoop, Scenario, in_precision, run_loop
 from ._closed_loop_run import ClosedLoopRun
 from ._controller import AbstractController, ControlFunction, as_controller
@@ -399,14 +400,14 @@ def _many(
                 }
                 for kind in ("plant ", "controller ")
             )
-            size = len(next(iter(chunk.values())))
-            parameters = plant or {
-                name: np.full(size, value) for name, value in _any_parameter(twin).items()
-            }
-            steppers = _steppers(twin, parameters, happens.step_s, happens.longest_delay_s)
+            sizes = happens.step_s, happens.longest_delay_s
+            if plant:
+                steppers = _steppers(twin, plant, *sizes, _is_whole_delay(twin, plant, sizes[0]))
+            else:
+                steppers = Stepper(twin, sizes[0], longest_delay=sizes[1])
             steppers, fixed, varied = in_precision((steppers, happens, loops), dtype)
             chosen = in_precision(controller, dtype)
-            return _measured(steppers, chosen, varied, fixed, tuple(measures.items()))
+            return _measured(steppers, chosen, varied, fixed, tuple(measures.items()), not plant)
 
     loop_bytes = jnp.dtype(dtype).itemsize * happens.ambient.size * _numbers_a_step(twin, happens)
     chunk_size = min(max(CHUNK_BYTES // loop_bytes, 1), LARGEST_CHUNK)
@@ -420,10 +421,12 @@ def _numbers_a_step(twin: Twin, happens: Scenario) -> int:
     return 1 + len(twin.netlist.nodes) + len(twin.channels) + 3 * outputs + 2 * cells
 
 
-def _any_parameter(twin: Twin) -> dict[str, float]:
-    """A parameter at its value: all loops then have the same twin."""
-    name, value = next(iter(twin.parameters.items()))
-    return {name: float(value)}
+def _is_whole_delay(twin: Twin, drawn: Iterable[str], step_s: float) -> bool:
+    """Whether the driver's delay is the same multiple of the step of the plant in all draws."""
+    delay = twin.wiring.delay
+    return delay is None or (
+        delay.parameters.isdisjoint(drawn) and is_multiple(twin.system().delay, step_s)
+    )
 
 
 @persistent_jit
@@ -432,11 +435,17 @@ def _steppers(
     draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
     step_s: float,
     longest_delay_s: float,
+    is_whole_delay: bool,
 ) -> Stepper:
     """A stepper for each draw; of a draw that is no twin it is NaN."""
 
     def stepper_of(values: Mapping[str, Array]) -> Stepper:
-        made = Stepper(twin.with_parameters(values), step_s, longest_delay=longest_delay_s)
+        made = Stepper(
+            twin.with_parameters(values),
+            step_s,
+            longest_delay=longest_delay_s,
+            is_whole_delay=is_whole_delay,
+        )
         valid = made.system.is_valid
 
         def marked(leaf: Array) -> Array:
@@ -455,7 +464,10 @@ def _measured(
     varied: Mapping[str, Float[Array | np.ndarray, "chunk ..."]],
     happens: Scenario,
     measures: tuple[tuple[str, Measure], ...],
+    is_shared: bool,
 ) -> dict[str, Array]:
+    """The measures of a chunk of loops, each with a stepper of its own or all with the same."""
+
     def of_draw(stepper: Stepper, values: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
         changed = controller
         for name, value in values.items():
@@ -473,4 +485,4 @@ def _measured(
         }
         return {**found, "failed": ~is_finite}
 
-    return jax.vmap(of_draw)(steppers, dict(varied))
+    return jax.vmap(of_draw, in_axes=(None if is_shared else 0, 0))(steppers, dict(varied))

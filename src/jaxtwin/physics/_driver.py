@@ -88,10 +88,10 @@ class Bridge(eqx.Module):
     def supply_power(
         self,
         module: ThermoelectricModule,
-        duty: Float[Array, " cells"],
-        cold_temperature: Float[Array, " cells"],
-        hot_temperature: Float[Array, " cells"],
-    ) -> Float[Array, " cells"]:
+        duty: Float[Array, "*times cells"],
+        cold_temperature: Float[Array, "*times cells"],
+        hot_temperature: Float[Array, "*times cells"],
+    ) -> Float[Array, "*times cells"]:
         """Mean power that each cell's bridge draws from the supply, W.
 
         It is that of the cell, and what supply, leads and switches turn into heat; below 0 where a

@@ -41,13 +41,14 @@ class Inputs(eqx.Module):
 
     duty: Float[Array, "*steps_and_stages cells"]
     ambient: Float[Array, "*steps_stages"]
-    heat: Float[Array, " modes"] | None = None
+    heat: Float[Array, "*stages modes"] | None = None
 
     def at(self, stage: int) -> "Inputs":
         """At the start (0), in the middle (1) or at the end (2) of the step."""
         duty = self.duty if self.duty.ndim == 1 else self.duty[stage]
         ambient = self.ambient if self.ambient.ndim == 0 else self.ambient[stage]
-        return Inputs(duty, ambient, self.heat)
+        heat = self.heat if self.heat is None or self.heat.ndim == 1 else self.heat[stage]
+        return Inputs(duty, ambient, heat)
 
 
 @final

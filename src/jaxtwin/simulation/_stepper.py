@@ -1,5 +1,6 @@
 """A twin step by step, for whatever runs beside a rig: a live twin, an observer, a controller."""
 
+from collections.abc import Callable
 from typing import final
 
 import equinox as eqx
@@ -21,6 +22,9 @@ from ._refinement import STABILITY_LIMIT, remainder_gain
 
 ZERO_CELSIUS = 273.15
 
+WHOLE = 1e-9
+"""By how much of itself a delay may miss a multiple of the step size and count as that."""
+
 
 @final
 class StepperState(eqx.Module):
@@ -35,6 +39,15 @@ class StepperState(eqx.Module):
     nodes: Float[Array | np.ndarray, " nodes"]
     duty: Float[Array | np.ndarray, " cells"]
     commands: Float[Array | np.ndarray, "delays cells"]
+
+
+@final
+class ModalState(eqx.Module):
+    """A `StepperState` in the modes of the twin: what many steps in a row are taken in."""
+
+    amplitudes: Float[Array, " modes"]
+    duty: Float[Array, " cells"]
+    commands: Float[Array, "delays cells"]
 
 
 @final
@@ -65,6 +78,8 @@ class Stepper(eqx.Module):
     - `step_size`: s.
     - `longest_delay`: for how long a delay, s, the state has room. None: for that of the twin.
       It must be given where the delay is traced by JAX.
+    - `is_whole_delay`: says that a delay which is traced by JAX is a multiple of the step size; a
+      step then costs half as much.
 
     **Raises:** `SimulationError` where the step size is not above 0 or steps of this size are not
     stable, or the delay is traced and `longest_delay` is missing, or is longer than that;
@@ -82,6 +97,12 @@ class Stepper(eqx.Module):
     and the rest."""
     factors: StepFactors
     field: ModalField
+    """Of all but what the plate loses beyond the modes' linear losses."""
+    plate: Float[Array, "elements modes"] | None
+    """The shapes of the plate, where it loses more than that."""
+    half_decay: Float[Array, " modes"]
+    half: Float[Array, " modes"]
+    """By how much amplitudes decay, and forces count, in half a step."""
     queue: int = eqx.field(static=True)
     """How many commands can be on their way."""
 
@@ -91,6 +112,7 @@ class Stepper(eqx.Module):
         step_size: float | int = 1.0,
         *,
         longest_delay: float | int | None = None,
+        is_whole_delay: bool = False,
     ):
         size = finite_number("Stepper: step_size", step_size, SimulationError)
         if size <= 0:
@@ -105,8 +127,10 @@ class Stepper(eqx.Module):
             self.system = twin if isinstance(twin, System) else _assembled(twin)
             self.reference = jnp.asarray(self.system.ambient_temperature)
             self.queue = _queue(self.system.delay, size, longest_delay)
-            prepared = _prepared(self.system, jnp.asarray(size, self.reference.dtype))
-            self.delay_steps, self.sizes, self.factors, self.field, stability = prepared
+            is_whole = is_whole_delay or is_multiple(self.system.delay, size)
+            prepared = _prepared(self.system, jnp.asarray(size, self.reference.dtype), is_whole)
+            self.delay_steps, self.sizes, self.factors, self.field = prepared[:4]
+            self.plate, self.half_decay, self.half, stability = prepared[4:]
         if not is_traced(stability) and not float(stability) <= STABILITY_LIMIT:
             raise SimulationError(
                 f"Stepper: step_size: expected steps with a stability number of at most "
@@ -224,26 +248,131 @@ def _assembled(twin: Twin) -> System:
     return twin.system()
 
 
+def is_multiple(delay: Float[Array | np.ndarray, ""] | float | None, step_size: float) -> bool:
+    """Whether a driver's delay is a whole number of steps; False where JAX traces it."""
+    if delay is None:
+        return True
+    if is_traced(delay):
+        return False
+    steps = float(delay) / step_size
+    return abs(steps - round(steps)) <= WHOLE * max(steps, 1.0)
+
+
 @persistent_jit
 def _prepared(
-    system: System, step_size: Float[Array, ""]
-) -> tuple[Int[Array, ""], Float[Array, " parts"], StepFactors, ModalField, Float[Array, ""]]:
-    """The delay in whole steps, the parts of a step, their factors, the vector field, and the
-    stability number over all duty cycles."""
+    system: System, step_size: Float[Array, ""], is_whole_delay: bool
+) -> tuple[
+    Int[Array, ""],
+    Float[Array, " parts"],
+    StepFactors,
+    ModalField,
+    Float[Array, "elements modes"] | None,
+    Float[Array, " modes"],
+    Float[Array, " modes"],
+    Float[Array, ""],
+]:
+    """The delay in whole steps, the parts of a step, their factors, the vector field, the shapes of
+    the plate, two factors of half a step, and the stability number over all duty cycles."""
     reference = jnp.asarray(system.ambient_temperature)
     idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
     modes = network_modes(system, idle, reference)
     if system.delay is None:
         whole, sizes = jnp.asarray(0), step_size[None]
+    elif is_whole_delay:
+        whole, sizes = jnp.round(system.delay / step_size).astype(int), step_size[None]
     else:
         # Rounding must not make n - 1 steps and a whole one of a delay of n steps.
-        whole = jnp.floor(system.delay / step_size * (1 + 1e-9)).astype(int)
+        whole = jnp.floor(system.delay / step_size * (1 + WHOLE)).astype(int)
         rest = jnp.maximum(system.delay - whole * step_size, 0.0)
         sizes = jnp.stack([rest, step_size - rest])
     levels = jnp.stack([idle - 1, idle, idle + 1])
     stability = remainder_gain(system, modes, levels, reference, step_size)
-    field = ModalField.of(system, modes, reference)
-    return whole, sizes, step_factors(modes.rates, sizes), field, stability
+    linear = eqx.tree_at(lambda m: m.plate, modes, None, is_leaf=lambda leaf: leaf is None)
+    field = ModalField.of(system, linear, reference)
+    of_step = step_factors(modes.rates, step_size)
+    factors = step_factors(modes.rates, sizes)
+    return whole, sizes, factors, field, modes.plate, of_step.half_decay, of_step.half, stability
+
+
+def to_modal(stepper: Stepper, state: StepperState) -> ModalState:
+    """The same state in the modes."""
+    deviation = jnp.asarray(state.nodes) + ZERO_CELSIUS - stepper.reference
+    amplitudes = stepper.field.modes.amplitudes(deviation)
+    return ModalState(amplitudes, jnp.asarray(state.duty), jnp.asarray(state.commands))
+
+
+def node_temperatures(stepper: Stepper, state: ModalState) -> Float[Array, " nodes"]:
+    """Of all nodes, degC."""
+    deviation = stepper.field.modes.shapes @ state.amplitudes
+    return deviation + stepper.reference - ZERO_CELSIUS
+
+
+def advance(
+    stepper: Stepper,
+    state: ModalState,
+    command: Float[Array, " cells"],
+    ambient: Float[Array, ""],
+    heat: Float[Array, " nodes"] | None = None,
+) -> ModalState:
+    """The state after a step under a command; ambient in degC, heat in W."""
+    system, modes = stepper.system, stepper.field.modes
+    surroundings = ambient + ZERO_CELSIUS - stepper.reference
+    modal_heat = None if heat is None else modes.shapes.T @ heat
+    if system.delay is None:
+        commands, arriving = state.commands, command[None]
+    else:
+        commands = jnp.concatenate([command[None], state.commands[:-1]])
+        places = stepper.delay_steps + jnp.arange(len(stepper.sizes))[::-1]
+        arriving = commands[places]
+    amplitudes, duty = state.amplitudes, state.duty
+    now = arriving[0] if system.lag is None else duty
+    loss = _loss_line(stepper, state, now, surroundings, modal_heat)
+    begin = jnp.zeros_like(stepper.sizes[0])
+    for number in range(len(stepper.sizes)):
+        size = stepper.sizes[number]
+        factors = jax.tree.map(lambda table, n=number: table[n], stepper.factors)
+        flow = modal_heat if loss is None else loss(begin + size * _stages(size))
+        inputs, duty = _inputs(system, duty, arriving[number], size, surroundings, flow)
+        force = stepper.field.force(amplitudes, inputs.at(0))
+        amplitudes, _ = exponential_step(amplitudes, force, factors, stepper.field, inputs)
+        begin = begin + size
+    return ModalState(amplitudes, duty, commands)
+
+
+def _loss_line(
+    stepper: Stepper,
+    state: ModalState,
+    duty: Float[Array, " cells"],
+    surroundings: Float[Array, ""],
+    heat: Float[Array, " modes"] | None,
+) -> Callable[[Array], Float[Array, "times modes"]] | None:
+    """What the plate loses beyond the modes' linear losses, with `heat`, as forces at times within
+    a step, s; None where losses are linear.
+
+    It changes by a thousandth in a second, and costs more than all the rest: it is computed at the
+    start of a step and where its middle will be, and lies on the line through both.
+    """
+    system, modes = stepper.system, stepper.field.modes
+    linearised, plate = modes.linearised_loss, stepper.plate
+    if system.loss is None or linearised is None or plate is None:
+        return None
+    law = system.loss
+
+    def force(amplitudes: Array) -> Array:
+        deviation = plate @ amplitudes
+        lost = law.heat(deviation - surroundings, stepper.reference + surroundings)
+        found = plate.T @ (linearised * deviation - lost)
+        return found if heat is None else found + heat
+
+    first = force(state.amplitudes)
+    begin = stepper.field.force(state.amplitudes, Inputs(duty, surroundings, first))
+    middle = force(stepper.half_decay * state.amplitudes + stepper.half * begin)
+    slope = (middle - first) * 2 / stepper.sizes.sum()
+    return lambda times: first + times[:, None] * slope
+
+
+def _stages(size: Float[Array, ""]) -> Float[Array, " 3"]:
+    return jnp.array([0.0, 0.5, 1.0], size.dtype)
 
 
 def _take_steps(
@@ -254,35 +383,12 @@ def _take_steps(
     steps: Int[Array, ""] | int,
     heat: Float[Array, " nodes"] | None,
 ) -> StepperState:
-    system, modes, reference = stepper.system, stepper.field.modes, stepper.reference
-    surroundings = ambient + ZERO_CELSIUS - reference
-    modal_heat = None if heat is None else modes.shapes.T @ heat
-
-    def part(
-        carry: tuple[Array, Array], arriving: tuple[Array, Array, StepFactors]
-    ) -> tuple[tuple[Array, Array], None]:
-        (amplitudes, duty), (arrived, size, factors) = carry, arriving
-        inputs, duty = _inputs(system, duty, arrived, size, surroundings, modal_heat)
-        force = stepper.field.force(amplitudes, inputs.at(0))
-        end, _ = exponential_step(amplitudes, force, factors, stepper.field, inputs)
-        return (end, duty), None
-
-    def step(number: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    def step(number: Array, state: ModalState) -> ModalState:
         del number
-        amplitudes, duty, commands = carry
-        if system.delay is None:
-            arriving = command[None]
-        else:
-            commands = jnp.concatenate([command[None], commands[:-1]])
-            arriving = commands[jnp.stack([stepper.delay_steps + 1, stepper.delay_steps])]
-        parts = arriving, stepper.sizes, stepper.factors
-        (amplitudes, duty), _ = jax.lax.scan(part, (amplitudes, duty), parts)
-        return amplitudes, duty, commands
+        return advance(stepper, state, command, ambient, heat)
 
-    start = modes.amplitudes(jnp.asarray(state.nodes) + ZERO_CELSIUS - reference)
-    first = start, jnp.asarray(state.duty), jnp.asarray(state.commands)
-    amplitudes, duty, commands = jax.lax.fori_loop(0, steps, step, first)
-    return StepperState(modes.shapes @ amplitudes + reference - ZERO_CELSIUS, duty, commands)
+    end = jax.lax.fori_loop(0, steps, step, to_modal(stepper, state))
+    return StepperState(node_temperatures(stepper, end), end.duty, end.commands)
 
 
 _steps = jax.jit(_take_steps)
@@ -294,7 +400,7 @@ def _inputs(
     command: Float[Array, " cells"],
     size: Float[Array, ""],
     surroundings: Float[Array, ""],
-    heat: Float[Array, " modes"] | None,
+    heat: Float[Array, "*stages modes"] | None,
 ) -> tuple[Inputs, Float[Array, " cells"]]:
     """The inputs of a step under a command that has arrived, and the duty at its end."""
     if system.lag is None:
