@@ -16,7 +16,7 @@ def compiled(sources: CSources, main: str) -> Path:
     program = sources.source.with_name("program")
     command = [shutil.which("cc") or "cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
     command += ["-Wconversion", "-Wdouble-promotion", "-O2", str(sources.source), str(file)]
-    subprocess.run([*command, "-o", str(program)], check=True)
+    subprocess.run([*command, "-o", str(program), "-lm"], check=True)
     return program
 
 

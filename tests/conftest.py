@@ -92,7 +92,7 @@ PROGRAMS = {
 }
 """Marker -> the program that its tests need."""
 
-MODULES = {"salib": "SALib", "python_control": "control"}
+MODULES = {"salib": "SALib", "python_control": "control", "fmpy": "fmpy"}
 """Marker -> the Python module that its tests need."""
 
 

@@ -10,10 +10,11 @@ from ._errors import RecordingError as RecordingError
 from ._errors import RigError as RigError
 from ._errors import SafetyStop as SafetyStop
 from ._errors import SimulationError as SimulationError
-from .c_export import export_c as export_c  # a model or controller as C
+from .c_export import export_c as export_c  # a model, a twin or a controller as C
 from .control import LinearModel as LinearModel  # a twin near an operating point
 from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin
+from .fmu import export_fmu as export_fmu  # a twin as an FMU, for other simulators
 from .io import Experiment as Experiment  # inputs and recorded outputs of one run
 from .io import fetch_recordings as fetch_recordings  # the authors' recordings, by checksum
 from .io import find_recordings as find_recordings  # where they are on this machine

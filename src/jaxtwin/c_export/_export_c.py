@@ -10,8 +10,10 @@ from .._arguments import of_kind, path_of
 from .._errors import ControlError
 from ..control import PID, DecoupledPI, DiscreteModel
 from ..rig import Rig
+from ..simulation import Stepper
 from ._controller_c import controller_c
 from ._discrete_model_c import discrete_model_c
+from ._stepper_c import stepper_c
 
 PRECISIONS = ("double", "float")
 
@@ -32,7 +34,7 @@ class CSources:
 
 
 def export_c(
-    model: DiscreteModel | PID | DecoupledPI,
+    model: DiscreteModel | Stepper | PID | DecoupledPI,
     folder: str | os.PathLike[str],
     *,
     rig: Rig | None = None,
@@ -40,8 +42,8 @@ def export_c(
     precision: Literal["double", "float"] = "double",
     origin: str = "",
 ) -> CSources:
-    """Writes a model or a controller as `name.h` and `name.c`: C99, no memory from the heap, no
-    library but `math.h` for controllers.
+    """Writes a model, a twin or a controller as `name.h` and `name.c`: C99, no memory from the
+    heap, no library but `math.h`, which a linear model does not need.
 
     All that changes is in a struct, so that several models run beside each other:
 
@@ -58,6 +60,13 @@ def export_c(
     With `float`, what a step adds to the state is computed instead of the new state, since the
     slow poles of a plate lie so near to 1 that `float` would round their time constants.
 
+    A twin is written as its steps, nonlinear as they are; `model_nodes` gives the temperatures
+    where no sensor is:
+
+    ```python
+    jt.export_c(jt.Stepper(twin, 1.0), "firmware", name="plate")
+    ```
+
     A controller has two functions, as in Python. Without a measurement (NaN) it goes on with the
     last one, and after 3 s its duty is 0 until it is started anew, as in `simulate_closed_loop`:
 
@@ -71,8 +80,8 @@ def export_c(
     **Arguments:**
 
     - `model`: a model at sample times, from `LinearModel.discretise` (reduce it first where memory
-      is short), or a controller.
-    - `rig`: of a controller: its cells and channels. None: of a model, which knows them.
+      is short), a `Stepper` of a twin, or a controller.
+    - `rig`: of a controller: its cells and channels. None: of a model or a twin, which know them.
     - `folder`: where to write; made where it does not exist. Files of these names are replaced.
     - `name`: of the files, and the beginning of all names in them.
     - `precision`: of all numbers.
@@ -94,11 +103,17 @@ def export_c(
         of_rig = of_kind("export_c: rig", rig, Rig, "the controller's, as twin.rig", ControlError)
         code = controller_c(model, of_rig, name, precision, origin)
     else:
-        expected = "a DiscreteModel, as LinearModel.discretise makes it, a PID or a DecoupledPI"
-        of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
         if rig is not None:
             raise ControlError(f"export_c: rig: expected none beside a model, got {rig.name}")
-        code = discrete_model_c(model, name, precision, origin)
+        if isinstance(model, Stepper):
+            code = stepper_c(model, name, precision, origin)
+        else:
+            expected = (
+                "a DiscreteModel, as LinearModel.discretise makes it, a Stepper, a PID or a "
+                "DecoupledPI"
+            )
+            of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
+            code = discrete_model_c(model, name, precision, origin)
     target.mkdir(parents=True, exist_ok=True)
     header, source = target / f"{name}.h", target / f"{name}.c"
     header.write_text(code.header, encoding="ascii")

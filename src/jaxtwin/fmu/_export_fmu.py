@@ -1,0 +1,193 @@
+"""A twin as an FMU: a zip file with a description, C sources, and a binary for this machine."""
+
+import hashlib
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, final
+
+import numpy as np
+
+from .._arguments import path_of
+from .._errors import ControlError
+from .._whole_file import check_ending, write_whole_file
+from ..c_export._stepper_c import stepper_c
+from ..matching import Fit
+from ..physics import Twin, check_twin
+from ..simulation import Stepper
+from ._fmi2_c import fmi2_c
+from ._fmi3_c import fmi3_c
+from ._instance_c import instance_c
+from ._model_description import build_description, model_description
+from ._variables import variables_of
+
+VERSIONS = ("2.0", "3.0")
+
+SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
+"""Platform of Python -> how FMI calls it, and the ending of its libraries."""
+
+
+@final
+@dataclass(frozen=True)
+class FMU:
+    """What `export_fmu` wrote.
+
+    - `path`: the file.
+    - `inputs`, `outputs`: names of its variables. Those of the nodes, `node.NAME`, can be set
+      before the start.
+    - `binary`: the platform that it has a binary for, None where it has only sources.
+    """
+
+    path: Path
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    binary: str | None
+
+
+def export_fmu(
+    twin: Twin | Fit,
+    path: str | os.PathLike[str],
+    *,
+    step_size: float | int = 1.0,
+    version: Literal["2.0", "3.0"] = "2.0",
+    compiler: str | None = "cc",
+    origin: str = "",
+) -> FMU:
+    """Writes a twin as an FMU for co-simulation, which other simulators run.
+
+    ```python
+    jt.export_fmu(jt.Twin("dual-cell"), "dual-cell.fmu")
+    ```
+
+    The FMU is the nonlinear twin of `Stepper`, as C. Inputs are the duty cycles (`duty.P1`, -1 to
+    1) and the ambient, outputs the channels, both temperatures in degC; the temperatures of the
+    nodes (`node.V11`) can be read, and set before the start. It takes its own steps of `step_size`
+    under the inputs at their beginning, whatever the steps of the simulator; outputs are those of
+    the last of them.
+
+    **Arguments:**
+
+    - `twin`: rig and parameters; or a fit, whose nominal twin counts.
+    - `path`: of the file, .fmu; replaced where it exists.
+    - `step_size`: s.
+    - `version`: of FMI.
+    - `compiler`: of C, for the binary, called like cc or gcc; None: sources alone, for simulators
+      that compile them.
+    - `origin`: where the parameters come from, a line for the sources.
+
+    **Returns:** the file, and what goes in and out.
+
+    **Raises:** `ControlError` for another version or ending, and where the compiler is not found
+    or fails; `SimulationError` and `ParameterError` as `Stepper` does.
+    """
+    plant = twin.twin if isinstance(twin, Fit) else twin
+    check_twin("export_fmu: twin", plant, ControlError)
+    if version not in VERSIONS:
+        raise ControlError(f"export_fmu: version: expected '2.0' or '3.0', got {version!r}")
+    check_ending(path, [".fmu"], ControlError)
+    target = path_of("export_fmu: path", path, ControlError)
+    stepper = Stepper(plant, step_size)
+    name = "twin_" + re.sub(r"\W", "_", plant.rig.name, flags=re.ASCII)
+    variables = variables_of(stepper)
+    sources = _sources(stepper, name, version, origin)
+    compiled = [file for file in sources if file.endswith(".c")]
+    token = hashlib.sha256("".join(sources.values()).encode()).hexdigest()[:32]
+    sources = {file: text.replace("@TOKEN@", token) for file, text in sources.items()}
+    files = {f"sources/{file}": text.encode("ascii") for file, text in sources.items()}
+    if version == "3.0":
+        files["sources/buildDescription.xml"] = build_description(name, compiled)
+    files["modelDescription.xml"] = model_description(
+        variables,
+        version=version,
+        title=plant.rig.name,
+        identifier=name,
+        token=token,
+        step_size=float(step_size),
+        generator="jaxtwin",
+        sources=compiled,
+    )
+    binary = None
+    if compiler is not None:
+        binary, library = _platform(version)
+        files[f"binaries/{binary}/{name}{library}"] = _compiled(compiler, sources, library)
+    _write(target, files)
+    names = {
+        causality: tuple(v.name for v in variables if v.causality == causality)
+        for causality in ("input", "output")
+    }
+    return FMU(target, names["input"], names["output"], binary)
+
+
+def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str, str]:
+    """File -> text, with a place for the token."""
+    code = stepper_c(stepper, name, "double", origin)
+    start = ", ".join(repr(number) for number in np.asarray(stepper.start().nodes).tolist())
+    begin = instance_c(name, "@TOKEN@").replace(
+        "static void reset(",
+        f"static const double {name}_start[] = {{{start}}};\n\nstatic void reset(",
+    )
+    functions = fmi2_c() if version == "2.0" else fmi3_c()
+    wrapper = "fmi2.c" if version == "2.0" else "fmi3.c"
+    return {f"{name}.h": code.header, f"{name}.c": code.source, wrapper: begin + functions}
+
+
+def _platform(version: str) -> tuple[str, str]:
+    """How FMI calls this machine, and the ending of its libraries.
+
+    **Raises:** `ControlError` for a system that FMI has no name for.
+    """
+    if sys.platform not in SYSTEMS:
+        raise ControlError(
+            f"export_fmu: compiler: expected Linux, macOS or Windows for a binary, got "
+            f"{sys.platform}; compiler=None writes sources alone"
+        )
+    system, library = SYSTEMS[sys.platform]
+    if version == "2.0":
+        return system + ("64" if sys.maxsize > 2**32 else "32"), library
+    machine = platform.machine().lower()
+    architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+    return f"{architecture}-{'windows' if system == 'win' else system}", library
+
+
+def _compiled(compiler: str, sources: dict[str, str], library: str) -> bytes:
+    """The shared library.
+
+    **Raises:** `ControlError` where the compiler is not found or fails.
+    """
+    program = shutil.which(compiler)
+    if program is None:
+        raise ControlError(
+            f"export_fmu: compiler: expected a C compiler, {compiler!r} is not found; install one, "
+            "or compiler=None for an FMU of sources alone"
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        for file, text in sources.items():
+            (Path(folder) / file).write_text(text, encoding="ascii")
+        out = f"model{library}"
+        command = [program, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"]
+        command += [*(file for file in sources if file.endswith(".c")), "-o", out, "-lm"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise ControlError(
+                f"export_fmu: compiler: {compiler} failed: {done.stderr.strip()[-500:]}"
+            )
+        return (Path(folder) / out).read_bytes()
+
+
+def _write(target: Path, files: dict[str, bytes]) -> None:
+    """The zip file, the same bytes for the same contents."""
+    with tempfile.TemporaryDirectory() as folder:
+        whole = Path(folder) / "model.fmu"
+        with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
+            for file, content in files.items():
+                entry = zipfile.ZipInfo(file, (1980, 1, 1, 0, 0, 0))
+                entry.external_attr = 0o644 << 16
+                archive.writestr(entry, content, zipfile.ZIP_DEFLATED)
+        write_whole_file(target, whole.read_bytes(), ControlError)

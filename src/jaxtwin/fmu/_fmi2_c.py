@@ -1,0 +1,191 @@
+"""The functions of FMI 2.0 for co-simulation, as C.
+
+They are declared here as the standard has them, so that the sources need no header but those of C.
+"""
+
+from collections.abc import Iterator
+
+
+def fmi2_c() -> str:
+    """What follows the instance."""
+    return _TYPES + "".join(_refused()) + _FUNCTIONS
+
+
+_TYPES = """typedef void *component_t;
+typedef int bool_t;
+typedef int status_t; /* 0 OK, 1 warning, 2 discard, 3 error, 4 fatal */
+
+#define OK 0
+#define ERROR 3
+
+"""
+
+_FUNCTIONS = """EXPORTED const char *fmi2GetTypesPlatform(void)
+{
+    return "default";
+}
+
+EXPORTED const char *fmi2GetVersion(void)
+{
+    return "2.0";
+}
+
+EXPORTED status_t fmi2SetDebugLogging(component_t c, bool_t on, size_t n, const char *const names[])
+{
+    (void)c;
+    (void)on;
+    (void)n;
+    (void)names;
+    return OK;
+}
+
+/* Of the two types of FMUs, 1 is for co-simulation. */
+EXPORTED component_t fmi2Instantiate(const char *name, int type, const char *guid,
+                                     const char *resources, const void *callbacks, bool_t visible,
+                                     bool_t logging)
+{
+    (void)name;
+    (void)resources;
+    (void)callbacks;
+    (void)visible;
+    (void)logging;
+    return type == 1 ? instantiate(guid) : NULL;
+}
+
+EXPORTED void fmi2FreeInstance(component_t c)
+{
+    free(c);
+}
+
+EXPORTED status_t fmi2SetupExperiment(component_t c, bool_t has_tolerance, double tolerance,
+                                      double start, bool_t has_stop, double stop)
+{
+    instance_t *self = c;
+    (void)has_tolerance;
+    (void)tolerance;
+    (void)has_stop;
+    (void)stop;
+    self->start = self->time = start;
+    return isfinite(start) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi2EnterInitializationMode(component_t c)
+{
+    (void)c;
+    return OK;
+}
+
+EXPORTED status_t fmi2ExitInitializationMode(component_t c)
+{
+    initialize(c);
+    return OK;
+}
+
+EXPORTED status_t fmi2Terminate(component_t c)
+{
+    (void)c;
+    return OK;
+}
+
+EXPORTED status_t fmi2Reset(component_t c)
+{
+    reset(c);
+    return OK;
+}
+
+EXPORTED status_t fmi2GetReal(component_t c, const uint32_t v[], size_t n, double values[])
+{
+    return get(c, v, n, values) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi2SetReal(component_t c, const uint32_t v[], size_t n, const double values[])
+{
+    return set(c, v, n, values) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi2DoStep(component_t c, double time, double size, bool_t is_final)
+{
+    (void)is_final;
+    return advance(c, time, size) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi2GetFMUstate(component_t c, void **state)
+{
+    if (*state == NULL) {
+        *state = copied(c);
+        return *state == NULL ? ERROR : OK;
+    }
+    memcpy(*state, c, sizeof(instance_t));
+    return OK;
+}
+
+EXPORTED status_t fmi2SetFMUstate(component_t c, void *state)
+{
+    memcpy(c, state, sizeof(instance_t));
+    return OK;
+}
+
+EXPORTED status_t fmi2FreeFMUstate(component_t c, void **state)
+{
+    (void)c;
+    free(*state);
+    *state = NULL;
+    return OK;
+}
+"""
+
+
+def _refused() -> Iterator[str]:
+    """Functions for values and abilities that a twin does not have: an error, unless for nothing
+    at all."""
+    for kind, value in (("Integer", "int"), ("Boolean", "bool_t"), ("String", "char *")):
+        constant = "const char *const" if kind == "String" else f"const {value}"
+        got = "const char *" if kind == "String" else f"{value} "
+        yield _none(f"fmi2Get{kind}", f"const uint32_t v[], size_t n, {got}values[]", "v values")
+        yield _none(
+            f"fmi2Set{kind}", f"const uint32_t v[], size_t n, {constant} values[]", "v values"
+        )
+    for name, arguments in (
+        ("fmi2SetRealInputDerivatives", "const double values[]"),
+        ("fmi2GetRealOutputDerivatives", "double values[]"),
+    ):
+        given = f"const uint32_t v[], size_t n, const int order[], {arguments}"
+        yield _none(name, given, "v order values")
+    yield _error("fmi2CancelStep", "", "")
+    for kind, value in (
+        ("", "int"),
+        ("Real", "double"),
+        ("Integer", "int"),
+        ("Boolean", "bool_t"),
+        ("String", "const char *"),
+    ):
+        yield _error(f"fmi2Get{kind}Status", f"int kind, {value} *value", "kind value")
+    yield _error("fmi2SerializedFMUstateSize", "void *state, size_t *size", "state size")
+    yield _error(
+        "fmi2SerializeFMUstate", "void *state, char bytes[], size_t size", "state bytes size"
+    )
+    yield _error(
+        "fmi2DeSerializeFMUstate",
+        "const char bytes[], size_t size, void **state",
+        "bytes size state",
+    )
+    yield _error(
+        "fmi2GetDirectionalDerivative",
+        "const uint32_t z[], size_t nz, const uint32_t v[], size_t nv, const double dv[], "
+        "double dz[]",
+        "z nz v nv dv dz",
+    )
+
+
+def _none(name: str, arguments: str, unused: str) -> str:
+    return _function(name, arguments, unused, "n == 0 ? OK : ERROR")
+
+
+def _error(name: str, arguments: str, unused: str) -> str:
+    return _function(name, arguments, unused, "ERROR")
+
+
+def _function(name: str, arguments: str, unused: str, answer: str) -> str:
+    given = f"component_t c, {arguments}" if arguments else "component_t c"
+    ignored = "".join(f"    (void){word};\n" for word in ["c", *unused.split()])
+    return f"EXPORTED status_t {name}({given})\n{{\n{ignored}    return {answer};\n}}\n\n"

@@ -1,0 +1,262 @@
+"""The functions of FMI 3.0 for co-simulation, as C; those that a twin has no use for are refused.
+
+They are declared here as the standard has them, so that the sources need no header but those of C.
+"""
+
+from collections.abc import Iterator
+
+
+def fmi3_c() -> str:
+    """What follows the instance."""
+    return _TYPES + "".join(_refused()) + _FUNCTIONS
+
+
+_TYPES = """#include <stdbool.h>
+
+typedef void *component_t;
+typedef int status_t; /* 0 OK, 1 warning, 2 discard, 3 error, 4 fatal */
+
+#define OK 0
+#define ERROR 3
+
+"""
+
+_FUNCTIONS = """EXPORTED const char *fmi3GetVersion(void)
+{
+    return "3.0";
+}
+
+EXPORTED status_t fmi3SetDebugLogging(component_t c, bool on, size_t n, const char *const names[])
+{
+    (void)c;
+    (void)on;
+    (void)n;
+    (void)names;
+    return OK;
+}
+
+EXPORTED component_t fmi3InstantiateModelExchange(const char *name, const char *given,
+                                                  const char *resources, bool visible,
+                                                  bool logging, void *environment,
+                                                  void (*message)(void))
+{
+    (void)name;
+    (void)given;
+    (void)resources;
+    (void)visible;
+    (void)logging;
+    (void)environment;
+    (void)message;
+    return NULL;
+}
+
+EXPORTED component_t fmi3InstantiateScheduledExecution(const char *name, const char *given,
+                                                       const char *resources, bool visible,
+                                                       bool logging, void *environment,
+                                                       void (*message)(void),
+                                                       void (*update)(void), void (*lock)(void),
+                                                       void (*unlock)(void))
+{
+    (void)update;
+    (void)lock;
+    (void)unlock;
+    return fmi3InstantiateModelExchange(name, given, resources, visible, logging, environment,
+                                        message);
+}
+
+EXPORTED component_t fmi3InstantiateCoSimulation(
+    const char *name, const char *given, const char *resources, bool visible, bool logging,
+    bool has_events, bool may_return_early, const uint32_t intermediate[], size_t n,
+    void *environment, void (*message)(void), void (*update)(void))
+{
+    (void)name;
+    (void)resources;
+    (void)visible;
+    (void)logging;
+    (void)has_events;
+    (void)may_return_early;
+    (void)intermediate;
+    (void)n;
+    (void)environment;
+    (void)message;
+    (void)update;
+    return instantiate(given);
+}
+
+EXPORTED void fmi3FreeInstance(component_t c)
+{
+    free(c);
+}
+
+EXPORTED status_t fmi3EnterInitializationMode(component_t c, bool has_tolerance, double tolerance,
+                                              double start, bool has_stop, double stop)
+{
+    instance_t *self = c;
+    (void)has_tolerance;
+    (void)tolerance;
+    (void)has_stop;
+    (void)stop;
+    self->start = self->time = start;
+    return isfinite(start) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3ExitInitializationMode(component_t c)
+{
+    initialize(c);
+    return OK;
+}
+
+EXPORTED status_t fmi3Terminate(component_t c)
+{
+    (void)c;
+    return OK;
+}
+
+EXPORTED status_t fmi3EnterStepMode(component_t c)
+{
+    (void)c;
+    return OK;
+}
+
+EXPORTED status_t fmi3Reset(component_t c)
+{
+    reset(c);
+    return OK;
+}
+
+EXPORTED status_t fmi3GetFloat64(component_t c, const uint32_t v[], size_t n, double values[],
+                                 size_t count)
+{
+    return count == n && get(c, v, n, values) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3SetFloat64(component_t c, const uint32_t v[], size_t n,
+                                 const double values[], size_t count)
+{
+    return count == n && set(c, v, n, values) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3DoStep(component_t c, double time, double size, bool never_back,
+                             bool *needs_events, bool *terminate, bool *early, double *last)
+{
+    (void)never_back;
+    *needs_events = false;
+    *terminate = false;
+    *early = false;
+    if (!advance(c, time, size)) {
+        return ERROR;
+    }
+    *last = time + size;
+    return OK;
+}
+
+EXPORTED status_t fmi3GetFMUState(component_t c, void **state)
+{
+    if (*state == NULL) {
+        *state = copied(c);
+        return *state == NULL ? ERROR : OK;
+    }
+    memcpy(*state, c, sizeof(instance_t));
+    return OK;
+}
+
+EXPORTED status_t fmi3SetFMUState(component_t c, void *state)
+{
+    memcpy(c, state, sizeof(instance_t));
+    return OK;
+}
+
+EXPORTED status_t fmi3FreeFMUState(component_t c, void **state)
+{
+    (void)c;
+    free(*state);
+    *state = NULL;
+    return OK;
+}
+"""
+
+_KINDS = {
+    "Float32": "float",
+    "Int8": "int8_t",
+    "UInt8": "uint8_t",
+    "Int16": "int16_t",
+    "UInt16": "uint16_t",
+    "Int32": "int32_t",
+    "UInt32": "uint32_t",
+    "Int64": "int64_t",
+    "UInt64": "uint64_t",
+    "Boolean": "bool",
+    "String": "const char *",
+}
+"""Of values that no twin has."""
+
+_SOME = "const uint32_t v[], size_t n"
+
+_OTHERS = {
+    "fmi3EnterEventMode": "",
+    "fmi3GetNumberOfVariableDependencies": "uint32_t v, size_t *a",
+    "fmi3GetVariableDependencies": (
+        "uint32_t v, size_t a[], uint32_t b[], size_t d[], int e[], size_t n"
+    ),
+    "fmi3SerializedFMUStateSize": "void *a, size_t *b",
+    "fmi3SerializeFMUState": "void *a, uint8_t b[], size_t n",
+    "fmi3DeserializeFMUState": "const uint8_t a[], size_t n, void **b",
+    "fmi3GetDirectionalDerivative": (
+        f"{_SOME}, const uint32_t a[], size_t b, const double d[], size_t e, double f[], size_t g"
+    ),
+    "fmi3GetAdjointDerivative": (
+        f"{_SOME}, const uint32_t a[], size_t b, const double d[], size_t e, double f[], size_t g"
+    ),
+    "fmi3EnterConfigurationMode": "",
+    "fmi3ExitConfigurationMode": "",
+    "fmi3GetIntervalDecimal": f"{_SOME}, double a[], int b[]",
+    "fmi3GetIntervalFraction": f"{_SOME}, uint64_t a[], uint64_t b[], int d[]",
+    "fmi3GetShiftDecimal": f"{_SOME}, double a[]",
+    "fmi3GetShiftFraction": f"{_SOME}, uint64_t a[], uint64_t b[]",
+    "fmi3SetIntervalDecimal": f"{_SOME}, const double a[]",
+    "fmi3SetIntervalFraction": f"{_SOME}, const uint64_t a[], const uint64_t b[]",
+    "fmi3SetShiftDecimal": f"{_SOME}, const double a[]",
+    "fmi3SetShiftFraction": f"{_SOME}, const uint64_t a[], const uint64_t b[]",
+    "fmi3EvaluateDiscreteStates": "",
+    "fmi3UpdateDiscreteStates": "bool *a, bool *b, bool *d, bool *e, bool *f, double *g",
+    "fmi3EnterContinuousTimeMode": "",
+    "fmi3CompletedIntegratorStep": "bool a, bool *b, bool *d",
+    "fmi3SetTime": "double a",
+    "fmi3SetContinuousStates": "const double a[], size_t n",
+    "fmi3GetContinuousStateDerivatives": "double a[], size_t n",
+    "fmi3GetEventIndicators": "double a[], size_t n",
+    "fmi3GetContinuousStates": "double a[], size_t n",
+    "fmi3GetNominalsOfContinuousStates": "double a[], size_t n",
+    "fmi3GetNumberOfEventIndicators": "size_t *a",
+    "fmi3GetNumberOfContinuousStates": "size_t *a",
+    "fmi3GetOutputDerivatives": f"{_SOME}, const int32_t a[], double b[], size_t d",
+    "fmi3ActivateModelPartition": "uint32_t v, double a",
+}
+"""Functions for clocks, events, derivatives and states, none of which a twin here has."""
+
+
+def _refused() -> Iterator[str]:
+    for kind, value in _KINDS.items():
+        space = "" if value.endswith("*") else " "
+        constant = "const char *const " if kind == "String" else f"const {value} "
+        got = f"{_SOME}, {value}{space}values[], size_t count"
+        yield _function(f"fmi3Get{kind}", got, "n == 0 ? OK : ERROR")
+        given = f"{_SOME}, {constant}values[], size_t count"
+        yield _function(f"fmi3Set{kind}", given, "n == 0 ? OK : ERROR")
+    binary = f"{_SOME}, {{}} sizes[], {{}} values[], size_t count"
+    got = binary.format("size_t", "const uint8_t *")
+    yield _function("fmi3GetBinary", got, "n == 0 ? OK : ERROR")
+    given = binary.format("const size_t", "const uint8_t *const")
+    yield _function("fmi3SetBinary", given, "n == 0 ? OK : ERROR")
+    yield _function("fmi3GetClock", f"{_SOME}, bool values[]", "n == 0 ? OK : ERROR")
+    yield _function("fmi3SetClock", f"{_SOME}, const bool values[]", "n == 0 ? OK : ERROR")
+    for name, arguments in _OTHERS.items():
+        yield _function(name, arguments, "ERROR")
+
+
+def _function(name: str, arguments: str, answer: str) -> str:
+    given = f"component_t c, {arguments}" if arguments else "component_t c"
+    words = [part.split()[-1].lstrip("*").removesuffix("[]") for part in given.split(", ")]
+    used = {"n"} if "n ==" in answer else set()
+    ignored = "".join(f"    (void){word};\n" for word in words if word not in used)
+    return f"EXPORTED status_t {name}({given})\n{{\n{ignored}    return {answer};\n}}\n\n"

@@ -1,0 +1,126 @@
+"""`modelDescription.xml` of an FMU, and `buildDescription.xml` of FMI 3."""
+
+from collections.abc import Sequence
+from xml.etree import ElementTree as ET
+
+from ._variables import Variable
+
+
+def model_description(
+    variables: Sequence[Variable],
+    *,
+    version: str,
+    title: str,
+    identifier: str,
+    token: str,
+    step_size: float,
+    generator: str,
+    sources: Sequence[str],
+) -> bytes:
+    """The description of a twin for co-simulation.
+
+    **Arguments:**
+
+    - `version`: of FMI, "2.0" or "3.0".
+    - `title`, `generator`: of the model, and by what it was made.
+    - `identifier`: of the binary and the functions.
+    - `token`: by which binary and description know each other.
+    - `step_size`: of the twin, s.
+    - `sources`: files to compile.
+    """
+    is_2 = version == "2.0"
+    root = ET.Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": version,
+            "modelName": title,
+            "guid" if is_2 else "instantiationToken": token,
+            "description": "A twin of a thermoelectric rig",
+            "generationTool": generator,
+            "variableNamingConvention": "flat",
+        },
+    )
+    simulation = ET.SubElement(
+        root,
+        "CoSimulation",
+        {
+            "modelIdentifier": identifier,
+            "canHandleVariableCommunicationStepSize": "true",
+            "canGetAndSetFMUstate" if is_2 else "canGetAndSetFMUState": "true",
+        },
+    )
+    if is_2:
+        files = ET.SubElement(simulation, "SourceFiles")
+        for name in sources:
+            ET.SubElement(files, "File", {"name": name})
+    units = ET.SubElement(root, "UnitDefinitions")
+    for name, base in (("s", {"s": "1"}), ("degC", {"K": "1", "offset": "273.15"})):
+        ET.SubElement(ET.SubElement(units, "Unit", {"name": name}), "BaseUnit", base)
+    ET.SubElement(root, "DefaultExperiment", {"startTime": "0", "stepSize": repr(step_size)})
+    listed = ET.SubElement(root, "ModelVariables")
+    for variable in variables:
+        if is_2:
+            _scalar_variable(listed, variable)
+        else:
+            _float64(listed, variable)
+    structure = ET.SubElement(root, "ModelStructure")
+    outputs = [variable.reference for variable in variables if variable.causality == "output"]
+    if is_2:
+        for kind in ("Outputs", "InitialUnknowns"):
+            group = ET.SubElement(structure, kind)
+            for reference in outputs:
+                ET.SubElement(group, "Unknown", {"index": str(reference + 1)})
+    else:
+        for kind in ("Output", "InitialUnknown"):
+            for reference in outputs:
+                ET.SubElement(structure, kind, {"valueReference": str(reference)})
+    return _text(root)
+
+
+def build_description(identifier: str, sources: Sequence[str]) -> bytes:
+    """What FMI 3 wants to know of the sources."""
+    root = ET.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
+    configuration = ET.SubElement(root, "BuildConfiguration", {"modelIdentifier": identifier})
+    group = ET.SubElement(configuration, "SourceFileSet", {"language": "C99"})
+    for name in sources:
+        ET.SubElement(group, "SourceFile", {"name": name})
+    return _text(root)
+
+
+def _scalar_variable(listed: ET.Element, variable: Variable) -> None:
+    attributes = {
+        "name": variable.name,
+        "valueReference": str(variable.reference),
+        "causality": variable.causality,
+        "variability": "continuous",
+        "description": variable.description,
+    }
+    if variable.causality == "local":
+        attributes["initial"] = "exact"
+    row = ET.SubElement(listed, "ScalarVariable", attributes)
+    ET.SubElement(row, "Real", _numbers(variable))
+
+
+def _float64(listed: ET.Element, variable: Variable) -> None:
+    attributes = {
+        "name": variable.name,
+        "valueReference": str(variable.reference),
+        "causality": variable.causality,
+        "variability": "continuous",
+        "description": variable.description,
+    }
+    if variable.causality == "local":
+        attributes["initial"] = "exact"
+    ET.SubElement(listed, "Float64", attributes | _numbers(variable))
+
+
+def _numbers(variable: Variable) -> dict[str, str]:
+    found = {"unit": variable.unit} if variable.unit else {}
+    if variable.limits is not None:
+        found |= {"min": repr(variable.limits[0]), "max": repr(variable.limits[1])}
+    return found if variable.start is None else found | {"start": repr(variable.start)}
+
+
+def _text(root: ET.Element) -> bytes:
+    ET.indent(root)
+    return ET.tostring(root, encoding="UTF-8", xml_declaration=True)

@@ -1,0 +1,166 @@
+"""An FMU of a twin, run by fmpy, beside `simulate`."""
+
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+from jaxtwin import ControlError, Experiment, Twin, export_fmu, simulate
+from jaxtwin.fmu import FMU
+
+VERSIONS: tuple[Literal["2.0", "3.0"], ...] = ("2.0", "3.0")
+
+pytestmark = [pytest.mark.c_compiler, pytest.mark.fmpy]
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+    return Twin("dual-cell")
+
+
+@pytest.fixture(scope="module", params=VERSIONS)
+def fmu(twin: Twin, request: pytest.FixtureRequest, tmp_path_factory: Any) -> FMU:
+    path = tmp_path_factory.mktemp("fmu") / "dual-cell.fmu"
+    return export_fmu(twin, path, version=request.param, origin="dual-cell, as bundled")
+
+
+def simulated(fmu: FMU, inputs: np.ndarray, **settings: Any) -> Any:
+    from fmpy import simulate_fmu
+
+    return simulate_fmu(str(fmu.path), input=inputs, step_size=1.0, **settings)
+
+
+def drive(twin: Twin, seconds: int) -> np.ndarray:
+    """A minute at each duty, as fmpy takes inputs: held from each time to the next."""
+    names = [f"duty.{cell.name}" for cell in twin.netlist.cells]
+    rows = np.zeros(seconds, dtype=[("time", float), *((name, float) for name in names)])
+    rows["time"] = np.arange(seconds)
+    levels = np.random.default_rng(0).uniform(-0.5, 1.0, (seconds // 60 + 1, len(names)))
+    for column, name in enumerate(names):
+        rows[name] = np.repeat(levels[:, column], 60)[:seconds]
+    return rows
+
+
+def test_the_description_is_that_of_the_standard(fmu: FMU):
+    """By its XML schema, and fmpy's further checks of variables, units and structure."""
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(fmu.path)) == []
+
+
+def test_ten_minutes_are_those_of_simulate(twin: Twin, fmu: FMU):
+    """Duty cycles that change each minute; to the error of steps of a second."""
+    rows = drive(twin, 601)
+    found = simulated(fmu, rows, stop_time=600.0, output=[*fmu.outputs, "node.P1.TC"])
+    duty = np.column_stack([rows[name] for name in rows.dtype.names[1:]])
+    expected = simulate(twin, Experiment(rows["time"], duty))
+    assert len(found["time"]) == 601
+    for number, channel in enumerate(twin.channels):
+        np.testing.assert_allclose(
+            found[channel], expected.temperatures[:, number], rtol=0, atol=5e-3, err_msg=channel
+        )
+    np.testing.assert_allclose(found["node.P1.TC"], expected.node("P1.TC"), rtol=0, atol=2e-2)
+
+
+def test_nodes_can_be_set_before_the_start_and_the_room_at_any_time(twin: Twin, fmu: FMU):
+    """A plate as warm as the room stays so."""
+    start = {f"node.{node.name}": 30.0 for node in twin.netlist.nodes}
+    still = simulated(fmu, None, stop_time=60.0, start_values={**start, "ambient": 30.0})
+    for channel in twin.channels:
+        np.testing.assert_allclose(still[channel], 30.0, rtol=0, atol=1e-9)
+
+
+def test_steps_of_the_simulator_need_not_be_those_of_the_twin(twin: Twin, fmu: FMU):
+    """At the twin's own steps both are the same."""
+    rows = drive(twin, 60)
+    fine = simulated(fmu, rows, stop_time=50.0)
+    from fmpy import simulate_fmu
+
+    coarse = simulate_fmu(
+        str(fmu.path), input=rows, step_size=0.25, output_interval=0.25, stop_time=50.0
+    )
+    np.testing.assert_allclose(coarse["T11"][::4], fine["T11"], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("duty.P1", 1.5), ("duty.P1", np.nan), ("ambient", np.inf)]
+)
+def test_inputs_that_are_none_are_refused(fmu: FMU, name: str, value: float):
+    with pytest.raises(Exception, match=r"fmi[23]Set(Real|Float64)"):
+        simulated(fmu, None, stop_time=2.0, start_values={name: value})
+
+
+def test_a_state_is_kept_and_gone_back_to(fmu: FMU, tmp_path: Path):
+    """By the functions of the standard: the same steps again are the same."""
+    import fmpy
+    from fmpy.fmi2 import FMU2Slave
+    from fmpy.fmi3 import FMU3Slave
+
+    description = fmpy.read_model_description(str(fmu.path))
+    is_2 = description.fmiVersion == "2.0"
+    numbers = {v.name: v.valueReference for v in description.modelVariables}
+    made = (FMU2Slave if is_2 else FMU3Slave)(
+        guid=description.guid,
+        unzipDirectory=fmpy.extract(str(fmu.path), str(tmp_path)),
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName="plate",
+    )
+    made.instantiate()
+    if is_2:
+        made.setupExperiment(startTime=0.0)
+    made.enterInitializationMode()
+    made.exitInitializationMode()
+    read = made.getReal if is_2 else made.getFloat64
+    write = made.setReal if is_2 else made.setFloat64
+    state = made.getFMUState()
+    start, ends = read([numbers["T11"]]), []
+    for _ in range(2):
+        write([numbers["duty.P1"]], [0.7])
+        for second in range(10):
+            made.doStep(currentCommunicationPoint=float(second), communicationStepSize=1.0)
+        ends.append(read([numbers["T11"]]))
+        made.setFMUState(state)
+    made.freeFMUState(state)
+    made.terminate()
+    made.freeInstance()
+    assert ends[0] == ends[1]
+    assert ends[0] > start
+
+
+def test_sources_compile_without_a_warning_and_need_no_other_header(fmu: FMU, tmp_path: Path):
+    with zipfile.ZipFile(fmu.path) as archive:
+        names = [name for name in archive.namelist() if name.startswith("sources/")]
+        archive.extractall(tmp_path, names)
+        assert any(name.startswith("binaries/") for name in archive.namelist())
+    assert "dual-cell, as bundled" in (tmp_path / "sources/twin_dual_cell.h").read_text()
+    command = [shutil.which("cc") or "cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+    for file in tmp_path.glob("sources/*.c"):
+        subprocess.run([*command, "-c", str(file), "-o", str(tmp_path / "out.o")], check=True)
+
+
+def test_the_same_twin_is_the_same_file(twin: Twin, fmu: FMU, tmp_path: Path):
+    version = "2.0" if "fmi2" in str(zipfile.ZipFile(fmu.path).namelist()) else "3.0"
+    again = export_fmu(
+        twin, tmp_path / "again.fmu", version=version, origin="dual-cell, as bundled"
+    )
+    assert again.path.read_bytes() == fmu.path.read_bytes()
+
+
+def test_what_cannot_be_written_is_refused(twin: Twin, tmp_path: Path):
+    arguments: Any
+    for arguments, message in (
+        ({"compiler": "no-such-cc"}, "compiler: expected a C compiler, 'no-such-cc' is not found"),
+        ({"compiler": "false"}, "compiler: false failed"),
+    ):
+        with pytest.raises(ControlError, match=message):
+            export_fmu(twin, tmp_path / "a.fmu", **arguments)
+    with pytest.raises(ControlError, match=r"ending: expected \.fmu"):
+        export_fmu(twin, tmp_path / "a.zip")
+    assert not list(tmp_path.iterdir())
+    alone = export_fmu(twin, tmp_path / "sources.fmu", compiler=None)
+    assert alone.binary is None
+    assert not any("binaries" in name for name in zipfile.ZipFile(alone.path).namelist())
