@@ -61,6 +61,8 @@ TWINS = {
     "a single cell": Twin("single-cell"),
 }
 
+PRECISIONS: tuple[Literal["double", "float"], ...] = ("double", "float")
+
 pytestmark = pytest.mark.c_compiler
 
 
@@ -90,7 +92,7 @@ def test_an_hour_in_c_is_the_hour_in_python(key: str, tmp_path: Path):
     rows = rows.astype(np.float32).astype(float)
     expected = in_python(stepper, rows)
     start = np.asarray(stepper.start().nodes)
-    for precision in ("double", "float"):
+    for precision in PRECISIONS:
         found = in_c(stepper, tmp_path / precision, precision, start, rows)
         assert found.shape == expected.shape
         allowed = 0.01 if precision == "float" else 1e-12 * np.abs(expected).max()

@@ -56,7 +56,7 @@ def test_ten_minutes_are_those_of_simulate(twin: Twin, fmu: FMU):
     """Duty cycles that change each minute; to the error of steps of a second."""
     rows = drive(twin, 601)
     found = simulated(fmu, rows, stop_time=600.0, output=[*fmu.outputs, "node.P1.TC"])
-    duty = np.column_stack([rows[name] for name in rows.dtype.names[1:]])
+    duty = np.column_stack([rows[f"duty.{cell.name}"] for cell in twin.netlist.cells])
     expected = simulate(twin, Experiment(rows["time"], duty))
     assert len(found["time"]) == 601
     for number, channel in enumerate(twin.channels):
@@ -103,7 +103,7 @@ def test_a_state_is_kept_and_gone_back_to(fmu: FMU, tmp_path: Path):
     description = fmpy.read_model_description(str(fmu.path))
     is_2 = description.fmiVersion == "2.0"
     numbers = {v.name: v.valueReference for v in description.modelVariables}
-    made = (FMU2Slave if is_2 else FMU3Slave)(
+    made: Any = (FMU2Slave if is_2 else FMU3Slave)(
         guid=description.guid,
         unzipDirectory=fmpy.extract(str(fmu.path), str(tmp_path)),
         modelIdentifier=description.coSimulation.modelIdentifier,
