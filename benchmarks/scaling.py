@@ -106,10 +106,10 @@ def ours(counts: list[int], precision: Any, reductions: Any) -> dict[str, Any]:
         of_wall, of_cpu = np.median(ratios, axis=0).tolist()
         wall.append((count, of_wall))
         cpu.append((count, of_cpu))
-    return {"times": times, "wall": wall, "cpu": cpu, "peak_MiB": _peak()}
+    return {"times": times, "wall": wall, "cpu": cpu, "peak_MiB": peak_MiB()}
 
 
-def _peak() -> float:
+def peak_MiB() -> float:
     """Peak resident memory of this process, MiB."""
     # Not `getrusage`: what it counts survives the exec, so that the parent's memory is in it.
     lines = Path("/proc/self/status").read_text().splitlines()

@@ -28,6 +28,7 @@ def small_rig_file(
     density: str = "2700 kg/m^3",
     specific_heat: str = "900 J/(kg K)",
     film_coefficient: str = "10 W/(m^2 K)",
+    more_of_plate: str = "",
     sink_resistance: str = "0.6 K/W",
     supply_resistance: str = "0.2 ohm",
     averaging: str = "on-off",
@@ -68,6 +69,7 @@ def small_rig_file(
         specific_heat = "{specific_heat}"
         conductivity = "{conductivity}"
         film_coefficient = "{film_coefficient}"
+        {more_of_plate}
         [driver]
         supply_voltage = "12 V"
         supply_resistance = "{supply_resistance}"

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from small_rigs import make_rig as make_rig
 
 from jaxtwin import Experiment, Twin, load_rig
 

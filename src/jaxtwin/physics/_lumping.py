@@ -6,6 +6,7 @@ links in parallel stands for all of them, exactly.
 """
 
 from collections import Counter
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -65,39 +66,37 @@ def _equal_nodes(netlist: Netlist) -> list[int]:
     for every value of the parameters.
     """
     index = netlist.index
-    neighbours: list[list[tuple[int | None, str]]] = [[] for _ in netlist.nodes]
-    for link in netlist.links:
-        a, b = index[link.a], index.get(link.b)
-        resistance = repr(link.resistances)
-        neighbours[a].append((b, resistance))
-        if b is not None:
-            neighbours[b].append((a, resistance))
+    resistances = _numbered([link.resistances for link in netlist.links])
+    ends = np.array([(index[link.a], index.get(link.b, -1)) for link in netlist.links]).T
+    inner = ends[1] >= 0
+    # Each link is seen from both of its ends; the surroundings from one.
+    of_link = np.concatenate([resistances, np.array(resistances, dtype=int)[inner]])
+    node = np.concatenate([ends[0], ends[1][inner]])
+    other = np.concatenate([ends[1], ends[0][inner]])
+    starts = np.searchsorted(np.sort(node), np.arange(len(netlist.nodes) + 1))
     radiating = dict(netlist.loss.radiators) if netlist.loss is not None else {}
     # The sides of the cells are driven apart.
     sides = {side for cell in netlist.cells for side in (cell.cold, cell.hot)}
     colours = _numbered(
         [
-            repr(
-                (
-                    node.capacitance,
-                    node.initial_temperature,
-                    radiating.get(node.name),
-                    node.name if node.name in sides else "",
-                )
+            (
+                node.capacitance,
+                node.initial_temperature,
+                radiating.get(node.name),
+                node.name if node.name in sides else "",
             )
             for node in netlist.nodes
         ]
     )
     while True:
+        # A number for each pair of a resistance and what is behind it, in the nodes' order.
+        behind = np.append(colours, -1)[other]
+        pairs = of_link * (len(colours) + 1) + behind + 1
+        seen = pairs[np.lexsort((pairs, node))]
         refined = _numbered(
             [
-                repr(
-                    (
-                        colours[node],
-                        sorted((r, -1 if other is None else colours[other]) for other, r in links),
-                    )
-                )
-                for node, links in enumerate(neighbours)
+                (colour, seen[start:stop].tobytes())
+                for colour, start, stop in zip(colours, starts[:-1], starts[1:], strict=True)
             ]
         )
         if max(refined) == max(colours):
@@ -105,7 +104,7 @@ def _equal_nodes(netlist: Netlist) -> list[int]:
         colours = refined
 
 
-def _numbered(keys: list[str]) -> list[int]:
+def _numbered(keys: Sequence[Hashable]) -> list[int]:
     """Each key's number, in the order of first appearance."""
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
     return [numbers[key] for key in keys]

@@ -67,10 +67,7 @@ class System(eqx.Module):
         """Puts numbers into a wiring."""
         resistances = wiring.resistances(parameters_si)
         conductances = 1 / resistances
-        dtype = conductances.dtype
-        pairs = jnp.asarray(wiring.pair_links, dtype) @ conductances
-        between = jnp.append(pairs, jnp.zeros((), dtype))[wiring.pair_of]
-        ambient = jnp.asarray(wiring.ambient_links, dtype) @ conductances
+        ambient = wiring.ambient_sums(conductances)
         seebeck, electrical, thermal = wiring.module_constants(parameters_si).reshape(3, -1)
         voltage, supply, on = wiring.bridge_constants(parameters_si)
         lag, delay, drift = (
@@ -82,7 +79,7 @@ class System(eqx.Module):
         positive += [part for part in (lag, delay) if part is not None]
         return cls(
             capacitance=capacitance,
-            conductance=jnp.diag(between.sum(axis=1) + ambient) - between,
+            conductance=_conductance_matrix(wiring, parameters_si, conductances, ambient),
             ambient_conductance=ambient,
             module=ThermoelectricModule(seebeck, electrical, thermal),
             bridge=Bridge(voltage, supply, on, wiring.averaging, wiring.off_phase),
@@ -170,15 +167,43 @@ class System(eqx.Module):
         return self.gain * rise + ambient_deviation
 
 
+def conductance_entries(
+    wiring: Wiring, parameters_si: dict[str, Float[Array, ""]]
+) -> tuple[Float[Array, " pairs"], Float[Array, " nodes"]]:
+    """The entries of the conductance matrix of a large network that are not 0: those beside the
+    diagonal, with their sign turned, for `wiring.pairs`, and the diagonal, W/K."""
+    conductances = 1 / wiring.resistances(parameters_si)
+    pairs, (a, b) = wiring.pair_sums(conductances), wiring.pairs
+    return pairs, wiring.ambient_sums(conductances).at[a].add(pairs).at[b].add(pairs)
+
+
+def _conductance_matrix(
+    wiring: Wiring,
+    parameters_si: dict[str, Float[Array, ""]],
+    conductances: Float[Array, " links"],
+    ambient: Float[Array, " nodes"],
+) -> Float[Array, "nodes nodes"]:
+    if wiring.pair_of is not None:
+        pairs = wiring.pair_sums(conductances)
+        between = jnp.append(pairs, jnp.zeros((), pairs.dtype))[wiring.pair_of]
+        return jnp.diag(between.sum(axis=1) + ambient) - between
+    pairs, diagonal = conductance_entries(wiring, parameters_si)
+    (a, b), nodes = wiring.pairs, np.arange(diagonal.size)
+    rows, columns = np.concatenate([a, b, nodes]), np.concatenate([b, a, nodes])
+    matrix = jnp.zeros((nodes.size, nodes.size), pairs.dtype)
+    # At once: each assignment may copy the matrix.
+    return matrix.at[rows, columns].set(jnp.concatenate([-pairs, -pairs, diagonal]))
+
+
 def _loss(
     wiring: Wiring,
     parameters_si: dict[str, Float[Array, ""]],
     conductances: Float[Array, " links"],
 ) -> NonlinearLoss | None:
-    if wiring.exponent is None or wiring.radiating is None:
+    if wiring.exponent is None or wiring.radiating is None or wiring.film_sums is None:
         return None
     return NonlinearLoss(
-        film=jnp.asarray(wiring.film_links, conductances.dtype) @ conductances,
+        film=wiring.film_sums(conductances),
         exponent=wiring.exponent(parameters_si)[0],
         radiating=wiring.radiating(parameters_si),
     )

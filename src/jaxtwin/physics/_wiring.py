@@ -18,6 +18,7 @@ from ..rig._plate import AMBIENT
 from ._assembly import build_netlist
 from ._camera import channel_weights
 from ._expressions import Expressions
+from ._link_sums import LARGEST_TABLE, LinkSums
 from ._lumping import lump
 from ._netlist import Netlist
 from ._registration import RegisteredZones
@@ -33,15 +34,16 @@ class Wiring:
     - `netlist`, and `capacitances` of its nodes, `resistances` of its links, `initial` node
       temperatures, `ambient` temperature, `gains` of the channels, as `Expressions`;
       `module_constants` and `bridge_constants` likewise, one row a constant.
-    - `pair_links` (pairs, links): which links connect each pair of neighbouring nodes;
-      `pair_of` (nodes, nodes): the pair of two nodes, or the number of pairs where they are none.
-    - `ambient_links` (nodes, links): which links lead from a node to the surroundings.
+    - `pair_sums`: over the links that connect each pair of neighbouring nodes, and `pairs`
+      (2, pairs), the nodes. `pair_of` (nodes, nodes): the pair of two nodes, or the number of pairs
+      where they are none; None in a large network.
+    - `ambient_sums`: over the links that lead from each node to the surroundings.
     - `cold`, `hot` (cells,): the nodes of the cells' two sides.
     - `channel_weights` (channels, nodes), and the `zones` that move them where the rig's camera has
       a registration, else None.
     - `elements`: how many nodes are the plate's; they come first.
-    - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_links`
-      (elements, links): which links are an element's film; all None where losses are linear.
+    - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_sums`:
+      over the links that are each element's film; all None where losses are linear.
     - `gain_parameters`: names of parameters that act on gains of channels alone.
     - `lag`, `delay` of the command and `ambient_drift` as `Expressions`, or None.
     - `position` (nodes of the rig,): which node here stands for each node of the rig, and
@@ -85,27 +87,29 @@ class Wiring:
             if link.b != AMBIENT
         ]
         pairs = {pair: number for number, pair in enumerate(dict.fromkeys(p[1:] for p in inner))}
-        self.pair_links = np.zeros((len(pairs), len(links)))
-        self.pair_of = np.full((len(nodes), len(nodes)), len(pairs), dtype=np.int32)
-        for number, a, b in inner:
-            pair = pairs[a, b]
-            self.pair_links[pair, number] = 1.0
-            self.pair_of[a, b] = self.pair_of[b, a] = pair
-        self.ambient_links = np.zeros((len(nodes), len(links)))
-        for number, link in enumerate(links):
-            if link.b == AMBIENT:
-                self.ambient_links[index[link.a], number] = 1.0
+        between = [(pairs[a, b], number) for number, a, b in inner]
+        self.pair_sums = LinkSums(len(pairs), between, len(links))
+        self.pairs = np.array(list(pairs), dtype=np.int32).reshape(-1, 2).T
+        self.pair_of = None
+        if len(nodes) ** 2 <= LARGEST_TABLE:
+            self.pair_of = np.full((len(nodes), len(nodes)), len(pairs), dtype=np.int32)
+            self.pair_of[*self.pairs] = self.pair_of[*self.pairs[::-1]] = np.arange(len(pairs))
+        outer = [(index[link.a], number) for number, link in enumerate(links) if link.b == AMBIENT]
+        self.ambient_sums = LinkSums(len(nodes), outer, len(links))
 
         self.elements = sum(node.kind == "plate" for node in nodes)
-        self.exponent = self.radiating = self.film_links = None
+        self.exponent = self.radiating = self.film_sums = None
         if netlist.loss is not None:
             self.exponent = Expressions([[netlist.loss.exponent or Value(0.0)]])
             areas = dict(netlist.loss.radiators)
             names = [node.name for node in nodes[: self.elements]]
             self.radiating = Expressions([areas.get(name, ()) for name in names])
-            self.film_links = self.ambient_links[: self.elements] * np.array(
-                [link.role == "film" for link in links]
-            )
+            films = [
+                (node, number)
+                for node, number in outer
+                if node < self.elements and links[number].role == "film"
+            ]
+            self.film_sums = LinkSums(self.elements, films, len(links))
 
         elements = channel_weights(rig)
         self.rig_elements = position[: elements.shape[1]]

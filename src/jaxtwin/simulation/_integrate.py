@@ -77,11 +77,12 @@ def integrate(
     drive: Drive,
     modes: Modes,
     initial: Float[Array, " nodes"],
-    readout: Float[Array | np.ndarray, "outputs nodes"],
+    readout: Float[Array | np.ndarray, "outputs nodes"] | None,
 ) -> StepReadings:
     """The loop over the steps of a drive's grid.
 
-    **Arguments:** as those of `solve_network`, and the `modes` of the system (`run_modes`).
+    **Arguments:** as those of `solve_network`, with a `readout` of None for each node by itself,
+    and the `modes` of the system (`run_modes`).
     """
     dtype, grid = modes.rates.dtype, drive.grid
     field = ModalField.of(system, modes, drive.reference)
@@ -110,7 +111,9 @@ def integrate(
     # An error in a mode is one in its slope, times its rate: samples between the ends have both.
     lengths = jnp.asarray(grid.sizes, dtype)[grid.size]
     errors = errors[1:] * (1 + SLOPE_WEIGHT * modes.rates * lengths[:, None])
-    output_shapes = (jnp.asarray(readout, dtype) @ modes.shapes).T
+    output_shapes = modes.shapes.T
+    if readout is not None:
+        output_shapes = (jnp.asarray(readout, dtype) @ modes.shapes).T
     channel_shapes = (jnp.asarray(system.channel_weights, dtype) @ modes.shapes).T
     return StepReadings(
         values=amplitudes @ output_shapes,

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._elimination import eliminate
-from .._lapack import eigh, solve_definite
+from .._lapack import eigh, solve, solve_definite
 from ..physics import System
 from ._resolution import LARGEST_SPAN, network_span
 from ._time_grid import TimeGrid, reference_temperature
@@ -29,6 +29,9 @@ TYPICAL_TEMPERATURE = 330.0
 """Of a cell's sides, K: where the search for the operating point starts."""
 
 NEWTON_STEPS = 4
+
+FEW_SIDES = 32
+"""Up to so many a loop of elimination is quickest, compilation included."""
 
 BELIEVABLE = (200.0, 600.0)
 """Bounds of an operating point, K: the parameters of a draw may describe a rig that runs away."""
@@ -71,16 +74,14 @@ def network_modes(
     - `reference`: what deviations are counted from, K.
     """
     system, duty, reference = jax.lax.stop_gradient((system, duty, reference))
-    sides = np.concatenate([system.wiring.cold, system.wiring.hot])
-    operating_point = _operating_point(system, duty, reference, sides)
-    slope = heat_slope(system, operating_point[sides], duty, reference)
-    linearised_conductance = -(slope + slope.T) / 2
-    conductance = system.conductance.at[np.ix_(sides, sides)].add(linearised_conductance)
-    linearised_loss, plate = None, None
-    if system.loss is not None:
+    sides = side_nodes(system)
+    resistance = solve_definite(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
+    point = linearise(system, duty, reference, resistance)
+    conductance = system.conductance.at[np.ix_(sides, sides)].add(point.conductance)
+    plate = None
+    if point.loss is not None:
         plate = np.arange(system.wiring.elements)
-        linearised_loss = system.loss.slope(operating_point[plate], reference)
-        conductance = conductance.at[plate, plate].add(linearised_loss)
+        conductance = conductance.at[plate, plate].add(point.loss)
     scale = 1 / jnp.sqrt(system.capacitance)
     rates, vectors = eigh(conductance * scale[:, None] * scale[None, :])
     shapes = scale[:, None] * vectors
@@ -90,10 +91,50 @@ def network_modes(
         sides=shapes[sides],
         plate=None if plate is None else shapes[plate],
         capacitance=system.capacitance,
-        linearised_conductance=linearised_conductance,
-        linearised_loss=linearised_loss,
-        operating_point=operating_point[sides],
+        linearised_conductance=point.conductance,
+        linearised_loss=point.loss,
+        operating_point=point.sides,
     )
+
+
+@final
+class OperatingPoint(eqx.Module):
+    """Where cells and losses are taken linearly.
+
+    - `sides`: deviations of the cells' sides there, K.
+    - `conductance`, `loss`: what joins the network, as in `Modes`, W/K.
+    """
+
+    sides: Float[Array, " sides"]
+    conductance: Float[Array, "sides sides"]
+    loss: Float[Array, " elements"] | None
+
+
+def side_nodes(system: System) -> np.ndarray:
+    """The nodes of the cells' sides: all cold ones, then all hot ones."""
+    return np.concatenate([system.wiring.cold, system.wiring.hot])
+
+
+def linearise(
+    system: System,
+    duty: Float[Array, " cells"],
+    reference: Float[Array, ""],
+    resistance: Float[Array, "nodes sides"],
+) -> OperatingPoint:
+    """The cells and losses near their state at rest.
+
+    **Arguments:**
+
+    - `duty`, `reference`: as in `network_modes`.
+    - `resistance`: the network's thermal resistances seen from the cells' sides, K/W.
+    """
+    sides = side_nodes(system)
+    at = _operating_point(system, duty, reference, sides, resistance)
+    slope = heat_slope(system, at[sides], duty, reference)
+    loss = None
+    if system.loss is not None:
+        loss = system.loss.slope(at[: system.wiring.elements], reference)
+    return OperatingPoint(at[sides], -(slope + slope.T) / 2, loss)
 
 
 def run_modes(system: System, grid: TimeGrid) -> Modes:
@@ -117,22 +158,26 @@ def run_modes(system: System, grid: TimeGrid) -> Modes:
 
 
 def _operating_point(
-    system: System, duty: Float[Array, " cells"], reference: Float[Array, ""], sides: np.ndarray
+    system: System,
+    duty: Float[Array, " cells"],
+    reference: Float[Array, ""],
+    sides: np.ndarray,
+    resistance: Float[Array, "nodes sides"],
 ) -> Float[Array, " nodes"]:
     """About where the rig comes to rest under a duty cycle: deviations.
 
     Newton's method on the cells' sides alone: x = Z q(x) with Z the network's thermal resistances
     seen from them. A few kelvin are near enough; losses are taken as linear.
     """
-    resistance = solve_definite(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
     side_resistance = resistance[sides]
     unit = jnp.eye(sides.size, dtype=side_resistance.dtype)
     lowest, highest = (bound - reference for bound in BELIEVABLE)
+    direct = eliminate if sides.size <= FEW_SIDES else solve
 
     def newton(_: Int[Array, ""], at: Float[Array, " sides"]) -> Float[Array, " sides"]:
         slope = heat_slope(system, at, duty, reference)
         change = at - side_resistance @ side_heat(system, at, duty, reference)
-        return jnp.clip(at - eliminate(unit - side_resistance @ slope, change), lowest, highest)
+        return jnp.clip(at - direct(unit - side_resistance @ slope, change), lowest, highest)
 
     start = jnp.full(sides.size, TYPICAL_TEMPERATURE, side_resistance.dtype) - reference
     at = jax.lax.fori_loop(0, NEWTON_STEPS, newton, start)

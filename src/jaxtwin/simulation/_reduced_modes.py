@@ -1,0 +1,244 @@
+r"""The few modes of a large network that a run needs.
+
+The modes of thousands of nodes take minutes, and nearly all of them nothing excites or everything
+forgets at once. What a run visits lies close to the network's responses to what drives it,
+$(A + s C)^{-1} b$, at rates $s$ from the run's length to its first steps: a rational Krylov space
+with the states at rest in it ($s = 0$). $A$ is the conductance matrix with cells and losses taken
+linearly (`_modes`), and $b$ are the heat flows at the cells' sides, from the surroundings, and
+of the state at the start. Projected on that space, the network's eigenproblem is a small one.
+
+What is lost is estimated from the residual that a solution leaves in the equations of all nodes:
+$A^{-1} r$ is the temperature that it would make if it stayed. Where that is too much, these
+temperatures join the space, and the run is computed again.
+"""
+
+from typing import TypeAlias, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+import scipy.sparse.linalg
+from jaxtyping import Array, Float
+
+from .._compilation import persistent_jit
+from ..physics import System, Twin
+from ..physics._system import conductance_entries
+from ..physics._wiring import wiring_of
+from ._drive import Drive
+from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
+from ._integrate import StepReadings, integrate
+from ._modes import Modes, OperatingPoint, linearise, side_nodes
+from ._refinement import stability_number
+from ._resolution import LARGEST_SPAN
+from ._time_grid import TimeGrid, reference_temperature
+
+LARGE = 600
+"""Nodes from which on a run takes few modes. All modes of so many take a tenth of a second."""
+
+POLES, FASTEST_POLE = 12, 100.0
+"""Rates at which responses are taken: their number, beside rest, and the largest, 1/s."""
+
+LOST = 6
+"""To how many of the responses, the slowest, the plate's loss beyond its linear part is added."""
+
+DEPENDENT = 1e-10
+"""Part of a response that the others do not have, below which it is left out."""
+
+BLOCK = 32
+"""The number of modes is a multiple of this, so that runs share compiled programs."""
+
+LARGEST_RESIDUAL = 3e-4
+"""Temperature that the residual may make, K."""
+
+ROUNDS = 4
+LOOKS = 32
+"""How often the space may grow, and at how many steps the residual is looked at."""
+
+
+RunResult: TypeAlias = tuple[
+    Float[Array, "times rig_nodes"], Float[Array, "times channels"], Array, Array
+]
+"""Absolute temperatures of the rig's nodes and of its channels at the samples, K, the
+`stability_number`, and the error estimate of the steps, K."""
+
+
+@final
+class Looks(eqx.Module):
+    """What the equations of all nodes are looked at with, at some steps of a run.
+
+    - `deviation`: of the nodes, K.
+    - `heat`: that flows into them, but for what the network conducts, less what their slopes take,
+      W.
+    """
+
+    deviation: Float[Array, "looks nodes"]
+    heat: Float[Array, "looks nodes"]
+
+
+def is_large(twin: Twin, initial: CheckedInitial) -> bool:
+    """Whether a run of a twin takes few modes: many nodes, and few cells that drive them."""
+    if isinstance(initial, str):
+        return False
+    netlist = wiring_of(twin.rig, keeps_symmetry(initial)).netlist
+    return 8 * len(netlist.cells) * (POLES + 1) <= len(netlist.nodes) >= LARGE
+
+
+def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResult | None:
+    """Runs a large twin; None where its state does not lie in a small space, or its rates may be
+    further apart than float64 can tell."""
+    system, network = _network(twin, keeps_symmetry(initial))
+    sides, count = side_nodes(system), system.capacitance.size
+    capacitance = np.asarray(system.capacitance)
+    duration = float(np.asarray(grid.sizes)[grid.size].sum())
+    if (network.diagonal() / capacitance).max() * duration > LARGEST_SPAN:
+        return None
+    at_sides = np.zeros((count, sides.size))
+    at_sides[sides, np.arange(sides.size)] = 1.0
+    solved = scipy.sparse.linalg.splu(network).solve(at_sides)
+    point, start = _linearised(system, grid, initial, solved)
+    linear = scipy.sparse.csc_array(network + _added(system, point))
+    inputs = [at_sides, np.asarray(system.ambient_conductance)[:, None]]
+    if np.any(start):
+        inputs.append((capacitance * np.asarray(start))[:, None])
+    driving = np.concatenate(inputs, axis=1)
+    at_rest = scipy.sparse.linalg.splu(linear)
+    responses = [at_rest.solve(driving)]
+    for pole in np.geomspace(1 / duration, FASTEST_POLE, POLES):
+        shifted = scipy.sparse.csc_array(linear + scipy.sparse.diags_array(pole * capacitance))
+        responses.append(scipy.sparse.linalg.splu(shifted).solve(driving))
+    space = [*responses]
+    if np.any(start):
+        space.append(np.asarray(start)[:, None])
+    if point.loss is not None:
+        # What the plate loses beyond its linear part follows its temperatures.
+        lost = np.zeros(count)
+        lost[: system.wiring.elements] = np.asarray(point.loss)
+        space += [at_rest.solve(lost[:, None] * response) for response in responses[:LOST]]
+    for _ in range(ROUNDS):
+        modes = _projected(system, linear, np.concatenate(space, axis=1), point)
+        run, looks = _run_in_modes(system, modes, grid, initial)
+        residual = np.asarray(looks.heat).T - network @ np.asarray(looks.deviation).T
+        missing = at_rest.solve(residual)
+        size = np.abs(missing).max()
+        if size <= LARGEST_RESIDUAL or not np.isfinite(size):
+            return run
+        space.append(missing)
+    return None
+
+
+def _network(twin: Twin, lumped: bool) -> tuple[System, scipy.sparse.csc_array]:
+    """The equations without their conductance matrix, and the matrix."""
+    system, (pairs, diagonal) = _assembled(twin, lumped)
+    (a, b), nodes = system.wiring.pairs, np.arange(diagonal.size)
+    places = np.concatenate([a, b, nodes]), np.concatenate([b, a, nodes])
+    values = np.concatenate([-np.asarray(pairs), -np.asarray(pairs), np.asarray(diagonal)])
+    shape = (nodes.size, nodes.size)
+    return system, scipy.sparse.csc_array(scipy.sparse.coo_array((values, places), shape=shape))
+
+
+def _added(system: System, point: OperatingPoint) -> scipy.sparse.coo_array:
+    """What cells and losses add to the conductance matrix."""
+    sides, count = side_nodes(system), system.capacitance.size
+    rows, columns = (index.ravel() for index in np.meshgrid(sides, sides, indexing="ij"))
+    values = np.asarray(point.conductance).ravel()
+    if point.loss is not None:
+        plate = np.arange(system.wiring.elements)
+        rows, columns = np.concatenate([rows, plate]), np.concatenate([columns, plate])
+        values = np.concatenate([values, np.asarray(point.loss)])
+    return scipy.sparse.coo_array((values, (rows, columns)), shape=(count, count))
+
+
+def _projected(
+    system: System,
+    linear: scipy.sparse.csc_array,
+    space: Float[np.ndarray, "nodes vectors"],
+    point: OperatingPoint,
+) -> Modes:
+    """The modes of the network within a space."""
+    root = np.sqrt(np.asarray(system.capacitance))
+    weighted = root[:, None] * space
+    weighted /= np.linalg.norm(weighted, axis=0)
+    basis, triangle, _ = scipy.linalg.qr(weighted, mode="economic", pivoting=True)
+    sizes = np.abs(np.diag(triangle))
+    basis = basis[:, sizes > DEPENDENT * sizes[0]] / root[:, None]
+    rates, vectors = scipy.linalg.eigh(basis.T @ (linear @ basis))
+    shapes = basis @ vectors
+    # Modes without a shape fill up.
+    filling = -len(rates) % BLOCK
+    rates = np.pad(rates, (0, filling), mode="edge")
+    shapes = np.pad(shapes, ((0, 0), (0, filling)))
+    plate = None if point.loss is None else shapes[: system.wiring.elements]
+    return Modes(
+        rates=jnp.asarray(rates),
+        shapes=jnp.asarray(shapes),
+        sides=jnp.asarray(shapes[side_nodes(system)]),
+        plate=None if plate is None else jnp.asarray(plate),
+        capacitance=system.capacitance,
+        linearised_conductance=point.conductance,
+        linearised_loss=point.loss,
+        operating_point=point.sides,
+    )
+
+
+@persistent_jit
+def _assembled(twin: Twin, lumped: bool) -> tuple[System, tuple[Array, Array]]:
+    system = twin.system(lumped=lumped)
+    entries = conductance_entries(system.wiring, twin.parameters_si)
+    return _with_matrix(system, None), entries
+
+
+def _with_matrix(system: System, matrix: Array | None) -> System:
+    return eqx.tree_at(
+        lambda system: system.conductance, system, matrix, is_leaf=lambda leaf: leaf is None
+    )
+
+
+@persistent_jit
+def _linearised(
+    system: System,
+    grid: TimeGrid,
+    initial: CheckedInitial,
+    resistance: Float[Array | np.ndarray, "nodes sides"],
+) -> tuple[OperatingPoint, Float[Array, " nodes"]]:
+    """The operating point of a run, and the deviations at its start, K."""
+    lengths = jnp.asarray(grid.sizes)[grid.size]
+    duty = lengths @ jnp.asarray(grid.duty) / lengths.sum()
+    reference = reference_temperature(system, grid)
+    start = initial_temperatures(system, initial, grid.duty[0], reference) - reference
+    return linearise(system, duty, reference, jnp.asarray(resistance)), start
+
+
+@persistent_jit
+def _run_in_modes(
+    system: System, modes: Modes, grid: TimeGrid, initial: CheckedInitial
+) -> tuple[RunResult, Looks]:
+    # The modes stand for the matrix; it takes part in derivatives alone, and none are taken.
+    nodes = system.capacitance.size
+    system = _with_matrix(system, jnp.zeros((nodes, nodes)))
+    drive = Drive.of(system, grid)
+    start = initial_temperatures(system, initial, grid.duty[0], drive.reference)
+    read = integrate(system, drive, modes, start, None)
+    deviation = read.at_samples(drive.grid)
+    readings = system.channel_temperatures(deviation, drive.ambient_at_samples())
+    run = (
+        deviation[:, system.wiring.position] + drive.reference,
+        readings + drive.reference,
+        stability_number(system, modes, grid),
+        read.error_estimate,
+    )
+    return run, _looks(system, drive, read)
+
+
+def _looks(system: System, drive: Drive, read: StepReadings) -> Looks:
+    inputs = jax.vmap(lambda row: row.at(0))(drive.inputs())
+    steps = np.unique(np.linspace(0, len(drive.grid.size) - 1, LOOKS).astype(int))
+
+    def heat(step: Array) -> Array:
+        duty, ambient = inputs.duty[step], inputs.ambient[step]
+        heat = system.heat_into_nodes(read.values[step], duty, drive.reference, ambient)
+        return heat - system.capacitance * read.slopes[step]
+
+    return Looks(read.values[steps], jax.vmap(heat)(steps))
