@@ -133,7 +133,7 @@ def linearise(
     slope = heat_slope(system, at[sides], duty, reference)
     loss = None
     if system.loss is not None:
-        loss = system.loss.slope(at[: system.wiring.elements], reference)
+        loss = system.loss.slope(at[np.arange(system.wiring.elements)], reference)
     return OperatingPoint(at[sides], -(slope + slope.T) / 2, loss)
 
 
