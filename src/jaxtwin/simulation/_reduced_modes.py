@@ -12,7 +12,7 @@ $A^{-1} r$ is the temperature that it would make if it stayed. Where that is too
 temperatures join the space, and the run is computed again.
 """
 
-from typing import TypeAlias, final
+from typing import Any, TypeAlias, final
 
 import equinox as eqx
 import jax
@@ -161,7 +161,8 @@ def _projected(
     root = np.sqrt(np.asarray(system.capacitance))
     weighted = root[:, None] * space
     weighted /= np.linalg.norm(weighted, axis=0)
-    basis, triangle, _ = scipy.linalg.qr(weighted, mode="economic", pivoting=True)
+    factors: Any = scipy.linalg.qr(weighted, mode="economic", pivoting=True)
+    basis, triangle, _ = factors
     sizes = np.abs(np.diag(triangle))
     basis = basis[:, sizes > DEPENDENT * sizes[0]] / root[:, None]
     rates, vectors = scipy.linalg.eigh(basis.T @ (linear @ basis))
@@ -241,4 +242,4 @@ def _looks(system: System, drive: Drive, read: StepReadings) -> Looks:
         heat = system.heat_into_nodes(read.values[step], duty, drive.reference, ambient)
         return heat - system.capacitance * read.slopes[step]
 
-    return Looks(read.values[steps], jax.vmap(heat)(steps))
+    return Looks(read.values[steps], jax.vmap(heat)(jnp.asarray(steps)))
