@@ -198,6 +198,10 @@ CASES = {
         "SimulationError",
         "sweep: draws: " + WHOLE + "above 0",
     ),
+    "sensitivity(twin, seen, executor=3)": (
+        "SimulationError",
+        "sensitivity: executor: expected .* got 3",
+    ),
     "sweep(twin, seen, 'folder', draws=3, executor=3)": (
         "SimulationError",
         "sweep: executor: expected .* got 3",

@@ -5,6 +5,7 @@ from typing import Literal, overload
 
 from .._arguments import check_callable
 from .._errors import SimulationError
+from .._executor import Executor, check_executor
 from .._waiting import announced
 from ..io import Experiment
 from ..matching import Fit
@@ -34,6 +35,7 @@ def sensitivity(
     spread: float | int = 0.25,
     seed: int = 0,
     parameters: Iterable[str] | None = None,
+    executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Sensitivity: ...
 
@@ -52,6 +54,7 @@ def sensitivity(
     outputs: AskedOutputs = ("cost",),
     times: Sequence[float] | None = None,
     samples: SampleKind | None = None,
+    executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> GlobalSensitivity: ...
 
@@ -70,6 +73,7 @@ def sensitivity(
     outputs: AskedOutputs = ("cost",),
     times: Sequence[float] | None = None,
     samples: SampleKind | None = None,
+    executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Sensitivity | GlobalSensitivity:
     """Finds the parameters that matter, by runs with other values of them.
@@ -110,18 +114,20 @@ def sensitivity(
     - `times`: of "temperature", s; None for 25 times that divide each experiment evenly.
     - `samples`: "random", "latin-hypercube" or "sobol"; None for the method's usual ones. Morris's
       and Shapley's method have their own.
+    - `executor`: who runs the draws instead of this process, see `simulate_batch`.
     - `on_progress`: called with the number of newly finished simulations.
 
     **Returns:** a `Sensitivity` by default, a `GlobalSensitivity` by other methods.
 
     **Raises:** `ParameterError` for unknown names, a value of zero, or inputs that the parameters
     or the method do not allow; `SimulationError` where an experiment has no recorded temperatures
-    or an argument is out of range; `MatchError` where a recording that a fit has not seen is too
-    short to take its own values from.
+    an argument is out of range, or an executor fails; `MatchError` where a recording that a fit has
+    not seen is too short to take its own values from.
     """
     seed = checked_seed("sensitivity: seed", seed)
     spread = checked_spread("sensitivity: spread", spread)
     check_callable("sensitivity: on_progress", on_progress, SimulationError)
+    check_executor("sensitivity: executor", executor, SimulationError)
     if method == "correlations":
         is_papers = inputs == "normal" and not isinstance(outputs, Mapping)
         is_papers = is_papers and list(outputs) in (["cost"], list("cost"))
@@ -137,6 +143,7 @@ def sensitivity(
             spread=spread,
             seed=seed,
             parameters=parameters,
+            executor=executor,
             on_progress=on_progress,
         )
     return global_sensitivity(
@@ -151,5 +158,6 @@ def sensitivity(
         outputs=outputs,
         times=times,
         samples=samples,
+        executor=executor,
         on_progress=on_progress,
     )

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from .._arguments import whole_number
 from .._errors import SimulationError
+from .._executor import Executor
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
@@ -45,6 +46,7 @@ def global_sensitivity(
     outputs: AskedOutputs,
     times: Sequence[float] | None,
     samples: SampleKind | None,
+    executor: Executor | None,
     on_progress: Callable[[int], None] | None,
 ) -> GlobalSensitivity:
     """The arguments are those of `sensitivity`."""
@@ -64,7 +66,12 @@ def global_sensitivity(
         reductions = reductions_for(asked, chosen)
         own = _draws_for(own_twin, drawn, values)
         found = simulate_batch(
-            own_twin, experiment, own, reductions=reductions, on_progress=on_progress
+            own_twin,
+            experiment,
+            own,
+            reductions=reductions,
+            executor=executor,
+            on_progress=on_progress,
         )
         columns += columns_of(found, asked, chosen, experiment)
         if method.needs_slopes:

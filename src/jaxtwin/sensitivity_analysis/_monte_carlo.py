@@ -7,6 +7,7 @@ import numpy as np
 
 from .._arguments import whole_number
 from .._errors import SimulationError
+from .._executor import Executor
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
@@ -26,6 +27,7 @@ def correlate_costs(
     spread: float,
     seed: int,
     parameters: Iterable[str] | None,
+    executor: Executor | None,
     on_progress: Callable[[int], None] | None,
 ) -> Sensitivity:
     """The correlations of costs with parameters; arguments as those of `sensitivity`, checked."""
@@ -43,6 +45,7 @@ def correlate_costs(
             experiment,
             rescaled_draws(twin_of_experiment, values, samples),
             reductions=["cost"],
+            executor=executor,
             on_progress=on_progress,
         )
         assert result.cost is not None
