@@ -120,7 +120,7 @@ def sensitivity(
     **Returns:** a `Sensitivity` by default, a `GlobalSensitivity` by other methods.
 
     **Raises:** `ParameterError` for unknown names, a value of zero, or inputs that the parameters
-    or the method do not allow; `SimulationError` where an experiment has no recorded temperatures
+    or the method do not allow; `SimulationError` where an experiment has no recorded temperatures,
     an argument is out of range, or an executor fails; `MatchError` where a recording that a fit has
     not seen is too short to take its own values from.
     """
