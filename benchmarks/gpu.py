@@ -63,6 +63,7 @@ def reference(rig: str, folder: str) -> None:
     final = jt.simulate_batch(
         task.twin, task.experiment, task.draws(COMPARED), reductions=["final"]
     ).final
+    assert final is not None
     np.save(Path(folder) / f"{rig}.npy", final)
 
 
@@ -95,10 +96,10 @@ def draws_a_second(
     assert result.final is not None
     error = np.abs(result.final[:COMPARED] - np.load(Path(folder) / f"{rig}.npy")[: counts[0]])
     speed: list[tuple[int, float | None]] = []
-    seconds = first
     for count in counts:
-        expected = seconds / speed[-1][0] * count if speed else first
-        if speed and time.perf_counter() - began + expected > share:
+        # The smallest size always; after a size that is left out, all that are larger.
+        rate = speed[-1][1] if speed else np.inf
+        if rate is None or time.perf_counter() - began + count / rate > share and speed:
             speed.append((count, None))
             continue
         seconds, result = run(count)
