@@ -99,7 +99,7 @@ def draws_a_second(
     for count in counts:
         # The smallest size always; after a size that is left out, all that are larger.
         rate = speed[-1][1] if speed else np.inf
-        if rate is None or time.perf_counter() - began + count / rate > share and speed:
+        if rate is None or (time.perf_counter() - began + count / rate > share and speed):
             speed.append((count, None))
             continue
         seconds, result = run(count)
