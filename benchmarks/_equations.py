@@ -180,7 +180,7 @@ def equations(twin: jt.Twin) -> Equations:
         delay=0.0 if system.delay is None else float(system.delay),
         ambient=float(system.ambient_temperature),
         start=system.initial_temperature - system.ambient_temperature,
-        weights=system.wiring.channel_weights,
+        weights=np.asarray(system.channel_weights),
         gain=system.gain,
     )
 

@@ -13,15 +13,11 @@ from ._task import Task
 
 Run = Callable[[], Float[np.ndarray, "d t c"]]
 
-IMPLICIT_EXPLICIT = (diffrax.KenCarp3, diffrax.KenCarp4, diffrax.KenCarp5)
-"""Solvers that are implicit in a part of the equations and explicit in the rest."""
-
 
 def stock_diffrax(solver: diffrax.AbstractSolver, task: Task, count: int, tolerance: float) -> Run:
     """The equations as a diffrax user writes them, with a fresh step at each change of the input.
 
-    A driver's lag is a state more for each cell. A solver that is implicit in a part of the
-    equations alone gets their linear part, that of an idle rig, for it.
+    A driver's lag is a state more for each cell.
     """
     time = task.experiment.time
     parts = stretches(task.experiment, equations(task.twin).delay)
@@ -43,15 +39,8 @@ def stock_diffrax(solver: diffrax.AbstractSolver, task: Task, count: int, tolera
 
         rest = jnp.zeros(0 if system.lag is None else cells)
         start = jnp.concatenate([system.initial_temperature - reference, rest])
-        terms = diffrax.ODETerm(field)
-        if isinstance(solver, IMPLICIT_EXPLICIT):
-            linear = jax.jacfwd(lambda x: field(-1.0, x, system))(jnp.zeros_like(start))
-            terms = diffrax.MultiTerm(
-                diffrax.ODETerm(lambda t, x, system: field(t, x, system) - linear @ x),
-                diffrax.ODETerm(lambda t, x, system: linear @ x),
-            )
         solution = diffrax.diffeqsolve(
-            terms,
+            diffrax.ODETerm(field),
             solver,
             t0=0.0,
             t1=float(time[-1]),

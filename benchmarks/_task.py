@@ -10,9 +10,10 @@ import jaxtwin as jt
 from jaxtwin.sensitivity_analysis import normal_draws
 
 SPREAD, SEED = 0.25, 0
-HELD = ("T_amb", "T_start", "t_delay")
+HELD = ("T_amb", "T_start", "t_delay", "d_x", "d_y", "s_view", "r_view")
 """Not drawn. With one delay for all draws, every draw's input changes at samples, which peers that
-step all draws on one grid need."""
+step all draws on one grid need; with the camera's registration all draws share the channels'
+weights."""
 
 
 @dataclass(frozen=True)

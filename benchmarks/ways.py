@@ -51,11 +51,9 @@ SOLVERS: tuple[diffrax.AbstractSolver, ...] = (
     diffrax.Kvaerno3(),
     diffrax.Kvaerno4(),
     diffrax.Kvaerno5(),
-    diffrax.KenCarp3(),
-    diffrax.KenCarp4(),
-    diffrax.KenCarp5(),
-    diffrax.Tsit5(),
 )
+"""Of eight draws at 1e-5 KenCarp4, with an explicit part of nothing, takes 15 times as long as
+Kvaerno3, and Tsit5 70 times."""
 
 
 def _candidates(quick: bool) -> dict[str, tuple[Candidates, int, int]]:
