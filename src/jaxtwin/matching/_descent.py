@@ -213,7 +213,7 @@ def _step(
             evaluation = new
         elif accepted.any():
             # Also where all are accepted: what is compiled does not depend on the recordings.
-            evaluation = _select(jax.device_put(vectors), new, evaluation)
+            evaluation = _select(jax.device_put(accepted), new, evaluation)
     trials = Trial(vectors, costs, mean_squares, factors)
     vectors, optimiser = _update(solver, state.vectors, trials, space, state.optimiser, active)
     return DescentState(vectors, optimiser, evaluation)
