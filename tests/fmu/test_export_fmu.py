@@ -28,10 +28,12 @@ def fmu(twin: Twin, request: pytest.FixtureRequest, tmp_path_factory: Any) -> FM
     return export_fmu(twin, path, version=request.param, origin="dual-cell, as bundled")
 
 
-def simulated(fmu: FMU, inputs: np.ndarray, **settings: Any) -> Any:
+def simulated(fmu: FMU, inputs: np.ndarray | None, **settings: Any) -> Any:
     from fmpy import simulate_fmu
 
-    return simulate_fmu(str(fmu.path), input=inputs, step_size=1.0, **settings)
+    if inputs is not None:
+        settings["input"] = inputs
+    return simulate_fmu(str(fmu.path), step_size=1.0, **settings)
 
 
 def drive(twin: Twin, seconds: int) -> np.ndarray:
@@ -103,10 +105,12 @@ def test_a_state_is_kept_and_gone_back_to(fmu: FMU, tmp_path: Path):
     description = fmpy.read_model_description(str(fmu.path))
     is_2 = description.fmiVersion == "2.0"
     numbers = {v.name: v.valueReference for v in description.modelVariables}
+    co_simulation = description.coSimulation
+    assert co_simulation is not None
     made: Any = (FMU2Slave if is_2 else FMU3Slave)(
         guid=description.guid,
         unzipDirectory=fmpy.extract(str(fmu.path), str(tmp_path)),
-        modelIdentifier=description.coSimulation.modelIdentifier,
+        modelIdentifier=co_simulation.modelIdentifier,
         instanceName="plate",
     )
     made.instantiate()

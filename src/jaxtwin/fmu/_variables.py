@@ -6,6 +6,8 @@ import numpy as np
 
 from ..simulation import Stepper
 
+Causality = Literal["independent", "input", "output", "local"]
+
 
 class Variable(NamedTuple):
     """A variable of an FMU.
@@ -17,7 +19,7 @@ class Variable(NamedTuple):
 
     name: str
     reference: int
-    causality: Literal["independent", "input", "output", "local"]
+    causality: Causality
     unit: str
     start: float | None
     limits: tuple[float, float] | None
@@ -28,13 +30,14 @@ def variables_of(stepper: Stepper) -> list[Variable]:
     """Time, duty cycles, ambient, channels, and the temperatures of the nodes, which can be set
     before the start."""
     wiring, start = stepper.system.wiring, np.asarray(stepper.start().nodes, float)
-    rows: list[tuple[str, Literal["independent", "input", "output", "local"], str, float | None]]
-    rows = [("time", "independent", "s", None)]
-    rows += [(f"duty.{cell.name}", "input", "", 0.0) for cell in wiring.netlist.cells]
-    rows += [("ambient", "input", "degC", float(stepper.ambient))]
-    rows += [(channel, "output", "degC", None) for channel in wiring.channels]
     nodes = zip(wiring.netlist.nodes, start.tolist(), strict=True)
-    rows += [(f"node.{node.name}", "local", "degC", temperature) for node, temperature in nodes]
+    rows: list[tuple[str, Causality, str, float | None]] = [
+        ("time", "independent", "s", None),
+        *((f"duty.{cell.name}", "input", "", 0.0) for cell in wiring.netlist.cells),
+        ("ambient", "input", "degC", float(stepper.ambient)),
+        *((channel, "output", "degC", None) for channel in wiring.channels),
+        *((f"node.{node.name}", "local", "degC", temperature) for node, temperature in nodes),
+    ]
     words = {
         "independent": "Time",
         "output": "What the channel reads",
