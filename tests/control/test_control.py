@@ -12,8 +12,9 @@ import jaxtwin as jt
 from jaxtwin import ControlError, SafetyStop, Twin
 from jaxtwin.cli import run as run_command
 from jaxtwin.control import PID, FunctionController, control, save_controller
+from jaxtwin.control._control import LiveLoop
 from jaxtwin.io import Session
-from jaxtwin.live import Faults, Recorder, SystemClock, TcpServer, VirtualRig, report, serve
+from jaxtwin.live import Faults, Moment, Recorder, SystemClock, TcpServer, VirtualRig, report, serve
 
 OFF = (0, 0)
 
@@ -74,6 +75,26 @@ def test_dropped_frames_do_not_stop_it(twin: Twin, pid: PID, clock: HandClock):
     assert control(bench, twin, pid, 30, duration_s=100) == "completed"
     assert device.pwm == OFF
     assert device.twin.temperatures.mean() > 20
+
+
+def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(
+    twin: Twin, pid: PID, clock: HandClock
+):
+    """As the simulated loop does, whose cells are off after as long."""
+    bench = virtual_bench(twin.rig, VirtualRig(twin), clock)
+    loop, again = (LiveLoop(bench, twin, pid, 40, duration_s=60) for _ in range(2))
+    good, bad = np.full(15, 20.0), np.full(15, 20.0)
+    bad[3] = np.nan
+    off = np.zeros(2)
+    np.testing.assert_array_equal(loop(Moment(0.0, bad, off, None)), off)  # nothing was read yet
+    for time in (1.0, 2.0):
+        loop(Moment(time, good, off, None))
+        again(Moment(time, good, off, None))
+    held = [loop(Moment(time, bad, off, None)) for time in (3.0, 4.0, 5.0)]
+    expected = [again(Moment(time, good, off, None)) for time in (3.0, 4.0, 5.0)]
+    np.testing.assert_allclose(held, expected)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(SafetyStop, match=r"no reading of what it controls for 4\.0 s"):
+        loop(Moment(6.0, bad, off, None))
 
 
 @pytest.mark.parametrize("asked", [np.nan, np.inf])

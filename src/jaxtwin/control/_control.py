@@ -55,7 +55,9 @@ def control(
     asks for something that is no duty; `ControlError` for references that are none or are out of
     reach.
     """
-    loop = LiveLoop(bench, twin, controller, references, duration_s=duration_s)
+    loop = LiveLoop(
+        bench, twin, controller, references, duration_s=duration_s, silence_s=float(silence)
+    )
     plan = {"references": loop.text, "duration_s": float(duration_s)}
     return operate(
         bench,
@@ -75,9 +77,13 @@ class LiveLoop:
 
     Between two samples the duty stands; where the rig was not asked for longer than that, the
     samples in between are left out. A channel without a number never reaches the controller: the
-    run is stopped.
+    last reading stands for it, and after `silence_s` without any the run is stopped, as in
+    `simulate_closed_loop`. Before the first reading the cells stay off. (The interlocks of
+    `operate` do not wait: a channel that says that it has failed stops a rig at the next frame.)
 
-    **Arguments:** those of `control`.
+    **Arguments:** those of `control`, and
+
+    - `silence_s`: longest time without a reading, s of the rig.
     """
 
     def __init__(
@@ -88,6 +94,7 @@ class LiveLoop:
         references: Any,
         *,
         duration_s: float | int,
+        silence_s: float = 3.0,
     ):
         self.text = references if isinstance(references, str) else np.asarray(references).tolist()
         self._bench, self._controller = bench, controller
@@ -107,7 +114,9 @@ class LiveLoop:
             still = self._references[0]
             self._state: Any = jax.tree.map(np.asarray, controller.init(off, still))
             _step(controller, self._state, still, still)
+        self._silence = silence_s
         self._sample: int | None = None
+        self._seen: tuple[float, Float[np.ndarray, " outputs"]] | None = None
         self._duty = np.zeros(len(twin.rig.cells))
 
     def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
@@ -117,11 +126,9 @@ class LiveLoop:
         sample = int((moment.time + NEXT_SAMPLE) / self._controller.sample_time_s)
         if self._sample is not None and sample <= self._sample:
             return self._duty
-        measurement = self._weights @ np.asarray(moment.temperatures, float)
-        if not np.isfinite(measurement).all():
-            raise SafetyStop(
-                "stopped: the controller has no reading of what it controls", "controller"
-            )
+        measurement = self._measured(moment)
+        if measurement is None:
+            return self._duty
         reference = self._references[sample]
         with own_settings():
             if self._sample is None:
@@ -142,6 +149,23 @@ class LiveLoop:
         bench = self._bench
         bench.note(Document(bench.clock.now(), "decision", "control", content))
         return self._duty
+
+    def _measured(self, moment: Moment) -> Float[np.ndarray, " outputs"] | None:
+        """The outputs now, or as they were last read; None where nothing was read yet.
+
+        **Raises:** `SafetyStop` after too long without a reading.
+        """
+        temperatures = np.asarray(moment.temperatures, float)
+        if np.isfinite(temperatures).all():
+            self._seen = moment.time, self._weights @ temperatures
+        last, measurement = (0.0, None) if self._seen is None else self._seen
+        if moment.time - last > self._silence:
+            raise SafetyStop(
+                "stopped: the controller has had no reading of what it controls for "
+                f"{moment.time - last:.1f} s",
+                "controller",
+            )
+        return measurement
 
 
 @persistent_jit

@@ -1,8 +1,9 @@
 """What a controller is: a pure function with a state, sampled at its own interval."""
 
+import dataclasses
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias, final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias, TypeVar, final
 
 import equinox as eqx
 import jax
@@ -21,6 +22,9 @@ Numbers: TypeAlias = ArrayLike | float | int
 
 ControlFunction: TypeAlias = Callable[[Array, Array, Array], ArrayLike]
 """`(time_s, reference, measurement) -> duty`, the temperatures those of every channel, degC."""
+
+
+Controller = TypeVar("Controller", bound="AbstractController")
 
 
 class AbstractController(eqx.Module):
@@ -153,6 +157,23 @@ def as_controller(
     check_callable(where, controller, ControlError)
     interval = 1.0 if sample_time_s is None else sample_time_s
     return FunctionController(controller, checked_sample_time(where, interval))
+
+
+def parameter_names(controller: AbstractController) -> tuple[str, ...]:
+    """Those of its fields that are numbers: what can be drawn and tuned."""
+    return tuple(
+        field.name
+        for field in dataclasses.fields(controller)
+        if not field.metadata.get("static", False)
+        and isinstance(getattr(controller, field.name), np.ndarray | jax.Array | float)
+    )
+
+
+def with_parameters(controller: Controller, values: Mapping[str, Any]) -> Controller:
+    """The same controller with other values of some parameters."""
+    for name, value in values.items():
+        controller = eqx.tree_at(lambda c, name=name: getattr(c, name), controller, value)
+    return controller
 
 
 def checked_sample_time(where: str, sample_time_s: Any) -> float:

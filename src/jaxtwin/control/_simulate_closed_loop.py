@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, overload
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +18,7 @@ from .._jax_settings import own_settings
 from .._waiting import announced
 from ..live import Faults
 from ..matching import Fit
-from ..physics import Twin, check_twin
+from ..physics import Twin
 from ..rig._problems import unknown
 from ..simulation import Precision, Reductions, Stepper, checked_precision
 from ..simulation._check_values import check_values
@@ -28,9 +27,16 @@ from ..simulation._simulate_batch import _checked_draws
 from ..simulation._stepper import is_multiple
 from ._closed_loop import ClosedLoop, Scenario, in_precision, run_loop
 from ._closed_loop_run import ClosedLoopRun
-from ._controller import AbstractController, ControlFunction, as_controller
+from ._controller import (
+    AbstractController,
+    ControlFunction,
+    as_controller,
+    parameter_names,
+    with_parameters,
+)
 from ._disturbances import Disturbance, disturbance_tables
 from ._measures import MEASURES, Measure
+from ._nominal_twin import nominal_twin
 from ._reach import check_reach, check_sample_time
 from ._reading_errors import reading_errors
 from ._references import reference_samples, sample_times
@@ -104,7 +110,8 @@ def simulate_closed_loop(
 
     **Arguments:**
 
-    - `twin`: rig and parameters, or a fit.
+    - `twin`: rig and parameters; or a fit, whose recordings' own values are averaged
+      (`Fit.mean_twin`), as in `linearize`.
     - `controller`: a controller, or a function `(time_s, reference, measurement) -> duty` in
       `jax.numpy` that sees every channel.
     - `references`: for its outputs, degC: a number, text such as `"0:35,600:45"` or
@@ -126,23 +133,23 @@ def simulate_closed_loop(
     other, or a reference is out of reach; `ParameterError` where a parameter of the twin is wrong;
     `SimulationError` where the temperatures or the duty of a single loop do not stay finite.
     """
-    plant = twin.twin if isinstance(twin, Fit) else twin
-    check_twin("simulate_closed_loop: twin", plant, ControlError)
+    plant = nominal_twin("simulate_closed_loop: twin", twin)
     chosen = as_controller(
         "simulate_closed_loop: controller", controller, settings.pop("sample_time_s", None)
     )
-    count = _count(plant, chosen, draws, controller_draws)
-    held = _held(plant, draws)
+    plant_draws = _checked_plant_draws(plant, draws, controller_draws)
+    count = _count(chosen, plant_draws, controller_draws)
+    held = held_at_medians(plant, plant_draws)
     check_values(held)
     happens = scenario(held, chosen, references, duration_s=duration_s, **settings)
     with own_settings():
         if count is not None:
-            happens = replace(happens, longest_delay_s=_longest_delay(held, draws))
+            happens = replace(happens, longest_delay_s=longest_delay(held, plant_draws))
             return _many(
                 held,
                 chosen,
                 happens,
-                draws=_checked_draws(plant, draws) if draws else {},
+                draws=plant_draws,
                 controller_draws=controller_draws or {},
                 count=count,
                 measures=_checked_measures(measures),
@@ -207,7 +214,7 @@ def scenario(
     a sample time above the plant's time constants.
     """
     where = "scenario"
-    plant = twin.twin if isinstance(twin, Fit) else twin
+    plant = nominal_twin(f"{where}: twin", twin)
     chosen = as_controller(f"{where}: controller", controller)
     interval = chosen.sample_time_s
     times = sample_times(where, duration_s, interval)
@@ -291,25 +298,29 @@ def _output_names(
     return tuple(names)
 
 
-def _count(
+def _checked_plant_draws(
     twin: Twin,
-    controller: AbstractController,
     draws: Mapping[str, ArrayLike] | None,
+    controller_draws: Mapping[str, ArrayLike] | None,
+) -> dict[str, Float[np.ndarray, " draws"]]:
+    """Those of the twin's parameters, none where nothing of it is drawn."""
+    if draws is not None and not draws and not controller_draws:
+        raise ControlError("simulate_closed_loop: draws: expected name -> values, got none")
+    return _checked_draws(twin, draws) if draws else {}
+
+
+def _count(
+    controller: AbstractController,
+    draws: Mapping[str, Float[np.ndarray, " draws"]],
     controller_draws: Mapping[str, ArrayLike] | None,
 ) -> int | None:
     """How many loops are asked for; None for a single one."""
     where = "simulate_closed_loop"
-    lengths: dict[str, int] = {}
-    for name, values in (_checked_draws(twin, draws) if draws else {}).items():
-        lengths[name] = len(values)
+    lengths = {name: len(values) for name, values in draws.items()}
     if controller_draws is not None:
         at = f"{where}: controller_draws"
         mapping_of(at, controller_draws, "name -> values", ControlError)
-        known = [
-            name
-            for name, leaf in vars(controller).items()
-            if eqx.is_array(leaf) or isinstance(leaf, float)
-        ]
+        known = parameter_names(controller)
         for name, values in controller_draws.items():
             if name not in known:
                 raise ControlError(f"{at}: {unknown('parameter', name, known)}")
@@ -319,8 +330,6 @@ def _count(
                     f"{at}: {name}: expected finite numbers (draws, ...), got {values!r}"
                 )
             lengths[name] = len(array)
-    if draws is not None and not draws and not controller_draws:
-        raise ControlError(f"{where}: draws: expected name -> values, got none")
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ControlError(
@@ -329,20 +338,18 @@ def _count(
     return next(iter(lengths.values()), None)
 
 
-def _held(twin: Twin, draws: Mapping[str, ArrayLike] | None) -> Twin:
+def held_at_medians(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> Twin:
     """The twin with a single value of what is drawn, for whatever is checked beforehand."""
-    if not draws:
-        return twin
-    middles = {name: float(np.median(np.asarray(values))) for name, values in draws.items()}
-    return twin.with_parameters(middles)
+    return twin.with_parameters({name: float(np.median(v)) for name, v in draws.items()})
 
 
-def _longest_delay(twin: Twin, draws: Mapping[str, ArrayLike] | None) -> float:
+def longest_delay(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> float:
     """Of the driver in all draws, s."""
-    if twin.system().delay is None:
+    own = twin.system().delay
+    if own is None:
         return 0.0
     if not draws:
-        return float(twin.system().delay or 0.0)
+        return float(own)
 
     def delay(values: Mapping[str, Array]) -> Array:
         found = twin.with_parameters(values).system().delay
@@ -387,8 +394,10 @@ def _many(
     dtype = jnp.float32 if precision == "float32" else jnp.float64
     rows = {f"plant {name}": np.asarray(values) for name, values in draws.items()}
     rows |= {f"controller {name}": np.asarray(v, float) for name, v in controller_draws.items()}
-    if not draws:  # of which every loop has the same twin
-        rows["number"] = np.arange(count, dtype=float)
+    sizes = happens.step_s, happens.longest_delay_s
+    whole = is_whole_delay(twin, draws, happens.step_s)
+    # Without draws every loop has the same plant.
+    shared = None if draws else Stepper(twin, sizes[0], longest_delay=sizes[1])
 
     def work(chunk: Mapping[str, np.ndarray]) -> Mapping[str, Array]:
         with own_settings():
@@ -400,28 +409,27 @@ def _many(
                 }
                 for kind in ("plant ", "controller ")
             )
-            sizes = happens.step_s, happens.longest_delay_s
-            if plant:
-                steppers = _steppers(twin, plant, *sizes, _is_whole_delay(twin, plant, sizes[0]))
-            else:
-                steppers = Stepper(twin, sizes[0], longest_delay=sizes[1])
+            steppers = shared
+            if steppers is None:
+                steppers = steppers_of(twin, plant, *sizes, whole)
             steppers, fixed, varied = in_precision((steppers, happens, loops), dtype)
             chosen = in_precision(controller, dtype)
-            return _measured(steppers, chosen, varied, fixed, tuple(measures.items()), not plant)
+            kept = tuple(measures.items())
+            return _measured(steppers, chosen, varied, fixed, kept, is_shared=shared is not None)
 
-    loop_bytes = jnp.dtype(dtype).itemsize * happens.ambient.size * _numbers_a_step(twin, happens)
+    loop_bytes = jnp.dtype(dtype).itemsize * happens.ambient.size * numbers_a_step(twin, happens)
     chunk_size = min(max(CHUNK_BYTES // loop_bytes, 1), LARGEST_CHUNK)
     results = work_in_chunks(rows, work, chunk_size=chunk_size, workers=workers)
     return Reductions.of(twin.channels, results)
 
 
-def _numbers_a_step(twin: Twin, happens: Scenario) -> int:
+def numbers_a_step(twin: Twin, happens: Scenario) -> int:
     """Of a `ClosedLoop`, at each step of the plant."""
     outputs, cells = len(happens.output_weights), len(twin.netlist.cells)
     return 1 + len(twin.netlist.nodes) + len(twin.channels) + 3 * outputs + 2 * cells
 
 
-def _is_whole_delay(twin: Twin, drawn: Iterable[str], step_s: float) -> bool:
+def is_whole_delay(twin: Twin, drawn: Iterable[str], step_s: float) -> bool:
     """Whether the driver's delay is the same multiple of the step of the plant in all draws."""
     delay = twin.wiring.delay
     return delay is None or (
@@ -430,7 +438,7 @@ def _is_whole_delay(twin: Twin, drawn: Iterable[str], step_s: float) -> bool:
 
 
 @persistent_jit
-def _steppers(
+def steppers_of(
     twin: Twin,
     draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
     step_s: float,
@@ -469,9 +477,7 @@ def _measured(
     """The measures of a chunk of loops, each with a stepper of its own or all with the same."""
 
     def of_draw(stepper: Stepper, values: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
-        changed = controller
-        for name, value in values.items():
-            changed = eqx.tree_at(lambda c, name=name: getattr(c, name), changed, value)
+        changed = with_parameters(controller, values)
         loop: ClosedLoop = run_loop(stepper, changed, happens)
         found = {name: jnp.asarray(function(loop)) for name, function in measures}
         is_finite = jnp.all(jnp.isfinite(loop.nodes[-1])) & jnp.all(jnp.isfinite(loop.duty))
