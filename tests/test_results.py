@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from small_results import analysis, fit, global_analysis, recordings
 
 import jaxtwin as jt
-from jaxtwin.control import PID, ClosedLoopRun
+from jaxtwin.control import PID, ClosedLoopRun, Tuning
 from jaxtwin.physics import DCSweep
 from jaxtwin.simulation import Reductions
 
@@ -44,6 +44,11 @@ def closed_loop() -> ClosedLoopRun:
     return jt.simulate_closed_loop(fit().twin, controller, 25.0, duration_s=20)
 
 
+def tuning() -> Tuning:
+    controller = PID(Kp=0.1, Ki=0.001)
+    return jt.tune(controller, fit().twin, 25.0, duration_s=20, starts=1, rounds=1)
+
+
 RESULTS: dict[str, Callable[[Path], Any]] = {
     "Run": lambda _: fit().runs["synthetic-A"],
     "Reductions": lambda _: reductions(),
@@ -57,10 +62,20 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "DCSweep": lambda _: dc_sweep(),
     "LinearModel": lambda _: jt.linearize(fit().twin, duty=0.4),
     "ClosedLoopRun": lambda _: closed_loop(),
+    "Tuning": lambda _: tuning(),
 }
 """Class -> one of it."""
 
-LONG = {"Band", "ClosedLoopRun", "GlobalSensitivity", "Profile", "Run", "Sensitivity", "Validation"}
+LONG = {
+    "Band",
+    "ClosedLoopRun",
+    "GlobalSensitivity",
+    "Profile",
+    "Run",
+    "Sensitivity",
+    "Tuning",
+    "Validation",
+}
 """Of these, those that take more than some seconds, nearly all of it compilation."""
 
 INPUTS = {"CSources", "Experiment", "FitDifference", "Netlist", "PlateMap", "Rig", "Twin"}

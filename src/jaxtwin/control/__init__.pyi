@@ -28,7 +28,14 @@ from ._measures import MEASURES as MEASURES  # name -> function of a ClosedLoop,
 from ._mpc import MPC as MPC  # hard limits of duty and rate
 from ._operating_point import OperatingPoint as OperatingPoint  # a steady state
 from ._pid import PID as PID
+from ._relay import Relay as Relay  # an oscillation at the critical frequency
 from ._simulate_closed_loop import scenario as scenario
 from ._simulate_closed_loop import simulate_closed_loop as simulate_closed_loop
+from ._tune import tune as tune  # gains by the derivatives of the closed loop
+from ._tuning import TunedLoop as TunedLoop  # a controller and what its loops do
+from ._tuning import Tuning as Tuning  # the result
+from ._tuning import TuningStep as TuningStep  # a controller that the search looked at
+from ._ultimate_point import UltimatePoint as UltimatePoint  # ultimate gain and period
+from ._ultimate_point import ultimate_point as ultimate_point  # from a run with a Relay
 
 __all__: list[str]

@@ -21,6 +21,7 @@ from ._many import match_many as match_many
 from ._match import match as match
 from ._noise import Noise as Noise
 from ._noise import estimate_noise as estimate_noise
+from ._posterior_draws import posterior_draws as posterior_draws
 from ._problem import named_recordings as named_recordings
 from ._profile import Profile as Profile
 from ._profile import profile as profile

@@ -27,6 +27,7 @@ from ._sensitivity_matrix import plot_sensitivity_matrix
 from ._sobol_bars import plot_sobol_bars
 from ._style import styled
 from ._tornado import plot_tornado
+from ._tuning import plot_tuning
 from ._uniformity import plot_plate_beside, plot_uniformity
 
 __all__ = [
@@ -55,6 +56,7 @@ __all__ = [
     "plot_sensitivity_matrix",
     "plot_sobol_bars",
     "plot_tornado",
+    "plot_tuning",
     "plot_uniformity",
     "styled",
     "to_png",

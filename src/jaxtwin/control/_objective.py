@@ -1,0 +1,99 @@
+"""What a controller is tuned for: a weighted sum of measures, over many draws of the plant."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arguments import finite_number
+from .._errors import ControlError
+from ..rig._problems import unknown
+from ._measures import MEASURES, Measure
+
+STEPWISE = {
+    "settling_time": "integral_time_absolute_error",
+    "saturation_share": "peak_power",
+}
+"""Measures that change by whole samples, of which there is no derivative, and what to take."""
+
+TAIL = 0.05
+"""The share of the draws that count as the worst."""
+
+OWN = "objective"
+"""The name under which a function of the user's own is kept."""
+
+
+class Objective(NamedTuple):
+    """A weighted sum.
+
+    - `measures`: all that are taken of each loop. `weights`: of each in the sum.
+    - `tail_weight`: of the mean over the worst draws, beside that over all.
+    """
+
+    measures: Mapping[str, Measure]
+    weights: Float[np.ndarray, " measures"]
+    tail_weight: float
+
+    def of_draws(self, values: Float[np.ndarray, "draws measures"]) -> Float[np.ndarray, " draws"]:
+        """The weighted sum of each draw."""
+        weighs = self.weights != 0  # a measure may be infinite, and of no weight
+        return values[:, weighs] @ self.weights[weighs]
+
+    def over_draws(
+        self,
+        values: Float[np.ndarray, "draws measures"],
+        slopes: Float[np.ndarray, "draws measures parameters"],
+    ) -> tuple[float, Float[np.ndarray, " parameters"]]:
+        """The objective and its derivatives: the mean over the draws, and over the worst of them
+        (the conditional value at risk, Rockafellar and Uryasev, Journal of Risk 2, 2000)."""
+        weighs = self.weights != 0
+        sums = self.of_draws(values)
+        by_parameters = np.einsum("dmp,m->dp", slopes[:, weighs], self.weights[weighs])
+        if not np.isfinite(sums).all():
+            return math.inf, np.full(slopes.shape[-1], np.nan)
+        worst = np.argsort(sums)[-max(1, math.ceil(TAIL * len(sums))) :]
+        share = np.full(len(sums), (1 - self.tail_weight) / len(sums))
+        share[worst] += self.tail_weight / len(worst)
+        return float(share @ sums), share @ by_parameters
+
+
+def checked_objective(where: str, objective: Any, tail_weight: Any) -> Objective:
+    """A name, name -> weight, or a function of a `ClosedLoop`.
+
+    **Raises:** `ControlError` for what is none of them, unknown measures, and those without a
+    derivative.
+    """
+    tail = finite_number(f"{where}: tail_weight", tail_weight, ControlError)
+    if not 0 <= tail <= 1:
+        raise ControlError(f"{where}: tail_weight: expected a number from 0 to 1, got {tail:g}")
+    measures: dict[str, Measure] = {name: function for name, (function, _) in MEASURES.items()}
+    at = f"{where}: objective"
+    if callable(objective):
+        measures[OWN] = objective
+        weights = {OWN: 1.0}
+    elif isinstance(objective, str):
+        weights = {objective: 1.0}
+    elif isinstance(objective, Mapping) and objective:
+        weights = {
+            str(name): finite_number(f"{at}: {name}", weight, ControlError)
+            for name, weight in objective.items()
+        }
+    else:
+        raise ControlError(
+            f"{at}: expected a measure, measure -> weight, or a JAX function of a ClosedLoop, got "
+            f"{objective!r}"
+        )
+    for name in weights:
+        if name not in measures:
+            raise ControlError(f"{at}: {unknown('measure', name, MEASURES)}")
+        if name in STEPWISE:
+            raise ControlError(
+                f"{at}: expected measures that have a derivative, got {name}, which changes by "
+                f"whole samples; take {STEPWISE[name]}"
+            )
+    row = np.array([weights.get(name, 0.0) for name in measures])
+    if not row.any():
+        raise ControlError(f"{at}: expected a weight other than 0, got {objective!r}")
+    return Objective(measures, row, tail)

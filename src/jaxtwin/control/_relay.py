@@ -1,0 +1,155 @@
+r"""Relay feedback: the plate oscillates about a reference at its own critical frequency.
+
+The relay gives the cells a bias plus or minus an amplitude, and switches where the output leaves a
+band of hysteresis about the reference. The loop oscillates where the plant's phase is about -180
+degrees; period and amplitude of the oscillation give the gain there, and with it a controller
+(Åström and Hägglund, *Automatica* 20 (1984) 645-651).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, PyTree
+from numpy.typing import ArrayLike
+
+from .._arguments import finite_number
+from .._errors import ControlError
+from ._controller import (
+    AbstractController,
+    Numbers,
+    check_parameters,
+    checked_limits,
+    checked_measured,
+    checked_sample_time,
+    means_of,
+)
+from ._pid import Parameter, as_parameter
+
+
+class RelayState(NamedTuple):
+    """What it remembers.
+
+    - `is_up`: which way the relay lies. `half_s`: since it switched last, s. `up_s`: how long it
+      was up before, s.
+    - `shift`: of the bias of each cell, in amplitudes.
+    - `switches`: how often it switched. `is_over`: whether it has given up.
+    """
+
+    is_up: Bool[Array, ""]
+    half_s: Float[Array, ""]
+    up_s: Float[Array, ""]
+    shift: Float[Array, " cells"]
+    switches: Float[Array, ""]
+    is_over: Bool[Array, ""]
+
+
+@final
+class Relay(AbstractController):
+    """A relay with hysteresis, for finding the gain and the period of a critical oscillation.
+
+    ```python
+    relay = Relay(amplitude=0.1, bias=0.4, hysteresis=0.1, limits=(0, 1))
+    run = jt.simulate_closed_loop(twin, relay, 40, duration_s=900)
+    point = ultimate_point(run)
+    pid = point.pid(limits=(0, 1))
+    ```
+
+    Where the bias is not what holds the reference, the relay is up for longer than down, or the
+    other way round. After each cycle the bias moves by what makes both alike.
+
+    **Arguments:**
+
+    - `amplitude`: of the duty, a single number, or one for each cell; 0 for a cell that does not
+      switch.
+    - `bias`: about which the duty switches, -1 to 1, likewise.
+    - `hysteresis`: half the width of the band, K; some times the noise of the output.
+    - `timeout_s`: so long without a switch, and the cells are off for good, s. The way to the
+      reference counts.
+    - `measured`: the output, a channel or a group of channels whose mean counts; None: the mean
+      over all channels.
+    - `limits`, `sample_time_s`: as in `PID`.
+
+    **Raises:** `ControlError` where the amplitude, the hysteresis or the time-out is not above 0,
+    the bias is no duty, or there is more than one output.
+    """
+
+    amplitude: Parameter
+    bias: Parameter
+    hysteresis: Parameter
+    timeout_s: float = eqx.field(static=True)
+    limits: tuple[float, float] = eqx.field(static=True)
+    sample_time_s: float = eqx.field(static=True)
+    measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        amplitude: Numbers,
+        bias: Numbers,
+        hysteresis: Numbers,
+        *,
+        timeout_s: float | int = 600.0,
+        measured: str | Sequence[str] | None = None,
+        limits: Sequence[float | int] = (-1.0, 1.0),
+        sample_time_s: float | int = 1.0,
+    ):
+        check_parameters("Relay", amplitude=amplitude, hysteresis=hysteresis)
+        self.amplitude, self.bias = as_parameter(amplitude), as_parameter(bias)
+        self.hysteresis = as_parameter(hysteresis)
+        if isinstance(self.amplitude, np.ndarray) and not np.any(self.amplitude > 0):
+            raise ControlError(f"Relay: amplitude: expected a number above 0, got {amplitude!r}")
+        if isinstance(self.bias, np.ndarray) and not np.all(np.abs(self.bias) <= 1):
+            raise ControlError(f"Relay: bias: expected a duty from -1 to 1, got {bias!r}")
+        self.timeout_s = finite_number("Relay: timeout_s", timeout_s, ControlError)
+        if self.timeout_s <= 0:
+            raise ControlError(f"Relay: timeout_s: expected a number above 0, got {timeout_s!r}")
+        group = None if measured is None else [measured]
+        self.measured = checked_measured("Relay", group)
+        self.limits = checked_limits("Relay", limits)
+        self.sample_time_s = checked_sample_time("Relay", sample_time_s)
+
+    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
+        """The mean over the channels of the output."""
+        return means_of(self.measured, channels)
+
+    def init(
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+    ) -> PyTree:
+        """The relay lies up, as if it had just switched."""
+        shift = jnp.zeros_like(jnp.asarray(duty))
+        zero = jnp.zeros((), shift.dtype)
+        return RelayState(jnp.asarray(True), zero, zero, shift, zero, jnp.asarray(False))
+
+    def step(
+        self,
+        state: PyTree,
+        reference: Float[ArrayLike, " outputs"],
+        measurement: Float[ArrayLike, " outputs"],
+    ) -> tuple[Float[Array, " cells"], PyTree]:
+        """One sample."""
+        error = (jnp.asarray(reference) - jnp.asarray(measurement))[0]
+        goes_up = ~state.is_up & (error > self.hysteresis)
+        goes_down = state.is_up & (error < -jnp.asarray(self.hysteresis))
+        has_switched = goes_up | goes_down
+        # The first way up to the reference is no half of a cycle.
+        up_s = jnp.where(goes_down & (state.switches > 0), state.half_s, state.up_s)
+        is_cycle = goes_up & (state.up_s > 0)
+        both = jnp.where(is_cycle, state.up_s + state.half_s, 1.0)
+        shift = state.shift + jnp.where(is_cycle, (state.up_s - state.half_s) / both, 0.0)
+        shift = shift.astype(state.shift.dtype)
+        half_s = jnp.where(has_switched, 0.0, state.half_s)
+        is_over = state.is_over | (half_s >= self.timeout_s)
+        is_up = jnp.where(has_switched, goes_up, state.is_up)
+        aim = jnp.where(is_up, 1.0, -1.0).astype(half_s.dtype) + shift
+        duty = jnp.clip(self.bias + self.amplitude * aim, *self.limits)
+        later = RelayState(
+            is_up,
+            half_s + self.sample_time_s,
+            up_s,
+            shift,
+            state.switches + has_switched,
+            is_over,
+        )
+        return jnp.where(is_over, 0.0, duty), later

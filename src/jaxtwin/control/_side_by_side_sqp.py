@@ -1,0 +1,186 @@
+r"""Sequential quadratic programming in the unit box, several descents side by side.
+
+Each descent minimises $f(z)$ under $c(z) \le 0$ and $0 \le z \le 1$ by steps $d$ from
+
+$$\min_d g^T d + \tfrac12 d^T B d, \quad a^T d \le -c, \quad \lVert d \rVert_\infty \le \Delta$$
+
+with $B$ Powell's damped BFGS approximation of the Lagrangian's Hessian (Nocedal and Wright,
+*Numerical Optimization*, 2006, chapter 18), and takes a step where the merit
+$f + \mu \max(c, 0)$ falls; else the trust region $\Delta$ shrinks. All descents ask for their next
+point in the same round, because a batch of loops costs less than one loop after the other. No
+library that is at hand does that, with bounds and a constraint.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+
+Vector = Float[np.ndarray, " unknowns"]
+
+FIRST_STEP, LONGEST_STEP, SHORTEST_STEP = 0.1, 0.4, 1e-3
+"""Of the width of the box: a step of the shortest length changes a parameter that may change by a
+factor of 1000 by 0.7 %."""
+
+ENOUGH = 1e-4
+"""Part of the predicted fall of the merit that a step has to reach to be taken."""
+
+CONVERGED = 1e-4
+"""Predicted fall of the merit, relative to the objective, at which a descent ends."""
+
+
+class Evaluation(NamedTuple):
+    """What is minimised, `f`, and the constraint, `c`, with their slopes; infinite where a point
+    has none."""
+
+    f: float
+    g: Vector
+    c: float
+    a: Vector
+
+    @property
+    def is_finite(self) -> bool:
+        numbers = np.concatenate([[self.f, self.c], self.g, self.a])
+        return bool(np.isfinite(numbers).all())
+
+
+class Round(NamedTuple):
+    """One point that a descent asked for.
+
+    - `start`: the number of the descent. `number`: of the round, 0 for the start.
+    - `accepted`: whether the descent went there.
+    """
+
+    start: int
+    number: int
+    point: Vector
+    found: Evaluation
+    accepted: bool
+
+
+Evaluate = Callable[[Sequence[Vector]], list[Evaluation]]
+
+
+def descents(evaluate: Evaluate, starts: Sequence[Vector], *, rounds: int) -> list[Round]:
+    """All points of descents from these starts, in the order in which they were asked for."""
+    history: list[Round] = []
+    running: dict[int, _Descent] = {}
+    for start, (point, found) in enumerate(zip(starts, evaluate(starts), strict=True)):
+        history.append(Round(start, 0, point, found, found.is_finite))
+        if found.is_finite:
+            running[start] = _Descent(point, found)
+    for number in range(1, rounds + 1):
+        asked = {start: descent.ask() for start, descent in running.items()}
+        asked = {start: point for start, point in asked.items() if point is not None}
+        running = {start: running[start] for start in asked}
+        if not asked:
+            break
+        for (start, point), found in zip(
+            asked.items(), evaluate(list(asked.values())), strict=True
+        ):
+            accepted = running[start].tell(found)
+            history.append(Round(start, number, point, found, accepted))
+    return history
+
+
+@final
+class _Descent:
+    """A single descent, which asks for points and is told what is found there."""
+
+    def __init__(self, point: Vector, found: Evaluation):
+        self._z, self._at = point, found
+        self._scale = max(abs(found.f), 1e-300)
+        self._hessian = np.eye(len(point)) * self._scale
+        self._reach, self._weight, self._multiplier = FIRST_STEP, 0.0, 0.0
+        self._step = np.zeros_like(point)
+        self._is_first = True
+
+    def ask(self) -> Vector | None:
+        """The next point; None at the end."""
+        if self._reach < SHORTEST_STEP:
+            return None
+        z, at = self._z, self._at
+        low = np.maximum(-z, -self._reach)
+        high = np.minimum(1 - z, self._reach)
+        # As far down as the step can bring the constraint, where it cannot bring it to 0.
+        lowest = float(np.minimum(at.a * low, at.a * high).sum())
+        room = max(-at.c, 0.9 * lowest)
+        self._step = _quadratic_minimum(self._hessian, at.g, at.a, room, low, high)
+        self._multiplier = self._estimated_multiplier(low, high)
+        self._weight = max(self._weight, 2 * self._multiplier, self._scale)
+        if self._predicted() < CONVERGED * max(abs(at.f), CONVERGED * self._scale):
+            return None
+        return z + self._step
+
+    def tell(self, found: Evaluation) -> bool:
+        """Whether the descent goes to the point that it asked for."""
+        fall = self._merit(self._at) - self._merit(found) if found.is_finite else -np.inf
+        if not fall > ENOUGH * self._predicted():
+            self._reach = 0.4 * min(self._reach, float(np.abs(self._step).max()))
+            return False
+        if fall > 0.7 * self._predicted():
+            self._reach = min(2 * self._reach, LONGEST_STEP)
+        self._learn(found)
+        self._z, self._at = self._z + self._step, found
+        return True
+
+    def _merit(self, at: Evaluation) -> float:
+        return at.f + self._weight * max(at.c, 0.0)
+
+    def _predicted(self) -> float:
+        d, at = self._step, self._at
+        model = float(at.g @ d + 0.5 * d @ self._hessian @ d)
+        after = max(at.c + float(at.a @ d), 0.0)
+        return -model + self._weight * (max(at.c, 0.0) - after)
+
+    def _estimated_multiplier(self, low: Vector, high: Vector) -> float:
+        """Of the constraint, from the entries that no bound holds."""
+        d, a = self._step, self._at.a
+        is_free = (d > low + 1e-9) & (d < high - 1e-9)
+        if self._at.c + a @ d < -1e-9 * (1 + abs(self._at.c)) or not (a[is_free] ** 2).sum() > 0:
+            return 0.0
+        slope = (self._at.g + self._hessian @ d)[is_free]
+        return max(-float(slope @ a[is_free]) / float(a[is_free] @ a[is_free]), 0.0)
+
+    def _learn(self, found: Evaluation) -> None:
+        """Powell's damped BFGS."""
+        d, was = self._step, self._at
+        y = found.g - was.g + self._multiplier * (found.a - was.a)
+        if self._is_first and float(d @ y) > 0:
+            self._hessian = np.eye(len(d)) * float(y @ y) / float(d @ y)
+        self._is_first = False
+        Bd = self._hessian @ d
+        curvature = float(d @ Bd)
+        share = float(d @ y)
+        if share < 0.2 * curvature:
+            damping = 0.8 * curvature / (curvature - share)
+            y = damping * y + (1 - damping) * Bd
+        self._hessian = self._hessian - np.outer(Bd, Bd) / curvature + np.outer(y, y) / float(d @ y)
+
+
+def _quadratic_minimum(
+    hessian: Float[np.ndarray, "n n"], g: Vector, a: Vector, room: float, low: Vector, high: Vector
+) -> Vector:
+    """Of $g^T d + d^T B d / 2$ with $a^T d$ at most `room`, between bounds."""
+    from scipy.optimize import minimize
+
+    size = float(np.abs(g).max()) or 1.0
+    H, slope = hessian / size, g / size
+    length = float(np.abs(a).max()) or 1.0
+    limit = {
+        "type": "ineq",
+        "fun": lambda d: (room - a @ d) / length,
+        "jac": lambda d: -a / length,
+    }
+    start = np.clip(np.zeros_like(g), low, high)
+    found = minimize(
+        lambda d: float(slope @ d + 0.5 * d @ H @ d),
+        start,
+        jac=lambda d: slope + H @ d,
+        bounds=list(zip(low, high, strict=True)),
+        constraints=[limit] if a.any() else [],
+        method="SLSQP",
+        options={"maxiter": 100, "ftol": 1e-12},
+    )
+    return np.clip(found.x, low, high)

@@ -1,0 +1,185 @@
+"""What tuning a controller gives."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._display import html_table, picture
+from ._controller import AbstractController
+from ._measures import MEASURES
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+
+class TuningStep(NamedTuple):
+    """One controller that the search looked at.
+
+    - `start`: number of the descent. `round`: 0 is its start.
+    - `objective`: infinite where a loop is unstable or not finite.
+    - `sensitivity_peak`: the largest of all draws; NaN without a limit.
+    - `accepted`: whether the descent went there.
+    - `parameters`: name -> value.
+    """
+
+    start: int
+    round: int
+    objective: float
+    sensitivity_peak: float
+    accepted: bool
+    parameters: Mapping[str, float]
+
+
+class TunedLoop(NamedTuple):
+    """A controller and what its loops do.
+
+    - `parameters`: those that are tuned. `objective`: over all draws.
+    - `sensitivity_peak`: the largest of all draws; NaN without a limit.
+    - `measures`: of each draw; a single row where nothing of the plant is drawn.
+    - `sensitivity`: of the linearised loop of each draw over frequency.
+    """
+
+    parameters: Float[np.ndarray, " parameters"]
+    objective: float
+    sensitivity_peak: float
+    measures: Float[np.ndarray, "draws measures"]
+    sensitivity: Float[np.ndarray, "draws frequency"]
+
+
+@final
+@dataclass(frozen=True, repr=False, eq=False)
+class Tuning:
+    """A tuned controller.
+
+    **Arguments:**
+
+    - `rig`: name of the twin's rig.
+    - `controller`: the tuned one. `start`: the given one.
+    - `parameters`: names of those that were tuned. `lower`, `upper`: their bounds.
+    - `sensitivity_limit`: None for none.
+    - `before`, `after`: the given controller and the tuned one, with the measures of their loops.
+    - `measures`: names of the measures. `weights`: in the objective.
+    - `omega`: frequencies of the sensitivity, rad/s.
+    - `history`: every controller that the search looked at.
+    - `wall_time`: s, with compilation.
+    """
+
+    rig: str
+    controller: AbstractController
+    start: AbstractController
+    parameters: tuple[str, ...]
+    lower: Float[np.ndarray, " parameters"]
+    upper: Float[np.ndarray, " parameters"]
+    sensitivity_limit: float | None
+    before: TunedLoop
+    after: TunedLoop
+    measures: tuple[str, ...]
+    weights: Float[np.ndarray, " measures"]
+    omega: Float[np.ndarray, " frequency"]
+    history: tuple[TuningStep, ...]
+    wall_time: float
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """Parameters that ended at a bound: what the objective would rather have lies outside."""
+        values = self.after.parameters
+        near = 1e-6 * (self.upper - self.lower)
+        is_near = (values <= self.lower + near) | (values >= self.upper - near)
+        return tuple(name for name, at in zip(self.parameters, is_near, strict=True) if at)
+
+    def plot(self) -> "Figure":
+        """Objective over the rounds, sensitivity over frequency, and the measures before and after:
+        `jaxtwin.plots.plot_tuning`."""
+        return picture("plot_tuning", self)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each controller that the search looked at (start, round): objective,
+        sensitivity peak, whether it was accepted, and the parameters."""
+        import pandas
+
+        rows = [
+            {
+                "start": step.start,
+                "round": step.round,
+                "objective": step.objective,
+                "sensitivity_peak": step.sensitivity_peak,
+                "accepted": step.accepted,
+                **step.parameters,
+            }
+            for step in self.history
+        ]
+        return pandas.DataFrame(rows).set_index(["start", "round"])
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Before and after (controller): parameters, the measures of each draw, and the sensitivity
+        of each draw over frequency (rad/s)."""
+        import xarray
+
+        both = (self.before, self.after)
+        variables: dict[str, Any] = {
+            "value": (("controller", "parameter"), np.stack([loop.parameters for loop in both])),
+            "objective": ("controller", [loop.objective for loop in both]),
+            "sensitivity_peak": ("controller", [loop.sensitivity_peak for loop in both]),
+            "sensitivity": (
+                ("controller", "draw", "frequency"),
+                np.stack([loop.sensitivity for loop in both]),
+            ),
+        }
+        for number, name in enumerate(self.measures):
+            values = np.stack([loop.measures[:, number] for loop in both])
+            unit = MEASURES[name][1] if name in MEASURES else ""
+            variables[f"measure_{name}"] = (("controller", "draw"), values, {"units": unit})
+        return xarray.Dataset(
+            variables,
+            coords={
+                "controller": ["before", "after"],
+                "parameter": list(self.parameters),
+                "frequency": ("frequency", self.omega, {"units": "rad/s"}),
+                "draw": np.arange(len(self.after.measures)),
+            },
+            attrs={"rig": self.rig},
+        )
+
+    def __repr__(self) -> str:
+        draws = len(self.after.measures)
+        named = ", ".join(
+            f"{name} {value:.4g}"
+            for name, value in zip(self.parameters, self.after.parameters, strict=True)
+        )
+        peak = ""
+        if self.sensitivity_limit is not None:
+            peak = f", sensitivity peak {self.after.sensitivity_peak:.2f}"
+        return (
+            f"<Tuning of {self.rig}: {named}; objective {self.before.objective:.4g} -> "
+            f"{self.after.objective:.4g}{peak}, {draws} draw{'s' * (draws != 1)}>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, f"{before:.4g}", f"{after:.4g}", f"{low:.3g} to {high:.3g}")
+            for name, before, after, low, high in zip(
+                self.parameters,
+                self.before.parameters,
+                self.after.parameters,
+                self.lower,
+                self.upper,
+                strict=True,
+            )
+        ]
+        both = self.before, self.after
+        rows.append(("objective", *(f"{loop.objective:.4g}" for loop in both), ""))
+        if self.sensitivity_limit is not None:
+            limit = f"at most {self.sensitivity_limit:g}"
+            rows.append(
+                ("sensitivity peak", *(f"{loop.sensitivity_peak:.3g}" for loop in both), limit)
+            )
+        for number, name in enumerate(self.measures):
+            unit = MEASURES[name][1] if name in MEASURES else ""
+            medians = (f"{np.median(loop.measures[:, number]):.4g}" for loop in both)
+            rows.append((f"{name.replace('_', ' ')}, median", *medians, unit))
+        return html_table(repr(self), ("", "before", "after", "bounds or unit"), rows)

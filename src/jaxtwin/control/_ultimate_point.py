@@ -1,0 +1,174 @@
+r"""What an oscillation under relay feedback says of the plant, and a controller from it.
+
+Over whole periods the fundamental waves of duty and output give the plant's response at the
+frequency of the oscillation, $G(j \omega) = Y / U$, whatever the waves' other harmonics, and noise
+is averaged out. At small hysteresis its phase is -180 degrees: $1 / |G|$ is the ultimate gain, the
+proportional gain at which the loop would oscillate.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal, TypeAlias, final, get_args
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from .._arguments import whole_number
+from .._errors import ControlError
+from ._closed_loop_run import ClosedLoopRun
+from ._pid import PID
+
+Rule: TypeAlias = Literal["tyreus-luyben", "ziegler-nichols"]
+
+_RULES: dict[tuple[str, bool], tuple[float, float, float]] = {
+    ("tyreus-luyben", False): (1 / 3.2, 2.2, 0.0),
+    ("tyreus-luyben", True): (1 / 2.2, 2.2, 1 / 6.3),
+    ("ziegler-nichols", False): (0.45, 1 / 1.2, 0.0),
+    ("ziegler-nichols", True): (0.6, 0.5, 0.125),
+}
+"""Rule and whether with a derivative -> Kp per ultimate gain, and integral and derivative time per
+ultimate period (Tyreus and Luyben, Ind. Eng. Chem. Res. 31 (1992) 2625; Luyben and Luyben,
+*Essentials of Process Control*, 1997; Ziegler and Nichols, Trans. ASME 64 (1942) 759)."""
+
+FILTER = 1 / 8
+"""Time constant of the derivative's filter per derivative time."""
+
+SAME_PERIOD = 0.15
+"""Part by which periods may differ; two samples more are always allowed."""
+
+SAME_LEVEL = 0.15
+"""Part of the oscillation's height by which its mean may move from period to period."""
+
+
+@final
+@dataclass(frozen=True)
+class UltimatePoint:
+    """A plant at its critical frequency.
+
+    - `gain`: the ultimate gain, 1/K. `period_s`: of the oscillation, s.
+    - `phase_deg`: of the plant there, -180 where there is no hysteresis.
+    - `amplitude`: of the output's fundamental wave, K.
+    - `cycles`: how many periods were looked at.
+    """
+
+    gain: float
+    period_s: float
+    phase_deg: float
+    amplitude: float
+    cycles: int
+
+    def pid(self, rule: Rule = "tyreus-luyben", *, derivative: bool = True, **settings: Any) -> PID:
+        """A PID from it.
+
+        **Arguments:**
+
+        - `rule`: Tyreus and Luyben's, which is cautious, or Ziegler and Nichols', whose loops
+          overshoot by half.
+        - `derivative`: whether with a derivative; else a PI.
+        - `settings`: the further keywords of `PID`, such as limits and `measured`.
+
+        **Raises:** `ControlError` for another rule.
+        """
+        if rule not in get_args(Rule):
+            raise ControlError(
+                f"UltimatePoint.pid: rule: expected one of {', '.join(get_args(Rule))}, got "
+                f"{rule!r}"
+            )
+        gain, integral, lead = _RULES[rule, derivative]
+        Kp, Td = gain * self.gain, lead * self.period_s
+        Ki = Kp / (integral * self.period_s)
+        return PID(Kp=Kp, Ki=Ki, Kd=Kp * Td, Tf=FILTER * Td, **settings)
+
+
+def ultimate_point(
+    run: ClosedLoopRun | tuple[ArrayLike, ArrayLike, ArrayLike], *, cycles: int = 3
+) -> UltimatePoint:
+    """The critical frequency and gain of a plant, from a run with a `Relay`.
+
+    **Arguments:**
+
+    - `run`: of `simulate_closed_loop` with a `Relay`; or times (s), measured output (degC) and duty
+      of a cell that switches, each `(times,)` at equal steps, such as the decisions in a recording
+      of `jaxtwin control` hold them.
+    - `cycles`: how many of the last periods are looked at.
+
+    **Raises:** `ControlError` where there are fewer periods, or the oscillation still drifts.
+    """
+    count = whole_number("ultimate_point: cycles", cycles, 1, ControlError)
+    time, output, duty = _arrays(run)
+    step = time[1] - time[0]
+    changes = np.diff(duty)
+    ups = 1 + np.flatnonzero(changes > 0.5 * np.abs(changes).max()) if changes.any() else []
+    if len(ups) < count + 1:
+        raise ControlError(
+            f"ultimate_point: run: expected at least {count} whole periods of the relay, found "
+            f"{max(len(ups) - 1, 0)}; let it run for longer, or take less hysteresis"
+        )
+    ups = ups[-count - 1 :]
+    periods = np.diff(time[ups])
+    pieces = [slice(a, b) for a, b in pairwise(ups)]
+    levels = np.array([output[piece].mean() for piece in pieces])
+    height = float(np.mean([np.ptp(output[piece]) for piece in pieces]))
+    _check_drift(periods, levels, height, step)
+    whole = slice(ups[0], ups[-1])
+    omega = 2 * np.pi / periods.mean()
+    wave = np.exp(-1j * omega * time[whole])
+    Y, U = (2 * np.mean(values[whole] * wave) for values in (output, duty))
+    response = Y / U
+    phase = float(np.degrees(np.angle(response)))
+    return UltimatePoint(
+        gain=float(1 / abs(response)),
+        period_s=float(periods.mean()),
+        phase_deg=phase - 360 if phase > 0 else phase,
+        amplitude=float(abs(Y)),
+        cycles=count,
+    )
+
+
+def _arrays(run: Any) -> tuple[Float[np.ndarray, " times"], ...]:
+    if isinstance(run, ClosedLoopRun):
+        if run.measurement.shape[1] != 1:
+            raise ControlError(
+                "ultimate_point: run: expected one with a Relay, which has a single output, got "
+                f"{run.measurement.shape[1]} outputs"
+            )
+        switching = int(np.argmax(np.ptp(run.duty, axis=0)))
+        return run.time, run.measurement[:, 0], run.duty[:, switching]
+    try:
+        time, output, duty = (np.asarray(values, float) for values in run)
+    except (TypeError, ValueError):
+        raise ControlError(
+            "ultimate_point: run: expected a ClosedLoopRun, or (time, output, duty), got "
+            f"{type(run).__name__}"
+        ) from None
+    same = time.ndim == 1 and time.shape == output.shape == duty.shape and len(time) > 2
+    if not same or not all(np.isfinite(values).all() for values in (time, output, duty)):
+        raise ControlError(
+            "ultimate_point: run: expected finite times, output and duty of one length, got shapes "
+            f"{time.shape}, {output.shape} and {duty.shape}"
+        )
+    steps = np.diff(time)
+    if not (steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-6)):
+        raise ControlError("ultimate_point: run: expected times at equal steps")
+    return time, output, duty
+
+
+def _check_drift(
+    periods: Float[np.ndarray, " cycles"],
+    levels: Float[np.ndarray, " cycles"],
+    height: float,
+    step: float,
+) -> None:
+    """**Raises:** `ControlError` where the periods or the level still change."""
+    if np.ptp(periods) > SAME_PERIOD * periods.mean() + 2 * step:
+        raise ControlError(
+            "ultimate_point: run: expected periods that do not change, got "
+            f"{', '.join(f'{period:.3g}' for period in periods)} s; let it run for longer"
+        )
+    if len(levels) > 1 and np.abs(np.diff(levels)).max() > SAME_LEVEL * height:
+        raise ControlError(
+            "ultimate_point: run: expected an oscillation about one level, got means of "
+            f"{', '.join(f'{level:.2f}' for level in levels)} degC at a height of {height:.2f} K; "
+            "let it run for longer, or take a bias nearer to what holds the reference"
+        )
