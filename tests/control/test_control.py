@@ -90,9 +90,10 @@ def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(
     for time in (1.0, 2.0):
         loop(Moment(time, good, off, None))
         again(Moment(time, good, off, None))
-    held = [loop(Moment(time, bad, off, None)) for time in (3.0, 4.0, 5.0)]
-    expected = [again(Moment(time, good, off, None)) for time in (3.0, 4.0, 5.0)]
-    np.testing.assert_allclose(held, expected)  # pyright: ignore[reportArgumentType]
+    for time in (3.0, 4.0, 5.0):
+        held = loop(Moment(time, bad, off, None))
+        expected = again(Moment(time, good, off, None))
+        np.testing.assert_allclose(np.asarray(held), np.asarray(expected))
     with pytest.raises(SafetyStop, match=r"no reading of what it controls for 4\.0 s"):
         loop(Moment(6.0, bad, off, None))
 

@@ -58,7 +58,7 @@ def test_the_oscillation_is_that_of_the_describing_function(twin: Twin, run: Clo
         above = np.pi + (phase if phase <= 0 else phase - 2 * np.pi)  # -180 degrees
         return above - np.arcsin(min(HYSTERESIS / size, 1.0))
 
-    omega = float(brentq(off, 0.08, 0.5))
+    omega = float(brentq(off, 0.08, 0.5))  # pyright: ignore[reportArgumentType]
     point = ultimate_point(run)
     assert point.period_s == pytest.approx(2 * np.pi / omega, rel=0.08)
     assert point.amplitude == pytest.approx(abs(response(omega)) * 4 * AMPLITUDE / np.pi, rel=0.12)

@@ -27,8 +27,8 @@ def test_draws_have_the_spread_of_the_match():
             assert np.log(values).std() == pytest.approx(np.sqrt(variance), rel=0.05, abs=1e-9)
         assert np.all((row.lower <= values) & (values <= row.upper))
     again = posterior_draws(matched, 4000, seed=1)
-    np.testing.assert_array_equal(again["R_E"], draws["R_E"])
-    assert not np.array_equal(posterior_draws(matched, 4000, seed=2)["R_E"], draws["R_E"])
+    np.testing.assert_array_equal(again["R_pc"], draws["R_pc"])
+    assert not np.array_equal(posterior_draws(matched, 4000, seed=2)["R_pc"], draws["R_pc"])
 
 
 @pytest.mark.parametrize(

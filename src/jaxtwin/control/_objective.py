@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -71,7 +71,7 @@ def checked_objective(where: str, objective: Any, tail_weight: Any) -> Objective
     measures: dict[str, Measure] = {name: function for name, (function, _) in MEASURES.items()}
     at = f"{where}: objective"
     if callable(objective):
-        measures[OWN] = objective
+        measures[OWN] = cast(Measure, objective)
         weights = {OWN: 1.0}
     elif isinstance(objective, str):
         weights = {objective: 1.0}

@@ -11,7 +11,8 @@ measurement. The derivative of $M_s$ is that of the singular value at the freque
 draw, where it is largest.
 """
 
-from typing import NamedTuple, TypeAlias, final
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeAlias, final
 
 import jax
 import jax.numpy as jnp
@@ -155,16 +156,16 @@ class SampledLoops:
 @persistent_jit
 def _sampled_plants(
     twin: Twin,
-    draws: dict[str, Float[Array | np.ndarray, " draws"]],
+    draws: Mapping[str, Float[Array | np.ndarray, " draws"]],
     target: Target,
     interval: Float[Array, ""],
     shifts: int,
-) -> tuple[tuple[Array, Array, Array, Array], Float[Array, "draws cells"]]:
+) -> tuple[tuple[Any, ...], Float[Array | np.ndarray, "draws cells"]]:
     """The discrete plants from duty to outputs, and their duty at rest."""
 
     def of_draw(
-        values: dict[str, Array],
-    ) -> tuple[tuple[Array, Array, Array, Array], Float[Array, " cells"]]:
+        values: Mapping[str, Array],
+    ) -> tuple[tuple[Any, ...], Float[Array | np.ndarray, " cells"]]:
         model, _, _ = _linearized(twin.with_parameters(values), None, target, None)
         weights = jnp.asarray(target.channels)
         matrices = model.A, model.B, weights @ model.C, weights @ model.D

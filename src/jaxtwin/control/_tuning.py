@@ -172,14 +172,14 @@ class Tuning:
             )
         ]
         both = self.before, self.after
-        rows.append(("objective", *(f"{loop.objective:.4g}" for loop in both), ""))
+        before, after = (f"{loop.objective:.4g}" for loop in both)
+        rows.append(("objective", before, after, ""))
         if self.sensitivity_limit is not None:
             limit = f"at most {self.sensitivity_limit:g}"
-            rows.append(
-                ("sensitivity peak", *(f"{loop.sensitivity_peak:.3g}" for loop in both), limit)
-            )
+            before, after = (f"{loop.sensitivity_peak:.3g}" for loop in both)
+            rows.append(("sensitivity peak", before, after, limit))
         for number, name in enumerate(self.measures):
             unit = MEASURES[name][1] if name in MEASURES else ""
-            medians = (f"{np.median(loop.measures[:, number]):.4g}" for loop in both)
-            rows.append((f"{name.replace('_', ' ')}, median", *medians, unit))
+            before, after = (f"{np.median(loop.measures[:, number]):.4g}" for loop in both)
+            rows.append((f"{name.replace('_', ' ')}, median", before, after, unit))
         return html_table(repr(self), ("", "before", "after", "bounds or unit"), rows)
