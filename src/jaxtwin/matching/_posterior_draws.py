@@ -52,7 +52,10 @@ def posterior_draws(
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     random = np.random.default_rng(whole_number("posterior_draws: seed", seed, 0, MatchError))
     entries = known.mean + random.normal(size=(count, len(values))) @ root.T
-    return {
-        row.name: np.clip(np.exp(column) if row.is_logarithmic else column, row.lower, row.upper)
-        for row, column in zip(known.rows, entries.T, strict=True)
-    }
+    with np.errstate(over="ignore"):  # of what is hardly known, which then is at its bound
+        return {
+            row.name: np.clip(
+                np.exp(column) if row.is_logarithmic else column, row.lower, row.upper
+            )
+            for row, column in zip(known.rows, entries.T, strict=True)
+        }
