@@ -88,7 +88,7 @@ def _draw_sensitivity(axes: Axes, tuning: Tuning) -> None:
 
 
 def _draw_measures(axes: Axes, tuning: Tuning) -> None:
-    names = []
+    names, largest = [], 1.0
     for number, name in enumerate(tuning.measures):
         before, after = (loop.measures[:, number] for loop in (tuning.before, tuning.after))
         middle = float(np.median(before))
@@ -98,9 +98,12 @@ def _draw_measures(axes: Axes, tuning: Tuning) -> None:
         names.append((name, tuning.weights[number] != 0))
         for values, color, shift in ((before, BLUE, -0.13), (after, VERMILION, 0.13)):
             low, median, high = np.quantile(values / middle, [0.05, 0.5, 0.95])
+            largest = max(largest, high)
             axes.plot([low, high], [row + shift] * 2, color=color, lw=2, alpha=0.6)
             axes.plot([median], [row + shift], "o", color=color, ms=4)
     axes.axvline(1, color=MUTED, lw=0.8)
+    if largest > 10:  # of an overshoot that was nearly nothing, say
+        axes.set_xscale("log")
     axes.set_yticks(range(len(names)), [name.replace("_", " ") for name, _ in names])
     for label, (_, counts) in zip(axes.get_yticklabels(), names, strict=True):
         label.set_fontweight("bold" if counts else "normal")
