@@ -78,7 +78,7 @@ LONG = {
 }
 """Of these, those that take more than some seconds, nearly all of it compilation."""
 
-INPUTS = {"CSources", "Experiment", "FitDifference", "Netlist", "PlateMap", "Rig", "Twin"}
+INPUTS = {"CSources", "Experiment", "FMU", "FitDifference", "Netlist", "PlateMap", "Rig", "Twin"}
 """Classes that public functions give and that are no results."""
 
 
