@@ -97,6 +97,11 @@ class ClosedLoop(eqx.Module):
         """Temperatures of the cells' sides, degC."""
         return self.nodes[..., np.array(self.sides)]
 
+    @property
+    def stays_finite(self) -> Bool[Array, ""]:
+        """Whether a single loop has finite temperatures at its end and a finite duty always."""
+        return jnp.all(jnp.isfinite(self.nodes[-1])) & jnp.all(jnp.isfinite(self.duty))
+
 
 class _Loop(NamedTuple):
     """The state of a loop between two samples."""

@@ -136,9 +136,8 @@ def _slopes(
     ) -> tuple[Float[Array, " measures"], Float[Array, "parameters measures"], Bool[Array, ""]]:
         def measured(values: Array) -> tuple[Array, Array]:
             loop: ClosedLoop = run_loop(stepper, vector.apply(values), happens)
-            is_finite = jnp.all(jnp.isfinite(loop.nodes[-1])) & jnp.all(jnp.isfinite(loop.duty))
             numbers = [jnp.asarray(function(loop), values.dtype) for _, function in measures]
-            return jnp.stack(numbers), ~is_finite
+            return jnp.stack(numbers), ~loop.stays_finite
 
         def along(direction: Array) -> tuple[Array, Array, Array]:
             found, slope, failed = jax.jvp(measured, (values,), (direction,), has_aux=True)

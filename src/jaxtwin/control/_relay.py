@@ -18,13 +18,12 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number
 from .._errors import ControlError
 from ._controller import (
-    AbstractController,
+    AbstractChannelGroupController,
     Numbers,
     check_parameters,
     checked_limits,
     checked_measured,
     checked_sample_time,
-    means_of,
 )
 from ._pid import Parameter, as_parameter
 
@@ -47,7 +46,7 @@ class RelayState(NamedTuple):
 
 
 @final
-class Relay(AbstractController):
+class Relay(AbstractChannelGroupController):
     """A relay with hysteresis, for finding the gain and the period of a critical oscillation.
 
     ```python
@@ -109,10 +108,6 @@ class Relay(AbstractController):
         self.measured = checked_measured("Relay", group)
         self.limits = checked_limits("Relay", limits)
         self.sample_time_s = checked_sample_time("Relay", sample_time_s)
-
-    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
-        """The mean over the channels of the output."""
-        return means_of(self.measured, channels)
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

@@ -480,7 +480,7 @@ def _measured(
         changed = with_parameters(controller, values)
         loop: ClosedLoop = run_loop(stepper, changed, happens)
         found = {name: jnp.asarray(function(loop)) for name, function in measures}
-        is_finite = jnp.all(jnp.isfinite(loop.nodes[-1])) & jnp.all(jnp.isfinite(loop.duty))
+        is_finite = loop.stays_finite
         found = {
             name: (
                 jnp.where(is_finite, value, jnp.nan)

@@ -5,10 +5,12 @@ They are declared here as the standard has them, so that the sources need no hea
 
 from collections.abc import Iterator
 
+from ._c_functions import NOTHING_AT_ALL, of_state, refused
+
 
 def fmi2_c() -> str:
     """What follows the instance."""
-    return _TYPES + "".join(_refused()) + _FUNCTIONS
+    return _TYPES + "".join(_refused()) + _FUNCTIONS + of_state("fmi2", "FMUstate")
 
 
 _TYPES = """typedef void *component_t;
@@ -108,30 +110,6 @@ EXPORTED status_t fmi2DoStep(component_t c, double time, double size, bool_t is_
     (void)is_final;
     return advance(c, time, size) ? OK : ERROR;
 }
-
-EXPORTED status_t fmi2GetFMUstate(component_t c, void **state)
-{
-    if (*state == NULL) {
-        *state = copied(c);
-        return *state == NULL ? ERROR : OK;
-    }
-    memcpy(*state, c, sizeof(instance_t));
-    return OK;
-}
-
-EXPORTED status_t fmi2SetFMUstate(component_t c, void *state)
-{
-    memcpy(c, state, sizeof(instance_t));
-    return OK;
-}
-
-EXPORTED status_t fmi2FreeFMUstate(component_t c, void **state)
-{
-    (void)c;
-    free(*state);
-    *state = NULL;
-    return OK;
-}
 """
 
 
@@ -141,17 +119,14 @@ def _refused() -> Iterator[str]:
     for kind, value in (("Integer", "int"), ("Boolean", "bool_t"), ("String", "char *")):
         constant = "const char *const" if kind == "String" else f"const {value}"
         got = "const char *" if kind == "String" else f"{value} "
-        yield _none(f"fmi2Get{kind}", f"const uint32_t v[], size_t n, {got}values[]", "v values")
-        yield _none(
-            f"fmi2Set{kind}", f"const uint32_t v[], size_t n, {constant} values[]", "v values"
-        )
-    for name, arguments in (
+        yield refused(f"fmi2Get{kind}", f"{_SOME}, {got}values[]", NOTHING_AT_ALL)
+        yield refused(f"fmi2Set{kind}", f"{_SOME}, {constant} values[]", NOTHING_AT_ALL)
+    for name, values in (
         ("fmi2SetRealInputDerivatives", "const double values[]"),
         ("fmi2GetRealOutputDerivatives", "double values[]"),
     ):
-        given = f"const uint32_t v[], size_t n, const int order[], {arguments}"
-        yield _none(name, given, "v order values")
-    yield _error("fmi2CancelStep", "", "")
+        yield refused(name, f"{_SOME}, const int order[], {values}", NOTHING_AT_ALL)
+    yield refused("fmi2CancelStep", "", "ERROR")
     for kind, value in (
         ("", "int"),
         ("Real", "double"),
@@ -159,33 +134,20 @@ def _refused() -> Iterator[str]:
         ("Boolean", "bool_t"),
         ("String", "const char *"),
     ):
-        yield _error(f"fmi2Get{kind}Status", f"int kind, {value} *value", "kind value")
-    yield _error("fmi2SerializedFMUstateSize", "void *state, size_t *size", "state size")
-    yield _error(
-        "fmi2SerializeFMUstate", "void *state, char bytes[], size_t size", "state bytes size"
-    )
-    yield _error(
-        "fmi2DeSerializeFMUstate",
-        "const char bytes[], size_t size, void **state",
-        "bytes size state",
-    )
-    yield _error(
-        "fmi2GetDirectionalDerivative",
+        yield refused(f"fmi2Get{kind}Status", f"int kind, {value} *value", "ERROR")
+    for name, arguments in _OTHERS.items():
+        yield refused(name, arguments, "ERROR")
+
+
+_SOME = "const uint32_t v[], size_t n"
+
+_OTHERS = {
+    "fmi2SerializedFMUstateSize": "void *state, size_t *size",
+    "fmi2SerializeFMUstate": "void *state, char bytes[], size_t size",
+    "fmi2DeSerializeFMUstate": "const char bytes[], size_t size, void **state",
+    "fmi2GetDirectionalDerivative": (
         "const uint32_t z[], size_t nz, const uint32_t v[], size_t nv, const double dv[], "
-        "double dz[]",
-        "z nz v nv dv dz",
-    )
-
-
-def _none(name: str, arguments: str, unused: str) -> str:
-    return _function(name, arguments, unused, "n == 0 ? OK : ERROR")
-
-
-def _error(name: str, arguments: str, unused: str) -> str:
-    return _function(name, arguments, unused, "ERROR")
-
-
-def _function(name: str, arguments: str, unused: str, answer: str) -> str:
-    given = f"component_t c, {arguments}" if arguments else "component_t c"
-    ignored = "".join(f"    (void){word};\n" for word in ["c", *unused.split()])
-    return f"EXPORTED status_t {name}({given})\n{{\n{ignored}    return {answer};\n}}\n\n"
+        "double dz[]"
+    ),
+}
+"""Functions for states as bytes and for derivatives."""

@@ -5,10 +5,12 @@ They are declared here as the standard has them, so that the sources need no hea
 
 from collections.abc import Iterator
 
+from ._c_functions import NOTHING_AT_ALL, of_state, refused
+
 
 def fmi3_c() -> str:
     """What follows the instance."""
-    return _TYPES + "".join(_refused()) + _FUNCTIONS
+    return _TYPES + "".join(_refused()) + _FUNCTIONS + of_state("fmi3", "FMUState")
 
 
 _TYPES = """#include <stdbool.h>
@@ -149,30 +151,6 @@ EXPORTED status_t fmi3DoStep(component_t c, double time, double size, bool never
     *last = time + size;
     return OK;
 }
-
-EXPORTED status_t fmi3GetFMUState(component_t c, void **state)
-{
-    if (*state == NULL) {
-        *state = copied(c);
-        return *state == NULL ? ERROR : OK;
-    }
-    memcpy(*state, c, sizeof(instance_t));
-    return OK;
-}
-
-EXPORTED status_t fmi3SetFMUState(component_t c, void *state)
-{
-    memcpy(c, state, sizeof(instance_t));
-    return OK;
-}
-
-EXPORTED status_t fmi3FreeFMUState(component_t c, void **state)
-{
-    (void)c;
-    free(*state);
-    *state = NULL;
-    return OK;
-}
 """
 
 _KINDS = {
@@ -240,23 +218,15 @@ def _refused() -> Iterator[str]:
         space = "" if value.endswith("*") else " "
         constant = "const char *const " if kind == "String" else f"const {value} "
         got = f"{_SOME}, {value}{space}values[], size_t count"
-        yield _function(f"fmi3Get{kind}", got, "n == 0 ? OK : ERROR")
+        yield refused(f"fmi3Get{kind}", got, NOTHING_AT_ALL)
         given = f"{_SOME}, {constant}values[], size_t count"
-        yield _function(f"fmi3Set{kind}", given, "n == 0 ? OK : ERROR")
+        yield refused(f"fmi3Set{kind}", given, NOTHING_AT_ALL)
     binary = f"{_SOME}, {{}} sizes[], {{}} values[], size_t count"
     got = binary.format("size_t", "const uint8_t *")
-    yield _function("fmi3GetBinary", got, "n == 0 ? OK : ERROR")
+    yield refused("fmi3GetBinary", got, NOTHING_AT_ALL)
     given = binary.format("const size_t", "const uint8_t *const")
-    yield _function("fmi3SetBinary", given, "n == 0 ? OK : ERROR")
-    yield _function("fmi3GetClock", f"{_SOME}, bool values[]", "n == 0 ? OK : ERROR")
-    yield _function("fmi3SetClock", f"{_SOME}, const bool values[]", "n == 0 ? OK : ERROR")
+    yield refused("fmi3SetBinary", given, NOTHING_AT_ALL)
+    yield refused("fmi3GetClock", f"{_SOME}, bool values[]", NOTHING_AT_ALL)
+    yield refused("fmi3SetClock", f"{_SOME}, const bool values[]", NOTHING_AT_ALL)
     for name, arguments in _OTHERS.items():
-        yield _function(name, arguments, "ERROR")
-
-
-def _function(name: str, arguments: str, answer: str) -> str:
-    given = f"component_t c, {arguments}" if arguments else "component_t c"
-    words = [part.split()[-1].lstrip("*").removesuffix("[]") for part in given.split(", ")]
-    used = {"n"} if "n ==" in answer else set()
-    ignored = "".join(f"    (void){word};\n" for word in words if word not in used)
-    return f"EXPORTED status_t {name}({given})\n{{\n{ignored}    return {answer};\n}}\n\n"
+        yield refused(name, arguments, "ERROR")

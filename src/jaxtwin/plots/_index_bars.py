@@ -5,7 +5,8 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import GlobalSensitivity
-from ._style import BLUE, INK, MUTED, VERMILION, styled, symbol
+from ._sensitivity_labels import label_rows, title_output
+from ._style import BLUE, INK, VERMILION, styled
 
 
 @styled
@@ -29,7 +30,7 @@ def plot_index_bars(
     names = sensitivity.ranking(output)
     order = [sensitivity.names.index(name) for name in names]
     index = sensitivity[main][row, order]
-    places = np.arange(len(names))[::-1]
+    places = np.arange(len(names), dtype=float)[::-1]
     if ax is None:
         size = (5.6, 1.2 + 0.29 * len(names))
         ax = pyplot.figure(figsize=size, layout="constrained").subplots()
@@ -42,16 +43,12 @@ def plot_index_bars(
     elif f"{main}_low" in known:
         low, high = known[f"{main}_low"][row, order], known[f"{main}_high"][row, order]
         ax.hlines(places, low, high, color=INK, lw=1.3)
-    ax.axvline(0.0, color=MUTED, lw=0.8)
-    ax.set_yticks(places, [symbol(name) for name in names], fontsize=10)
-    ax.set(xlabel=_WORDS[main], title=sensitivity.labels[row])
+    label_rows(ax, names, places)
+    ax.set(xlabel=_WORDS[main])
     unit = sensitivity.outputs[row].unit.replace("K2", "K²")
     if main == "swing" and unit:
         ax.set_xlabel(f"{_WORDS[main]}, {unit}")
-    ax.grid(visible=False, axis="y")
-    ax.tick_params(axis="y", length=0)
-    runs = f"{len(sensitivity.failed):,} runs".replace(",", " ")
-    ax.set_title(runs, loc="right", fontsize=9, fontweight="normal", color=MUTED)
+    title_output(ax, sensitivity, row)
     return ax
 
 

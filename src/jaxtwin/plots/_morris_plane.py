@@ -5,6 +5,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import GlobalSensitivity
+from ._sensitivity_labels import title_output
 from ._style import BLUE, INK, MUTED, styled, symbol
 
 NAMED = 0.05
@@ -48,7 +49,7 @@ def plot_morris_plane(
     )  # fmt: skip
     unit = sensitivity.outputs[row].unit.replace("K2", "K²")
     ends = f", {unit}" if unit else ""
-    ax.set(xlim=(0, limit), ylim=(-0.02 * top, top), title=sensitivity.labels[row])
+    ax.set(xlim=(0, limit), ylim=(-0.02 * top, top))
     written: list[tuple[float, float]] = []
     for column in np.argsort(spread, kind="stable"):
         if size[column] >= NAMED * size.max():
@@ -61,6 +62,5 @@ def plot_morris_plane(
                 textcoords="offset points", color=INK,
             )  # fmt: skip
     ax.set(xlabel=f"mu_star, mean size of the effects{ends}", ylabel=f"sigma{ends}")
-    runs = f"{len(sensitivity.failed):,} runs".replace(",", " ")
-    ax.set_title(runs, loc="right", fontsize=9, fontweight="normal", color=MUTED)
+    title_output(ax, sensitivity, row)
     return ax

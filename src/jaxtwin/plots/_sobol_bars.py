@@ -5,7 +5,8 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import GlobalSensitivity
-from ._style import BLUE, INK, MUTED, SKY, styled, symbol
+from ._sensitivity_labels import label_rows, title_output
+from ._style import BLUE, INK, SKY, styled
 
 
 @styled
@@ -44,13 +45,9 @@ def plot_sobol_bars(
             half = sensitivity[f"{name}_conf"][row, order]
             ax.hlines(places + shift, index - half, index + half, color=INK, lw=1.2)
         widest = max(widest, float(np.nanmax(index + half, initial=0.0)))
-    ax.axvline(0.0, color=MUTED, lw=0.8)
-    ax.set_yticks(places, [symbol(name) for name in names], fontsize=10)
+    label_rows(ax, names, places)
     ax.set_xlim(right=1.05 * max(widest, 0.05))
-    ax.set(xlabel="part of the output's variance", title=sensitivity.labels[row])
-    ax.grid(visible=False, axis="y")
-    ax.tick_params(axis="y", length=0)
+    ax.set(xlabel="part of the output's variance")
     ax.legend(loc="lower right")
-    runs = f"{len(sensitivity.failed):,} runs".replace(",", " ")
-    ax.set_title(runs, loc="right", fontsize=9, fontweight="normal", color=MUTED)
+    title_output(ax, sensitivity, row)
     return ax

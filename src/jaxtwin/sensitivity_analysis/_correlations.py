@@ -7,23 +7,18 @@ import numpy as np
 from jaxtyping import Float
 
 from ._indices import pearson, spearman
-from ._inputs import Inputs
 from ._intervals import pearson_interval, spearman_interval
-from ._method import AbstractMethod, Design, Indices
-from ._unit_samples import SampleKind, unit_samples
+from ._method import AbstractPlainMethod, Design, Indices
 
 
 @final
 @dataclass(frozen=True)
-class Pearson(AbstractMethod):
+class Pearson(AbstractPlainMethod):
     """Pearson's correlation `pearson`, with its 95 % interval, `pearson_low` and `pearson_high`."""
 
     name = "pearson"
     main = "pearson"
     usual_draws = 1000
-
-    def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
-        return plain_design(inputs, draws, seed, samples)
 
     def estimate(
         self,
@@ -42,16 +37,13 @@ class Pearson(AbstractMethod):
 
 @final
 @dataclass(frozen=True)
-class Spearman(AbstractMethod):
+class Spearman(AbstractPlainMethod):
     """Spearman's rank correlation `spearman`, with its 95 % interval, `spearman_low` and
     `spearman_high`."""
 
     name = "spearman"
     main = "spearman"
     usual_draws = 1000
-
-    def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
-        return plain_design(inputs, draws, seed, samples)
 
     def estimate(
         self,
@@ -66,9 +58,3 @@ class Spearman(AbstractMethod):
             "spearman_low": interval[..., 0],
             "spearman_high": interval[..., 1],
         }
-
-
-def plain_design(inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
-    """Samples of all parameters together, with the correlations that these have."""
-    unit = unit_samples(samples, draws, len(inputs.names), seed)
-    return Design(inputs, inputs.correlated(unit))

@@ -14,15 +14,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ._bootstrap import half_width, resample_weights
-from ._correlations import plain_design
-from ._inputs import Inputs
-from ._method import AbstractMethod, Design, Indices
-from ._unit_samples import SampleKind
+from ._method import AbstractPlainMethod, Design, Indices
 
 
 @final
 @dataclass(frozen=True)
-class DerivativeBased(AbstractMethod):
+class DerivativeBased(AbstractPlainMethod):
     """The mean squared derivative `vi`, its standard deviation over draws `vi_std`, and the bound
     of the total index `dgsm`, with `dgsm_conf`, half of its 95 % bootstrap interval. SALib's
     `dgsm_conf` is that of `vi`."""
@@ -31,11 +28,8 @@ class DerivativeBased(AbstractMethod):
     main = "dgsm"
     usual_draws = 256
     usual_samples = "sobol"
+    needs_independence_for = "derivative-based bounds"
     needs_slopes = True
-
-    def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
-        inputs.check_independent("derivative-based bounds")
-        return plain_design(inputs, draws, seed, samples)
 
     def estimate(
         self,

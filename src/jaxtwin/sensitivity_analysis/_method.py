@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ._inputs import Inputs
-from ._unit_samples import SampleKind
+from ._unit_samples import SampleKind, unit_samples
 
 COLUMNS = 64
 """Outputs that are worked on at a time, so that products of blocks, parameters and outputs stay
@@ -114,6 +114,22 @@ class AbstractMethod(abc.ABC):
         - `slopes`: of the outputs in the parameters, where the method needs them.
         - `seed`: of the resampling.
         """
+
+
+class AbstractPlainMethod(AbstractMethod):
+    """A method that takes samples of all parameters together, each run a block.
+
+    - `needs_independence_for`: what it is called where it refuses correlated parameters; None where
+      it takes them, with the correlations that they have.
+    """
+
+    needs_independence_for: ClassVar[str | None] = None
+
+    def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
+        if self.needs_independence_for is not None:
+            inputs.check_independent(self.needs_independence_for)
+        unit = unit_samples(samples, draws, len(inputs.names), seed)
+        return Design(inputs, inputs.correlated(unit))
 
 
 def indices_of(

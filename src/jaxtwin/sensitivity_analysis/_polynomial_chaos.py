@@ -18,11 +18,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri
 
-from ._correlations import plain_design
-from ._inputs import Inputs
 from ._marginals import SMALLEST
-from ._method import AbstractMethod, Design, Indices
-from ._unit_samples import SampleKind
+from ._method import AbstractPlainMethod, Design, Indices
 
 MOST_TERMS = 2000
 """Of a polynomial: the work grows with their square."""
@@ -30,7 +27,7 @@ MOST_TERMS = 2000
 
 @final
 @dataclass(frozen=True)
-class PolynomialChaos(AbstractMethod):
+class PolynomialChaos(AbstractPlainMethod):
     """`S1`, `ST` and `S2` of a polynomial, its `degree`, and its `loo_error`: the mean squared
     error of its prediction of a run from the other runs, as a part of the variance.
 
@@ -42,10 +39,7 @@ class PolynomialChaos(AbstractMethod):
     main = "ST"
     usual_draws = 1024
     usual_samples = "sobol"
-
-    def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
-        inputs.check_independent("polynomial chaos")
-        return plain_design(inputs, draws, seed, samples)
+    needs_independence_for = "polynomial chaos"
 
     def estimate(
         self,

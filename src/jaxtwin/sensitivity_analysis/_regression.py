@@ -13,16 +13,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ._bootstrap import half_width, resample_weights
-from ._correlations import plain_design
 from ._indices import ranks
-from ._inputs import Inputs
-from ._method import AbstractMethod, Design, Indices
-from ._unit_samples import SampleKind
+from ._method import AbstractPlainMethod, Design, Indices
 
 
 @final
 @dataclass(frozen=True)
-class StandardisedRegression(AbstractMethod):
+class StandardisedRegression(AbstractPlainMethod):
     """Standardised regression coefficients `SRC`, with `SRC_conf`, half of their 95 % bootstrap
     interval, and `R2`, the part of the variance that the linear model explains."""
 
@@ -30,9 +27,6 @@ class StandardisedRegression(AbstractMethod):
     main = "SRC"
     usual_draws = 1024
     usual_samples = "latin-hypercube"
-
-    def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
-        return plain_design(inputs, draws, seed, samples)
 
     def estimate(
         self,
@@ -58,7 +52,7 @@ class StandardisedRegression(AbstractMethod):
 
 @final
 @dataclass(frozen=True)
-class PartialRankCorrelation(AbstractMethod):
+class PartialRankCorrelation(AbstractPlainMethod):
     """Partial rank correlation coefficients `PRCC`, with `PRCC_conf`, half of their 95 % bootstrap
     interval."""
 
@@ -66,9 +60,6 @@ class PartialRankCorrelation(AbstractMethod):
     main = "PRCC"
     usual_draws = 1024
     usual_samples = "latin-hypercube"
-
-    def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
-        return plain_design(inputs, draws, seed, samples)
 
     def estimate(
         self,

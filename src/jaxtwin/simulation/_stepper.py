@@ -406,7 +406,7 @@ def _inputs(
     if system.lag is None:
         return Inputs(command, surroundings, heat), command
     # du/dt = (command - u) / lag, at the start, in the middle and at the end.
-    elapsed = size * jnp.array([0.0, 0.5, 1.0], size.dtype)
+    elapsed = size * _stages(size)
     stages = command + (duty - command) * jnp.exp(-elapsed / system.lag)[:, None]
     return Inputs(stages, surroundings, heat), stages[-1]
 

@@ -1,0 +1,56 @@
+"""Functions that FMI 2.0 and 3.0 have alike but for their names, as C."""
+
+NOTHING_AT_ALL = "n == 0 ? OK : ERROR"
+"""The answer of a function for values of a kind that a twin has none of."""
+
+
+def refused(name: str, arguments: str, answer: str) -> str:
+    """A function that uses none of its arguments.
+
+    **Arguments:**
+
+    - `name`, `arguments`: as the standard has them, without the component.
+    - `answer`: what it returns, an expression; of the arguments it may use `n`.
+    """
+    given = f"component_t c, {arguments}" if arguments else "component_t c"
+    words = [part.split()[-1].lstrip("*").removesuffix("[]") for part in given.split(", ")]
+    used = {"n"} if "n ==" in answer else set()
+    ignored = "".join(f"    (void){word};\n" for word in words if word not in used)
+    return f"EXPORTED status_t {name}({given})\n{{\n{ignored}    return {answer};\n}}\n\n"
+
+
+def of_state(prefix: str, word: str) -> str:
+    """Keeping a state, going back to it and giving it free.
+
+    **Arguments:**
+
+    - `prefix`, `word`: of the functions' names, such as "fmi2" and "FMUstate".
+    """
+    return _OF_STATE.replace("PREFIX", prefix).replace("WORD", word)
+
+
+_OF_STATE = """
+EXPORTED status_t PREFIXGetWORD(component_t c, void **state)
+{
+    if (*state == NULL) {
+        *state = copied(c);
+        return *state == NULL ? ERROR : OK;
+    }
+    memcpy(*state, c, sizeof(instance_t));
+    return OK;
+}
+
+EXPORTED status_t PREFIXSetWORD(component_t c, void *state)
+{
+    memcpy(c, state, sizeof(instance_t));
+    return OK;
+}
+
+EXPORTED status_t PREFIXFreeWORD(component_t c, void **state)
+{
+    (void)c;
+    free(*state);
+    *state = NULL;
+    return OK;
+}
+"""
