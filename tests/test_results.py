@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from small_results import analysis, fit, global_analysis, recordings
 
 import jaxtwin as jt
-from jaxtwin.control import PID, ClosedLoopRun, Tuning
+from jaxtwin.control import PID, ClosedLoopRun, Frontier, Tuning, frontier
 from jaxtwin.physics import DCSweep
 from jaxtwin.simulation import Reductions
 
@@ -49,6 +49,11 @@ def tuning() -> Tuning:
     return jt.tune(controller, fit().twin, 25.0, duration_s=20, starts=1, rounds=1)
 
 
+def frontier_of_two() -> Frontier:
+    controller = PID(Kp=0.1, Ki=0.001)
+    return frontier(controller, fit().twin, 25.0, duration_s=20, weights=[0, 1], rounds=1)
+
+
 RESULTS: dict[str, Callable[[Path], Any]] = {
     "Run": lambda _: fit().runs["synthetic-A"],
     "Reductions": lambda _: reductions(),
@@ -63,12 +68,14 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "LinearModel": lambda _: jt.linearize(fit().twin, duty=0.4),
     "ClosedLoopRun": lambda _: closed_loop(),
     "Tuning": lambda _: tuning(),
+    "Frontier": lambda _: frontier_of_two(),
 }
 """Class -> one of it."""
 
 LONG = {
     "Band",
     "ClosedLoopRun",
+    "Frontier",
     "GlobalSensitivity",
     "Profile",
     "Run",

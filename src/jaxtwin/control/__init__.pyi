@@ -15,6 +15,8 @@ from ._directions import Directions as Directions  # mean and uniformity
 from ._discrete_model import DiscreteModel as DiscreteModel  # a linear model step by step
 from ._disturbances import Draught as Draught  # air upon the plate
 from ._disturbances import HeatInput as HeatInput  # a hand upon the plate
+from ._frontier import Frontier as Frontier  # the trade between two aims
+from ._frontier import frontier as frontier  # controllers tuned by several weights
 from ._kalman import KalmanFilter as KalmanFilter  # with the disturbance
 from ._linear_model import LinearModel as LinearModel  # a twin near an operating point
 from ._linearize import linearize as linearize  # twin or fit -> LinearModel

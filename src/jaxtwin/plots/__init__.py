@@ -11,6 +11,7 @@ from ._comparison import plot_comparison, plot_residuals
 from ._correlation import plot_correlation
 from ._dc_sweep import plot_dc_curves, plot_dc_sweep
 from ._distributions import plot_distributions
+from ._frontier import plot_frontier
 from ._history import plot_history
 from ._index_bars import plot_index_bars
 from ._indices_over_time import plot_indices_over_time
@@ -40,6 +41,7 @@ __all__ = [
     "plot_dc_curves",
     "plot_dc_sweep",
     "plot_distributions",
+    "plot_frontier",
     "plot_history",
     "plot_index_bars",
     "plot_indices_over_time",

@@ -1,0 +1,73 @@
+"""The trade between two aims of a controller."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+
+from ..control import MEASURES, Frontier
+from ._style import BLUE, FAINT, MUTED, styled
+
+
+@styled
+def plot_frontier(frontier: Frontier, measure: str, beside: Sequence[str]) -> Figure:
+    """A measure over other measures, with a panel for each.
+
+    A dot is the median over the draws of the plant, its bars extend from 5 to 95 % of the draws.
+    The numbers are the weights, and a thin line joins the dots in their order. A hollow dot is not
+    on the frontier of its panel: another controller is better in both measures. A controller with a
+    median that is not finite, such as the settling time of a loop that never settles, is left out.
+
+    **Arguments:**
+
+    - `frontier`: the result of `jaxtwin.control.frontier`.
+    - `measure`: the measure on the vertical axis.
+    - `beside`: the measures on the horizontal axes.
+
+    **Returns:** the figure.
+
+    **Raises:** `ControlError` for an unknown measure.
+    """
+    figure = pyplot.figure(figsize=(1 + 4.4 * len(beside), 4.2), layout="constrained")
+    panels = figure.subplots(1, len(beside), sharey=True, squeeze=False)[0]
+    y = _quantiles(frontier, measure)
+    for axes, name in zip(panels, beside, strict=True):
+        x = _quantiles(frontier, name)
+        is_shown = np.isfinite(x[1]) & np.isfinite(y[1])
+        order = np.flatnonzero(is_shown)[np.argsort(x[1][is_shown])]
+        best = [
+            point
+            for point in order
+            if not np.any((x[1][order] < x[1][point]) & (y[1][order] < y[1][point]))
+        ]
+        axes.plot(x[1][is_shown], y[1][is_shown], color=FAINT, lw=1.2)
+        axes.plot(x[1][best], y[1][best], color=BLUE, lw=1.2)
+        for point in order:
+            axes.plot(x[[0, 2], point], [y[1, point]] * 2, color=BLUE, lw=1, alpha=0.5)
+            axes.plot([x[1, point]] * 2, y[[0, 2], point], color=BLUE, lw=1, alpha=0.5)
+            fill = BLUE if point in best else "none"
+            axes.plot(x[1, point], y[1, point], "o", mfc=fill, mec=BLUE, ms=5)
+            axes.annotate(
+                f"{frontier.weights[point]:g}", (x[1, point], y[1, point]), (5, 5),
+                textcoords="offset points", fontsize=8, color=MUTED,
+            )  # fmt: skip
+        axes.set_xlabel(_label(name))
+    panels[0].set_ylabel(_label(measure))
+    unit = MEASURES[frontier.against][1]
+    panels[0].set_title(
+        f"weight of {frontier.against.replace('_', ' ')}" + (f", 1/{unit}" if unit else "")
+    )
+    return figure
+
+
+def _quantiles(frontier: Frontier, name: str) -> Float[np.ndarray, "3 points"]:
+    """5, 50 and 95 % over the draws; NaN between infinite values."""
+    with np.errstate(invalid="ignore"):
+        return np.quantile(frontier.measure(name), [0.05, 0.5, 0.95], axis=1)
+
+
+def _label(name: str) -> str:
+    unit = MEASURES[name][1]
+    return name.replace("_", " ") + (f", {unit}" if unit else "")
