@@ -5,6 +5,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/installed
 INSTALLED_DEV := .venv/installed-dev
+INSTALLED_DOCS := .venv/installed-docs
 PARALLEL := --numprocesses=auto --dist=loadfile
 
 # What tells in a few minutes whether another environment will do: every library is asked for
@@ -20,7 +21,7 @@ NEWEST ?= $(firstword $(shell for python in python3.13 \
     "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/3.13.*/bin/python; do \
     "$$python" -c pass 2>/dev/null && echo "$$python"; done))
 
-.PHONY: help bench bench-gpu demo test test-slow test-all test-lowest test-newest lint types notebook notebook-check pictures wheel-check clean
+.PHONY: help bench bench-gpu demo docs test test-slow test-all test-lowest test-newest lint types notebook notebook-check pictures wheel-check clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
@@ -29,6 +30,7 @@ help:
 	@echo "make lint         ruff: rules and layout"
 	@echo "make types        pyright"
 	@echo "make notebook     run the notebooks again, in place; notebook-check only runs them"
+	@echo "make docs         build the documentation site, build/site/index.html, and check its links"
 	@echo "make pictures     draw the pictures of the documentation again"
 	@echo "make wheel-check  build the wheel and use it from a fresh environment"
 	@echo "make test-lowest  a selection on the oldest libraries that pyproject.toml allows"
@@ -62,6 +64,10 @@ notebook: $(INSTALLED_DEV)
 notebook-check: $(INSTALLED_DEV)
 	set -e; made=$$(mktemp -d); trap 'rm -rf "$$made"' EXIT; \
 	$(BIN)/jupyter nbconvert --to notebook --execute --output-dir "$$made" notebooks/*.ipynb
+
+# Warnings are errors.
+docs: $(INSTALLED_DOCS)
+	$(BIN)/python -m docs.site
 
 pictures: $(INSTALLED)
 	$(BIN)/python docs/make_pictures.py
@@ -106,7 +112,7 @@ else
 endif
 
 clean:
-	rm -rf .venv .venv-lowest .venv-newest dist report .pytest_cache .ruff_cache .hypothesis .jax_cache
+	rm -rf .venv .venv-lowest .venv-newest build dist report .pytest_cache .ruff_cache .hypothesis .jax_cache
 
 $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "jaxtwin needs Python 3.11 or newer; name one: make PYTHON=python3.12")'
@@ -116,4 +122,8 @@ $(INSTALLED): pyproject.toml
 
 $(INSTALLED_DEV): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@
+
+$(INSTALLED_DOCS): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@

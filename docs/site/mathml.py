@@ -1,0 +1,36 @@
+r"""Equations as MathML, which browsers draw themselves: no script runs, and none is loaded.
+
+Markdown's `$...$` and `$$...$$` arrive in the HTML between `\(...\)` and `\[...\]`.
+"""
+
+import html
+import re
+import shutil
+from pathlib import Path
+
+import ziamath
+from latex2mathml.converter import convert
+
+_EQUATION = re.compile(
+    r'<(?P<tag>span|div) class="arithmatex">\\(?P<kind>[(\[])(?P<latex>.*?)\\[)\]]</(?P=tag)>',
+    re.DOTALL,
+)
+
+
+def rendered(page: str) -> str:
+    """A page's HTML with its equations as MathML."""
+    return _EQUATION.sub(_converted, page)
+
+
+def copy_font(folder: Path) -> None:
+    """STIX Two Math (SIL Open Font License), so that equations look alike everywhere."""
+    fonts = Path(ziamath.__file__).parent / "fonts"
+    (folder / "fonts").mkdir()
+    shutil.copy(fonts / "STIXTwoMath-Regular.ttf", folder / "fonts")
+
+
+def _converted(equation: re.Match[str]) -> str:
+    display = "block" if equation["kind"] == "[" else "inline"
+    mathml = convert(html.unescape(equation["latex"]).strip(), display=display)
+    tag = equation["tag"]
+    return f'<{tag} class="equation-{display}">{mathml}</{tag}>'

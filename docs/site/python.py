@@ -1,0 +1,92 @@
+"""The reference of the Python interface: every public name, from its docstring.
+
+The public names are those that jaxtwin and its packages list in `__all__`. A name of jaxtwin itself
+is documented where its package lists it, and in jaxtwin's page where none does.
+"""
+
+import importlib
+import inspect
+import pkgutil
+from pathlib import Path
+
+import jaxtwin
+
+from .links import anchors
+
+# The command line has its own page.
+_NO_INTERFACE = {"commands"}
+
+
+def packages() -> list[str]:
+    """jaxtwin and its public packages."""
+    inner = [
+        module.name
+        for module in pkgutil.iter_modules(jaxtwin.__path__)
+        if module.ispkg and not module.name.startswith("_") and module.name not in _NO_INTERFACE
+    ]
+    return ["jaxtwin", *(f"jaxtwin.{name}" for name in inner)]
+
+
+def public_names(package: str) -> list[str]:
+    """What a package offers, in alphabetical order."""
+    return sorted(importlib.import_module(package).__all__, key=lambda name: (name.lower(), name))
+
+
+def summary(package: str, name: str) -> str:
+    """The first sentence of a docstring; for a constant, its value."""
+    value = getattr(importlib.import_module(package), name)
+    if not (inspect.isclass(value) or inspect.isroutine(value)):
+        return f"`{value!r}`" if len(repr(value)) < 60 else f"A `{type(value).__name__}`."
+    text = (inspect.getdoc(value) or "").partition("\n\n")[0]
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def write(folder: Path) -> list[str]:
+    """Writes a page for each package.
+
+    **Returns:** the pages, by their names in the folder.
+    """
+    pages = []
+    for package in packages():
+        page = folder / f"{package}.md"
+        page.write_text(_page(package), encoding="utf-8")
+        pages.append(page.name)
+    return pages
+
+
+def home(name: str) -> str:
+    """The package in which a name of jaxtwin is documented."""
+    value = getattr(jaxtwin, name)
+    for package in packages()[1:]:
+        module = importlib.import_module(package)
+        if name in module.__all__ and getattr(module, name) is value:
+            return package
+    return "jaxtwin"
+
+
+def _page(package: str) -> str:
+    names = public_names(package)
+    homes = {name: home(name) if package == "jaxtwin" else package for name in names}
+    about = (importlib.import_module(package).__doc__ or "").partition("\n\n")[0]
+    lines = [f"# `{package}`", "", " ".join(about.split()), "", "| name | |", "|---|---|"]
+    for name in names:
+        there = homes[name]
+        link = f"{there}.md#{there}.{name}" if there != package else f"#{package}.{name}"
+        # Whoever looks up `jaxtwin.match` finds it here.
+        anchor = "" if there == package else f'<span id="{package}.{name}"></span>'
+        lines.append(f"| {anchor}[`{name}`]({link}) | {summary(package, name)} |")
+    for name in names:
+        if homes[name] == package:
+            lines += ["", f"::: {package}.{name}"]
+    return "\n".join(lines) + "\n"
+
+
+def missing(reference: Path) -> list[str]:
+    """Public names that the built pages lack, a line each."""
+    found = {package: anchors(reference / f"{package}.html") for package in packages()}
+    return [
+        f"reference/{package}.html: {package}.{name} is missing"
+        for package in packages()
+        for name in public_names(package)
+        if f"{package}.{name}" not in found[package]
+    ]
