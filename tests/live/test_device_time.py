@@ -2,11 +2,24 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hand_clock import START
 
 from jaxtwin import LinkError
-from jaxtwin.live import Data, Event, Gap, Greeting, Hello, LinkChange, LinkState, Sample, encode
+from jaxtwin.live import (
+    Data,
+    Event,
+    Gap,
+    Greeting,
+    Hello,
+    Image,
+    LinkChange,
+    LinkState,
+    Reading,
+    Sample,
+    encode,
+)
 from jaxtwin.live._device_time import AGREE, DeviceTime
 from jaxtwin.live._identity import Identity
 from jaxtwin.live._link import Arrived
@@ -60,19 +73,44 @@ def test_a_clock_that_has_stepped_is_another_start_of_the_device(receiver: Recei
     assert receiver.receive(Arrived("link", START + 4 * 10**9, encode(HELLO))) == []
 
 
+@pytest.mark.parametrize("ahead", [1_000_000, 50_000_000])
+def test_a_stamp_within_the_minute_deafens_nobody_either(receiver: Receiver, ahead: int) -> None:
+    """Believable by itself; what follows has gone back, and agrees that it is right."""
+    stamps = [0, 100_000, ahead, *[number * 100_000 for number in range(3, 30)]]
+    records = heard(receiver, stamps)
+    seqs = [sample.seq for sample in of(records, Sample)]
+    lost = min(AGREE - 1, ahead // 100_000 - 3)
+    assert seqs == [0, 1, 2, *range(3 + lost, 30)]
+    assert [(gap.first, gap.count) for gap in of(records, Gap)] == [(3, lost)]
+
+
+def test_another_stream_of_the_device_does_not_end_the_doubts(receiver: Receiver) -> None:
+    image = Image(0, 0, 0, np.full((60, 80), 30_000, np.uint16))
+    records = heard(receiver, [0, 50_000_000])
+    for number in range(2, 20):
+        arrival = START + number * 10**8
+        for message in (
+            Data(number, number * 100_000, (0, 0)),
+            replace(image, seq=number, device_us=number * 100_000),
+        ):
+            records += receiver.receive(Arrived("link", arrival, encode(message)))
+    assert [sample.seq for sample in of(records, Sample)] == [0, 1, *range(1 + AGREE, 20)]
+    assert [reading.seq for reading in of(records, Reading)] == list(range(2, 20))
+
+
 def test_the_host_may_see_bytes_late_and_a_crystal_may_be_wrong() -> None:
     time = DeviceTime(1.0)
-    assert not time.check(0, START)
-    assert not time.check(59_000_000, START + 10**6)
-    assert not time.check(1000_500_000, START + 1000 * 10**9)
+    assert not time.check("data", 0, START, 0)
+    assert not time.check("data", 59_000_000, START + 10**6, 0)
+    assert not time.check("data", 1000_500_000, START + 1000 * 10**9, 0)
     with pytest.raises(LinkError, match="of which the host saw 1000 s"):
-        time.check(1100_000_000, START + 1000 * 10**9)
+        time.check("data", 1100_000_000, START + 1000 * 10**9, 0)
 
 
 def test_a_virtual_rig_runs_as_fast_as_it_says() -> None:
     time = DeviceTime(20.0)
     for second in range(100):
-        assert not time.check(second * 20_000_000, START + second * 10**9)
+        assert not time.check("data", second * 20_000_000, START + second * 10**9, 0)
 
 
 def test_why_a_line_was_nonsense_is_recorded_and_logged_once(

@@ -1,8 +1,9 @@
 """Plausibility of a device's clock: it runs about as fast as the host's, and never back."""
 
-from typing import final
+from typing import NamedTuple, final
 
 from .._errors import LinkError
+from ._records import Stream
 
 AHEAD = 60.0
 """How far a device's time may run ahead of the host's, s of the host. Bytes that waited in a buffer
@@ -16,6 +17,14 @@ AGREE = 10
 taken to have stepped."""
 
 
+class _Doubt(NamedTuple):
+    """The first of some implausible messages in a row that are consistent with each other."""
+
+    device_us: int
+    arrival: int
+    agreeing: int
+
+
 @final
 class DeviceTime:
     """The clock of one start of a device, as its messages show it.
@@ -23,39 +32,45 @@ class DeviceTime:
     **Arguments:**
 
     - `rate`: seconds of device time in a second.
+    - `steps`: number of steps of the clock in earlier runs.
     """
 
-    def __init__(self, rate: float):
-        self.steps = 0
+    def __init__(self, rate: float, steps: int = 0):
+        self.steps = steps
         """Number of steps of the clock."""
         self._rate = rate
         self._first: tuple[int, int] | None = None  # device microseconds, arrival in ns
-        self._doubted: tuple[int, int] | None = None
-        self._agreeing = 0
+        self._doubts: dict[Stream, _Doubt] = {}
 
-    def check(self, device_us: int, arrival: int) -> bool:
+    def check(self, stream: Stream, device_us: int, arrival: int, before: int) -> bool:
         """Checks the time of a message. Returns whether the clock has stepped, and is accepted.
+
+        `before` is the time of the stream's last message, which the time of this one must not
+        precede.
 
         **Raises:** `LinkError` for an implausible time. If the host accepted it, it would refuse
         all later messages until the device's clock had caught up with it.
         """
         if self._first is None:
             self._first = device_us, arrival
-        if self._believable(self._first, device_us, arrival):
-            self._agreeing = 0
-            self._doubted = None
+        if device_us >= before and self._believable(self._first, device_us, arrival):
+            self._doubts.pop(stream, None)
             return False
-        if self._doubted is None or not self._believable(self._doubted, device_us, arrival):
-            self._doubted, self._agreeing = (device_us, arrival), 0
-        self._agreeing += 1
-        if self._agreeing < AGREE:
+        doubt = self._doubts.get(stream)
+        if doubt is None or not self._believable(doubt[:2], device_us, arrival):
+            doubt = _Doubt(device_us, arrival, 0)
+        doubt = self._doubts[stream] = doubt._replace(agreeing=doubt.agreeing + 1)
+        if doubt.agreeing < AGREE:
+            if device_us < before:
+                raise LinkError(f"device time {device_us} after {before}")
             ahead = (device_us - self._first[0]) * 1e-6 / self._rate
             passed = (arrival - self._first[1]) * 1e-9
             raise LinkError(
                 f"device time {device_us}: {ahead:.6g} s after the first message, of which the "
                 f"host saw {passed:.6g} s"
             )
-        self._first, self._doubted, self._agreeing = (device_us, arrival), None, 0
+        self._first = device_us, arrival
+        self._doubts.clear()
         self.steps += 1
         return True
 

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple, final
 
-from .._errors import LinkError
 from ._counted import Counted, Counters
 from ._device_time import DeviceTime
 from ._records import Stream
@@ -37,13 +36,13 @@ class MessageCounts:
             boot: dict(streams) for boot, streams in (counted or {}).items()
         }
         self._times: dict[str, DeviceTime] = {}
-        self._names: dict[str, str] = {}
+        self._names = _names_after_steps(tuple(self._counts))
 
     def begin(self, boot: str, rate: float) -> str:
         """Registers a greeting. Returns the name under which its device is counted."""
         name = self._names.setdefault(boot, boot)
         self._counts.setdefault(name, {})
-        self._times.setdefault(name, DeviceTime(rate))
+        self._times.setdefault(name, DeviceTime(rate, _steps(name, boot)))
         for known in (self._counts, self._times, self._names):
             while len(known) > BOOTS:
                 del known[next(iter(known))]
@@ -62,10 +61,8 @@ class MessageCounts:
         missing = 0 if known is None else (seq - known.expected) % 2**32
         if missing >= 2**31:
             return None
-        if time.check(device_us, arrival):
+        if time.check(stream, device_us, arrival, 0 if known is None else known.device_us):
             boot = self._stepped(boot)
-        elif known is not None and device_us < known.device_us:
-            raise LinkError(f"device time {device_us} after {known.device_us}")
         self._counts[boot][stream] = Counted((seq + 1) % 2**32, device_us)
         return Place(seq if known is None else known.expected, missing, boot)
 
@@ -73,7 +70,7 @@ class MessageCounts:
         """Continues with the same numbers and a new clock, under a new name."""
         origin = next(first for first, name in self._names.items() if name == boot)
         time = self._times.pop(boot)
-        name = f"{origin[:24]}.{time.steps}"
+        name = _name_after(origin, time.steps)
         self._names[origin] = name
         self._times[name] = time
         self._counts[name] = {
@@ -81,3 +78,24 @@ class MessageCounts:
             for stream, counted in self._counts.pop(boot).items()
         }
         return name
+
+
+def _name_after(origin: str, steps: int) -> str:
+    """Under which name a start of a device is counted after some steps of its clock."""
+    return f"{origin[:24]}.{steps}" if steps else origin
+
+
+def _steps(name: str, origin: str) -> int:
+    """How often the clock has stepped of a start that is counted under this name."""
+    return 0 if name == origin else int(name.rpartition(".")[2])
+
+
+def _names_after_steps(counted: tuple[str, ...]) -> dict[str, str]:
+    """The last name of each start whose clock stepped in an earlier run, in order of greetings."""
+    names: dict[str, str] = {}
+    for origin in counted:
+        steps = 1
+        while (name := _name_after(origin, steps)) in counted:
+            names[origin] = name
+            steps += 1
+    return names
