@@ -13,6 +13,7 @@ from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
 from jaxtwin import JaxtwinError, RecordingError
 from jaxtwin.io import Session
 from jaxtwin.live import (
+    Command,
     Data,
     Document,
     Event,
@@ -42,6 +43,8 @@ def minute(clock: HandClock, boot: str, degC: float) -> list[Record]:
     """Ten seconds of a rig at one temperature, from now on."""
     hello = Hello(2, "dual-cell", boot, cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
     records: list[Record] = [Greeting("l", clock.now(), hello)]
+    records.append(Document(clock.now(), "start", boot, {}))
+    records.append(Command("l", clock.now(), 1, (0, 0)))
     for number in range(100):
         clock.turn(0.1)
         stamp = "l", boot, clock.now(), number * 100_000, number
@@ -65,6 +68,10 @@ def test_a_step_of_the_clock_between_runs_merges_nothing_and_loses_nothing(
         query = "SELECT kind FROM events WHERE kind IN ('clock-step', 'not-recorded')"
         kinds = session.database.execute(query).fetchall()
         arrivals = [a for (a,) in session.database.execute("SELECT arrival FROM samples")]
+        for table in ("readings", "greetings", "events", "commands", "documents"):
+            query = f"SELECT arrival FROM {table} ORDER BY id"
+            times = [arrival for (arrival,) in session.database.execute(query)]
+            assert times == sorted(times), table
     assert kinds == [("clock-step" if step < 0 else "not-recorded",)]
     assert arrivals == sorted(arrivals)
     assert len(arrivals) == 200
@@ -108,6 +115,29 @@ def test_what_a_device_repeats_to_the_next_run_is_not_recorded_again(rig: Rig, f
     with Session(file) as session:
         rows = session.database.execute("SELECT count(*), count(DISTINCT seq) FROM samples")
         assert rows.fetchone() == (140, 140)
+
+
+def test_a_clock_that_has_stepped_in_one_run_is_known_in_the_next(rig: Rig, file: Path) -> None:
+    """The next run knows its numbers and its new clock, and drops what is repeated."""
+
+    def run(stamps: dict[int, int]) -> list[Record]:
+        reads = [encode(HELLO), *[encode(Data(n, t, (0, 0))) for n, t in stamps.items()]]
+        with Recorder(file, rig, append=file.exists(), clock=clock) as recorder:
+            opener = lambda: ScriptedTransport(*reads)  # noqa: E731
+            bench = stepped_bench(rig, {"link": opener}, clock, journal=recorder)
+            return [record for _ in range(len(reads) + 3) for record in bench.poll()]
+
+    clock = HandClock()
+    # The 32 bits of micros() are used up after 71 minutes.
+    run({n: (4_294_000_000 + n * 50_000) % 2**32 for n in range(100)})
+    records = run({n: (4_294_000_000 + n * 50_000) % 2**32 for n in range(90, 120)})
+    assert [record.seq for record in records if isinstance(record, Sample)] == list(range(100, 120))
+    assert not [record for record in records if isinstance(record, Gap)]
+    again = run({n: n for n in range(120, 150)})  # and once more
+    assert [r.seq for r in again if isinstance(r, Sample)] == list(range(129, 150))
+    with Session(file) as session:
+        boots = session.database.execute("SELECT boot FROM greetings ORDER BY id").fetchall()
+    assert boots == [("b1",), ("b1.1",), ("b1.1",), ("b1.1",), ("b1.2",)]
 
 
 def test_a_device_cannot_say_what_only_the_recorder_may(rig: Rig, file: Path) -> None:

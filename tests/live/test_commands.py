@@ -163,6 +163,52 @@ def test_a_rig_is_recorded_until_a_polite_kill(twin: Twin, tmp_path: Path) -> No
         assert session.database.execute("SELECT ended FROM runs").fetchone() == ("stopped",)
 
 
+def documents_in(file: Path) -> list[tuple[str, dict]]:
+    with Session(file) as session:
+        rows = session.database.execute("SELECT kind, content FROM documents ORDER BY id")
+        return [(kind, json.loads(content)) for kind, content in rows]
+
+
+@pytest.mark.slow
+def test_how_a_drive_ended_shows_in_its_exit_code_and_in_the_recording(
+    twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After Ctrl-C and after a trip; no password of the command line is in the recording."""
+    device, server, stop = VirtualRig(twin), TcpServer("127.0.0.1:0"), threading.Event()
+    thread = threading.Thread(target=serve, args=(device, server, SystemClock(), stop))
+    thread.start()
+
+    def press_ctrl_c() -> None:
+        while device.pwm == (0, 0) and not stop.is_set():
+            stop.wait(0.01)
+        signal.raise_signal(signal.SIGINT)
+
+    shown = ["drive", "--link", "mqtt://anna:secret@host/topic"]
+    monkeypatch.setattr(sys, "argv", ["jaxtwin", *shown])
+    command = ["drive", "dual-cell", "--link", server.url, "--duty", "0:0.5", "--operator", "anna"]
+    interrupted, tripped = tmp_path / "interrupted.db", tmp_path / "tripped.db"
+    presser = threading.Thread(target=press_ctrl_c)
+    try:
+        presser.start()
+        assert run([*command, "--out", str(interrupted)]) == 130
+        presser.join()
+        device.stage.trip("watchdog")
+        assert run([*command, "--out", str(tripped)]) == 3
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
+    ends = {}
+    for file in (interrupted, tripped):
+        (begin, plan), (end, ends[file]) = documents_in(file)
+        assert (begin, end) == ("start", "stop")
+        assert (plan["operator"], plan["plan"]["duty"]) == ("anna", "0:0.5")
+        assert plan["command"] == "jaxtwin drive --link 'mqtt://anna:***@host/topic'"
+        assert b"secret" not in file.read_bytes()
+    assert (ends[interrupted]["status"], ends[interrupted]["off"]) == ("stopped", True)
+    assert (ends[tripped]["status"], ends[tripped]["kind"]) == ("tripped", "device-trip")
+
+
 def test_a_virtual_rig_says_where_it_listens_and_serves(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

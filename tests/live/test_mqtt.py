@@ -151,6 +151,8 @@ def test_an_address_says_all_that_a_broker_wants() -> None:
     assert "s%3Ac" not in without_password(url)
     assert without_password(url).startswith("mqtts://anna:***@host:9/a/b")
     assert without_password("socket://h:1") == "socket://h:1"
+    assert without_password("--link=mqtt://a:b@h:1/t") == "--link=mqtt://a:***@h:1/t"
+    assert without_password("mqtt://a@h:1/t@x:y@z") == "mqtt://a@h:1/t@x:y@z"
 
 
 @pytest.mark.parametrize(

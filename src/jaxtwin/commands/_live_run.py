@@ -50,6 +50,7 @@ def run_on_live_rig(
     off and the recording closed.
     """
     from ..live import Guard, Recorder, connect, opener
+    from ..live._mqtt_address import without_password
     from ..rig import load_rig
 
     check_output(out, ".db")
@@ -76,7 +77,7 @@ def run_on_live_rig(
             about={
                 **about,
                 "operator": operator or getpass.getuser(),
-                "command": shlex.join(["jaxtwin", *sys.argv[1:]]),
+                "command": shlex.join(["jaxtwin", *map(without_password, sys.argv[1:])]),
             },
             stop=stop,
             on_progress=show,

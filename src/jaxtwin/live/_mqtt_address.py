@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, field
 from typing import final
-from urllib.parse import parse_qsl, unquote, urlsplit, urlunsplit
+from urllib.parse import parse_qsl, unquote, urlsplit
 
 from .._errors import LinkError
 
@@ -11,6 +11,7 @@ EXPECTED = "mqtt://[user[:password]@]host[:port]/topic, or mqtts:// with TLS"
 
 _FILES = ("ca", "cert", "key")
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
+_PASSWORD = re.compile(r"(\w+://[^/?#:@\s]*):[^/?#\s]*@")
 
 
 @final
@@ -73,13 +74,6 @@ class MqttAddress:
 
 
 def without_password(url: str) -> str:
-    """A link as it may stand in logs and recordings."""
-    try:
-        parts = urlsplit(url)
-    except ValueError:
-        return url
-    user, at, place = parts.netloc.rpartition("@")
-    name, colon, _ = user.partition(":")
-    if not (at and colon):
-        return url
-    return urlunsplit(parts._replace(netloc=f"{name}:***@{place}"))
+    """A link as it may stand in logs and recordings; also one inside other text, such as
+    `--link=mqtt://...`."""
+    return _PASSWORD.sub(r"\1:***@", url)

@@ -70,9 +70,8 @@ class RowWriter:
                 self._row("documents", (None, self._run, arrival + shift, kind, uid, text))
             case Command(link, arrival, number, pwm, owner, kind):
                 counts = pwm or [None] * self._cells
-                self._row(
-                    "commands", (None, self._run, link, arrival, number, owner, kind, *counts)
-                )
+                what = number, owner, kind, *counts
+                self._row("commands", (None, self._run, link, arrival + shift, *what))
 
     def _device(self, record: Sample | Reading) -> tuple[int, int, int, int]:
         greeting = self._greetings[record.link, record.boot]
