@@ -35,6 +35,7 @@ LIMITS = OperatingLimits(
     frozen=10.0,
     deviation=10.0,
     command_delay=1.0,
+    room=16.0,
 )
 ON = (128, 128)
 
@@ -73,6 +74,15 @@ def test_a_reading_must_be_one_that_can_be(
 ) -> None:
     trip = plausible(reading(1, *values))
     assert (trip and trip.kind, trip.detail if trip else "") == (kind, words)
+
+
+@pytest.mark.parametrize(
+    ("ambient", "kind"),
+    [(None, None), (-13.0, None), (45.0, None), (-273.15, "implausible"), (85.0, "implausible")],
+)
+def test_a_room_must_be_one_that_can_be(ambient: float | None, kind: str | None) -> None:
+    trip = plausible(replace(sample(1), ambient=ambient))
+    assert (trip and trip.kind) == kind
 
 
 def test_a_channel_that_says_why_it_has_failed_is_quoted() -> None:
@@ -225,7 +235,7 @@ def test_limits_that_a_rig_file_leaves_out_follow_from_the_physics(twin: Twin, r
         cell_temperature=373.15,
     )
     numbers = astuple(OperatingLimits.of(Twin(replace(rig, limits=stated))))
-    assert numbers == pytest.approx((90.0, -10.0, 100.0, 1.5, 4.6, 5.0, 7.0, 2.0))
+    assert numbers == pytest.approx((90.0, -10.0, 100.0, 1.5, 4.6, 5.0, 7.0, 2.0, 16.0))
 
 
 def test_a_guard_tells_the_plainest_reason_first(twin: Twin) -> None:

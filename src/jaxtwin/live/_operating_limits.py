@@ -47,6 +47,7 @@ class OperatingLimits:
         the rig.
     - `deviation`: from the twin, in addition to half of its rise, K.
     - `command_delay`: longest time until a command is applied, s.
+    - `room`: ambient temperature by the rig file, from which a measured one cannot be far.
     """
 
     hottest: float
@@ -57,6 +58,7 @@ class OperatingLimits:
     frozen: float
     deviation: float
     command_delay: float
+    room: float
 
     @classmethod
     def of(cls, twin: Twin) -> "OperatingLimits":
@@ -84,6 +86,7 @@ class OperatingLimits:
             frozen=frozen if given.frozen is None else given.frozen,
             deviation=_DEVIATION if given.deviation is None else given.deviation,
             command_delay=_COMMAND_DELAY if given.command_delay is None else given.command_delay,
+            room=LiveTwin(twin).ambient,
         )
 
 

@@ -12,6 +12,9 @@ from ._trip import Trip
 WINDOW = 2.0
 """Time over which a rate is computed, s of the rig, so that noise does not count as a rate."""
 
+ROOM_KELVIN = 30.0
+"""Largest difference between the measured ambient temperature and that of the rig file, K."""
+
 
 @final
 class Plausibility:
@@ -36,11 +39,12 @@ class Plausibility:
         match record:
             case Greeting():
                 self._rate = record.hello.rate
-            case Sample() if record.pwm:
-                if not any(record.pwm):
+            case Sample():
+                if record.pwm and not any(record.pwm):
                     self._driven_since = None
-                elif self._driven_since is None:
+                elif record.pwm and self._driven_since is None:
                     self._driven_since = record.arrival
+                return self._another_room(record)
             case Reading() if not record.recalibrating:
                 return (
                     self._failed(record)
@@ -58,6 +62,17 @@ class Plausibility:
             why = reading.faults.get(int(place), "no number")
             return Trip("channel-fault", f"{self._channels[place]} has failed: {why}")
         return None
+
+    def _another_room(self, sample: Sample) -> Trip | None:
+        """The twin believes this reading: a wrong one hides cells that are too hot."""
+        value, room = sample.ambient, self._limits.room
+        if value is None or abs(value - room) <= ROOM_KELVIN:
+            return None
+        return Trip(
+            "implausible",
+            f"the ambient temperature reads {value:.1f} degC; the rig file says {room:.0f}, "
+            f"and no room is more than {ROOM_KELVIN:g} K from it",
+        )
 
     def _out_of_range(self, reading: Reading) -> Trip | None:
         values, limits = reading.temperatures, self._limits
