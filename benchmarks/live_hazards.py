@@ -1,28 +1,33 @@
 """Do the cells go off in time, whatever goes wrong?
 
     python benchmarks/live_hazards.py --seeds 25
+    python benchmarks/live_hazards.py --seeds 25 --control
 
 Each hazard of `tests/hazards.py` meets a driven virtual rig once a seed, which chooses noise, duty,
-the moment, and the pace of the host. The clock is simulated. Healthy runs with noise, jumps of the
-camera, lost and damaged messages say how often a drive is stopped for nothing. Prints one line a
-hazard: runs, off in time, the longest time, its bound, and the reasons.
+the moment, and the pace of the host. `drive` commands it by a schedule, or `control` by a PID from
+a controller file, behind the same interlocks. The clock is simulated. Healthy runs with noise,
+jumps of the camera, lost and damaged messages say how often a drive is stopped for nothing. Prints
+one line a hazard: runs, off in time, the longest time, its bound, and the reasons.
 """
 
 import argparse
 import json
 import sys
+import tempfile
+import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from hand_clock import HandClock, virtual_bench
-from hazards import HAZARDS, run_hazard
+from hazards import HAZARDS, run_hazard, save_pid
 
 import jaxtwin as jt
 from jaxtwin._errors import SafetyStop
-from jaxtwin.live import Faults, VirtualRig, drive
+from jaxtwin.live import Faults, OperatingLimits, VirtualRig, drive
 from jaxtwin.rig import Sensors
 
 
@@ -43,11 +48,24 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first hazard")
     parser.add_argument("--last", type=int, default=len(HAZARDS))
     parser.add_argument("--healthy", type=int, default=0, help="runs")
+    parser.add_argument("--control", action="store_true", help="by a controller, not a schedule")
     options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        compute(options, Path(folder))
+    print(json.dumps({"CPU time, s": round(time.process_time())}))
+
+
+def compute(options: argparse.Namespace, folder: Path) -> None:
+    """All runs; `folder` is for the controller's file."""
     rig = jt.load_rig("dual-cell")
     twins = jt.Twin(rig), jt.Twin(replace(rig, camera=None, sensors=Sensors(0.1)))
+    controller = save_pid(folder / "pid.toml", twins[0]) if options.control else None
+    # Half of the time of a run; they are the same in all runs of a twin.
+    known = {id(twin): OperatingLimits.of(twin) for twin in twins}
+    of = OperatingLimits.of
     for hazard in HAZARDS[options.first : options.last]:
-        runs = [run_hazard(hazard, twins, seed) for seed in range(options.seeds)]
+        with patch.object(OperatingLimits, "of", lambda twin: known.get(id(twin)) or of(twin)):
+            runs = [run_hazard(hazard, twins, seed, controller) for seed in range(options.seeds)]
         unexplained = [ran.detail or ran.reason for ran in runs if ran.reason not in hazard.kinds]
         result = {
             "hazard": hazard.name,

@@ -6,12 +6,17 @@ own pins, not by what it reports. Time is the clock's of the test; nothing waits
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NamedTuple, final
+from unittest.mock import patch
 
+import jax
 import numpy as np
 from hand_clock import START, HandClock, stepped_bench
 
 from jaxtwin._errors import JaxtwinError, SafetyStop
+from jaxtwin.control import PID, control, read_controller, save_controller
+from jaxtwin.control._control import LiveLoop
 from jaxtwin.io import Experiment
 from jaxtwin.live import (
     Bench,
@@ -23,8 +28,8 @@ from jaxtwin.live import (
     Order,
     VirtualRig,
     deframe,
+    drive,
     encode,
-    follow,
     operate,
     parse,
 )
@@ -134,14 +139,17 @@ class FaultyTransport:
         self._inner.close()
 
 
-def run_hazard(hazard: Hazard, twins: Sequence[Twin], seed: int) -> Ran:
-    """Drives a virtual rig until it is stopped, with everything that chance may choose.
+def run_hazard(
+    hazard: Hazard, twins: Sequence[Twin], seed: int, controller: Path | None = None
+) -> Ran:
+    """Drives or controls a virtual rig until it is stopped, with everything that chance may choose.
 
     **Arguments:**
 
     - `hazard`: what goes wrong.
     - `twins`: of the rig with a camera, and of the one without.
-    - `seed`: of noise, duty, onset and the pace of the host.
+    - `seed`: of noise, duty or references, onset and the pace of the host.
+    - `controller`: a file of `save_pid`, for `control`; None: `drive` commands, by a schedule.
     """
     random = np.random.default_rng(seed)
     twin = twins[hazard.sensors]
@@ -156,17 +164,10 @@ def run_hazard(hazard: Hazard, twins: Sequence[Twin], seed: int) -> Ran:
     opener = lambda: FaultyTransport(scene, hazard)  # noqa: E731
     bench = stepped_bench(twin.rig, {"rig": opener}, clock, step=random.uniform(0.02, 0.1))
     scene.bench = bench
-    duty = random.uniform(0.4, 0.9, 4)
-    schedule = f"0:{duty[0]:.2f}/{duty[1]:.2f},{scene.onset + 0.7:.2f}:{duty[2]:.2f}/-{duty[3]:.2f}"
-    plan = follow(Experiment.schedule(schedule, duration=120, cells=2))
-
-    def source(moment: Moment) -> Sequence[float] | np.ndarray | None:
-        failing = scene.memory.get("controller")
-        return plan(moment) if failing is None else failing(moment)
-
     reason, detail = "completed", ""
     try:
-        reason = operate(bench, twin, source)
+        command = driven if controller is None else controlled(controller)
+        reason = command(scene, bench, twin)
     except SafetyStop as stop:
         reason, detail = stop.kind, str(stop)
     except JaxtwinError as error:
@@ -180,6 +181,59 @@ def run_hazard(hazard: Hazard, twins: Sequence[Twin], seed: int) -> Ran:
     begin = scene.memory.get("begin", scene.onset)
     off_at = scene.time if any(device.pwm) else scene.memory.get("off", begin)
     return Ran(max(0.0, off_at - begin), reason, detail)
+
+
+def driven(scene: Scene, bench: Bench, twin: Twin) -> str:
+    """`drive`: two duties for each cell, which change 0.7 s after the onset."""
+    duty = scene.random.uniform(0.4, 0.9, 4)
+    schedule = f"0:{duty[0]:.2f}/{duty[1]:.2f},{scene.onset + 0.7:.2f}:{duty[2]:.2f}/-{duty[3]:.2f}"
+    plan = Experiment.schedule(schedule, duration=120, cells=2)
+    with _failing("jaxtwin.live._drive.operate", scene, lambda source: None):
+        return drive(bench, twin, plan)
+
+
+def save_pid(file: Path, twin: Twin) -> Path:
+    """A controller file: each cell holds its end of the plate. Its limits are below full duty, so
+    that a bridge that runs away is seen."""
+    measured = [["T11", "T21", "TAM"], ["T16", "T26", "TCM"]]
+    pid = PID(0.1, 0.001, limits=(-0.9, 0.9), sample_time_s=0.25, measured=measured)
+    save_controller(file, pid, twin.rig)
+    return file
+
+
+def controlled(controller: Path) -> Callable[[Scene, Bench, Twin], str]:
+    """`control` by a file: two references for each end of the plate, which change 0.4 s after the
+    onset. The duty follows at the next sample."""
+
+    def command(scene: Scene, bench: Bench, twin: Twin) -> str:
+        hot, cool = scene.random.uniform(30, 40, 3), scene.random.uniform(11, 14)
+        references = f"0:{hot[0]:.1f}/{hot[1]:.1f},{scene.onset + 0.4:.2f}:{hot[2]:.1f}/{cool:.1f}"
+
+        def spoil(loop: Any) -> None:
+            """The controller's own numbers are lost, and so is what it asks for."""
+            loop._state = jax.tree.map(lambda part: part * np.nan, loop._state)
+
+        with _failing("jaxtwin.control._control.operate", scene, spoil):
+            pid = read_controller(controller, twin.rig)
+            return control(bench, twin, pid, references, duration_s=120)
+
+    return command
+
+
+def _failing(where: str, scene: Scene, spoil: Callable[[Any], None]) -> Any:
+    """Puts what a failing controller does in place of what `operate` asks there for the duty."""
+
+    def operated(bench: Bench, twin: Twin, asked: Any, **options: Any) -> str:
+        def source(moment: Moment) -> Sequence[float] | np.ndarray | None:
+            failing = scene.memory.get("controller")
+            if failing is None:
+                return asked(moment)
+            spoil(asked)
+            return failing(moment, asked)
+
+        return operate(bench, twin, source, **options)
+
+    return patch(where, operated)
 
 
 def _watch_the_cells(scene: Scene) -> None:
@@ -284,6 +338,10 @@ def stamps(change: Callable[[Scene, int], int]):
     return spoken
 
 
+def cold_room(scene: Scene, sample: Data) -> Data:
+    return replace(sample, ambient=-273.15)
+
+
 def runs_away(scene: Scene) -> None:
     """The bridge gives full duty whatever was asked, until it is told to switch off."""
     if any(scene.device.pwm):
@@ -334,8 +392,8 @@ def is_taken(scene: Scene) -> None:
     scene.device.stage.obey(Duty(1, scene.device.pwm, "second"), now)
 
 
-def controller(value: Callable[[Moment], Any]):
-    """A controller of the user's that fails."""
+def controller(value: Callable[[Moment, Any], Any]):
+    """A schedule or controller of the user's that fails."""
 
     def happens(scene: Scene) -> None:
         scene.memory["controller"] = value
@@ -343,7 +401,13 @@ def controller(value: Callable[[Moment], Any]):
     return happens
 
 
-def raises(moment: Moment) -> None:
+def gives_nan(moment: Moment, asked: Any) -> Any:
+    """A controller of a file does so by itself once its state is lost; a schedule is made to."""
+    duty = asked(moment)
+    return duty if isinstance(asked, LiveLoop) else (float("nan"), duty[1])
+
+
+def raises(moment: Moment, asked: Any) -> None:
     raise RuntimeError("a bug")
 
 
@@ -435,7 +499,7 @@ HAZARDS = (
         SILENCE,
         stamps(lambda s, t: t + 3_600_000_000),
     ),
-    Hazard("device: clock back at 0", DEAF, SILENCE, stamps(lambda s, t: 0)),
+    Hazard("device: clock back at 0", ("restart", *DEAF), SILENCE, stamps(lambda s, t: 0)),
     Hazard("device: old numbers", DEAF, SILENCE, samples(lambda s, d: replace(d, seq=1))),
     Hazard(
         "device: reports no duty",
@@ -443,6 +507,7 @@ HAZARDS = (
         NEXT,
         samples(lambda s, d: replace(d, pwm=(0, 0))),
     ),
+    Hazard("device: room at -273.15 degC", WRONG, NEXT, samples(cold_room)),
     Hazard("device: somebody stops it", ("device-trip",), NEXT, happens=once(stopped_by_another)),
     Hazard("device: trips on heat", ("device-trip",), NEXT, happens=once(too_hot_by_itself)),
     Hazard("commands: lost", LOST, WATCHDOG, heard=lambda s, m: []),
@@ -455,7 +520,7 @@ HAZARDS = (
     ),
     Hazard("commands: another host's", ("commander", *LOST), 1.0, happens=once(is_taken)),
     # What the host does.
-    Hazard("controller: NaN", ("error",), NEXT, happens=controller(lambda m: (float("nan"), 0.5))),
+    Hazard("controller: NaN", ("error", "controller"), NEXT, happens=controller(gives_nan)),
     Hazard("controller: raises", ("exception",), NEXT, happens=controller(raises)),
     Hazard("host: killed", LOST, WATCHDOG, happens=once(dies)),
 )

@@ -4,9 +4,10 @@
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from hazards import HAZARDS, Hazard, run_hazard
+from hazards import HAZARDS, Hazard, run_hazard, save_pid
 
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig, Sensors
@@ -23,5 +24,29 @@ def twins(rig: Rig, twin: Twin) -> tuple[Twin, Twin]:
 @pytest.mark.parametrize("hazard", HAZARDS, ids=lambda hazard: hazard.name)
 def test_the_cells_are_off_in_time(twins: tuple[Twin, Twin], hazard: Hazard) -> None:
     ran = run_hazard(hazard, twins, seed=1)
+    assert ran.reason in hazard.kinds, ran.detail
+    assert ran.off_after <= hazard.bound
+
+
+CONTROLLED = (
+    "camera: all pixels 0",
+    "camera: image stands still",
+    "sensor: open",
+    "cell above 35 degC inside",
+    "bridge: full duty",
+    "bridge: stuck at the last duty",
+    "commands: lost",
+    "controller: NaN",
+    "controller: raises",
+    "host: killed",
+)
+
+
+@pytest.mark.parametrize("name", CONTROLLED)
+def test_a_controller_of_a_file_is_stopped_as_a_schedule_is(
+    twins: tuple[Twin, Twin], name: str, tmp_path: Path
+) -> None:
+    (hazard,) = [hazard for hazard in HAZARDS if hazard.name == name]
+    ran = run_hazard(hazard, twins, 1, save_pid(tmp_path / "pid.toml", twins[0]))
     assert ran.reason in hazard.kinds, ran.detail
     assert ran.off_after <= hazard.bound
