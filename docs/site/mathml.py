@@ -17,6 +17,10 @@ _EQUATION = re.compile(
 )
 
 
+# Bars that latex2mathml leaves to the browser, which would take each for the end of a norm.
+_BAR = re.compile(r"<mo>(&#x02016;|&#x0007C;)</mo>")
+
+
 def rendered(page: str) -> str:
     """A page's HTML with its equations as MathML."""
     return _EQUATION.sub(_converted, page)
@@ -32,5 +36,6 @@ def copy_font(folder: Path) -> None:
 def _converted(equation: re.Match[str]) -> str:
     display = "block" if equation["kind"] == "[" else "inline"
     mathml = convert(html.unescape(equation["latex"]).strip(), display=display)
+    mathml = _BAR.sub(r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>', mathml)
     tag = equation["tag"]
     return f'<{tag} class="equation-{display}">{mathml}</{tag}>'

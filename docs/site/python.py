@@ -4,10 +4,14 @@ The public names are those that jaxtwin and its packages list in `__all__`. A na
 is documented where its package lists it, and in jaxtwin's page where none does.
 """
 
+import functools
 import importlib
 import inspect
 import pkgutil
 from pathlib import Path
+from typing import Any
+
+import griffe
 
 import jaxtwin
 
@@ -32,13 +36,16 @@ def public_names(package: str) -> list[str]:
     return sorted(importlib.import_module(package).__all__, key=lambda name: (name.lower(), name))
 
 
-def summary(package: str, name: str) -> str:
-    """The first sentence of a docstring; for a constant, its value."""
-    value = getattr(importlib.import_module(package), name)
-    if not (inspect.isclass(value) or inspect.isroutine(value)):
-        return f"`{value!r}`" if len(repr(value)) < 60 else f"A `{type(value).__name__}`."
-    text = (inspect.getdoc(value) or "").partition("\n\n")[0]
-    return " ".join(text.split()).replace("|", "\\|")
+def docstring(package: str, name: str) -> str:
+    """Of a public name; also of a constant, which has it in the source alone."""
+    found = _source()[f"{package}.{name}".removeprefix("jaxtwin.")]
+    found = found.final_target if found.is_alias else found
+    return inspect.cleandoc(found.docstring.value) if found.docstring else ""
+
+
+def summary(text: str) -> str:
+    """The first sentences of a docstring, as a cell of a table."""
+    return " ".join(text.partition("\n\n")[0].split()).replace("|", "\\|")
 
 
 def write(folder: Path) -> list[str]:
@@ -74,7 +81,7 @@ def _page(package: str) -> str:
         link = f"{there}.md#{there}.{name}" if there != package else f"#{package}.{name}"
         # Whoever looks up `jaxtwin.match` finds it here.
         anchor = "" if there == package else f'<span id="{package}.{name}"></span>'
-        lines.append(f"| {anchor}[`{name}`]({link}) | {summary(package, name)} |")
+        lines.append(f"| {anchor}[`{name}`]({link}) | {summary(docstring(package, name))} |")
     for name in names:
         if homes[name] == package:
             lines += ["", f"::: {package}.{name}"]
@@ -82,11 +89,20 @@ def _page(package: str) -> str:
 
 
 def missing(reference: Path) -> list[str]:
-    """Public names that the built pages lack, a line each."""
+    """Public names that have no docstring, or that the built pages lack, a line each."""
     found = {package: anchors(reference / f"{package}.html") for package in packages()}
-    return [
-        f"reference/{package}.html: {package}.{name} is missing"
-        for package in packages()
-        for name in public_names(package)
-        if f"{package}.{name}" not in found[package]
-    ]
+    problems = []
+    for package in packages():
+        for name in public_names(package):
+            whole = f"{package}.{name}"
+            if whole not in found[package]:
+                problems.append(f"reference/{package}.html: {whole} is missing")
+            if not docstring(package, name):
+                problems.append(f"{whole}: expected a docstring, got none")
+    return problems
+
+
+@functools.cache
+def _source() -> Any:
+    """The package as it is written."""
+    return griffe.load("jaxtwin", search_paths=[Path(jaxtwin.__file__).parents[1]])

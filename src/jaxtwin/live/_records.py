@@ -155,3 +155,4 @@ class Document:
 
 
 Record = Greeting | Sample | Reading | Gap | LinkChange | Event | Command | Document
+"""What a recorded session consists of."""

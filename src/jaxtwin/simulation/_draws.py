@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ._diffeqsolve import DiffraxMethod
 
 Precision: TypeAlias = Literal["float64", "float32"]
+"""In which the temperatures of a batch are computed."""
 
 Draws: TypeAlias = Mapping[str, Float[np.ndarray, " draws"]]
 """Name -> values in the unit of the rig's table."""

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 ReductionName: TypeAlias = Literal[
     "cost", "final", "minimum", "maximum", "plate_range", "plate_std"
 ]
+"""Of a reduction that `simulate_batch` knows; `Reductions` says what each is."""
 
 ReductionFunction: TypeAlias = Callable[[Float[Array, "times channels"]], Shaped[Array, "..."]]
 """A user's own reduction: a pure JAX function of the temperatures of one draw's channels, degC."""

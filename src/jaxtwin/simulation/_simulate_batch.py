@@ -225,7 +225,10 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, ArrayLike]) -> dict[str,
 def checked_precision(
     precision: Precision, error: type[JaxtwinError] = SimulationError
 ) -> Precision:
-    """**Raises:** `error` where it is none."""
+    """The precision that was given, where it is a known one.
+
+    **Raises:** `error` where it is none.
+    """
     if not (isinstance(precision, str) and precision in ("float64", "float32")):
         raise error(f'precision: expected "float64" or "float32", got {precision!r}')
     return precision
