@@ -1,0 +1,135 @@
+"""The documentation site: what its own parts do with links, notebooks and commands.
+
+`make docs` builds the whole and checks it.
+"""
+
+import base64
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from docs.site import command_line, links
+from docs.site.notebook import to_markdown
+from docs.site.pages import Pages, place
+
+
+def written(folder: Path, files: dict[str, str]) -> Path:
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    return folder
+
+
+def test_a_site_whose_links_lead_somewhere_has_no_problems(tmp_path: Path) -> None:
+    site = written(
+        tmp_path,
+        {
+            "index.html": '<a href="a.html#part">a</a> <a href="https://jax.dev">elsewhere</a>',
+            "a.html": '<h2 id="part">part</h2> <a href="#part">up</a> <a href=".">home</a>',
+            "b/index.html": '<script src="../x.js"></script> <a href="../a.html">a</a>',
+            "x.js": "",
+        },
+    )
+    assert links.problems(site) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ('<a href="b.html">b</a>', "index.html: b.html leads to no file"),
+        ('<a href="#part">part</a>', "index.html: #part leads to no anchor"),
+        ('<img src="b.png">', "index.html: b.png leads to no file"),
+        (
+            '<script src="https://cdn.example/x.js"></script>',
+            "index.html: loads https://cdn.example/x.js from a network",
+        ),
+        (
+            '<link rel="stylesheet" href="//fonts.example/a.css">',
+            "index.html: loads //fonts.example/a.css from a network",
+        ),
+    ],
+)
+def test_a_link_that_leads_nowhere_and_what_needs_a_network_are_problems(
+    tmp_path: Path, text: str, problem: str
+) -> None:
+    assert links.problems(written(tmp_path, {"index.html": text})) == [problem]
+
+
+def test_a_style_that_loads_from_a_network_is_a_problem(tmp_path: Path) -> None:
+    style = '@font-face { src: url("https://fonts.example/a.woff") }'
+    assert links.problems(written(tmp_path, {"a.css": style})) == ["a.css: loads from a network"]
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A repository with a page, what it links to, and a link in code that is none."""
+    folder = tmp_path / "checkout"
+    folder.mkdir()
+    subprocess.run(["git", "init", "--quiet"], cwd=folder, check=True)
+    readme = "[a](docs/a.md#part) [code](src/code.py) [data](src/data) [web](https://jax.dev)\n"
+    return written(
+        folder,
+        {
+            "README.md": readme,
+            "docs/a.md": "[up](../README.md) [here](#part) `run[0](loop)`\n\n## Part\n",
+            "src/code.py": "x = 1\n",
+            "src/data/one.toml": "one = 1\n",
+        },
+    )
+
+
+def test_links_lead_to_the_same_from_their_place_on_the_site(
+    checkout: Path, tmp_path: Path
+) -> None:
+    pages = tmp_path / "pages"
+    Pages(checkout, pages).write()
+    assert (pages / "overview.md").read_text() == (
+        "[a](a.md#part) [code](source/src/code.py.md) [data](source/src/data.md) "
+        "[web](https://jax.dev)\n"
+    )
+    assert "[up](overview.md) [here](#part) `run[0](loop)`" in (pages / "a.md").read_text()
+    assert "~~~~~python\nx = 1\n~~~~~" in (pages / "source/src/code.py.md").read_text()
+    assert "[`one.toml`](data/one.toml.md)" in (pages / "source/src/data.md").read_text()
+    assert (pages / place("src/data/one.toml")).exists()
+
+
+def test_a_link_to_what_is_not_in_the_repository_is_an_error(
+    checkout: Path, tmp_path: Path
+) -> None:
+    (checkout / "docs/a.md").write_text("[gone](gone.md)")
+    with pytest.raises(FileNotFoundError, match=r"docs/a\.md: .* got gone\.md"):
+        Pages(checkout, tmp_path / "pages").write()
+
+
+def test_a_notebook_becomes_a_page_with_its_results(tmp_path: Path) -> None:
+    outputs = [
+        {"output_type": "stream", "text": ["12\n"]},
+        {"data": {"image/png": base64.b64encode(b"picture").decode(), "text/plain": ["<Figure>"]}},
+        {"data": {"text/html": ["<table>\n", "\n", "</table>"], "text/plain": ["table"]}},
+    ]
+    cells = [
+        {"cell_type": "markdown", "source": ["# Title\n", "text"]},
+        {"cell_type": "code", "source": ["print(12)"], "outputs": outputs},
+    ]
+    notebook = tmp_path / "a.ipynb"
+    notebook.write_text(json.dumps({"cells": cells}))
+    page = to_markdown(notebook, tmp_path / "a.md")
+    assert page.startswith("# Title\ntext\n\n```python\nprint(12)\n```\n")
+    assert "~~~~~{ .text .result }\n12\n~~~~~" in page
+    assert '<img src="a-1.png"' in page
+    assert "<table>\n</table>" in page
+    assert (tmp_path / "a-1.png").read_bytes() == b"picture"
+
+
+def test_every_command_and_option_is_in_the_reference(tmp_path: Path) -> None:
+    page = tmp_path / "command-line.md"
+    command_line.write(page)
+    sections = dict(re.findall(r"^## `([^`]+)`\n(.*?)(?=^## |\Z)", page.read_text(), re.M | re.S))
+    assert {"jaxtwin demo", "jaxtwin match", "jaxtwin data fetch"} <= set(sections)
+    assert "**`--out FILE`**" in sections["jaxtwin match"]
+    assert "| `--starts" in sections["jaxtwin match"]
+    assert "jaxtwin data fetch --to recordings" in sections["jaxtwin data fetch"]
+    assert not re.search(r"\[/?(bold|dim)\]", page.read_text())
