@@ -104,6 +104,16 @@ def test_a_link_to_what_is_not_in_the_repository_is_an_error(
         Pages(checkout, tmp_path / "pages").write()
 
 
+def test_every_page_of_the_project_is_in_the_navigation() -> None:
+    root = Path(__file__).parent.parent
+    settings = (root / "docs/site/zensical.toml").read_text()
+    files = [*root.glob("docs/*.md"), *root.glob("notebooks/*.ipynb")]
+    files += [*root.glob("docs/firmware/*.md"), *root.glob("benchmarks/**/*.md")]
+    assert len(files) > 20
+    for file in files:
+        assert f'"{place(str(file.relative_to(root)))}"' in settings
+
+
 def test_a_notebook_becomes_a_page_with_its_results(tmp_path: Path) -> None:
     outputs = [
         {"output_type": "stream", "text": ["12\n"]},
