@@ -1,17 +1,21 @@
 """Recordings that go on: in the order of their runs, whatever the host's clock says meanwhile."""
 
+import contextlib
 import json
 import os
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 
+import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
+from hypothesis import HealthCheck, given, settings
 
 from jaxtwin import JaxtwinError, RecordingError
-from jaxtwin.io import Session
+from jaxtwin.io import Session, backup_session
 from jaxtwin.live import (
     Command,
     Data,
@@ -27,6 +31,7 @@ from jaxtwin.live import (
     Replay,
     Sample,
     encode,
+    report,
 )
 from jaxtwin.rig import Rig
 
@@ -226,6 +231,59 @@ def test_damaged_metadata_are_one_sentence(rig: Rig, file: Path, key: str, value
     database.close()
     with pytest.raises(RecordingError, match="is damaged: its metadata"):
         Session(file)
+
+
+@given(
+    places=st.lists(st.floats(0, 1, exclude_max=True), min_size=1, max_size=40),
+    values=st.randoms(use_true_random=False),
+    in_header=st.booleans(),
+)
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_damaged_recording_is_read_or_refused_in_a_sentence(
+    rig: Rig, sound: bytes, tmp_path: Path, places: list[float], values: Random, in_header: bool
+) -> None:
+    """Whatever is done with it; no error of SQLite, NumPy or JSON comes through."""
+    damaged = bytearray(sound)
+    for place in places:
+        span = 4096 if in_header else len(damaged)
+        damaged[int(place * span)] = values.randrange(256)
+    for number, use in enumerate((_exported, _replayed, _backed_up, _continued)):
+        file = tmp_path / f"{number}.db"
+        for old in tmp_path.glob(f"{number}.*"):
+            old.unlink()
+        file.write_bytes(damaged)
+        with contextlib.suppress(RecordingError):
+            use(rig, file)
+
+
+@pytest.fixture(scope="module")
+def sound(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A recording without damage."""
+    file, clock = tmp_path_factory.mktemp("sound") / "session.db", HandClock()
+    with Recorder(file, rig, clock=clock) as recorder:
+        recorder.write(minute(clock, "b1", 20.0))
+    return file.read_bytes()
+
+
+def _exported(rig: Rig, file: Path) -> None:
+    with Session(file) as session:
+        report(session)
+        session.experiment()
+
+
+def _replayed(rig: Rig, file: Path) -> None:
+    with Replay(file, speed=float("inf")) as replay:
+        list(replay)
+
+
+def _backed_up(rig: Rig, file: Path) -> None:
+    backup_session(file, file.with_suffix(".copy"))
+
+
+def _continued(rig: Rig, file: Path) -> None:
+    clock = HandClock()
+    with Recorder(file, rig, append=True, clock=clock) as recorder:
+        recorder.write(minute(clock, "b1", 30.0))
 
 
 def test_missing_metadata_are_one_sentence(rig: Rig, file: Path) -> None:

@@ -14,7 +14,7 @@ from ._clock_map import ClockMap
 from ._experiment import Experiment
 from ._lock import is_locked
 from ._resample import bin_means_by_run, held
-from ._session_file import Columns, is_session, read_metadata
+from ._session_file import Columns, damage_told, is_session, read_metadata
 
 if TYPE_CHECKING:
     from ..rig import Rig
@@ -85,7 +85,7 @@ class Session:
         self.database = _open(self.file)
         try:
             self.metadata: dict[str, Any] = read_metadata(self.database, self.file)
-        except RecordingError:
+        except BaseException:
             self.database.close()
             raise
         self._columns = Columns.of(self.metadata)
@@ -122,6 +122,10 @@ class Session:
 
         A device that lost its connection and came back without a restart has one clock.
         """
+        with damage_told(self.file):
+            return self._clocks()
+
+    def _clocks(self) -> list[DeviceClock]:
         execute = self.database.execute
         starts: dict[tuple[int, str, str, float], list[int]] = {}
         for number, run, link, boot, rate in execute(
@@ -187,14 +191,15 @@ class Session:
 
         **Raises:** `RecordingError` where duty or temperatures are missing altogether.
         """
-        # One moment of a file that may be growing.
-        self.database.execute("BEGIN")
-        try:
-            clocks = self.clocks()
-            readings, duty = self.readings(clocks), self.duty(clocks)
-            ambient = self.ambient(clocks)
-        finally:
-            self.database.execute("COMMIT")
+        with damage_told(self.file):
+            # One moment of a file that may be growing.
+            self.database.execute("BEGIN")
+            try:
+                clocks = self.clocks()
+                readings, duty = self.readings(clocks), self.duty(clocks)
+                ambient = self.ambient(clocks)
+            finally:
+                self.database.execute("COMMIT")
         if not len(readings.time) or not len(duty.time):
             missing = "temperatures" if len(duty.time) else "controller samples"
             raise RecordingError(f"{self.file}: expected samples and a drive, got no {missing}")
@@ -240,8 +245,11 @@ class Session:
         self, table: str, columns: tuple[str, ...], where: str, clocks: list[DeviceClock] | None
     ) -> Series:
         names = ", ".join(f'"{name}"' for name in columns)
-        rows = self.database.execute(f"SELECT greeting, device_us, {names} FROM {table} {where}")
-        values = _array(rows, np.float64).reshape(-1, 2 + len(columns))
+        with damage_told(self.file):
+            rows = self.database.execute(
+                f"SELECT greeting, device_us, {names} FROM {table} {where}"
+            )
+            values = _array(rows, np.float64).reshape(-1, 2 + len(columns))
         time = np.zeros(len(values))
         run = np.zeros(len(values), np.int64)
         rates = set()
@@ -308,4 +316,7 @@ def _connect(file: Path, access: str, locking: str) -> sqlite3.Connection:
     except sqlite3.DatabaseError:
         database.close()
         raise
+    except UnicodeDecodeError:  # SQLite quotes a damaged name in its own message
+        database.close()
+        raise sqlite3.DatabaseError("its schema is damaged") from None
     return database

@@ -3,9 +3,11 @@
 Its tables are made by `live/_tables.py`; docs/protocol.md describes them for other programs.
 """
 
+import contextlib
 import json
 import reprlib
 import sqlite3
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -66,6 +68,21 @@ class Columns:
             pwm=tuple(f"pwm_{cell}" for cell in metadata["cells"]),
             temperatures=tuple(f"{channel}_degC" for channel in metadata["channels"]),
         )
+
+
+@contextlib.contextmanager
+def damage_told(file: Path) -> Iterator[None]:
+    """Says in a sentence that a recording is damaged, for what reads its rows inside the block.
+
+    SQLite notices some damage itself; other damage leaves rows with text instead of numbers.
+
+    **Raises:** `RecordingError`.
+    """
+    try:
+        yield
+    except (sqlite3.Error, ValueError, KeyError, TypeError, OverflowError) as error:
+        why = str(error) or type(error).__name__
+        raise RecordingError(f"{file}: is damaged, and cannot be read: {why}") from None
 
 
 def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from typing import Any, final
 
 from .._errors import RecordingError
 from ..io._lock import lock, unlock
-from ..io._session_file import is_session, read_metadata
+from ..io._session_file import damage_told, is_session, read_metadata
 from ..rig import Rig
 from ._counted import Counters, counted_in
 from ._records import Event, Record
@@ -99,9 +99,11 @@ class Recorder:
             self._database.execute("PRAGMA journal_mode = WAL")
             self._database.execute(f"PRAGMA journal_size_limit = {WAL_BYTES}")
             self._database.execute(f"PRAGMA wal_autocheckpoint = {_CHECKPOINT_PAGES}")
+            self._counted: dict[str, Counters] = {}
             if existed:
                 self._check_rig(metadata)
-            self._counted = counted_in(self._database) if existed else {}
+                with damage_told(self.file):
+                    self._counted.update(counted_in(self._database))
             self._run = self._begin(None if existed else metadata)
             self._rows = RowWriter(
                 self._database, self._run, self._shift, len(rig.cells), keep_frames=keep_frames
@@ -113,6 +115,9 @@ class Recorder:
         except sqlite3.Error as error:
             self._give_up()
             raise self._failure(error) from None
+        except UnicodeDecodeError:  # SQLite quotes a damaged name in its own message
+            self._give_up()
+            raise RecordingError(f"{self.file}: is damaged: its schema is no text") from None
 
     def __enter__(self) -> "Recorder":
         return self

@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 
 from ..io import Session
-from ..io._session_file import Columns
+from ..io._session_file import Columns, damage_told
 from ._messages import Hello
 from ._records import (
     Command,
@@ -47,7 +47,8 @@ class Replay:
     - `speed`: recorded seconds in a second; infinite: as fast as the records are read.
     - `clock`: host time.
 
-    **Raises:** `RecordingError` where it is no recording.
+    **Raises:** `RecordingError` where it is no recording, or is damaged: then also while it is
+    read.
     """
 
     def __init__(self, file: str | Path, *, speed: float | int = 1.0, clock: Clock | None = None):
@@ -55,7 +56,8 @@ class Replay:
         self.states: dict[str, LinkState] = {}
         self.session = Session(file)
         self._speed = speed
-        self._tables = self._all()
+        with damage_told(self.session.file):
+            self._tables = tuple(map(self._told, self._all()))
         # Of records that arrived together, greetings come first: the others refer to them.
         self._records = heapq.merge(*self._tables, key=lambda record: record.arrival)
         self._upcoming: Record | None = next(self._records, None)
@@ -122,6 +124,10 @@ class Replay:
             return 0.0
         recorded = (self._upcoming.arrival - self._first) * 1e-9
         return recorded / self._speed - (self.clock.now() - self._begin) * 1e-9
+
+    def _told(self, rows: Rows) -> Rows:
+        with damage_told(self.session.file):
+            yield from rows
 
     def _all(self) -> tuple[Rows, ...]:
         """The records of each table; read as they are needed."""

@@ -7,6 +7,7 @@ from typing import Any, final
 import numpy as np
 
 from ..io import Session
+from ..io._session_file import damage_told
 
 
 @final
@@ -42,7 +43,14 @@ def report(session: Session) -> dict[str, Any]:
 
     **Returns:** `streams` (`StreamReport`s as dictionaries), `lost` by stream, `events` by kind,
     `runs` with their start, end and outcome, `drives` with operator, plan and outcome.
+
+    **Raises:** `RecordingError` where the recording is damaged.
     """
+    with damage_told(session.file):
+        return _report(session)
+
+
+def _report(session: Session) -> dict[str, Any]:
     execute = session.database.execute
     streams = []
     for device in session.clocks():
