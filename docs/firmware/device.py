@@ -132,7 +132,9 @@ def serve(port):
         last = ticks()
         for host in ready:
             if host is listener:
-                hosts[listener.accept()[0]] = b""
+                host = listener.accept()[0]
+                host.setblocking(False)  # who does not read must not keep the watchdog waiting
+                hosts[host] = b""
                 device.hello()
                 continue
             try:
@@ -154,8 +156,11 @@ def serve(port):
         out, device.out = device.out, b""
         for host in list(hosts):
             try:
-                host.sendall(out)
+                sent_all = not out or host.send(out) == len(out)
             except OSError:
+                sent_all = False
+            if not sent_all:
+                host.close()
                 del hosts[host]
 
 

@@ -1,5 +1,6 @@
 """The conformance kit: it finds nothing wrong with what is right, and each fault that is put in."""
 
+import contextlib
 import shutil
 import socket
 import subprocess
@@ -12,7 +13,7 @@ import pytest
 from hand_clock import HandClock
 
 from jaxtwin.cli import run
-from jaxtwin.live import Duty, InProcess, VirtualRig, conform
+from jaxtwin.live import Ask, Duty, InProcess, VirtualRig, conform, encode
 from jaxtwin.live._output_stage import OutputStage
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
@@ -116,6 +117,42 @@ def test_the_python_device_conforms(python_device: str, capsys: pytest.CaptureFi
     printed = capsys.readouterr().out
     assert "WRONG" not in printed
     assert (code, printed.count("ok ")) == (0, 26)
+
+
+NARROW = """
+import runpy, socket, sys
+plain = socket.socket
+def narrow(*how, **more):
+    made = plain(*how, **more)
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 2048)
+    return made
+socket.socket = narrow
+sys.argv = sys.argv[1:]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+
+def test_a_host_that_does_not_read_keeps_no_watchdog_waiting() -> None:
+    """As a host that is frozen: its buffers fill, and the cells must go off nevertheless."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, "-u", "-c", NARROW, str(DEVICE), str(port)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        with socket.socket() as frozen:
+            frozen.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+            frozen.connect(("127.0.0.1", port))
+            frozen.settimeout(1)
+            frozen.sendall(encode(Duty(0, (9, 9), "frozen")))
+            with contextlib.suppress(OSError):  # it is cut off
+                while True:  # the answers are more than all buffers hold
+                    frozen.sendall(encode(Ask(2)) * 50)
+            with socket.create_connection(("127.0.0.1", port), timeout=10) as other:
+                heard = b""
+                while b"trip=watchdog" not in heard:
+                    heard += other.recv(10_000)
+        process.kill()
 
 
 def test_the_exit_code_says_that_something_is_wrong(

@@ -181,6 +181,15 @@ def test_after_garbage_and_a_newline_it_obeys_again(sketch: Path) -> None:
     assert ran.counts(at=500) == (1, 2)
 
 
+def test_a_flood_keeps_no_trip_waiting(sketch: Path) -> None:
+    """Noise comes faster than it is read, for ever: the line is never empty."""
+    ran = run(sketch, 4000, encode(Duty(1, (128, -255), "me")), b"~", hot=1000)
+    assert ran.counts(at=999) == (128, -255)
+    assert {ran.counts(at=time) for time in range(1005, 4000)} == {(0, 0)}
+    silent = run(sketch, 4000, encode(Duty(1, (128, -255), "me")), b"~")
+    assert {silent.counts(at=time) for time in range(2003, 4000)} == {(0, 0)}
+
+
 def test_no_direction_changes_under_current(sketch: Path) -> None:
     ran = run(sketch, 100, encode(Duty(1, (200, 200), "me")), encode(Duty(2, (-200, 200), "me")))
     pins = dict.fromkeys((*PWM, *HEAT, *COOL), 0)

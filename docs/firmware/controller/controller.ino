@@ -285,7 +285,7 @@ void obey(char *text, int count) {
 void listen() {
   static char text[160];
   static int count;
-  while (Serial.available()) {
+  for (int most = 64; most > 0 && Serial.available(); most--) {  // a flood must not delay the trips
     char c = Serial.read();
     if (c == '\n') {
       if (count > 0 && count < (int)sizeof(text) && text[count - 1] == '\r') count--;

@@ -38,12 +38,14 @@ inline int analogRead(int) {
   return 500;
 }
 
-// What the host sent. At its end the line is silent, and so it is until the time of an "@ms\n".
+// What the host sent. At its end the line is silent, and so it is until the time of an "@ms\n". After
+// a "~" it is noise without an end.
 struct Input {
   std::deque<char> waiting;
   uint32_t silentUntil = 0;
   void put(char c) { waiting.push_back(c); }
   bool ready() {
+    if (!waiting.empty() && waiting.front() == '~') return true;
     if (turns < silentUntil) return false;
     if (waiting.empty() || waiting.front() != '@') return !waiting.empty();
     std::string time;
@@ -54,7 +56,7 @@ struct Input {
   }
   int take() {
     char c = waiting.front();
-    waiting.pop_front();
+    if (c != '~') waiting.pop_front();
     return (uint8_t)c;
   }
 };
