@@ -24,6 +24,9 @@ class HandClock:
     def utc(self) -> int:
         return self.time
 
+    def is_synchronised(self) -> bool | None:
+        return None
+
     def wait(self, event: threading.Event, seconds: float) -> bool:
         self.waits.append(seconds)
         self.turn(seconds)

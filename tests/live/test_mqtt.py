@@ -15,6 +15,7 @@ from jaxtwin import JaxtwinError
 from jaxtwin.io import Session
 from jaxtwin.live import (
     Duty,
+    Event,
     Reading,
     Recorder,
     Sample,
@@ -140,6 +141,60 @@ def test_user_and_password_of_the_address_are_used(tmp_path: Path) -> None:
         MqttTransport(MqttAddress.parse(f"mqtt://anna:s%3Ac@{broker}/t")).close()
         with pytest.raises(TimeoutError, match="refuses"):
             MqttTransport(MqttAddress.parse(f"mqtt://{broker}/t"))
+
+
+@pytest.mark.mosquitto
+# paho leaves the socket of a handshake that failed to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_link_is_encrypted_and_asks_for_certificates(tmp_path: Path) -> None:
+    """A broker that wants a certificate of its clients, and a client that checks the broker's."""
+
+    def openssl(*words: str) -> None:
+        subprocess.run(["openssl", *words], cwd=tmp_path, check=True, capture_output=True)
+
+    new = ("-nodes", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1")
+    openssl("req", "-x509", *new, "-keyout", "ca.key", "-out", "ca.pem", "-subj", "/CN=ca")
+    for name in ("broker", "anna"):
+        files = "-keyout", f"{name}.key", "-out", f"{name}.csr"
+        openssl("req", *new, *files, "-subj", f"/CN={name}")
+        (tmp_path / "names").write_text("subjectAltName=IP:127.0.0.1")
+        signer = "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-extfile", "names"
+        openssl("x509", "-req", "-in", f"{name}.csr", *signer, "-out", f"{name}.pem")
+    at = tmp_path
+    options = f"cafile {at}/ca.pem\ncertfile {at}/broker.pem\nkeyfile {at}/broker.key\n"
+    options += "require_certificate true\nuse_identity_as_username true\nuser root\n"
+    with started(tmp_path, options) as broker:
+        url = f"mqtts://{broker}/t?ca={at}/ca.pem"
+        own = MqttTransport(MqttAddress.parse(f"{url}&cert={at}/anna.pem&key={at}/anna.key"))
+        own.write(b"over TLS")
+        own.close()
+        for refused in (
+            url,  # without its own certificate
+            f"mqtts://{broker}/t",  # the broker's is of no authority that the system knows
+            f"mqtt://{broker}/t",  # not encrypted
+        ):
+            with pytest.raises(OSError, match=r".+"):
+                MqttTransport(MqttAddress.parse(refused))
+
+
+@pytest.mark.mosquitto
+def test_an_alarm_reaches_subscribers(broker: str) -> None:
+    subscriber = MqttTransport(
+        MqttAddress.parse(f"mqtt://{broker}/bench"), reads="events", writes="none"
+    )
+    publisher = Publisher(f"mqtt://{broker}/bench", ("T11",), ("P1",))
+    publisher.publish([Event("", 10**9, "alarm", "over-temperature: T11 is at 91.0 degC")])
+    received = b""
+    while b"}" not in received:
+        received += subscriber.read()
+    publisher.close()
+    subscriber.close()
+    assert json.loads(received) == {
+        "link": "",
+        "kind": "alarm",
+        "detail": "over-temperature: T11 is at 91.0 degC",
+        "time": 1.0,
+    }
 
 
 def test_an_address_says_all_that_a_broker_wants() -> None:

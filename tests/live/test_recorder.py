@@ -25,6 +25,7 @@ from jaxtwin.live import (
     Reading,
     Recorder,
     Sample,
+    SystemClock,
     connect,
     encode,
 )
@@ -160,6 +161,37 @@ def test_a_suspend_is_noted_at_once(
     with Session(file) as session:
         query = "SELECT detail FROM events WHERE kind = 'host-clock'"
         assert session.database.execute(query).fetchall() == [("system clock +900.000000 s",)]
+
+
+def test_it_is_noted_whether_ntp_keeps_the_clock(
+    rig: Rig, file: Path, clock: HandClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the start, and at once when that changes."""
+    second = [0]
+    monkeypatch.setattr(clock, "is_synchronised", lambda: 5 <= second[0] < 8)
+    with Recorder(file, rig, clock=clock) as recorder:
+        for second[0] in range(10):
+            clock.turn(1.0)
+            recorder.write([])
+    with Session(file) as session:
+        query = "SELECT arrival, detail FROM events WHERE kind = 'host-clock' ORDER BY id"
+        rows = [
+            ((arrival - START) // 10**9, detail)
+            for arrival, detail in session.database.execute(query).fetchall()
+        ]
+    assert rows == [
+        (1, "system clock +0.000000 s, not kept by NTP"),
+        (6, "system clock +0.000000 s, kept by NTP"),
+        (9, "system clock +0.000000 s, not kept by NTP"),
+    ]
+
+
+def test_the_system_says_whether_ntp_keeps_its_clock() -> None:
+    """By the kernel's flag of an unsynchronised clock, which timedatectl shows too."""
+    found = SystemClock().is_synchronised()
+    assert found is None or type(found) is bool
+    if sys.platform == "linux":
+        assert found is not None
 
 
 def test_a_file_that_is_there_is_not_overwritten(rig: Rig, file: Path) -> None:

@@ -38,6 +38,8 @@ STEP_SECONDS = 1.0
 
 WAL_BYTES = 64 * 2**20  # to which the journal shrinks again after a long reader held it
 
+_NTP = {True: ", kept by NTP", False: ", not kept by NTP", None: ""}
+
 # A number that no reader can hold back: SQLite's default is 1000 pages, 4 MB.
 _CHECKPOINT_PAGES = 1000
 
@@ -72,6 +74,7 @@ class Recorder:
         """Records kept so far."""
         self._clock: Clock = clock or SystemClock()
         self._synced = self._compared = self._apart = 0
+        self._kept: bool | None = None
         self._ended = False
         metadata = metadata_of(rig)
         existed = self.file.exists()
@@ -152,10 +155,11 @@ class Recorder:
             return
         apart = self._clock.utc() - now
         stepped = abs(seconds(apart - self._apart)) > STEP_SECONDS  # set by hand, or a suspend
-        if stepped or seconds(now - self._compared) >= COMPARE_SECONDS:
-            detail = f"system clock {seconds(apart):+.6f} s"
+        kept = self._clock.is_synchronised() if sync else self._kept
+        if stepped or kept != self._kept or seconds(now - self._compared) >= COMPARE_SECONDS:
+            detail = f"system clock {seconds(apart):+.6f} s{_NTP[kept]}"
             records = [*records, Event("", now, "host-clock", detail)]
-            self._compared, self._apart = now, apart
+            self._compared, self._apart, self._kept = now, apart, kept
         try:
             self._transact(records, now if sync else None)
         except sqlite3.Error as error:

@@ -1,8 +1,16 @@
 """Host time: never steps, is injectable, and counts nanoseconds since 1970."""
 
+import ctypes
+import sys
 import threading
 import time
 from typing import Protocol, final, runtime_checkable
+
+TIME_ERROR = 5
+"""Answer of adjtimex(2) where nothing keeps the clock."""
+
+TIMEX_BYTES = 512
+"""More than its `struct timex` has on any machine."""
 
 
 @runtime_checkable
@@ -15,6 +23,10 @@ class Clock(Protocol):
 
     def utc(self) -> int:
         """What the system's clock says, ns since 1970; it may step."""
+        ...
+
+    def is_synchronised(self) -> bool | None:
+        """Whether NTP keeps the system's clock; `None` where the system does not say."""
         ...
 
     def wait(self, event: threading.Event, seconds: float) -> bool:
@@ -38,6 +50,13 @@ class SystemClock:
 
     def utc(self) -> int:
         return time.time_ns()
+
+    def is_synchronised(self) -> bool | None:
+        if sys.platform != "linux":
+            return None
+        # adjtimex(2) with no mode set only reads. It answers with the state of the clock.
+        state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(TIMEX_BYTES))
+        return None if state < 0 else state != TIME_ERROR
 
     def wait(self, event: threading.Event, seconds: float) -> bool:
         return event.wait(seconds)
