@@ -133,7 +133,7 @@ def test_the_header_that_is_written(tmp_path, experiment):
         ("time_s,duty_P1\n0,0\n", "empty: expected at least 2 samples, got 1"),
         ("# Recordings\n\nA page of text.\n", "is no recording: .* got 'A page of text.'"),
         ("0,0.5,20\n1,0.5,21\n", "must name the columns"),
-        ("time,duty_P1\n0,0\n1,0\n", "expected time_s, duty_P1"),
+        ("time,duty_P1\n0,0\n1,0\n", "line 2, column time: .*numbers need a unit, such as time_s"),
         ("time_s,duty_P1,T11\n0,0,20\n1,0,20\n", "columns: expected time_s, .* got 'T11'"),
         (
             "time_s,duty_P1,T11_degF\n0,0,20\n1,0,20\n",

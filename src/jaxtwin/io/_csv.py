@@ -31,12 +31,18 @@ def parse_csv(content: bytes, *, name: str, counts: int, polarity: int) -> Exper
     """The experiment in a .csv file; for the arguments see `read_recording`."""
     columns, lines = read_columns(content, EXPECTED)
     try:
-        return _experiment(columns, name, counts, polarity)
+        return experiment_of_columns(columns, name, counts, polarity)
     except WrongSampleError as error:
         raise RecordingError(f"line {lines[error.sample]}: {error}") from None
 
 
-def _experiment(columns: list[Column], name: str, counts: int, polarity: int) -> Experiment:
+def experiment_of_columns(
+    columns: list[Column], name: str, counts: int, polarity: int
+) -> Experiment:
+    """The experiment in named columns.
+
+    **Raises:** `RecordingError` where a column is missing, is given twice or has another name.
+    """
     times: list[np.ndarray] = []
     duty: dict[int, np.ndarray] = {}
     temperatures: dict[str, Column] = {}

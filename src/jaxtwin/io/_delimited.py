@@ -6,6 +6,7 @@
 - Lines that start with `#` before the names, blank lines, and lines of blank fields are passed
   over, and so are a first column without a name (pandas' index) and blank columns without one.
 - A unit may follow its name as `T11_degC`, `T11 [degC]` or `T11 (°C)`.
+- A column `time`, `timestamp`, `date` or the like holds time stamps (`_timestamps`).
 - An empty field or a word for "not available" is a missing sample, NaN.
 """
 
@@ -19,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import RecordingError
+from ._timestamps import is_timestamp_title, seconds_of_timestamps
 
 MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none"})
 """What stands for a missing sample, in small letters."""
@@ -39,6 +41,7 @@ class Column:
       `T11_degC`; without one where the unit is "1", "-" or nothing.
     - `values`: NaN where a sample is missing.
     - `lines`: of the samples in the file. `fields`: as they stand there.
+    - `place`: what `lines` counts, for messages.
     """
 
     title: str
@@ -46,6 +49,7 @@ class Column:
     values: Float[np.ndarray, " samples"]
     lines: list[int]
     fields: list[str]
+    place: str = "line"
 
     @property
     def is_blank(self) -> bool:
@@ -61,7 +65,8 @@ class Column:
         if missing.size:
             k = missing[0]
             raise RecordingError(
-                f"line {self.lines[k]}, column {self.title}: expected a number in every line, "
+                f"{self.place} {self.lines[k]}, column {self.title}: expected a number in every "
+                f"{self.place}, "
                 f"because only temperatures may be missing, got {self.fields[k]!r}"
             )
         return self.values
@@ -110,6 +115,10 @@ def read_columns(content: bytes, expected: str) -> tuple[list[Column], list[int]
             continue
         if not title:
             raise RecordingError(f"columns: {expected}, got no name for column {number + 1}")
+        if is_timestamp_title(title):
+            seconds = seconds_of_timestamps(fields, title, lines)
+            columns.append(Column(title, "time_s", seconds, lines, list(fields)))
+            continue
         values = np.array([_number(field, comma) for field in fields])
         (wrong,) = np.nonzero(np.isinf(values))
         if wrong.size:
@@ -119,7 +128,7 @@ def read_columns(content: bytes, expected: str) -> tuple[list[Column], list[int]
                 f"line {lines[k]}, column {title}: expected a finite number such as {form}, or "
                 f"nothing where a temperature is missing, got {fields[k][:40]!r}"
             )
-        columns.append(Column(title, _name(title), values, lines, list(fields)))
+        columns.append(Column(title, column_name(title), values, lines, list(fields)))
     return columns, lines
 
 
@@ -144,7 +153,7 @@ def _separator(text: str) -> str:
 
 
 def _check_titles(titles: list[str], separator: str, expected: str) -> None:
-    if not any(TIME.fullmatch(_name(title)) for title in titles):
+    if not any(TIME.fullmatch(column_name(title)) or is_timestamp_title(title) for title in titles):
         found = separator.join(titles)
         raise RecordingError(
             f"is no recording: its first line must name the columns, {expected}, got {found[:60]!r}"
@@ -156,7 +165,7 @@ def _check_titles(titles: list[str], separator: str, expected: str) -> None:
         )
 
 
-def _name(title: str) -> str:
+def column_name(title: str) -> str:
     """The title with its unit behind an underscore."""
     parts = re.fullmatch(r"(.*?)\s*(?:\[(.*)\]|\((.*)\)|_(°C))", title)
     if parts is None:

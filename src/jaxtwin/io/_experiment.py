@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -23,6 +23,7 @@ from ._checks import (
 from ._schedule import schedule_samples
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
 
 EXPERIMENT = "an Experiment, as read_recording and Experiment.schedule make it"
@@ -131,6 +132,44 @@ class Experiment:
         """
         time, duty = schedule_samples(text, duration=duration, step=step, cells=cells)
         return cls(time, duty, channels=channels, ambient=ambient, name=name)
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        frame: "pandas.DataFrame",
+        *,
+        time: str | None = None,
+        counts: int = 255,
+        polarity: Literal[1, -1] = 1,
+        name: str = "",
+    ) -> "Experiment":
+        """An experiment from a table of pandas, whose columns are named as those of a .csv
+        recording: `duty_P1` or `pwm_P1` for each cell, `NAME_degC` or `NAME_K` for each channel,
+        and `ambient_degC`; units may stand in brackets. `frame.rename(columns=...)` gives other
+        columns these names, and `frame[[...]]` leaves some out.
+
+        **Arguments:**
+
+        - `frame`: a row for each sample. A missing temperature is NaN, None or NA.
+        - `time`: the column of the times. By default the index where it holds durations or time
+            stamps, otherwise a column of these or `time_s`, otherwise the index, in s. Times are
+            numbers in s, durations (timedelta) or time stamps (datetime), counted from the first.
+        - `counts`, `polarity`: of `pwm_P1`, as in `read_recording`.
+        - `name`: as in `Experiment`.
+
+        **Returns:**
+
+        The `Experiment`.
+
+        **Raises:**
+
+        `RecordingError` that names the column, and the row where it is in one, counted from 0.
+        """
+        from ._dataframe import experiment_of_dataframe
+
+        return experiment_of_dataframe(
+            frame, time=time, counts=counts, polarity=polarity, name=name
+        )
 
     @property
     def n_cells(self) -> int:

@@ -1,0 +1,98 @@
+"""Recordings as tables of pandas, with the columns of a .csv recording."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import RecordingError
+from ._csv import experiment_of_columns
+from ._delimited import TIME, Column, column_name
+from ._experiment import Experiment
+
+if TYPE_CHECKING:
+    import pandas
+
+
+def experiment_of_dataframe(
+    frame: "pandas.DataFrame",
+    *,
+    time: str | None,
+    counts: int,
+    polarity: int,
+    name: str,
+) -> Experiment:
+    """The experiment in a table; for the arguments see `Experiment.from_dataframe`."""
+    import pandas
+
+    if not isinstance(frame, pandas.DataFrame):
+        raise RecordingError(
+            f"from_dataframe: frame: expected a pandas.DataFrame, got {type(frame).__name__}"
+        )
+    if time is not None and time not in frame.columns:
+        known = ", ".join(map(str, frame.columns))
+        raise RecordingError(f"from_dataframe: time: expected one of {known}, got {time!r}")
+    twice = frame.columns[frame.columns.duplicated()]
+    if len(twice):
+        raise RecordingError(f"columns: expected each name once, got {twice[0]!r} twice")
+    rows = list(range(len(frame)))
+    columns = []
+    index = frame.index
+    if time is None and not isinstance(index, pandas.DatetimeIndex | pandas.TimedeltaIndex):
+        clocks = [title for title in frame.columns if frame[title].dtype.kind in "mM"]
+        time = clocks[0] if clocks else None
+        from_index = not clocks and not any(map(_is_time, frame.columns))
+    else:
+        from_index = time is None
+    if from_index:
+        title = str(index.name or "index")
+        columns.append(_column("time_s", title, _seconds(index.to_series(), title), rows))
+    for title in frame.columns:
+        series: pandas.Series = frame.loc[:, title]
+        if title == time:
+            columns.append(_column("time_s", str(title), _seconds(series, str(title)), rows))
+        else:
+            numbers = _numbers(series, str(title))
+            columns.append(_column(column_name(str(title)), str(title), numbers, rows))
+    return experiment_of_columns(columns, name, counts, polarity)
+
+
+def _is_time(title: object) -> bool:
+    return TIME.fullmatch(column_name(str(title))) is not None
+
+
+def _column(
+    name: str, title: str, values: Float[np.ndarray, " samples"], rows: list[int]
+) -> Column:
+    return Column(title, name, values, rows, [f"{value:g}" for value in values], "row")
+
+
+def _seconds(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples"]:
+    """Seconds: numbers as they are, durations, and time stamps since the first of them."""
+    import pandas
+
+    if series.isna().any():
+        row = int(np.flatnonzero(series.isna())[0])
+        raise RecordingError(f"row {row}, column {title}: expected a time in every row, got none")
+    if series.dtype.kind == "M" or isinstance(series.dtype, pandas.DatetimeTZDtype):
+        series = series - series.iloc[0] if len(series) else series
+    if series.dtype.kind == "m":
+        return series.dt.total_seconds().to_numpy(dtype=np.float64)
+    if series.dtype.kind not in "iuf":
+        raise RecordingError(
+            f"column {title}: expected seconds, durations (timedelta) or time stamps (datetime), "
+            f"got {series.dtype}; pandas.to_datetime makes time stamps of text"
+        )
+    return _numbers(series, title)
+
+
+def _numbers(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples"]:
+    """The numbers of a column; NaN where one is missing."""
+    try:
+        values: Any = series.to_numpy(dtype=np.float64, na_value=np.nan)
+    except (TypeError, ValueError):
+        raise RecordingError(
+            f"column {title}: expected numbers, got {series.dtype}; leave the column out, or make "
+            "numbers of it"
+        ) from None
+    return values
