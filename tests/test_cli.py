@@ -44,6 +44,8 @@ COMMANDS = [
     ["demo"],
     ["rigs"],
     ["check"],
+    ["new-rig"],
+    ["schema"],
     ["netlist"],
     ["dc-sweep"],
     ["simulate"],

@@ -29,6 +29,7 @@ from .commands import (
     _export,
     _match,
     _netlist,
+    _new_rig,
     _record,
     _report,
     _rigs,
@@ -75,6 +76,15 @@ def _add(name: str, panel: str, function, *example: str) -> None:
 _add("demo", START, _demo.demo, "jaxtwin demo --out report")
 _add("rigs", RIGS, _rigs.rigs, "jaxtwin rigs")
 _add("check", RIGS, _rigs.check, "jaxtwin check my-rig.toml")
+_add(
+    "new-rig",
+    RIGS,
+    _new_rig.new_rig,
+    "jaxtwin new-rig bench.toml",
+    'jaxtwin new-rig bench.toml --width "8 cm" --height "4 cm" --thickness "2 mm" '
+    '--material aluminium --module TEC1-12706 --at "2 cm, 2 cm" --at "6 cm, 2 cm" --zones 3x2',
+)
+_add("schema", RIGS, _rigs.schema, "jaxtwin schema --out rig.schema.json")
 _add(
     "netlist",
     RIGS,

@@ -48,7 +48,11 @@ def test_every_table_of_the_schema_has_its_place():
         for kind in vars(schema).values()
         if isinstance(kind, type) and issubclass(kind, schema.Table)
     }
-    assert tables - set(TABLES.values()) == {schema.Table, schema.ModuleTable}
+    assert tables - set(TABLES.values()) == {
+        schema.Table,
+        schema.ModuleTable,
+        schema.MaterialTable,
+    }
 
 
 @pytest.mark.parametrize(("heading", "model"), TABLES.items(), ids=lambda value: str(value))

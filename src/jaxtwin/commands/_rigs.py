@@ -1,7 +1,12 @@
-"""`jaxtwin rigs` and `jaxtwin check`: what rigs there are, and whether a rig file is in order."""
+"""`jaxtwin rigs`, `check` and `schema`: what rigs there are, and whether a rig file is in order."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from ._options import JsonOption, RigArgument
-from ._output import STDOUT, aligned, check_json, say, write_json
+from ._output import STDOUT, aligned, check_json, check_output, say, write_json
 
 
 def rigs(json: JsonOption = None) -> None:
@@ -28,6 +33,23 @@ def check(rig: RigArgument, json: JsonOption = None) -> None:
     say(f"  network: {network_line(counts)}", json)
     free = [name for name, row in loaded.parameters.items() if row.free]
     write_json(json, {"rig": loaded.name, "free": free, "network": counts})
+
+
+def schema(
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="A file, .json; - is standard output.")
+    ] = STDOUT,
+) -> None:
+    """Write the JSON Schema of rig files, with which editors complete and check them.
+
+    An editor with Even Better TOML or Taplo reads it from the first line of a rig file:
+    #:schema ./rig.schema.json
+    """
+    from ..rig import json_schema
+
+    if out != STDOUT:
+        check_output(out, ".json")
+    write_json(out, json_schema())
 
 
 def network_line(counts: dict[str, float | int]) -> str:

@@ -20,6 +20,11 @@ def bundled_modules() -> tuple[str, ...]:
     return _names("modules")
 
 
+def bundled_materials() -> tuple[str, ...]:
+    """The names of the materials that come with the package."""
+    return _names("materials")
+
+
 def read_bundled(folder: str, name: str) -> tuple[dict[str, Any], str]:
     """A bundled file and what it is called in messages.
 

@@ -20,6 +20,7 @@ class Datasheet:
     - `maximum_temperature_difference`: $\Delta T_{max}$, K.
     - `maximum_heat_flow`: absorbed at $I_{max}$ without a difference, W; None if not known.
     - `mass`: kg; None if not known.
+    - `width`, `height`: of its faces, m; None if not known.
 
     The constants follow from eq. (10) of the paper.
     """
@@ -34,6 +35,8 @@ class Datasheet:
     maximum_temperature_difference: float
     maximum_heat_flow: float | None = None
     mass: float | None = None
+    width: float | None = None
+    height: float | None = None
 
     @property
     def seebeck_coefficient(self) -> float:
@@ -76,6 +79,9 @@ def load_module(name: str) -> Datasheet:
     def number(field: str, kind: units.Kind) -> float:
         return fields.constant(field, getattr(table, field), kind)
 
+    def optional(field: str, kind: units.Kind) -> float | None:
+        return None if getattr(table, field) is None else number(field, kind)
+
     return Datasheet(
         name=table.name,
         title=table.title,
@@ -87,8 +93,8 @@ def load_module(name: str) -> Datasheet:
         maximum_temperature_difference=number(
             "maximum_temperature_difference", units.TEMPERATURE_DIFFERENCE
         ),
-        maximum_heat_flow=(
-            None if table.maximum_heat_flow is None else number("maximum_heat_flow", units.POWER)
-        ),
-        mass=None if table.mass is None else number("mass", units.MASS),
+        maximum_heat_flow=optional("maximum_heat_flow", units.POWER),
+        mass=optional("mass", units.MASS),
+        width=optional("width", units.LENGTH),
+        height=optional("height", units.LENGTH),
     )

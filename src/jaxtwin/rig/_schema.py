@@ -7,7 +7,7 @@ built.
 import reprlib
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
 from ._problems import unknown
 
@@ -39,8 +39,11 @@ def _quantity_or_list(value: Any) -> Any:
 
 Text = Annotated[str, BeforeValidator(_text)]
 Quantity = Annotated[str, BeforeValidator(_quantity)]
-QuantityOrList = Annotated[Any, BeforeValidator(_quantity_or_list)]
-Place = Annotated[list[str] | None, BeforeValidator(_place)]
+ONE_OR_SEVERAL = WithJsonSchema(
+    {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
+)
+QuantityOrList = Annotated[Any, BeforeValidator(_quantity_or_list), ONE_OR_SEVERAL]
+Place = Annotated[list[str] | None, BeforeValidator(_place), ONE_OR_SEVERAL]
 Bound = Annotated[float, Field(allow_inf_nan=True)]
 PixelRange = Annotated[list[float], Field(min_length=2, max_length=2)]
 
@@ -224,3 +227,16 @@ class ModuleTable(Table):
     maximum_temperature_difference: Quantity
     maximum_heat_flow: Quantity | None = None
     mass: Quantity | None = None
+    width: Quantity | None = None
+    height: Quantity | None = None
+
+
+class MaterialTable(Table):
+    format: Literal[1]
+    name: Text
+    title: str = ""
+    references: list[str] = []
+    density: Quantity
+    specific_heat: Quantity
+    conductivity: Quantity
+    diffusivity: Quantity

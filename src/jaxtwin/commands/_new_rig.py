@@ -1,0 +1,113 @@
+"""`jaxtwin new-rig`: a first rig file, from a few questions."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from .._errors import RigError
+from .._whole_file import write_whole_file
+from ._output import check_output
+
+Asked = tuple[str, str, str | None]
+"""Option, question and default of the answer; None if there is none."""
+
+
+def new_rig(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The rig file to write, .toml.")],
+    width: Annotated[
+        str | None, typer.Option(metavar="SIZE", help='Of the plate, such as "8 cm".')
+    ] = None,
+    height: Annotated[str | None, typer.Option(metavar="SIZE", help="Of the plate.")] = None,
+    thickness: Annotated[str | None, typer.Option(metavar="SIZE", help="Of the plate.")] = None,
+    material: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the plate, such as aluminium.")
+    ] = None,
+    module: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Datasheet of the cells: TEC1-12706.")
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y",
+            help='Centre of a cell from the left and top edge: "2 cm, 2 cm"; for each cell.',
+        ),
+    ] = None,
+    zones: Annotated[
+        str | None, typer.Option(metavar="CxR", help="Columns and rows of zones that are read.")
+    ] = None,
+    supply_voltage: Annotated[str, typer.Option(metavar="VOLTAGE", help="Of the driver.")] = "12 V",
+    limit: Annotated[
+        str, typer.Option(metavar="TEMPERATURE", help="Above it, driving stops.")
+    ] = "80 degC",
+    reader: Annotated[
+        Literal["camera", "sensors"], typer.Option(help="What reads the zones.")
+    ] = "camera",
+) -> None:
+    """Write a commented rig file. What no option gives is asked.
+
+    Sizes are text with a unit. What is not known has a value from handbooks or a datasheet, and a
+    prior as wide as the ignorance. A file that is there is not replaced.
+    """
+    check_output(file, ".toml", option="FILE")
+    if file.exists():
+        raise RigError(f"{file}: expected a new file, got one that is there; choose another name")
+    from ..rig import CellPlace, bundled_materials, bundled_modules, new_rig_text
+
+    materials, modules = ", ".join(bundled_materials()), ", ".join(bundled_modules())
+    width = _answer(width, ("--width", "width of the plate", "8 cm"))
+    height = _answer(height, ("--height", "height of the plate", "4 cm"))
+    thickness = _answer(thickness, ("--thickness", "thickness of the plate", "2 mm"))
+    material = _answer(material, ("--material", f"material ({materials})", "aluminium"))
+    module = _answer(module, ("--module", f"module ({modules})", "TEC1-12706"))
+    if not at:
+        asked = "centres of the cells from the left and the top edge, x,y; x,y; ..."
+        at = [part for part in _answer(None, ("--at", asked, None)).split(";") if part.strip()]
+    zones = _answer(zones, ("--zones", "columns x rows of zones that are read", "3x2"))
+    text = new_rig_text(
+        file.stem,
+        width=width,
+        height=height,
+        thickness=thickness,
+        material=material,
+        module=module,
+        places=[CellPlace(*_pair("--at", place, ",", '"2 cm, 2 cm"')) for place in at],
+        zones=_zones(zones),
+        supply_voltage=supply_voltage,
+        limit=limit,
+        reader=reader,
+    )
+    write_whole_file(file, text.encode(), RigError)
+    from ..rig import load_rig
+
+    print(load_rig(str(file)))
+    print(f"written to {file}; check it after a change: jaxtwin check {file}")
+
+
+def _answer(given: str | None, asked: Asked) -> str:
+    """What an option gives, or what a person answers.
+
+    **Raises:** `typer.BadParameter` that names the option where nobody can be asked.
+    """
+    option, question, default = asked
+    if given is not None:
+        return given
+    if not sys.stdin.isatty():
+        raise typer.BadParameter(f"{option}: expected a value, as there is nobody to ask, got none")
+    return typer.prompt(question, default=default)
+
+
+def _pair(option: str, text: str, separator: str, example: str) -> tuple[str, str]:
+    parts = [part.strip() for part in text.split(separator)]
+    if len(parts) != 2 or not all(parts):
+        raise typer.BadParameter(f"{option}: expected such as {example}, got {text!r}")
+    return parts[0], parts[1]
+
+
+def _zones(text: str) -> tuple[int, int]:
+    columns, rows = _pair("--zones", text.lower(), "x", "3x2")
+    try:
+        return int(columns), int(rows)
+    except ValueError:
+        raise typer.BadParameter(f"--zones: expected such as 3x2, got {text!r}") from None

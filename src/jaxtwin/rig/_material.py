@@ -1,0 +1,57 @@
+"""Materials of plates, with values of handbooks."""
+
+from dataclasses import dataclass
+from typing import final
+
+from ._bundled import read_bundled
+
+
+@final
+@dataclass(frozen=True)
+class Material:
+    """A solid at room temperature.
+
+    **Arguments:**
+
+    - `name`, `title`, `references`: what it is and where the numbers come from.
+    - `density`: kg/m^3. `specific_heat`: J/(kg K). `conductivity`: W/(m K).
+    - `diffusivity`: as the same source lists it, m^2/s: conductivity / (density specific heat).
+    """
+
+    name: str
+    title: str
+    references: tuple[str, ...]
+    density: float
+    specific_heat: float
+    conductivity: float
+    diffusivity: float
+
+
+def load_material(name: str) -> Material:
+    """A bundled material.
+
+    **Arguments:**
+
+    - `name`: one of `bundled_materials()`.
+
+    **Raises:** `RigError` where no material has this name.
+    """
+    # pydantic and pint take a while to import, and only readers of a file should pay for them.
+    from . import _units as units
+    from ._fields import Fields
+    from ._schema import MaterialTable
+    from ._validate import validate
+
+    data, source = read_bundled("materials", name)
+    table = validate(MaterialTable, data, source)
+    fields = Fields(source, {}, {})
+    kinds = {
+        "density": units.DENSITY,
+        "specific_heat": units.SPECIFIC_HEAT,
+        "conductivity": units.CONDUCTIVITY,
+        "diffusivity": units.DIFFUSIVITY,
+    }
+    numbers = {
+        field: fields.constant(field, getattr(table, field), kind) for field, kind in kinds.items()
+    }
+    return Material(table.name, table.title, tuple(table.references), **numbers)

@@ -1,0 +1,313 @@
+"""A rig file for a rig of which little is known: sizes by ruler, the rest from handbooks.
+
+What is uncertain becomes a free parameter with a prior as wide as the ignorance.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+from . import _units as units
+from ._bundled import bundled_materials, bundled_modules
+from ._datasheet import Datasheet, load_module
+from ._fields import Fields
+from ._material import load_material
+
+ELEMENT = 0.01
+"""Size of the plate's elements, m; larger on large plates."""
+
+MOST_ELEMENTS = 16
+"""Elements along a side."""
+
+GREASE = 0.5e-4
+"""Thermal resistance of a layer of thermal grease, 50 um at 1 W/(m K), m^2 K/W."""
+
+CERAMIC = 2.1e3
+"""Heat capacity of a module's side, J/(m^2 K): 0.7 mm of aluminium oxide."""
+
+FACE = 0.04
+"""Side of a module whose datasheet does not give it, m."""
+
+MOST_CELLS, MOST_ZONES = 100, 100
+
+
+class CellPlace(NamedTuple):
+    """Where the centre of a cell lies, from the left and from the top edge: `"2 cm"`, `"1 cm"`."""
+
+    x: str
+    y: str
+
+
+def new_rig_text(
+    name: str,
+    *,
+    width: str,
+    height: str,
+    thickness: str,
+    material: str,
+    module: str,
+    places: Sequence[CellPlace],
+    zones: tuple[int, int] = (3, 2),
+    supply_voltage: str = "12 V",
+    limit: str = "80 degC",
+    reader: Literal["camera", "sensors"] = "camera",
+) -> str:
+    """Writes a commented rig file.
+
+    **Arguments:**
+
+    - `name`: of the rig.
+    - `width`, `height`, `thickness`: of the plate, such as `"8 cm"`.
+    - `material`: of the plate, one of `bundled_materials()`.
+    - `module`: the datasheet of its cells, one of `bundled_modules()`.
+    - `places`: of the cells' centres on the plate.
+    - `zones`: columns and rows of zones into which the plate is divided; each is a channel.
+    - `supply_voltage`: of the driver.
+    - `limit`: the temperature at which `jaxtwin drive` switches the cells off.
+    - `reader`: `"camera"` for the means of the zones, `"sensors"` for points in their middle.
+
+    **Returns:** the text of the file, which `load_rig` reads.
+
+    **Raises:** `RigError` that names the argument where a size has no unit, a name is not known, a
+    cell is beside the plate, or two cells cover each other.
+    """
+    fields = Fields("new rig", {}, {})
+    plain = name.strip()
+    if not plain or not plain.isprintable():
+        fields.refuse("name", f"expected text on one line, got {name!r}")
+    sizes = {
+        argument: fields.constant(argument, text, units.LENGTH)
+        for argument, text in (("width", width), ("height", height), ("thickness", thickness))
+    }
+    # What an editor and the reader of the file must not stumble over.
+    for argument in ("width", "height"):
+        if not 1e-3 <= sizes[argument] <= 10:
+            fields.refuse(argument, f"expected 1 mm to 10 m, got {sizes[argument]:g} m")
+    fields.constant("supply_voltage", supply_voltage, units.VOLTAGE)
+    fields.constant("limit", limit, units.TEMPERATURE)
+    fields.check_known("material", "material", material, bundled_materials())
+    fields.check_known("module", "module", module, bundled_modules())
+    if reader not in ("camera", "sensors"):
+        fields.refuse("reader", f"expected camera or sensors, got {reader!r}")
+    for number, argument in zip(zones, ("columns", "rows"), strict=True):
+        if not 1 <= number <= MOST_ZONES:
+            fields.refuse("zones", f"expected 1 to {MOST_ZONES} {argument}, got {number}")
+    if not 1 <= len(places) <= MOST_CELLS:
+        fields.refuse("places", f"expected 1 to {MOST_CELLS} cells, got {len(places)}")
+    columns, rows = (_divided(sizes[argument]) for argument in ("width", "height"))
+    sheet = load_module(module)
+    cells = _cells(fields, places, sheet, columns, rows)
+    solid = load_material(material)
+    face = (sheet.width or FACE) * (sheet.height or FACE)
+    values = {
+        "name": _quoted(plain),
+        "title": _quoted(f"{solid.title} plate, {len(places)} x {module}"),
+        "columns": ", ".join([f'"{_mm(columns[1])}"'] * columns[0]),
+        "rows": ", ".join([f'"{_mm(rows[1])}"'] * rows[0]),
+        "thickness": f"{1e3 * sizes['thickness']:.9g} mm",
+        "material": solid.title,
+        "material_source": "; ".join(solid.references),
+        "density": f"{solid.density:g}",
+        "specific_heat": f"{solid.specific_heat:g}",
+        "conductivity": f"{solid.conductivity:g}",
+        "least_conductivity": f"{solid.conductivity / 10:g}",
+        "most_conductivity": f"{solid.conductivity * 10:g}",
+        "least_heat": f"{solid.specific_heat / 5:g}",
+        "most_heat": f"{solid.specific_heat * 5:g}",
+        "module": module,
+        "module_source": "; ".join(sheet.references),
+        "alpha": f"{sheet.seebeck_coefficient:.4g}",
+        "R_E": f"{sheet.electrical_resistance:.4g}",
+        "R_Th": f"{sheet.thermal_resistance:.4g}",
+        "C_side": f"{CERAMIC * face:.3g}",
+        "supply_voltage": supply_voltage,
+        "limit": limit,
+        "reader": _reader(reader, sizes["width"], sizes["height"]),
+        "cells": "\n".join(_cell_table(number, cell) for number, cell in enumerate(cells, 1)),
+        "channels": "\n".join(_channel_tables(reader, zones, columns, rows)),
+        "contacts": "\n".join(
+            _contact_parameter(number, GREASE / (columns[1] * rows[1]))
+            for number in range(1, len(cells) + 1)
+        ),
+    }
+    return TEMPLATE.format(**values)
+
+
+def _divided(size: float) -> tuple[int, float]:
+    """Into how many elements a side is divided, and the size of each, m, to the nanometre."""
+    count = max(1, min(MOST_ELEMENTS, round(size / ELEMENT)))
+    return count, round(size / count, 9)
+
+
+def _cells(
+    fields: Fields,
+    places: Sequence[CellPlace],
+    sheet: Datasheet,
+    columns: tuple[int, float],
+    rows: tuple[int, float],
+) -> list[list[str]]:
+    """The elements that each cell covers: those whose centre lies under it, one at least."""
+    taken: dict[str, int] = {}
+    cells = []
+    for number, place in enumerate(places, start=1):
+        covered = []
+        for text, (count, size), face, axis in (
+            (place.x, columns, sheet.width, "x"),
+            (place.y, rows, sheet.height, "y"),
+        ):
+            at = fields.constant(f"cell {number}: {axis}", text, units.COORDINATE)
+            if at > count * size * (1 + 1e-6):
+                fields.refuse(
+                    f"cell {number}: {axis}",
+                    f"expected a place on the plate, 0 to {100 * count * size:g} cm, got {text!r}",
+                )
+            half = (face or FACE) / 2
+            centres = [(k + 0.5) * size for k in range(count)]
+            under = [k for k, centre in enumerate(centres) if abs(centre - at) <= half + 1e-9]
+            covered.append(under or [min(count - 1, int(at / size))])
+        wide = columns[0] > 9 or rows[0] > 9
+        names = [
+            f"V{row + 1}_{column + 1}" if wide else f"V{row + 1}{column + 1}"
+            for row in covered[1]
+            for column in covered[0]
+        ]
+        for element in names:
+            if element in taken:
+                fields.refuse(
+                    f"cell {number}",
+                    f"expected cells beside each other, got cells {taken[element]} and {number} "
+                    f"both on the element {element}; move one of them",
+                )
+            taken[element] = number
+        cells.append(names)
+    return cells
+
+
+def _reader(reader: str, width: float, height: float) -> str:
+    if reader == "sensors":
+        return '# Point sensors, such as thermocouples.\n[sensors]\nnoise = "0.1 K"'
+    # The plate as large as it gets in the picture.
+    scale = min(80 / width, 60 / height)
+    half_width, half_height = min(40.0, scale * width / 2), min(30.0, scale * height / 2)
+    return (
+        "# Where the plate lies in a frame of the camera, pixels: change it to what it sees.\n"
+        '[camera]\nresolution = [80, 60]\nnoise = "0.1 K"\n'
+        f"view = {{ x = [{40 - half_width:.4g}, {40 + half_width:.4g}], "
+        f"y = [{30 - half_height:.4g}, {30 + half_height:.4g}] }}"
+    )
+
+
+def _cell_table(number: int, elements: list[str]) -> str:
+    contacts = ", ".join(f'{element} = "R_pc_{number}"' for element in elements)
+    return f"""[[cells]]
+name = "P{number}"
+seebeck_coefficient = "alpha"
+electrical_resistance = "R_E"
+thermal_resistance = "R_Th"
+side_capacitance = "C_side"
+contacts = {{ {contacts} }}
+sink_resistance = "R_sink"
+"""
+
+
+def _channel_tables(
+    reader: str, zones: tuple[int, int], columns: tuple[int, float], rows: tuple[int, float]
+) -> list[str]:
+    width, height = (count * size for count, size in (columns, rows))
+    tables = []
+    for row in range(zones[1]):
+        for column in range(zones[0]):
+            label = f"T{row + 1}{column + 1}" if max(zones) < 10 else f"T{row + 1}_{column + 1}"
+            x = [_mm(width * (column + part) / zones[0]) for part in (0, 0.5, 1)]
+            y = [_mm(height * (row + part) / zones[1]) for part in (0, 0.5, 1)]
+            place = f'x = "{x[1]}"\ny = "{y[1]}"'
+            if reader == "camera":
+                place = f'x = ["{x[0]}", "{x[2]}"]\ny = ["{y[0]}", "{y[2]}"]'
+            tables.append(f'[[channels]]\nname = "{label}"\n{place}\n')
+    return tables
+
+
+def _contact_parameter(number: int, value: float) -> str:
+    return (
+        f'R_pc_{number} = {{ value = {value:.4g}, unit = "K/W", bounds = [{value / 100:.4g}, '
+        f"{value * 100:.4g}], prior = {{ spread = 1.0 }}, free = true, "
+        f'description = "contact of cell {number} to each element under it" }}'
+    )
+
+
+def _mm(size: float) -> str:
+    return f"{math.floor(1e9 * size + 0.5) / 1e6:.9g} mm"
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+TEMPLATE = """\
+# A rig file made by 'jaxtwin new-rig'. It is a start: sizes are yours, all else is from handbooks and
+# datasheets, or a guess with a prior as wide as the ignorance. 'jaxtwin check' checks it after every
+# change, 'jaxtwin match' finds the free parameters from recordings.
+
+format = 1
+name = {name}
+title = {title}
+
+# The plate, divided into elements: the widths of its columns and the heights of its rows.
+# {material}: {material_source}.
+[plate]
+columns = [{columns}]
+rows = [{rows}]
+thickness = "{thickness}"
+density = "{density} kg/m^3"
+specific_heat = "c_plate"
+conductivity = "k_plate"
+film_coefficient = "h"
+# Natural convection grows with the temperature difference, about to this power.
+film_exponent = "0.25"
+
+# The cells, and the elements that each of them touches.
+# {module}: {module_source}.
+{cells}
+# Where positive commands cool the plate, set polarity = -1.
+[driver]
+supply_voltage = "{supply_voltage}"
+supply_resistance = "R_supply"
+on_resistance = "0.1 ohm"
+counts = 255
+polarity = 1
+averaging = "on-off"
+off_phase = "brake"
+
+{reader}
+
+# What is recorded: columns of zones from the left, rows from the top.
+{channels}
+[ambient]
+temperature = "T_amb"
+
+[initial]
+temperature = "T_amb"
+
+# 'jaxtwin drive' switches the cells off above this temperature of any channel.
+[limits]
+temperature = "{limit}"
+
+# Bounds, and priors with a relative standard deviation, of what a match may change.
+[parameters]
+c_plate = {{ value = {specific_heat}, unit = "J/(kg K)", bounds = [{least_heat}, {most_heat}], prior = {{ spread = 0.05 }}, free = true, description = "specific heat of the plate" }}
+k_plate = {{ value = {conductivity}, unit = "W/(m K)", bounds = [{least_conductivity}, {most_conductivity}], prior = {{ spread = 0.1 }}, free = true, description = "conductivity of the plate" }}
+# Natural convection and radiation at a rise of 20 K; more with a fan.
+h = {{ value = 15.0, unit = "W/(m^2 K)", bounds = [2.0, 200.0], prior = {{ spread = 0.7 }}, free = true, description = "film coefficient of both faces" }}
+# From the datasheet by the usual formulas; modules scatter, and its figures are for another temperature.
+alpha = {{ value = {alpha}, unit = "V/K", bounds = [0.001, 1.0], prior = {{ spread = 0.15 }}, free = true, description = "Seebeck coefficient of a cell" }}
+R_E = {{ value = {R_E}, unit = "ohm", bounds = [0.01, 100.0], prior = {{ spread = 0.2 }}, free = true, description = "electrical resistance of a cell" }}
+R_Th = {{ value = {R_Th}, unit = "K/W", bounds = [0.01, 100.0], prior = {{ spread = 0.2 }}, free = true, description = "between the two sides of a cell" }}
+# 0.7 mm of aluminium oxide.
+C_side = {{ value = {C_side}, unit = "J/K", bounds = [0.01, 1000.0], prior = {{ spread = 0.5 }}, free = true, description = "heat capacity of a cell side" }}
+# 50 um of thermal grease at 1 W/(m K).
+{contacts}
+# A finned sink with a fan has 0.1 to 0.5 K/W, without a fan 1 to 5 K/W.
+R_sink = {{ value = 0.5, unit = "K/W", bounds = [0.01, 20.0], prior = {{ spread = 1.0 }}, free = true, description = "far side of a cell to the air" }}
+R_supply = {{ value = 0.2, unit = "ohm", bounds = [0.005, 5.0], prior = {{ spread = 1.0 }}, free = true, description = "in series with a cell while it is on" }}
+T_amb = {{ value = 20.0, unit = "degC", bounds = [-10.0, 45.0], prior = {{ spread = 5.0 }}, free = true, scope = "recording", description = "room" }}
+"""  # noqa: E501 (lines of the file)

@@ -1,0 +1,184 @@
+"""Whatever sizes a person gives, the written rig file is read and has a network."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from jaxtwin import RigError, build_netlist, load_rig
+from jaxtwin.cli import run
+from jaxtwin.rig import CellPlace, bundled_materials, bundled_modules, load_module, new_rig_text
+
+PLAIN: dict[str, Any] = {
+    "width": "8 cm",
+    "height": "4 cm",
+    "thickness": "2 mm",
+    "material": "aluminium",
+    "module": "TEC1-12706",
+    "places": [CellPlace("2 cm", "2 cm"), CellPlace("6 cm", "2 cm")],
+}
+
+ARGUMENTS = [
+    "--width", "8 cm", "--height", "4 cm", "--thickness", "2 mm", "--material", "copper",
+    "--module", "CP10-127-05", "--at", "2 cm, 2 cm", "--at", "6 cm,2 cm", "--zones", "4x2",
+]  # fmt: skip
+
+
+def read(text: str, folder: Path):
+    path = folder / "made.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_rig(path)
+
+
+def test_cells_touch_the_elements_under_them(tmp_path: Path):
+    """40 mm wide modules, side by side on 8 cm x 4 cm: each covers half of the plate. The contacts
+    of its 16 elements of 1 cm^2 are those of a layer of grease of 0.5 cm^2 K/W."""
+    rig = read(new_rig_text("bench", **PLAIN), tmp_path)
+    assert [len(cell.contacts) for cell in rig.cells] == [16, 16]
+    assert {name for name, _ in rig.cells[0].contacts} == {
+        f"V{row}{column}" for row in (1, 2, 3, 4) for column in (1, 2, 3, 4)
+    }
+    assert rig.parameters["R_pc_1"].value == pytest.approx(0.5)
+    sheet = load_module("TEC1-12706")
+    assert rig.parameters["R_E"].value == pytest.approx(sheet.electrical_resistance, rel=1e-3)
+    assert [channel.name for channel in rig.channels] == ["T11", "T12", "T13", "T21", "T22", "T23"]
+
+
+LENGTHS = st.floats(0.002, 0.12)
+
+
+@settings(max_examples=10, phases=[Phase.generate])
+@given(
+    width=LENGTHS,
+    height=LENGTHS,
+    thickness=st.floats(1e-4, 0.05),
+    material=st.sampled_from(bundled_materials()),
+    module=st.sampled_from(bundled_modules()),
+    place=st.tuples(st.integers(0, 100), st.integers(0, 100)),
+    zones=st.tuples(st.integers(1, 11), st.integers(1, 4)),
+    reader=st.sampled_from(["camera", "sensors"]),
+    name=st.text("aZ9ß°\"'\\#{}[]=", min_size=1, max_size=8),
+)
+def test_any_sizes_give_a_rig(
+    width, height, thickness, material, module, place, zones, reader, name, tmp_path_factory
+):
+    text = new_rig_text(
+        name,
+        width=f"{width} m",
+        height=f"{1e3 * height} mm",
+        thickness=f"{1e2 * thickness} cm",
+        material=material,
+        module=module,
+        places=[CellPlace(f"{place[0] * width} cm", f"{place[1] * height} cm")],
+        zones=zones,
+        reader=reader,
+    )
+    rig = read(text, tmp_path_factory.mktemp("made"))
+    assert rig.name == name
+    assert rig.plate.width == pytest.approx(width, rel=1e-5)
+    assert rig.plate.height == pytest.approx(height, rel=1e-5)
+    assert len(rig.channels) == zones[0] * zones[1]
+    assert build_netlist(rig).cells
+    assert all(row.free for row in rig.parameters.values())
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"width": "8"}, "width: expected a length above 0 such as"),
+        ({"width": "8 kg"}, "width: expected a length"),
+        ({"height": "0.1 mm"}, "height: expected 1 mm to 10 m"),
+        ({"thickness": "-1 mm"}, "thickness: expected a length above 0"),
+        ({"material": "coper"}, "did you mean 'copper'"),
+        ({"module": "TEC1-1270"}, "did you mean 'TEC1-127"),
+        ({"places": []}, "places: expected 1 to 100 cells, got 0"),
+        ({"places": [CellPlace("9 cm", "2 cm")]}, "cell 1: x: expected a place on the plate"),
+        (
+            {"places": [CellPlace("2 cm", "2 cm"), CellPlace("5 cm", "2 cm")]},
+            "cell 2: expected cells beside each other, got cells 1 and 2 both on",
+        ),
+        ({"zones": (0, 2)}, "zones: expected 1 to 100 columns, got 0"),
+        ({"supply_voltage": "12 A"}, "supply_voltage: expected a voltage"),
+        ({"limit": "80 K/W"}, "limit: expected a temperature"),
+    ],
+)
+def test_what_does_not_fit_is_named(changed: dict[str, Any], message: str):
+    with pytest.raises(RigError, match=message) as caught:
+        new_rig_text("bench", **PLAIN | changed)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_name_is_one_line():
+    with pytest.raises(RigError, match="name: expected text on one line"):
+        new_rig_text("a\nb", **PLAIN)
+
+
+def test_the_command_writes_a_file_that_check_passes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    assert run(["new-rig", "bench.toml", *ARGUMENTS]) == 0
+    assert "P2 on" in capsys.readouterr().out
+    assert run(["check", "bench.toml"]) == 0
+    made = tomllib.loads(Path("bench.toml").read_text("utf-8"))
+    assert made["name"] == "bench"
+    assert len(made["channels"]) == 8
+    before = Path("bench.toml").read_bytes()
+    assert run(["new-rig", "bench.toml", *ARGUMENTS]) == 2
+    assert "expected a new file" in capsys.readouterr().err
+    assert Path("bench.toml").read_bytes() == before
+
+
+def test_a_person_is_asked_for_what_no_option_gives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    answers = {"width of": "6 cm", "centres": "2 cm,2 cm; 4 cm,2 cm", "module": "CP10-127-05"}
+    asked = []
+
+    def prompt(question: str, default: str | None) -> str | None:
+        asked.append(question)
+        given = [answer for start, answer in answers.items() if question.startswith(start)]
+        return given[0] if given else default
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(typer, "prompt", prompt)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    assert run(["new-rig", "bench.toml", "--height", "4 cm"]) == 2  # the modules are 3 cm wide
+    assert "cells 1 and 2 both on" in capsys.readouterr().err
+    assert not Path("bench.toml").exists()
+    answers["centres"] = "1.5 cm,2 cm; 4.5 cm,2 cm"
+    assert run(["new-rig", "bench.toml", "--height", "4 cm"]) == 0
+    assert not any(question.startswith("height") for question in asked)
+    rig = load_rig("bench.toml")
+    assert rig.plate.width == pytest.approx(0.06)
+    assert len(rig.cells) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["bench.toml"], "--width: expected a value, as there is nobody to ask"),
+        (["bench.txt", *ARGUMENTS], "expected a name that ends with .toml"),
+        (["no/bench.toml", *ARGUMENTS], "there is no folder"),
+        (["bench.toml", *ARGUMENTS, "--at", "2 cm"], "--at: expected such as"),
+        (["bench.toml", *ARGUMENTS, "--zones", "3"], "--zones: expected such as 3x2, got '3'"),
+        (["bench.toml", *ARGUMENTS, "--zones", "axb"], "--zones: expected such as 3x2"),
+    ],
+)
+def test_a_wrong_command_is_one_clear_line(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False)
+    assert run(["new-rig", *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line
+    assert list(tmp_path.iterdir()) == []
