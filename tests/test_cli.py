@@ -58,6 +58,7 @@ COMMANDS = [
     ["virtual-rig"],
     ["record"],
     ["drive"],
+    ["design"],
     ["control"],
     ["watch"],
     ["conform"],

@@ -54,6 +54,10 @@ def frontier_of_two() -> Frontier:
     return frontier(controller, fit().twin, 25.0, duration_s=20, weights=[0, 1], rounds=1)
 
 
+def design() -> jt.ExperimentDesign:
+    return jt.design_experiment(fit(), duration=20, hold=10, levels=2)
+
+
 RESULTS: dict[str, Callable[[Path], Any]] = {
     "Run": lambda _: fit().runs["synthetic-A"],
     "Reductions": lambda _: reductions(),
@@ -65,6 +69,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "GlobalSensitivity": lambda _: global_analysis(),
     "Sweep": lambda folder: swept(folder / "sweep"),
     "DCSweep": lambda _: dc_sweep(),
+    "ExperimentDesign": lambda _: design(),
     "LinearModel": lambda _: jt.linearize(fit().twin, duty=0.4),
     "ClosedLoopRun": lambda _: closed_loop(),
     "Tuning": lambda _: tuning(),
@@ -75,6 +80,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
 LONG = {
     "Band",
     "ClosedLoopRun",
+    "ExperimentDesign",
     "Frontier",
     "GlobalSensitivity",
     "Profile",

@@ -15,6 +15,8 @@ from .control import LinearModel as LinearModel  # a twin near an operating poin
 from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin
 from .control import tune as tune  # a controller's gains, through the closed loop
+from .experiment_design import ExperimentDesign as ExperimentDesign  # what to record next
+from .experiment_design import design_experiment as design_experiment  # and how to find it
 from .fmu import export_fmu as export_fmu  # a twin as an FMU, for other simulators
 from .io import Experiment as Experiment  # inputs and recorded outputs of one run
 from .io import fetch_recordings as fetch_recordings  # the authors' recordings, by checksum

@@ -23,6 +23,7 @@ from .commands import (
     _data,
     _dc_sweep,
     _demo,
+    _design,
     _diff,
     _doctor,
     _drive,
@@ -136,6 +137,13 @@ _add(
     "jaxtwin sweep paper-2024 --duty 0:0.5,500:0.78 --draws 1000000 --out sweep",
 )
 _add(
+    "design",
+    TWINS,
+    _design.design,
+    "jaxtwin design dual-cell monday.csv tuesday.csv --parameters fit.toml --out plan.csv",
+    "jaxtwin design single-cell --duration 600 --bounds -0.5:0.8 --interest R_Th --out plan.csv",
+)
+_add(
     "virtual-rig",
     LIVE,
     _virtual_rig.virtual_rig,
@@ -154,6 +162,7 @@ _add(
     LIVE,
     _drive.drive,
     "jaxtwin drive dual-cell --link socket://127.0.0.1:7000 --duty 0:0.5,500:0.78 --duration 1000",
+    "jaxtwin drive dual-cell --link socket://127.0.0.1:7000 --plan plan.csv --out session.db",
 )
 _add(
     "control",

@@ -97,6 +97,8 @@ LINK = ["--link", "socket://127.0.0.1:1"]
         (["record", "dual-cell", *LINK, "--out", "s.csv"], "got '.csv'"),
         (["drive", "dual-cell", *LINK, "--duty", "0:2", "--out", "s.db"], "0:2"),
         (["drive", "dual-cell", "--link", "x://y", "--duty", "0:1", "--out", "s.db"], "x://y"),
+        (["drive", "dual-cell", *LINK], "give either --duty or --plan"),
+        (["drive", "dual-cell", *LINK, "--plan", "no.csv"], "no.csv: expected a file"),
         (["watch", "missing.db"], "missing.db: no such recording"),
         (["watch", "dual-cell"], "a rig is watched with --link"),
     ],

@@ -18,6 +18,7 @@ from ._options import (
     SetOption,
     SilenceOption,
 )
+from ._sources import open_recordings
 
 if TYPE_CHECKING:
     from ..physics import Twin
@@ -27,15 +28,23 @@ def drive(
     rig: RigArgument,
     link: LinkOption,
     duty: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="SCHEDULE",
             help="Duty cycles from given times on, s: 0:0.5,500:0.78; for each cell: 0:0.5/0.3.",
         ),
-    ],
+    ] = None,
     duration: Annotated[
         float, typer.Option(metavar="S", help="Of the schedule, in the time of the rig.")
     ] = 1000.0,
+    plan: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="In place of --duty: the duty cycles of a file, such as one of 'jaxtwin design', "
+            "or of a recording.",
+        ),
+    ] = None,
     out: DatabaseOption = None,
     silence: SilenceOption = 3.0,
     reset: ResetOption = False,
@@ -44,19 +53,33 @@ def drive(
     set_name: SetOption = None,
     baud: BaudOption = 115_200,
 ) -> None:
-    """Drive a live rig by a schedule of duty cycles, then switch the cells off.
+    """Drive a live rig by a schedule of duty cycles or by a plan, then switch the cells off.
 
     The cells are also switched off after an error. The exit code is 0 after the whole schedule, 3
     if an interlock stopped it, 130 after Ctrl-C.
     """
 
+    if (duty is None) == (plan is None):
+        raise typer.BadParameter("give either --duty or --plan")
+    recorded = None
+    if plan is not None:
+        from ..rig import load_rig
+
+        (recorded,) = open_recordings(load_rig(rig), [plan])
+        duration = recorded.duration
+
     def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
         from ..io import Experiment
         from ..live import drive as run_plan
 
-        plan = Experiment.schedule(duty, duration=duration, cells=len(twin.rig.cells))
+        cells = len(twin.rig.cells)
+        if recorded is not None:
+            about = {"plan": {"file": str(plan), "duration_s": duration}}
+            return partial(run_plan, rig=twin, plan=recorded), about
+        assert duty is not None
+        schedule = Experiment.schedule(duty, duration=duration, cells=cells)
         about = {"plan": {"duty": duty, "duration_s": duration}}
-        return partial(run_plan, rig=twin, plan=plan), about
+        return partial(run_plan, rig=twin, plan=schedule), about
 
     run_on_live_rig(
         prepare,

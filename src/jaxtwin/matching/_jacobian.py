@@ -17,6 +17,7 @@ from ..simulation import TimeGrid
 from ._objective import Objective
 from ._residual_weights import ResidualWeights, SplitErrors
 from ._residuals import channel_rises, local_vectors
+from ._unknowns import Layout
 
 Tree = TypeVar("Tree")
 
@@ -34,9 +35,11 @@ def output_error_jacobians(
     """Derivatives of the `output_errors` with respect to the entries on which each recording
     depends."""
     return [
-        jax.vmap(lambda part, g: _reading_jacobian(part, objective, g.grid, g.columns))(
-            local, group
-        )
+        jax.vmap(
+            lambda part, g: reading_jacobian(
+                part, objective.twin, objective.layout, g.grid, g.columns
+            )
+        )(local, group)
         for group, local in zip(objective.groups, local_vectors(vector, objective), strict=True)
     ]
 
@@ -64,28 +67,27 @@ def weighted_jacobian(
     return jnp.concatenate(columns, axis=1).T
 
 
-def _reading_jacobian(
+def reading_jacobian(
     local: Float[Array, " entries"],
-    objective: Objective,
+    twin: Twin,
+    layout: Layout,
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "entries times channels"]:
     """Derivatives of `camera_readings`: in forward mode for the entries that act on the network,
     and as a product for gains."""
-    layout = objective.layout
-    inner = np.array(layout.network_entries(objective.twin), dtype=int)
+    inner = np.array(layout.network_entries(twin), dtype=int)
     outer = np.setdiff1d(np.arange(local.size), inner)
 
-    def twin(part: Array, entries: np.ndarray) -> Twin:
-        values = layout.local_values(local.at[entries].set(part))
-        return objective.twin.with_parameters(values)
+    def changed_twin(part: Array, entries: np.ndarray) -> Twin:
+        return twin.with_parameters(layout.local_values(local.at[entries].set(part)))
 
     def rises(part: Array) -> tuple[Array, Array]:
-        system = twin(part, inner).system(lumped=True)
+        system = changed_twin(part, inner).system(lumped=True)
         return channel_rises(system, grid, columns)
 
     def gains(part: Array, entries: np.ndarray) -> Array:
-        changed = twin(part, entries)
+        changed = changed_twin(part, entries)
         return changed.wiring.gains(changed.parameters_si)[columns]
 
     (_, rise), (d_surroundings, d_rise) = _push_forward(rises, local[inner])

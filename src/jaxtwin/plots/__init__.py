@@ -10,6 +10,7 @@ from ._closed_loop import plot_closed_loop
 from ._comparison import plot_comparison, plot_residuals
 from ._correlation import plot_correlation
 from ._dc_sweep import plot_dc_curves, plot_dc_sweep
+from ._design import plot_design
 from ._distributions import plot_distributions
 from ._frontier import plot_frontier
 from ._history import plot_history
@@ -40,6 +41,7 @@ __all__ = [
     "plot_correlation",
     "plot_dc_curves",
     "plot_dc_sweep",
+    "plot_design",
     "plot_distributions",
     "plot_frontier",
     "plot_history",

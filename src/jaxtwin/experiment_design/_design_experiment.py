@@ -1,0 +1,296 @@
+"""Finds the duty schedule whose recording would tell most about a rig."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .._arguments import check_callable, finite_number, names_of, whole_number
+from .._errors import MatchError
+from .._waiting import announced
+from ..io import Experiment
+from ..live._operating_limits import SOLDER
+from ..matching import Fit
+from ..physics import Twin, check_twin
+from ._exchange import OBJECTIVES, Candidate, exchange, random_schedules
+from ._experiment_design import Criterion, DesignStep, ExperimentDesign, PlannedSchedule
+from ._information import DesignProblem, Evaluated, NoisePrediction, make_design_problem
+from ._knowledge import UNKNOWN, Knowledge
+from ._schedules import Counts, Schedules, make_schedules
+
+RANDOM = 11
+"""Random schedules among which the searches start."""
+
+AMPLITUDES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
+"""Of the random binary sequence: the first that does not get too hot."""
+
+
+@announced("design of an experiment")
+def design_experiment(
+    twin: Twin | Fit,
+    *,
+    duration: float | int = 1200.0,
+    hold: float | int = 60.0,
+    bounds: tuple[float, float] | None = None,
+    levels: int = 5,
+    criterion: Criterion = "D",
+    parameters: Iterable[str] | None = None,
+    group: str | None = None,
+    margin: float | int = 5.0,
+    starts: int = 1,
+    seed: int = 0,
+    on_progress: Callable[[DesignStep], None] | None = None,
+) -> ExperimentDesign:
+    r"""Finds the duty schedule whose recording would shrink the errors of a match most.
+
+    The errors that a match of today's recordings together with the new one will have follow from
+    the exact derivatives of the readings along the schedule, before anything is recorded. The
+    search changes the schedule step by step (`_exchange`). Schedules in which a reading or a cell
+    gets hotter than the rig's limits in the simulation are left out.
+
+    **Arguments:**
+
+    - `twin`: a fit, whose covariance is today's knowledge and whose noise is expected again; or a
+      twin, of which only the priors are known, with the noise that a match assumes at first.
+    - `duration`: of the recording, an hour at most, s. `hold`: of each step, s.
+    - `bounds`: lowest and highest duty cycle; by default those of the fit's recordings and 0, or -1
+      and 1 for a twin or a fit without its recordings.
+    - `levels`: the number of duty cycles between which the search chooses, the bounds among them;
+      they are rounded to the driver's counts.
+    - `criterion`: `"D"` for the smallest volume of the confidence ellipsoid of the parameters of
+      interest, `"A"` for the smallest mean variance. Each parameter is measured by the scale of the
+      match: the standard deviation of its prior, or a factor of e.
+    - `parameters`: the parameters of interest; by default all matched ones that do not belong to a
+      single recording.
+    - `group`: group of the new recording, such as its day; None for a new one.
+    - `margin`: by how much the simulation stays below the limits, K.
+    - `starts`: the number of searches, from the best schedules among references and random ones.
+    - `seed`: the same seed gives the same design.
+    - `on_progress`: called with each `DesignStep`.
+
+    **Returns:** an `ExperimentDesign`, with the errors predicted for it, for the steps of today's
+    recordings, and for a pseudo-random binary sequence of the same duration and bounds.
+
+    **Raises:** `MatchError` if a setting is not allowed, a parameter is not matched, or every
+    schedule gets too hot; `ParameterError` for a twin with several values of a parameter.
+    """
+    if criterion not in OBJECTIVES:
+        raise MatchError(f'design_experiment: criterion: expected "D" or "A", got {criterion!r}')
+    finite_number("design_experiment: margin", margin, MatchError)
+    whole_number("design_experiment: starts", starts, 1, MatchError)
+    whole_number("design_experiment: seed", seed, 0, MatchError)
+    check_callable("design_experiment: on_progress", on_progress, MatchError)
+    if isinstance(twin, Fit):
+        knowledge, recordings = Knowledge.of_fit(twin, group), _recordings(twin)
+        events = twin.noise_model.events
+    else:
+        check_twin("design_experiment: twin", twin, MatchError)
+        if group is not None:
+            raise MatchError(
+                f"design_experiment: group: expected None for a twin, got {group!r}; pass a fit"
+            )
+        knowledge, recordings, events = Knowledge.of_twin(twin), {}, ()
+    interval = min((float(np.median(np.diff(e.time))) for e in recordings.values()), default=1.0)
+    schedules = make_schedules(
+        knowledge.twin,
+        duration=duration,
+        hold=hold,
+        bounds=_recorded_bounds(recordings) if bounds is None else bounds,
+        levels=levels,
+        interval=interval,
+    )
+    problem = make_design_problem(
+        knowledge, schedules, NoisePrediction.of(twin), _expected_events(events, duration)
+    )
+    search = _Search(
+        knowledge, schedules, problem, criterion, _places(knowledge, parameters), float(margin)
+    )
+    return search.run(recordings, starts, seed, on_progress)
+
+
+@final
+class _Search:
+    """The search for one design."""
+
+    def __init__(
+        self,
+        knowledge: Knowledge,
+        schedules: Schedules,
+        problem: DesignProblem,
+        criterion: Criterion,
+        places: Int[np.ndarray, " parameters"],
+        margin: float,
+    ):
+        self.knowledge, self.schedules, self.problem = knowledge, schedules, problem
+        self.criterion: Criterion = criterion
+        self.places = places
+        self.scale = knowledge.scale[places]
+        limits = knowledge.twin.rig.limits
+        self.hottest = self.hottest_side = math.inf
+        if limits is not None:
+            side = limits.cell_temperature
+            self.hottest = limits.temperature - 273.15 - margin
+            self.hottest_side = (SOLDER if side is None else side - 273.15) - margin
+        self.evaluations = 0
+        self.today = self._covariance(None)
+        self.history: list[DesignStep] = []
+
+    def run(
+        self,
+        recordings: Mapping[str, Experiment],
+        starts: int,
+        seed: int,
+        on_progress: Callable[[DesignStep], None] | None,
+    ) -> ExperimentDesign:
+        """Evaluates the references, and searches from the best schedules."""
+        schedules = self.schedules
+        recorded = [schedules.resampled(recording) for recording in recordings.values()]
+        binary = [schedules.binary_sequence(amplitude) for amplitude in AMPLITUDES]
+        others = random_schedules(schedules, RANDOM, seed)
+        found = self.assess(recorded + binary + others)
+        sequences = found[len(recorded) : len(recorded) + len(binary)]
+        references = {
+            name: self._planned(name, candidate)
+            for name, candidate in zip(recordings, found, strict=False)
+        }
+        allowed = [candidate for candidate in sequences if self._is_allowed(candidate.evaluated)]
+        references["PRBS"] = self._planned("PRBS", (allowed or sequences)[0])
+        candidates = sorted(found, key=lambda candidate: candidate.objective)
+        candidates = [candidate for candidate in candidates if candidate.objective < math.inf]
+        if not candidates:
+            coolest = min(candidate.evaluated.reading for candidate in found)
+            raise MatchError(
+                f"design_experiment: {self.knowledge.twin.rig.name}: expected a schedule whose "
+                f"readings stay below {self.hottest:g} degC and its cells below "
+                f"{self.hottest_side:g} degC, got at least {coolest:.1f} degC; use other bounds, a "
+                "smaller margin or a shorter duration"
+            )
+        ends = []
+        for start, candidate in enumerate(candidates[:starts]):
+
+            def report(number: int, best: Candidate, start: int = start) -> None:
+                step = DesignStep(start, number, self.evaluations, self._mean_error(best))
+                self.history.append(step)
+                if on_progress is not None:
+                    on_progress(step)
+
+            report(0, candidate)
+            ends.append(exchange(candidate, schedules, self.assess, seed + start, report))
+        best = min(ends, key=lambda candidate: candidate.objective)
+        rows = [self.knowledge.unknowns.entry_parameters[place] for place in self.places]
+        return ExperimentDesign(
+            rig=self.knowledge.twin.rig.name,
+            criterion=self.criterion,
+            parameters=tuple(row.name for row in rows),
+            units=tuple(row.unit for row in rows),
+            values=tuple(float(self.knowledge.twin.parameters[row.name]) for row in rows),
+            standard_errors=self._errors(self.today),
+            best=self._planned("designed", best),
+            references=references,
+            hold=schedules.hold,
+            history=tuple(self.history),
+        )
+
+    def assess(self, counts: Sequence[Counts]) -> list[Candidate]:
+        """Evaluates schedules in batches of one size, so that they share a compiled program."""
+        batch = len(self.schedules.levels) - 1
+        found: list[Candidate] = []
+        for first in range(0, len(counts), batch):
+            part = list(counts[first : first + batch])
+            filled = part + part[-1:] * (batch - len(part))
+            evaluated = self.problem.evaluate(self.schedules, filled)[: len(part)]
+            found += map(self._candidate, part, evaluated)
+        self.evaluations += len(counts)
+        return found
+
+    def _candidate(self, counts: Counts, evaluated: Evaluated) -> Candidate:
+        if not self._is_allowed(evaluated):
+            return Candidate(counts, evaluated, math.inf)
+        return Candidate(counts, evaluated, self._objective(self._covariance(evaluated)))
+
+    def _is_allowed(self, evaluated: Evaluated) -> bool:
+        # Not finite is not allowed.
+        return evaluated.reading <= self.hottest and evaluated.side <= self.hottest_side
+
+    def _covariance(self, evaluated: Evaluated | None) -> Float[np.ndarray, "some some"]:
+        known = self.knowledge
+        whole = (
+            known.covariance()
+            if evaluated is None
+            else known.covariance(evaluated.normal, evaluated.meat)
+        )
+        return whole[np.ix_(self.places, self.places)]
+
+    def _objective(self, covariance: Float[np.ndarray, "some some"]) -> float:
+        scaled = covariance / np.outer(self.scale, self.scale)
+        return OBJECTIVES[self.criterion](scaled)
+
+    def _mean_error(self, candidate: Candidate) -> float:
+        after = self._objective(self._covariance(candidate.evaluated))
+        return math.exp(after - self._objective(self.today))
+
+    def _errors(self, covariance: Float[np.ndarray, "some some"]) -> dict[str, float]:
+        """Parameter -> standard error in its unit."""
+        deviations = np.sqrt(np.diag(covariance))
+        slopes = self.knowledge.unknowns.value_derivatives(self.knowledge.vector)[self.places]
+        lost = deviations > 0.1 * UNKNOWN * self.scale
+        errors = np.where(lost, math.inf, deviations * slopes)
+        rows = self.knowledge.unknowns.entry_parameters
+        return {
+            rows[place].name: float(error) for place, error in zip(self.places, errors, strict=True)
+        }
+
+    def _planned(self, name: str, candidate: Candidate) -> PlannedSchedule:
+        evaluated = candidate.evaluated
+        return PlannedSchedule(
+            name=name,
+            experiment=self.schedules.experiment(candidate.counts, name),
+            counts=candidate.counts,
+            standard_errors=self._errors(self._covariance(evaluated)),
+            mean_error=self._mean_error(candidate),
+            highest_reading=evaluated.reading,
+            highest_side=evaluated.side,
+            is_allowed=self._is_allowed(evaluated),
+        )
+
+
+def _places(
+    knowledge: Knowledge, parameters: Iterable[str] | None
+) -> Int[np.ndarray, " parameters"]:
+    """The positions of the parameters of interest among the unknowns."""
+    own = [row.name for row in knowledge.own_rows]
+    names = own
+    if parameters is not None:
+        names = list(names_of("design_experiment: parameters", parameters, MatchError))
+    unknown = [name for name in names if name not in own]
+    if unknown or not names:
+        raise MatchError(
+            "design_experiment: parameters: expected some of the matched parameters "
+            f"{', '.join(own)}, got {', '.join(unknown) or 'none'}"
+        )
+    all_names = [row.name for row in knowledge.unknowns.entry_parameters]
+    return np.array([all_names.index(name) for name in names])
+
+
+def _recordings(fit: Fit) -> dict[str, Experiment]:
+    """The recordings of a fit; none where it was loaded without them."""
+    return dict(zip(fit.recordings, fit.problem.experiments, strict=False))
+
+
+def _recorded_bounds(recordings: Mapping[str, Experiment]) -> tuple[float, float]:
+    if not recordings:
+        return -1.0, 1.0
+    driven = np.concatenate([recording.duty.ravel() for recording in recordings.values()])
+    return float(min(0.0, driven.min())), float(max(0.0, driven.max()))
+
+
+def _expected_events(events: Sequence[Sequence[float]], duration: float | int) -> tuple[float, ...]:
+    """Times of the camera's corrections in another recording, s: at the intervals that they have
+    had, the first after such an interval."""
+    intervals = [np.diff(of_recording) for of_recording in events if len(of_recording) > 1]
+    if not intervals:
+        return ()
+    period = float(np.median(np.concatenate(intervals)))
+    return tuple((period * np.arange(1, math.ceil(duration / period))).tolist())

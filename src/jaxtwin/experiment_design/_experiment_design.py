@@ -1,0 +1,203 @@
+"""The result of a design of experiments."""
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
+
+import numpy as np
+from jaxtyping import Int
+
+from .._display import html_table, picture
+from ..io import Experiment, write_recording
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+Criterion = Literal["D", "A"]
+
+
+class DesignStep(NamedTuple):
+    """A pass of the search over all steps of the schedule.
+
+    - `start`: the number of the search. `number`: of its pass; 0 is its start.
+    - `evaluations`: schedules evaluated so far, in all searches.
+    - `mean_error`: the mean of the predicted standard errors as the criterion has it, divided by
+      that of today.
+    """
+
+    start: int
+    number: int
+    evaluations: int
+    mean_error: float
+
+    def __str__(self) -> str:
+        return (
+            f"search {self.start + 1}, pass {self.number}: {self.evaluations} schedules, errors "
+            f"{100 * self.mean_error:.1f} % of today's"
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PlannedSchedule:
+    """A schedule and what would be known after its recording.
+
+    **Arguments:**
+
+    - `name`: of the schedule.
+    - `experiment`: its duty cycles, without recorded temperatures.
+    - `counts`: PWM counts of each step and cell.
+    - `standard_errors`: parameter -> predicted standard error in its unit, of a match of today's
+      recordings together with this one.
+    - `mean_error`: the mean of these errors as the criterion has it, divided by that of today.
+    - `highest_reading`, `highest_side`: the highest temperatures of a channel and of a cell's side
+      in the simulation, degC.
+    - `is_allowed`: whether they stay below the limits of the rig.
+    """
+
+    name: str
+    experiment: Experiment
+    counts: Int[np.ndarray, "steps cells"]
+    standard_errors: Mapping[str, float]
+    mean_error: float
+    highest_reading: float
+    highest_side: float
+    is_allowed: bool
+
+
+@final
+@dataclass(frozen=True, repr=False, eq=False)
+class ExperimentDesign:
+    """A duty schedule whose recording tells most about a rig.
+
+    **Arguments:**
+
+    - `rig`: name of the rig.
+    - `criterion`: `"D"` or `"A"`.
+    - `parameters`: the parameters of interest. `units`, `values`: theirs.
+    - `standard_errors`: parameter -> standard error of today; infinite where nothing is known.
+    - `best`: the designed schedule.
+    - `references`: name -> schedule of the same duration and bounds to compare with: the steps of
+      each recording, and a pseudo-random binary sequence.
+    - `hold`: duration of a step, s.
+    - `history`: the passes of the search.
+    """
+
+    rig: str
+    criterion: Criterion
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    values: tuple[float, ...]
+    standard_errors: Mapping[str, float]
+    best: PlannedSchedule
+    references: Mapping[str, PlannedSchedule]
+    hold: float
+    history: tuple[DesignStep, ...]
+
+    @property
+    def schedule(self) -> Experiment:
+        """The designed schedule: `simulate`, `live.drive` and `jaxtwin drive --plan` take it."""
+        return self.best.experiment
+
+    @property
+    def text(self) -> str:
+        """The schedule in words, as `Experiment.schedule` and `jaxtwin drive --duty` take it."""
+        switches = np.concatenate([[0.0], self.schedule.switch_times])
+        at = np.searchsorted(self.schedule.time, switches - 1e-9)
+        rows = self.schedule.duty[at]
+        return ",".join(
+            f"{time:g}:{'/'.join(f'{duty:.6g}' for duty in row)}"
+            for time, row in zip(switches, rows, strict=True)
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Writes the schedule as .csv or .nc, for `jaxtwin drive --plan`.
+
+        **Returns:** the path.
+
+        **Raises:** `RecordingError` for another ending, or where it cannot be written.
+        """
+        return write_recording(self.schedule, Path(path))
+
+    def plot(self) -> "Figure":
+        """The schedule, and the standard errors of today, after it and after the references:
+        `jaxtwin.plots.plot_design`."""
+        return picture("plot_design", self)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A row for each parameter (its name is the index): unit, value, and the standard errors
+        today, after the designed recording, and after each of the references."""
+        import pandas
+
+        columns: dict[str, Any] = {"unit": self.units, "value": self.values}
+        for name, errors in self._all_errors().items():
+            columns[name] = [errors[parameter] for parameter in self.parameters]
+        return pandas.DataFrame(columns, index=pandas.Index(self.parameters, name="parameter"))
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Standard errors (schedule, parameter), today's being the first, and the designed duty
+        (time, cell)."""
+        import xarray
+
+        errors = self._all_errors()
+        table = [[of[name] for name in self.parameters] for of in errors.values()]
+        return xarray.Dataset(
+            {
+                "standard_error": (("schedule", "parameter"), table),
+                "duty": (("time", "cell"), self.schedule.duty, {"units": "1"}),
+            },
+            coords={
+                "schedule": list(errors),
+                "parameter": list(self.parameters),
+                "unit": ("parameter", list(self.units)),
+                "time": ("time", self.schedule.time, {"units": "s"}),
+            },
+            attrs={"rig": self.rig, "criterion": self.criterion, "hold_s": self.hold},
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as plain Python objects, for JSON; infinite errors are None."""
+        return {
+            "rig": self.rig,
+            "criterion": self.criterion,
+            "schedule": self.text,
+            "duration_s": self.schedule.duration,
+            "hold_s": self.hold,
+            "highest_reading_degC": self.best.highest_reading,
+            "mean_error": {
+                planned.name: planned.mean_error if planned.is_allowed else None
+                for planned in (self.best, *self.references.values())
+            },
+            "standard_errors": {
+                name: {key: value if math.isfinite(value) else None for key, value in of.items()}
+                for name, of in self._all_errors().items()
+            },
+        }
+
+    def _all_errors(self) -> dict[str, Mapping[str, float]]:
+        references = {name: planned.standard_errors for name, planned in self.references.items()}
+        return {"today": self.standard_errors, "designed": self.best.standard_errors} | references
+
+    def _repr_html_(self) -> str:
+        errors = self._all_errors()
+        rows = [
+            (name, *(f"{of[name]:.3g}" for of in errors.values()), unit)
+            for name, unit in zip(self.parameters, self.units, strict=True)
+        ]
+        return html_table(repr(self), ("standard error", *errors, "unit"), rows)
+
+    def __repr__(self) -> str:
+        compared = ", ".join(
+            f"{name} {100 * planned.mean_error:.3g} %{'' if planned.is_allowed else ' (too hot)'}"
+            for name, planned in self.references.items()
+        )
+        return (
+            f"<ExperimentDesign of {self.rig}: {self.schedule.duration:g} s in "
+            f"{len(self.best.counts)} steps, errors {100 * self.best.mean_error:.3g} % of today's "
+            f"({self.criterion}-optimal; {compared})>"
+        )

@@ -1,0 +1,171 @@
+r"""What is known about a rig before a recording, and what will be known after it.
+
+The match of all recordings together with a new one has the covariance of `matching/_uncertainty.py`
+with the sums over all recordings:
+
+$$\operatorname{cov} = A^{-1} M A^{-1}, \qquad A = A_0 + J^T J, \qquad M = M_0 + J^T \Gamma J$$
+
+$A_0$ and $M_0$ belong to the recordings of today and to the priors, $J$ and $\Gamma$ to the new
+recording. Values that the new recording has for itself, such as the temperature of the room, are
+unknowns too, with their priors.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .._errors import MatchError
+from ..matching import Fit
+from ..matching._group_values import new_group_values
+from ..matching._uncertainty import inverse_of_normal
+from ..matching._unknowns import Unknowns, choose_unknowns
+from ..physics import Twin
+from ..rig import Parameter
+
+UNKNOWN = 1e4
+"""Standard deviation of a value about which nothing is known, in the scale of the match."""
+
+Square = Float[np.ndarray, "entries entries"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    r"""What is known before the new recording.
+
+    - `twin`: the twin with the values that are expected in the new recording.
+    - `unknowns`: of a match of the new recording alone.
+    - `vector`: their values. `scale`: how far each is expected to move.
+    - `normal`, `meat`: $A_0$ and $M_0$ of all entries: those of the match of today, followed by
+      those that the new recording brings.
+    - `places`: the position of each of the `unknowns` among these entries; -1 for values that are
+      held at a bound.
+    """
+
+    twin: Twin
+    unknowns: Unknowns
+    vector: Float[np.ndarray, " unknowns"]
+    scale: Float[np.ndarray, " unknowns"]
+    normal: Square
+    meat: Square
+    places: Int[np.ndarray, " unknowns"]
+
+    @classmethod
+    def of_twin(cls, twin: Twin) -> "Knowledge":
+        """The priors of the rig file alone."""
+        unknowns = choose_unknowns(twin, (0,))
+        prior = np.diag(unknowns.prior_weights() ** 2)
+        places = np.arange(unknowns.size)
+        return cls._make(twin, unknowns, prior, prior, places)
+
+    @classmethod
+    def of_fit(cls, fit: Fit, group: str | None) -> "Knowledge":
+        """The match of today.
+
+        **Arguments:**
+
+        - `group`: of the new recording; None for the only one, or for a new one.
+
+        **Raises:** `MatchError` for a group that the match does not have.
+        """
+        matched, groups = fit.problem.unknowns, fit.problem.groups
+        if group is not None and group not in groups:
+            raise MatchError(
+                f"design_experiment: group: expected one of {', '.join(groups)}, or None for a new "
+                f"one, got {group!r}"
+            )
+        unknowns = Unknowns(matched.shared, matched.per_group, matched.per_recording, groups=(0,))
+        inside = np.isfinite(np.diag(fit.uncertainty.inverse_hessian))
+        normal, _ = inverse_of_normal(fit.uncertainty.inverse_hessian[np.ix_(inside, inside)])
+        meat = normal @ fit.uncertainty.vector_covariance[np.ix_(inside, inside)] @ normal
+        position = np.where(inside, np.cumsum(inside) - 1, -1)
+        shared = position[: len(matched.shared)]
+        if not matched.per_group:
+            of_group = np.zeros(0, int)
+        elif group is not None:
+            of_group = position[matched.group_entries()[groups.index(group)]]
+        else:
+            normal, meat, of_group = _with_new_group(fit, normal, meat, inside)
+        rows = matched.per_recording
+        weights = [0.0 if row.deviation is None else 1 / row.deviation**2 for row in rows]
+        own = len(normal) + np.arange(len(rows))
+        return cls._make(
+            fit.twin_of_group(groups[0] if len(groups) == 1 else group or ""),
+            unknowns,
+            _with_block(normal, np.diag(weights)),
+            _with_block(meat, np.diag(weights)),
+            np.concatenate([shared, of_group, own]),
+        )
+
+    @classmethod
+    def _make(
+        cls,
+        twin: Twin,
+        unknowns: Unknowns,
+        normal: Square,
+        meat: Square,
+        places: Int[np.ndarray, " unknowns"],
+    ) -> "Knowledge":
+        rows = unknowns.entry_parameters
+        vector = np.array([row.to_entry(float(twin.parameters[row.name])) for row in rows])
+        scale = unknowns.scales()
+        open_ = np.zeros(len(normal))
+        open_[places[places >= 0]] = (UNKNOWN * scale[places >= 0]) ** -2.0
+        return cls(
+            twin, unknowns, vector, scale, normal + np.diag(open_), meat + np.diag(open_), places
+        )
+
+    @property
+    def own_rows(self) -> tuple[Parameter, ...]:
+        """The parameters of the rig itself that are not held at a bound."""
+        rows = self.unknowns.shared + self.unknowns.per_group
+        return tuple(row for row, place in zip(rows, self.places, strict=False) if place >= 0)
+
+    def covariance(
+        self,
+        normal: Float[np.ndarray, "unknowns unknowns"] | None = None,
+        meat: Float[np.ndarray, "unknowns unknowns"] | None = None,
+    ) -> Float[np.ndarray, "unknowns unknowns"]:
+        r"""The covariance of the `unknowns` with a new recording; NaN for values that are held.
+
+        **Arguments:**
+
+        - `normal`, `meat`: $J^T J$ and $J^T \Gamma J$ of the recording; None without one.
+        """
+        free = self.places >= 0
+        at, of_new = np.ix_(self.places[free], self.places[free]), np.ix_(free, free)
+        total, noise = self.normal.copy(), self.meat.copy()
+        if normal is not None and meat is not None:
+            total[at] += normal[of_new]
+            noise[at] += meat[of_new]
+        inverse, _ = inverse_of_normal(total)
+        found = np.full((len(free), len(free)), np.nan)
+        found[of_new] = (inverse @ noise @ inverse)[at]
+        return found
+
+
+def _with_new_group(
+    fit: Fit, normal: Square, meat: Square, inside: np.ndarray
+) -> tuple[Float[np.ndarray, "all all"], Float[np.ndarray, "all all"], Int[np.ndarray, " rows"]]:
+    """The entries of the match and of a group that it has not seen, whose values follow from those
+    of the groups that it has."""
+    expected = new_group_values(fit.problem.unknowns, fit.vector)
+    rows = len(expected.rows)
+    difference = np.concatenate([-expected.lift[:, inside], np.eye(rows)], axis=1)
+    prior = difference.T @ (difference / expected.variance[:, None])
+    empty = np.zeros((rows, rows))
+    places = len(normal) + np.arange(rows)
+    return _with_block(normal, empty) + prior, _with_block(meat, empty) + prior, places
+
+
+def _with_block(
+    matrix: Square, block: Float[np.ndarray, "more more"]
+) -> Float[np.ndarray, "all all"]:
+    """The block-diagonal matrix of two blocks."""
+    size = len(matrix)
+    whole = np.zeros((size + len(block), size + len(block)))
+    whole[:size, :size] = matrix
+    whole[size:, size:] = block
+    return whole

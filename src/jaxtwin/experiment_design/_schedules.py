@@ -1,0 +1,144 @@
+"""Duty schedules of equal steps: those that may be chosen, and those to compare with.
+
+A schedule is a table of PWM counts, `(steps, cells)`. Each step is held for the same time, so all
+schedules have the same time grid and run through the same compiled program.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .._arguments import finite_number, whole_number
+from .._errors import MatchError
+from ..io import Experiment
+from ..physics import Twin
+
+LONGEST = 3600.0
+"""Duration of the longest schedule, s."""
+
+Counts = Int[np.ndarray, "steps cells"]
+
+
+@final
+@dataclass(frozen=True)
+class Schedules:
+    """The schedules among which a design is searched.
+
+    - `twin`: with the values at which they are simulated.
+    - `hold`: duration of a step, s. `steps`: their number.
+    - `counts`: of the driver at full duty.
+    - `levels`: the counts among which the search chooses, increasing.
+    - `interval`: between two samples, s.
+    """
+
+    twin: Twin
+    hold: float
+    steps: int
+    counts: int
+    levels: tuple[int, ...]
+    interval: float
+
+    @property
+    def cells(self) -> int:
+        """The number of cells."""
+        return len(self.twin.rig.cells)
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last, s."""
+        return self.hold * self.steps
+
+    def experiment(self, counts: Counts, name: str = "") -> Experiment:
+        """A schedule as an experiment without recorded temperatures."""
+        return self._experiment(counts / self.counts, name)
+
+    def numbered(self) -> Experiment:
+        """A schedule in which the duty of every step is its number, as a part of all."""
+        numbers = np.arange(1, self.steps + 1) / self.steps
+        return self._experiment(np.repeat(numbers[:, None], self.cells, axis=1))
+
+    def _experiment(self, duty: Float[np.ndarray, "steps cells"], name: str = "") -> Experiment:
+        time = self.interval * np.arange(round(self.duration / self.interval) + 1)
+        held = np.minimum((time + 1e-9) // self.hold, self.steps - 1).astype(int)
+        return Experiment(time, duty[held], channels=self.twin.channels, name=name)
+
+    def resampled(self, experiment: Experiment) -> Counts:
+        """The duty of another experiment in the middle of each step, within the bounds; behind its
+        end, its last one."""
+        middle = experiment.time[0] + self.hold * (np.arange(self.steps) + 0.5)
+        at = np.searchsorted(experiment.time, middle, side="right") - 1
+        rounded = np.rint(experiment.duty[at] * self.counts).astype(int)
+        return np.clip(rounded, self.levels[0], self.levels[-1])
+
+    def binary_sequence(self, amplitude: float = 1.0) -> Counts:
+        """A pseudo-random binary sequence between the bounds times the amplitude.
+
+        It is the sequence of the longest period of a linear feedback shift register with as few
+        bits as the number of steps needs (Godfrey, Perturbation Signals for System Identification,
+        1993). Each cell has a different part of it.
+        """
+        from scipy.signal import max_len_seq  # which takes a third of a second to import
+
+        sequence, _ = max_len_seq(max(2, self.steps.bit_length()))
+        low, high = (int(amplitude * level) for level in (self.levels[0], self.levels[-1]))
+        shift = len(sequence) // self.cells
+        columns = [np.resize(np.roll(sequence, -shift * c), self.steps) for c in range(self.cells)]
+        return np.where(np.stack(columns, axis=1) > 0, high, low)
+
+
+def make_schedules(
+    twin: Twin,
+    *,
+    duration: float | int,
+    hold: float | int,
+    bounds: tuple[float, float],
+    levels: int,
+    interval: float,
+) -> Schedules:
+    """Checks the settings of a design, and makes its schedules.
+
+    **Raises:** `MatchError` where a time, a bound or the number of levels is not allowed.
+    """
+    for name, value in (("duration", duration), ("hold", hold)):
+        finite_number(f"design_experiment: {name}", value, MatchError)
+    if not 0 < duration <= LONGEST:
+        raise MatchError(
+            f"design_experiment: duration: expected above 0 and at most {LONGEST:g} s, got "
+            f"{duration:g} s; design several recordings one after the other"
+        )
+    steps = round(duration / hold) if hold > 0 else 0
+    if steps < 1 or abs(steps * hold - duration) > 1e-6 * duration:
+        raise MatchError(
+            f"design_experiment: hold: expected a time that divides the duration of {duration:g} "
+            f"s, got {hold:g} s"
+        )
+    if round(hold / interval) < 1 or abs(round(hold / interval) * interval - hold) > 1e-6 * hold:
+        raise MatchError(
+            f"design_experiment: hold: expected a multiple of the {interval:g} s between two "
+            f"samples, got {hold:g} s"
+        )
+    low, high = _checked_bounds(bounds)
+    whole_number("design_experiment: levels", levels, 2, MatchError)
+    counts = twin.rig.driver.counts
+    found = np.unique(np.rint(np.linspace(low, high, levels) * counts).astype(int))
+    if len(found) < 2:
+        raise MatchError(
+            f"design_experiment: bounds: expected at least two of the driver's {counts} counts "
+            f"between them, got {low:g} to {high:g}"
+        )
+    return Schedules(twin, float(hold), steps, counts, tuple(found.tolist()), float(interval))
+
+
+def _checked_bounds(bounds: tuple[float, float]) -> tuple[float, float]:
+    try:
+        low, high = (float(bound) for bound in bounds)
+    except (TypeError, ValueError):
+        low, high = np.nan, np.nan
+    if not -1 <= low < high <= 1:
+        raise MatchError(
+            "design_experiment: bounds: expected the lowest and the highest duty cycle, such as "
+            f"(-0.5, 0.8), within -1 to 1, got {bounds!r}"
+        )
+    return low, high

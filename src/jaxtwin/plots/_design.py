@@ -1,0 +1,78 @@
+"""A designed experiment: its schedule, and what it would tell."""
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..experiment_design import ExperimentDesign
+from ._style import CYCLE, MUTED, VERMILION, styled, symbol
+
+MARKERS = "os^vDP"
+
+
+@styled
+def plot_design(design: ExperimentDesign) -> Figure:
+    """The designed duty cycles over time, and the standard errors that are predicted for it and for
+    the schedules to compare with, each relative to that of today.
+
+    **Arguments:**
+
+    - `design`: of `jaxtwin.design_experiment`.
+
+    **Returns:** the figure.
+    """
+    height = max(3.2, 1.2 + 0.28 * len(design.parameters))
+    figure = pyplot.figure(figsize=(10.0, height), layout="constrained")
+    schedule, errors = figure.subplots(1, 2)
+    _draw_schedule(schedule, design)
+    _draw_errors(errors, design)
+    return figure
+
+
+def _draw_schedule(axes: Axes, design: ExperimentDesign) -> None:
+    planned = design.schedule
+    for cell in range(planned.n_cells):
+        axes.step(
+            planned.time,
+            planned.duty[:, cell],
+            where="post",
+            color=CYCLE[cell % len(CYCLE)],
+            ls="-" if cell == 0 else "--",
+            label=f"P{cell + 1}",
+        )
+    axes.axhline(0, color=MUTED, lw=0.8)
+    axes.set(xlabel="time, s", ylabel="duty cycle", title="designed schedule")
+    if planned.n_cells > 1:
+        axes.legend(loc="best")
+
+
+def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
+    rows = np.arange(len(design.parameters))
+    today = np.array([design.standard_errors[name] for name in design.parameters])
+    known = np.isfinite(today)
+    schedules = [design.best, *design.references.values()]
+    for number, planned in enumerate(schedules):
+        errors = np.array([planned.standard_errors[name] for name in design.parameters])
+        relative = np.full(len(rows), np.nan)
+        relative[known] = 100 * errors[known] / today[known]
+        label = planned.name + ("" if planned.is_allowed else " (too hot)")
+        axes.plot(
+            relative,
+            rows,
+            MARKERS[number % len(MARKERS)],
+            color=VERMILION if number == 0 else CYCLE[(number + 1) % len(CYCLE)],
+            mfc=None if number == 0 else "none",
+            label=label,
+            zorder=3 if number == 0 else 2,
+        )
+    axes.axvline(100, color=MUTED, lw=0.8)
+    axes.set_xlim(0, None)
+    names = [
+        symbol(name) if there else f"{symbol(name)} (unknown today)"
+        for name, there in zip(design.parameters, known, strict=True)
+    ]
+    axes.set_yticks(rows, names)
+    axes.invert_yaxis()
+    axes.set(xlabel="standard error, % of today's", title="what a match would know")
+    axes.legend(loc="best")
