@@ -226,7 +226,6 @@ def test_a_loaded_fit_gives_the_same_design(fitted: Fit, design: ExperimentDesig
         ({"bounds": (0.5, 0.2)}, "bounds: expected the lowest and the highest"),
         ({"bounds": (0.5, 0.5005)}, "bounds: expected at least two of the driver's 255 counts"),
         ({"levels": 1}, "levels: expected a whole number"),
-        ({"criterion": "E"}, 'criterion: expected "D" or "A"'),
         ({"parameters": ["T_amb"]}, "parameters: expected some of the matched parameters C_load"),
         ({"group": "Monday"}, "group: expected one of"),
         ({"starts": 0}, "starts: expected a whole number"),
