@@ -201,8 +201,17 @@ def test_no_row_can_be_replaced(rig: Rig, file: Path) -> None:
     with Recorder(file, rig) as recorder:
         recorder.write([Greeting("l", START, HELLO), Gap("l", START, "data", 5, 2)])
     database = sqlite3.connect(file)
-    with pytest.raises(sqlite3.IntegrityError, match="append-only"):
-        database.execute("INSERT OR REPLACE INTO gaps VALUES (1, 1, 'l', 0, 'data', 9, 9)")
+    for statement in (
+        "INSERT OR REPLACE INTO gaps VALUES (1, 1, 'l', 0, 'data', 9, 9)",
+        "INSERT OR REPLACE INTO session VALUES ('rig', '7')",
+        "UPDATE session SET value = '7'",
+        "DELETE FROM session",
+        "DELETE FROM runs",
+        "UPDATE runs SET started = 0",
+        "UPDATE runs SET ended = NULL",
+    ):
+        with pytest.raises(sqlite3.IntegrityError, match="append-only"):
+            database.execute(statement)
     database.close()
 
 
@@ -226,6 +235,7 @@ def test_no_row_can_be_replaced(rig: Rig, file: Path) -> None:
 def test_damaged_metadata_are_one_sentence(rig: Rig, file: Path, key: str, value: str) -> None:
     Recorder(file, rig).close()
     database = sqlite3.connect(file)
+    database.execute("DROP TRIGGER session_update")
     database.execute("UPDATE session SET value = ? WHERE key = ?", (value, key))
     database.commit()
     database.close()
@@ -289,6 +299,7 @@ def _continued(rig: Rig, file: Path) -> None:
 def test_missing_metadata_are_one_sentence(rig: Rig, file: Path) -> None:
     Recorder(file, rig).close()
     database = sqlite3.connect(file)
+    database.execute("DROP TRIGGER session_delete")
     database.execute("DELETE FROM session WHERE key = 'channels'")
     database.commit()
     database.close()

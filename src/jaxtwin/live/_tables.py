@@ -14,6 +14,8 @@ from ..rig import Rig
 from ._identity import Identity
 
 _APPEND_ONLY = (
+    "session",
+    "runs",
     "greetings",
     "samples",
     "readings",
@@ -92,23 +94,25 @@ def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> Non
         "content TEXT",
     }.items():
         database.execute(f"CREATE TABLE {table} ({fields})")
+    database.executemany(
+        "INSERT INTO session VALUES (?, ?)",
+        [(key, json.dumps(value)) for key, value in metadata.items()],
+    )
     for table in _APPEND_ONLY:
-        for action in ("UPDATE", "DELETE"):
+        # A run is alive until it has ended.
+        when = "WHEN OLD.ended IS NOT NULL " if table == "runs" else ""
+        for action, condition in (("UPDATE", when), ("DELETE", "")):
             database.execute(
-                f"CREATE TRIGGER {table}_{action.lower()} BEFORE {action} ON {table} "
+                f"CREATE TRIGGER {table}_{action.lower()} BEFORE {action} ON {table} {condition}"
                 "BEGIN SELECT RAISE(ABORT, 'a recording is append-only'); END"
             )
         # Or else INSERT OR REPLACE deletes, and no trigger of DELETE hears of it.
-        key = "reading" if table == "frames" else "id"
+        key = {"frames": "reading", "session": "key"}.get(table, "id")
         database.execute(
             f"CREATE TRIGGER {table}_insert BEFORE INSERT ON {table} "
             f"WHEN EXISTS (SELECT 1 FROM {table} WHERE {key} = NEW.{key}) "
             "BEGIN SELECT RAISE(ABORT, 'a recording is append-only'); END"
         )
-    database.executemany(
-        "INSERT INTO session VALUES (?, ?)",
-        [(key, json.dumps(value)) for key, value in metadata.items()],
-    )
     database.execute(f"PRAGMA user_version = {FORMAT}")
 
 
