@@ -11,11 +11,11 @@ from random import Random
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
+from hand_clock import START, HandClock, ScriptedTransport, stepped_bench, virtual_bench
 from hypothesis import HealthCheck, given, settings
 
 from jaxtwin import JaxtwinError, RecordingError
-from jaxtwin.io import Session, backup_session
+from jaxtwin.io import Session, backup_session, read_recording, write_recording
 from jaxtwin.live import (
     Command,
     Data,
@@ -30,10 +30,12 @@ from jaxtwin.live import (
     Recorder,
     Replay,
     Sample,
+    VirtualRig,
     encode,
     report,
 )
-from jaxtwin.rig import Rig
+from jaxtwin.physics import Twin
+from jaxtwin.rig import Rig, Sensors
 
 HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
 HOUR, DAY = 3600.0, 86_400.0
@@ -325,6 +327,30 @@ def test_names_survive_the_way_into_a_recording(rig: Rig, file: Path) -> None:
         recorder.write(minute(clock, "b1", 20.0))
     with Session(file) as session:
         assert session.experiment().channels[:2] == ("Zone 1", "Tü")
+
+
+@pytest.mark.parametrize("ending", [".csv", ".nc"])
+def test_names_survive_the_whole_way(rig: Rig, file: Path, ending: str) -> None:
+    """From the rig file by the greeting of its device into a recording, an export, and the twin."""
+    first, second, *rest = rig.channels
+    channels = (replace(first, name="Zone 1"), replace(second, name="Tü"), *rest)
+    cells = (replace(rig.cells[0], name="Cell_A.1"), *rig.cells[1:])
+    named = replace(rig, cells=cells, channels=channels, camera=None, sensors=Sensors(0.1))
+    twin, clock = Twin(named), HandClock()
+    with Recorder(file, named, clock=clock) as recorder:
+        bench = virtual_bench(named, VirtualRig(twin, speed=10), clock, journal=recorder)
+        for _ in range(40):
+            bench.poll()
+    out = file.with_suffix(ending)
+    with Session(file) as session:
+        write_recording(session.experiment(), out)
+    exported = read_recording(out)
+    assert exported.channels == twin.channels
+    assert exported.channels[:2] == ("Zone 1", "Tü")
+    run = twin.simulate(exported)
+    assert run.channels == twin.channels
+    error = np.asarray(run.temperatures) - np.asarray(exported.temperatures)
+    assert np.nanmax(np.abs(error)) < 1.0
 
 
 def test_documents_say_who_asked_for_what(rig: Rig, file: Path) -> None:
