@@ -241,6 +241,9 @@ def test_limits_that_a_rig_file_leaves_out_follow_from_the_physics(twin: Twin, r
 def test_a_guard_tells_the_plainest_reason_first(twin: Twin) -> None:
     guard = Guard(twin, "me", silence=3.0)
     assert guard.wait([Greeting("l", at(0), Hello(2, "r", "b")), reading(0, *[16.0] * 15)]) is None
+    cold = guard.wait([reading(0, *[-273.15] * 15)])  # no rig is started so
+    assert cold is not None
+    assert cold.kind == "implausible"
     guard.begin(at(0), {"l": "b"})
     guard.commanded(at(0), 1, ON)
     hot = reading(1, *[16.0] * 14, 95.0)

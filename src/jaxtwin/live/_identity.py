@@ -76,7 +76,10 @@ class Identity:
             if got != expected:
                 return f"{field}: expected {expected} as in the rig file, got {got}"
         if not RATES[0] <= hello.rate <= RATES[1]:
-            return f"rate: expected {RATES[0]:g} to {RATES[1]:g} Hz, got {hello.rate:g}"
+            return (
+                f"rate: expected {RATES[0]:g} to {RATES[1]:g} s of the device's time in a second, "
+                f"got {hello.rate:g}"
+            )
         if hello.cells:
             return _watchdog_refusal(hello.watchdog)
         return None
