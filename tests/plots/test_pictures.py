@@ -318,3 +318,23 @@ def test_a_bode_diagram_of_models_with_other_inputs_is_refused():
     double = LinearModel([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]])
     with pytest.raises(ControlError, match="with the same inputs"):
         plots.plot_bode({"one": single, "two": double})
+
+
+def test_a_bode_band_goes_over_the_draws():
+    """Gains from 1 to 3 about a model of gain 2: nine tenths of them lie between 1.1 and 2.9."""
+    gains = np.linspace(1.0, 3.0, 41)
+    model, *draws = (LinearModel([[-0.1]], [[0.1 * g]], [[1.0]], [[0.0]]) for g in (2.0, *gains))
+    frequencies = [0.001, 0.1, 1.0]
+    gain, phase, ratio = plots.plot_bode_band(model, draws, frequencies).axes
+    response = 1 / (10j * np.array(frequencies) + 1)
+    np.testing.assert_allclose(heights(gain.lines[0]), 2 * np.abs(response))
+    np.testing.assert_allclose(heights(phase.lines[0]), np.degrees(np.angle(response)))
+    band = np.asarray(ratio.collections[0].get_paths()[0].vertices)[:, 1]
+    assert band.min() == pytest.approx(1.1 / 2)
+    assert band.max() == pytest.approx(2.9 / 2)
+
+
+def test_a_bode_band_of_nothing_is_refused():
+    model = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    with pytest.raises(ControlError, match="expected draws with the inputs"):
+        plots.plot_bode_band(model, [])

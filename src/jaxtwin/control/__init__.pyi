@@ -27,6 +27,7 @@ from ._margins import disk_margin as disk_margin  # of a loop with one channel o
 from ._margins import margins as margins  # of a loop with a single channel
 from ._margins import sensitivity_peak as sensitivity_peak  # by how much a loop makes worse
 from ._measures import MEASURES as MEASURES  # name -> function of a ClosedLoop, unit
+from ._most_even_point import most_even_point as most_even_point  # the least range at rest
 from ._mpc import MPC as MPC  # hard limits of duty and rate
 from ._operating_point import OperatingPoint as OperatingPoint  # a steady state
 from ._pid import PID as PID

@@ -5,6 +5,7 @@ They are drawn with matplotlib in jaxtwin's own style; matplotlib's settings do 
 
 from ._bands import plot_bands
 from ._bode import plot_bode
+from ._bode_band import plot_bode_band
 from ._camera_error import plot_camera_error
 from ._closed_loop import plot_closed_loop
 from ._comparison import plot_comparison, plot_residuals
@@ -35,6 +36,7 @@ from ._uniformity import plot_plate_beside, plot_uniformity
 __all__ = [
     "plot_bands",
     "plot_bode",
+    "plot_bode_band",
     "plot_camera_error",
     "plot_closed_loop",
     "plot_comparison",

@@ -36,7 +36,7 @@ def plot_bode(
     if not named or len({model.input_names for model in named.values()}) != 1:
         raise ControlError("plot_bode: expected one model or several with the same inputs")
     first = next(iter(named.values()))
-    frequencies = _frequencies(first) if omega is None else np.asarray(omega, float)
+    frequencies = bode_frequencies(first) if omega is None else np.asarray(omega, float)
     columns = len(first.input_names)
     figure = pyplot.figure(figsize=(1.2 + 4.2 * columns, 5.4), layout="constrained")
     grid = figure.subplots(2, columns, sharex=True, sharey="row", squeeze=False)
@@ -67,7 +67,8 @@ def plot_bode(
     return figure
 
 
-def _frequencies(model: LinearModel) -> np.ndarray:
+def bode_frequencies(model: LinearModel) -> np.ndarray:
+    """From a tenth of the slowest pole to ten times the lag, rad/s."""
     slowest = 1 / float(model.time_constants_s[0])
     slowest = slowest if slowest > 0 else 1e-3
     top = 10 / float(model.lag_s) if model.is_lagged else 100 * slowest
