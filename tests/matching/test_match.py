@@ -155,6 +155,7 @@ def test_scopes_can_be_changed(start: Twin):
     [
         ({"free": []}, MatchError, "no free parameter"),
         ({"free": ["R_X"]}, ParameterError, "expected some of the parameters .* got R_X"),
+        ({"free": ["R_tez"]}, ParameterError, r"got R_tez; did you mean 'R_Tez'\?"),
         ({"free": ["R_E"], "fixed": ["R_E"]}, MatchError, "in either free or fixed, got in both"),
         ({"free": ["R_E"], "bounds": {"R_E": (3.0, 4.0)}}, MatchError, "3 to 4, got 1.96"),
         ({"free": ["R_E"], "bounds": {"R_E": (float("nan"), 4.0)}}, MatchError, "R_E"),

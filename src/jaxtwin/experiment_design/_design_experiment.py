@@ -14,6 +14,7 @@ from ..io import Experiment
 from ..live._operating_limits import SOLDER
 from ..matching import Fit
 from ..physics import Twin, check_twin
+from ..rig._problems import nearest
 from ._exchange import OBJECTIVES, Candidate, exchange, random_schedules
 from ._experiment_design import Criterion, DesignStep, ExperimentDesign, PlannedSchedule
 from ._information import DesignProblem, Evaluated, NoisePrediction, make_design_problem
@@ -268,7 +269,7 @@ def _places(
     if unknown or not names:
         raise MatchError(
             "design_experiment: parameters: expected some of the matched parameters "
-            f"{', '.join(own)}, got {', '.join(unknown) or 'none'}"
+            f"{', '.join(own)}, got {', '.join(unknown) or 'none'}{nearest(unknown, own)}"
         )
     all_names = [row.name for row in knowledge.unknowns.entry_parameters]
     return np.array([all_names.index(name) for name in names])

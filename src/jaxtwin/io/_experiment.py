@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, of_kind
 from .._errors import JaxtwinError, RecordingError
+from ..rig._problems import nearest
 from ._checks import (
     checked_ambient,
     checked_channels,
@@ -279,6 +280,7 @@ class Experiment:
             known = ", ".join(self.channels) or "none"
             raise RecordingError(
                 f"channels: expected some of {known}, got {', '.join(unknown) or 'none'}"
+                f"{nearest(unknown, self.channels)}"
             )
         columns = [self.channels.index(name) for name in names]
         return Experiment(

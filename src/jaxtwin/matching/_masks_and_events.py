@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from .._errors import MatchError
 from ..io import Experiment
+from ..rig._problems import nearest
 
 Span = tuple[float, float] | tuple[float, float, float]
 """From, to (s), and the weight in between, which is 0 if it is not given."""
@@ -74,4 +75,5 @@ def _check_names(
     if unknown:
         raise MatchError(
             f"{what}: expected some of the recordings {', '.join(recordings)}, got {unknown[0]!r}"
+            f"{nearest(unknown[:1], recordings)}"
         )

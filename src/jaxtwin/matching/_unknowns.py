@@ -12,6 +12,7 @@ from .._arguments import mapping_of, names_of
 from .._errors import MatchError, ParameterError
 from ..physics import Twin
 from ..rig import Parameter
+from ..rig._problems import nearest
 from ._search_space import SearchSpace
 
 NARROWEST = 1e-100
@@ -272,7 +273,7 @@ def choose_unknowns(
         if unknown:
             raise ParameterError(
                 f"{twin.rig.name}: {keyword}: expected some of the parameters {', '.join(table)}, "
-                f"got {', '.join(unknown)}"
+                f"got {', '.join(unknown)}{nearest(unknown, table)}"
             )
     opposites = (
         ("free", "fixed"),

@@ -23,6 +23,15 @@ def unknown(what: str, name: str, known: Iterable[str]) -> str:
     return f"unknown {what} {name!r}{hint} Known: {', '.join(names) or 'none'}"
 
 
+def nearest(names: Iterable[str], known: Iterable[str]) -> str:
+    """The end of a message about several unknown names: for each of them the nearest known one, or
+    nothing."""
+    choices = list(known)
+    near = [difflib.get_close_matches(name, choices, n=1) for name in names]
+    found = list(dict.fromkeys(repr(first[0]) for first in near if first))
+    return f"; did you mean {' and '.join(found)}?" if found else ""
+
+
 def label(item: Any, index: int) -> str:
     """What a table in a list is called in messages: its name, or its place counted from 1."""
     if isinstance(item, dict):

@@ -11,6 +11,7 @@ from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit
 from ..physics import Twin, check_twin
+from ..rig._problems import nearest
 
 
 def paired_twins(
@@ -84,7 +85,7 @@ def drawn_names(twin: Twin, parameters: Iterable[str] | None) -> list[str]:
     if unknown or not names:
         raise ParameterError(
             f"{twin.rig.name}: parameters: expected some of {', '.join(table)}, got "
-            f"{', '.join(unknown) or 'none'}"
+            f"{', '.join(unknown) or 'none'}{nearest(unknown, table)}"
         )
     return names
 

@@ -11,6 +11,7 @@ from .._errors import ParameterError
 from ..matching import Fit
 from ..physics import Twin
 from ..rig import Parameter
+from ..rig._problems import nearest
 from ._draws import central_values, drawn_names
 from ._inputs import Inputs
 from ._marginals import AbstractMarginal, LogNormal, Normal, Uniform
@@ -128,6 +129,7 @@ def _posterior(origin: object, parameters: Iterable[str] | None) -> Inputs:
     if missing:
         raise ParameterError(
             f"{where}: expected some of {', '.join(known)}, got {', '.join(missing)}"
+            f"{nearest(missing, known)}"
         )
     entries = [[row.name for row in rows].index(name) for name in wanted]
     covariance = origin.uncertainty.vector_covariance[np.ix_(entries, entries)]

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Shaped
 from .._arguments import finite_number, names_of
 from .._errors import SimulationError
 from ..io import Experiment
+from ..rig._problems import nearest
 from ..simulation import REDUCTIONS, ReductionName, Reductions
 from ..simulation._reductions import ReductionFunction
 from ._draws import distinct_names
@@ -92,7 +93,7 @@ def checked_outputs(outputs: AskedOutputs) -> dict[str, OutputName | ReductionFu
         if isinstance(value, str) and (value not in known or value != name):
             raise SimulationError(
                 f"sensitivity: outputs: expected some of {', '.join(known)}, or functions by name, "
-                f"got {value!r}"
+                f"got {value!r}{nearest([value], known)}"
             )
     return asked
 

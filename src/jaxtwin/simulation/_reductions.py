@@ -18,6 +18,7 @@ from .._compilation import persistent_jit
 from .._display import html_table, picture
 from .._errors import SimulationError
 from ..io import Experiment
+from ..rig._problems import nearest
 
 if TYPE_CHECKING:
     import pandas
@@ -290,7 +291,9 @@ def _checked_reduction(name: str, asked: str | ReductionFunction) -> Reduction:
     known = ", ".join(REDUCTIONS)
     if isinstance(asked, str):
         if asked not in REDUCTIONS or asked != name:
-            raise SimulationError(f"reductions: expected some of {known}, got {asked}")
+            raise SimulationError(
+                f"reductions: expected some of {known}, got {asked}{nearest([asked], REDUCTIONS)}"
+            )
         return REDUCTIONS[asked]
     if not callable(asked):
         raise SimulationError(

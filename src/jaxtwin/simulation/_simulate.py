@@ -14,6 +14,7 @@ from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import EXPERIMENT
 from ..physics import Twin, check_twin
+from ..rig._problems import nearest
 from ._check_values import check_values
 from ._drive import Drive
 from ._initial import (
@@ -204,7 +205,7 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
     if unknown:
         raise SimulationError(
             f"{label}: channels: expected those of {twin.rig.name}, {', '.join(twin.channels)}, "
-            f"got {', '.join(unknown)}"
+            f"got {', '.join(unknown)}{nearest(unknown, twin.channels)}"
         )
     return experiment.channels or twin.channels
 

@@ -13,6 +13,7 @@ from .._executor import Executor, check_executor
 from .._waiting import announced
 from ..io import Experiment
 from ..physics import Twin
+from ..rig._problems import nearest
 from ._draw_units import solve_draws
 from ._draws import DrawSolver, Precision
 from ._initial import Initial, checked_initial
@@ -190,7 +191,7 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, ArrayLike]) -> dict[str,
         if name not in rig.parameters:
             raise ParameterError(
                 f"{rig.name}: expected some of the parameters {', '.join(rig.parameters)}, got "
-                f"{name!r}"
+                f"{name!r}{nearest([name], rig.parameters)}"
             )
         try:
             array = np.asarray(values)
