@@ -33,6 +33,7 @@ class LiveTwin:
         self.ambient = float(self._stepper.ambient)
         """Temperature of the surroundings, degC."""
         self._command = np.zeros(len(twin.netlist.cells))
+        self._temperatures: Float[np.ndarray, " channels"] | None = None
         # Also compiles the steps now, not when the first data wait for them.
         self.start(0.0)
 
@@ -44,6 +45,8 @@ class LiveTwin:
     @property
     def temperatures(self) -> Float[np.ndarray, " channels"]:
         """What the camera should read now, degC."""
+        if self._temperatures is None:  # the ambient has changed since the last step
+            self._temperatures = self._step(0)
         return self._temperatures
 
     @property
@@ -60,14 +63,14 @@ class LiveTwin:
         """
         self.time = time
         self._state = self._stepper.start(nodes, self._command)
-        self._step(0)
+        self._temperatures = self._step(0)
 
     def drive(self, duty: Float[np.ndarray, " cells"], ambient: float | int | None = None) -> None:
         """Sets the duty cycles (-1 to 1) and, where it is known, the ambient (degC) from now on."""
         self._command = np.asarray(duty, np.float64)
-        if ambient is not None:
+        if ambient is not None and ambient != self.ambient:
             self.ambient = float(ambient)
-            self._step(0)
+            self._temperatures = None
 
     def advance(self, time: float | int) -> Float[np.ndarray, " channels"]:
         """Steps to a time, s, but for what is less than one step of the stepper.
@@ -76,23 +79,23 @@ class LiveTwin:
         """
         steps = int((time - self.time) / STEP_SECONDS + 1e-6)
         if steps > 0:
-            self._step(steps)
+            self._temperatures = self._step(steps)
             self.time += steps * STEP_SECONDS
         return self.temperatures
 
     def replace(self, system: System) -> None:
         """Goes on from the same temperatures with other equations: a fault of the rig, say."""
         self._stepper = Stepper(system, STEP_SECONDS)
-        self._step(0)
+        self._temperatures = self._step(0)
 
-    def _step(self, steps: int) -> None:
+    def _step(self, steps: int) -> Float[np.ndarray, " channels"]:
         with jax.enable_x64(True):
             state, temperatures = _stepped(
                 self._stepper, self._state, self._command, np.float64(self.ambient), steps
             )
         # On the host, where they are read between two steps.
         self._state: StepperState = jax.tree.map(np.asarray, state)
-        self._temperatures = np.asarray(temperatures)
+        return np.asarray(temperatures)
 
 
 @jax.jit

@@ -141,14 +141,16 @@ class StepFactors(eqx.Module):
 def step_factors(rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]) -> StepFactors:
     """The factors for one or several step sizes."""
     h = jnp.asarray(sizes, rates.dtype)[..., None]
-    decay, phi1, phi2, phi3 = _phi(rates * h)
-    half_decay, half_phi1, half_phi2, _ = _phi(rates * h / 2)
+    half_growth = jnp.expm1(-rates * h / 2)
+    growth = half_growth * (half_growth + 2)  # that of the whole step, without another expm1
+    phi1, phi2, phi3 = _phi(rates * h, growth)
+    half_phi1, half_phi2, _ = _phi(rates * h / 2, half_growth)
     return StepFactors(
-        half_decay=half_decay,
+        half_decay=1 + half_growth,
         half=h / 2 * half_phi1,
         half_start=h * (half_phi1 / 2 - half_phi2),
         half_middle=h * half_phi2,
-        decay=decay,
+        decay=1 + growth,
         whole_start=h * (phi1 - 2 * phi2),
         whole_middle=2 * h * phi2,
         first=h * (phi1 - 3 * phi2 + 4 * phi3),
@@ -189,15 +191,17 @@ def exponential_step(
     return end, factors.middle * (force_b - force_a)
 
 
-def _phi(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], ...]:
-    r"""$e^{-x}$ and $\varphi_k(-x)$, $k = 1, 2, 3$.
+def _phi(
+    x: Float[Array, "*shape"], growth: Float[Array, "*shape"]
+) -> tuple[Float[Array, "*shape"], ...]:
+    r"""$\varphi_k(-x)$, $k = 1, 2, 3$, from x and its growth $e^{-x} - 1$.
 
     $\varphi_{k+1}(y) = (\varphi_k(y) - 1/k!) / y$ cancels for small arguments: there the last one
     is a series, and the others follow from it.
     """
     small = jnp.abs(x) < 0.3
     tiny, large = jnp.where(small, x, 0.0), jnp.where(small, 1.0, x)
-    phi1 = -jnp.expm1(-large) / large
+    phi1 = -jnp.where(small, 0.0, growth) / large
     phi2 = (1 - phi1) / large
     phi3 = (0.5 - phi2) / large
     series = jnp.zeros_like(x)
@@ -206,4 +210,4 @@ def _phi(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], ...]:
     phi3 = jnp.where(small, series, phi3)
     phi2 = jnp.where(small, 0.5 - tiny * series, phi2)
     phi1 = jnp.where(small, 1 - tiny * (0.5 - tiny * series), phi1)
-    return jnp.exp(-x), phi1, phi2, phi3
+    return phi1, phi2, phi3
