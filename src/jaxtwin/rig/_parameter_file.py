@@ -133,22 +133,6 @@ def read_parameters(
     return values
 
 
-def recording_parameters(path: str | os.PathLike[str]) -> dict[str, tuple[str, ...]]:
-    """Which parameters have a value for each recording in a parameter file.
-
-    **Returns:** recording -> names, for the recordings in the file.
-
-    **Raises:** `ParameterError` where the file cannot be read or its recordings are no tables.
-    """
-    data, source = read_toml(path, ParameterError)
-    recordings = data.get("recordings", {})
-    if not isinstance(recordings, dict) or not all(
-        isinstance(own, dict) for own in recordings.values()
-    ):
-        _refuse(source, "recordings", "expected tables [recordings.NAME]")
-    return {name: tuple(own) for name, own in recordings.items()}
-
-
 def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
     if name not in rig.parameters:
         _refuse(source, field, unknown(f"parameter of {rig.name}", name, rig.parameters))
