@@ -57,6 +57,18 @@ def test_the_twin_in_step_is_the_twin_simulated(name: str) -> None:
     np.testing.assert_allclose(in_step(twin, experiment)[1:], truth.temperatures[1:], atol=2e-4)
 
 
+@pytest.mark.usefixtures("float64")
+def test_a_warmer_room_is_in_the_readings_at_once(twin: Twin) -> None:
+    live = LiveTwin(twin)
+    cold = live.temperatures
+    live.drive(np.zeros(2), ambient=live.ambient + 10)
+    # The camera sees ambient + gain (T - ambient) on the plate.
+    system = live.system
+    seen = 10 * (1 - np.asarray(system.gain) * np.asarray(system.on_plate))
+    np.testing.assert_allclose(live.temperatures - cold, seen, atol=1e-9)
+    assert np.abs(seen).max() > 0.01
+
+
 def test_a_frame_shows_each_channel_what_the_twin_says_it_reads(rig: Rig, twin: Twin) -> None:
     live = LiveTwin(twin)
     live.drive(np.array([0.78, 0.3]))
