@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from compiled_c import compiled, ran
 
-from jaxtwin import ControlError, Twin, simulate_closed_loop
+from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
 from jaxtwin.c_export import CSources, export_c
-from jaxtwin.control import PID, DecoupledPI, decoupling_of
+from jaxtwin.control import LQI, PID, DecoupledPI, LinearModel, decoupling_of
 
 MAIN = """
 #include <stdio.h>
@@ -74,11 +74,24 @@ CONTROLLERS = {
     ),
 }
 
+KEYS = (*CONTROLLERS, "state feedback", "state feedback of the mean")
+
 pytestmark = pytest.mark.c_compiler
 
 
+@cache
+def controller_of(key: str) -> PID | DecoupledPI | LQI:
+    if key in CONTROLLERS:
+        return CONTROLLERS[key]
+    model = linearize(Twin("dual-cell"), duty=[0.4, 0.3]).reduce(4).discretise(1.0)
+    measured = None if key.endswith("of the mean") else [LEFT, RIGHT]
+    return LQI(model, measured=measured, setpoint_weight=0.3, limits=(0, 1))
+
+
 def c_of(
-    controller: PID | DecoupledPI, folder: Path, precision: Literal["double", "float"] = "double"
+    controller: PID | DecoupledPI | LQI,
+    folder: Path,
+    precision: Literal["double", "float"] = "double",
 ) -> CSources:
     return export_c(controller, folder, rig=Twin("dual-cell").rig, precision=precision)
 
@@ -97,7 +110,7 @@ def an_hour(key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     run = simulate_closed_loop(
         Twin("dual-cell"),
-        CONTROLLERS[key],
+        controller_of(key),
         REFERENCES,
         duration_s=3600,
         faults="stall=60/2",
@@ -109,14 +122,14 @@ def an_hour(key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return run.reference, readings, run.duty
 
 
-@pytest.mark.parametrize("key", CONTROLLERS)
+@pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_an_hour_in_c_is_the_hour_of_the_closed_loop(
     key: str, precision: Literal["double", "float"], tmp_path: Path
 ):
     """With readings that do not come, to 1e-12 of full duty in double, 1e-5 in float; then off."""
     reference, readings, duty = an_hour(key)
-    found = asked(c_of(CONTROLLERS[key], tmp_path, precision), reference, readings)
+    found = asked(c_of(controller_of(key), tmp_path, precision), reference, readings)
     missing = np.any(np.isnan(readings), axis=1)
     assert missing[:3400].sum() == 112
     assert missing[3400:].all()
@@ -146,12 +159,12 @@ def test_cells_are_off_at_once_without_a_reference(tmp_path: Path):
     assert not found[1:].any()
 
 
-@pytest.mark.parametrize("key", CONTROLLERS)
+@pytest.mark.parametrize("key", KEYS)
 def test_cells_stay_off_where_it_begins_without_a_reading(key: str, tmp_path: Path):
-    outputs = 2 if key in ("of each output", "decoupled") else 1
+    outputs = 2 if key in ("of each output", "decoupled", "state feedback") else 1
     readings = np.full((5, outputs), 25.0)
     readings[0] = np.nan
-    found = asked(c_of(CONTROLLERS[key], tmp_path), np.full((5, outputs), 30.0), readings)
+    found = asked(c_of(controller_of(key), tmp_path), np.full((5, outputs), 30.0), readings)
     assert not found.any()
 
 
@@ -168,11 +181,19 @@ def test_a_reading_after_2_s_is_early_enough(tmp_path: Path):
 def test_it_starts_without_a_bump(tmp_path: Path):
     """From the duty that the cells have, in C as in Python."""
     begin = MAIN.replace("model_init(", "duty[0] = 0.3; duty[1] = 0.6; model_init(")
-    for key in ("of each output", "decoupled"):
-        sources = c_of(CONTROLLERS[key], tmp_path / key.replace(" ", "-"))
+    for key in ("of each output", "decoupled", "state feedback"):
+        sources = c_of(controller_of(key), tmp_path / key.replace(" ", "-"))
         program = compiled(sources, begin % {"real": "double"})
         rows = np.tile([25.0, 27.0], (3, 2))
         np.testing.assert_allclose(ran(program, rows), [[0.3, 0.6]] * 3, atol=1e-14)
+
+
+def test_a_controller_for_other_cells_is_refused(tmp_path: Path):
+    """Designed for a single cell, with a channel that the rig with two cells has too."""
+    model = LinearModel([[-0.1]], [[0.1]], [[1.0]], [[0.0]], output_names=["TAM"])
+    lqi = LQI(model.discretise(1.0), measured=["TAM"])
+    with pytest.raises(ControlError, match="expected a controller of the rig's 2 cells, got one"):
+        c_of(lqi, tmp_path)
 
 
 def test_the_header_of_a_controller_says_what_it_does(tmp_path: Path):
@@ -193,9 +214,9 @@ def test_the_header_of_a_controller_says_what_it_does(tmp_path: Path):
         assert line in header
 
 
-@pytest.mark.parametrize("key", CONTROLLERS)
+@pytest.mark.parametrize("key", KEYS)
 def test_sizes_of_a_controller_are_those_of_the_compiler(key: str, tmp_path: Path):
-    sources = c_of(CONTROLLERS[key], tmp_path, "float")
+    sources = c_of(controller_of(key), tmp_path, "float")
     main = '#include "model.c"\n#include <stdio.h>\nint main(void) {\n'
     main += 'printf("%u", (unsigned)sizeof(model_state)); return 0; }\n'
     (tmp_path / "main.c").write_text(main)

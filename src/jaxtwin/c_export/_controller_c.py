@@ -1,17 +1,18 @@
 """A controller as C, with what the closed loop of Python does about readings that do not come.
 
-The controllers differ in their law, `_pid_c` and `_decoupled_pi_c`; what is around it is here. In
-`float` the integral is a compensated sum (Kahan 1965), since a few millikelvin for a tenth of a
-second change a duty by less than `float` can add to it.
+The controllers differ in their law, `_pid_c`, `_decoupled_pi_c` and `_lqi_c`; what is around it is
+here. In `float` the integral is a compensated sum (Kahan 1965), since a few millikelvin for a tenth
+of a second change a duty by less than `float` can add to it.
 """
 
 import numpy as np
 
 from .._errors import ControlError
-from ..control import PID, DecoupledPI
+from ..control import LQI, PID, DecoupledPI
 from ..rig import Rig
 from ._decoupled_pi_c import decoupled_pi_law
 from ._law import Law
+from ._lqi_c import lqi_law
 from ._pid_c import pid_law
 from ._text import Code, comment_block, number, tables_c
 
@@ -20,7 +21,7 @@ SILENCE_S = 3.0
 
 
 def controller_c(
-    controller: PID | DecoupledPI, rig: Rig, name: str, precision: str, origin: str
+    controller: PID | DecoupledPI | LQI, rig: Rig, name: str, precision: str, origin: str
 ) -> Code:
     """Header and source.
 
@@ -29,19 +30,22 @@ def controller_c(
     """
     weights = controller.output_weights([channel.name for channel in rig.channels])
     cells, outputs = len(rig.cells), len(weights)
-    if outputs != cells and (outputs > 1 or isinstance(controller, DecoupledPI)):
+    is_free = isinstance(controller, LQI) or (outputs == 1 and isinstance(controller, PID))
+    if outputs != cells and not is_free:
         raise ControlError(
             f"export_c: measured: expected an output for each of the {cells} cells of {rig.name}, "
             f"got {outputs}"
         )
     if isinstance(controller, PID):
         law = pid_law(controller, cells, outputs, name, precision)
+    elif isinstance(controller, LQI):
+        law = lqi_law(controller, cells, name, precision)
     else:
         law = decoupled_pi_law(controller, name, precision)
     tables, coefficients = tables_c(law.tables, precision)
-    fields = {"integral": cells, **law.fields, "seen": outputs}
+    fields = {"integral": law.integrals, **law.fields, "seen": outputs}
     if precision == "float":
-        fields["lost"] = cells
+        fields["lost"] = law.integrals
     source = f"""#include <math.h>
 
 #include "{name}.h"
@@ -56,7 +60,7 @@ def controller_c(
 
 
 def _header(
-    controller: PID | DecoupledPI,
+    controller: PID | DecoupledPI | LQI,
     rig: Rig,
     weights: np.ndarray,
     law: Law,
@@ -121,7 +125,7 @@ void {name}_step({name}_state *state, const {real} reference[{upper}_OUTPUTS],
 """
 
 
-def _functions(controller: PID | DecoupledPI, law: Law, name: str, real: str) -> str:
+def _functions(controller: PID | DecoupledPI | LQI, law: Law, name: str, real: str) -> str:
     upper = name.upper()
     zero = number(0.0, real)
     lowest, highest = (number(limit, real) for limit in controller.limits)
@@ -131,7 +135,10 @@ def _functions(controller: PID | DecoupledPI, law: Law, name: str, real: str) ->
     state->lost[i] = (sum - state->integral[i]) - rest;
     state->integral[i] = sum;
 """
-        forget = "        state->lost[i] = 0.0f;\n"
+        forget = f"""    for (i = 0; i < {law.integrals}; ++i) {{
+        state->lost[i] = 0.0f;
+    }}
+"""
     else:
         add, forget = "    state->integral[i] += change;\n", ""
     return f"""static int {name}_all_finite(const {real} *values, int count)
@@ -169,9 +176,7 @@ void {name}_init({name}_state *state, const {real} duty[{upper}_CELLS],
     for (i = 0; i < {upper}_OUTPUTS; ++i) {{
         state->seen[i] = measurement[i];
     }}
-    for (i = 0; i < {upper}_CELLS; ++i) {{
-{law.init}{forget}    }}
-    state->missing_s = {zero};
+{law.init}{forget}    state->missing_s = {zero};
     if (!{name}_all_finite(duty, {upper}_CELLS)
         || !{name}_all_finite(measurement, {upper}_OUTPUTS)) {{
         {name}_stop(state);

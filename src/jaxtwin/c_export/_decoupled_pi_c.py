@@ -41,13 +41,15 @@ def decoupled_pi_law(controller: DecoupledPI, name: str, precision: str) -> Law:
         ),
     }
     zero = "0.0f" if precision == "float" else "0.0"
-    init = f"""        {precision} integral = {zero};
+    init = f"""    for (i = 0; i < {cells}; ++i) {{
+        {precision} integral = {zero};
         int j;
         for (j = 0; j < {cells}; ++j) {{
             const {precision} y = measurement[j];
             integral += {name}_undo[i][j] * duty[j] - {name}_Kp[i][j] * ({name}_b[j] * y - y);
         }}
         state->integral[i] = integral;
+    }}
 """
     step = f"""    {precision} asked[{cells}], cut[{cells}];
     int i, j;
@@ -84,6 +86,7 @@ def decoupled_pi_law(controller: DecoupledPI, name: str, precision: str) -> Law:
             parameter_text("set-point weight", controller.setpoint_weight, ""),
             parameter_text("decoupling", D, ""),
         ],
+        cells,
         {},
         tables,
         init,

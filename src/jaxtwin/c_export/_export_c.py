@@ -8,7 +8,7 @@ from typing import Literal, final
 
 from .._arguments import of_kind, path_of
 from .._errors import ControlError
-from ..control import PID, DecoupledPI, DiscreteModel
+from ..control import LQI, PID, DecoupledPI, DiscreteModel
 from ..rig import Rig
 from ..simulation import Stepper
 from ._controller_c import controller_c
@@ -34,7 +34,7 @@ class CSources:
 
 
 def export_c(
-    model: DiscreteModel | Stepper | PID | DecoupledPI,
+    model: DiscreteModel | Stepper | PID | DecoupledPI | LQI,
     folder: str | os.PathLike[str],
     *,
     rig: Rig | None = None,
@@ -99,7 +99,7 @@ def export_c(
     if precision not in PRECISIONS:
         raise ControlError(f"export_c: precision: expected 'double' or 'float', got {precision!r}")
     target = path_of("export_c: folder", folder, ControlError)
-    if isinstance(model, PID | DecoupledPI):
+    if isinstance(model, PID | DecoupledPI | LQI):
         of_rig = of_kind("export_c: rig", rig, Rig, "the controller's, as twin.rig", ControlError)
         code = controller_c(model, of_rig, name, precision, origin)
     else:
@@ -109,8 +109,8 @@ def export_c(
             code = stepper_c(model, name, precision, origin)
         else:
             expected = (
-                "a DiscreteModel, as LinearModel.discretise makes it, a Stepper, a PID or a "
-                "DecoupledPI"
+                "a DiscreteModel, as LinearModel.discretise makes it, a Stepper, a PID, a "
+                "DecoupledPI or an LQI"
             )
             of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
             code = discrete_model_c(model, name, precision, origin)

@@ -14,14 +14,16 @@ class Law(NamedTuple):
     """A control law as C.
 
     - `kind`: what it is, for the header. `parameters`: with units, a line each.
-    - `fields`: of the state beside the integral and what was seen, name -> length.
+    - `integrals`: how many integrals there are.
+    - `fields`: of the state beside them and what was seen, name -> length.
     - `tables`: constants, name -> values and comment.
-    - `init`: body of the loop over cells `i` that sets the state, from `duty` and `measurement`.
+    - `init`: what sets the state, from `duty` and `measurement`; `i` is declared.
     - `step`: body of the function from `state` and `reference` to `duty`.
     """
 
     kind: str
     parameters: list[str]
+    integrals: int
     fields: dict[str, int]
     tables: Mapping[str, tuple[np.ndarray, str]]
     init: str

@@ -75,9 +75,10 @@ def pid_law(controller: PID, cells: int, outputs: int, name: str, precision: str
             if controller.tracking_time_s is None
             else parameter_text("tracking time", controller.tracking_time_s, "s"),
         ],
+        cells,
         fields,
         tables,
-        init,
+        f"    for (i = 0; i < {cells}; ++i) {{\n{init}    }}\n",
         step + "    }\n",
     )
 
