@@ -4,6 +4,7 @@ The rig is the bundled single cell with few free parameters.
 """
 
 import itertools
+import json
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -28,8 +29,10 @@ from jaxtwin import (
     match_many,
     read_recording,
     simulate,
+    write_recording,
 )
 from jaxtwin._compilation import compiling_seconds
+from jaxtwin.cli import run
 
 TRUTH = {"C_load": 24.0, "R_loss": 6.0, "R_Th": 1.7, "T_amb": 20.0, "T_start": 18.5}
 FREE = list(TRUTH)
@@ -234,3 +237,38 @@ def test_a_loaded_fit_gives_the_same_design(fitted: Fit, design: ExperimentDesig
 def test_what_does_not_fit_is_refused(fitted: Fit, settings: dict[str, Any], message: str):
     with pytest.raises(MatchError, match=message):
         design_experiment(fitted, **SETTINGS | settings)
+
+
+@pytest.mark.slow
+def test_the_command_writes_a_plan_a_table_and_a_picture(
+    fitted: Fit,
+    design: ExperimentDesign,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.chdir(tmp_path)
+    fitted.save("fit.toml")
+    write_recording(fitted.experiments[0], "bench.csv")
+    command = [
+        "design",
+        "single-cell",
+        "bench.csv",
+        "--parameters",
+        "fit.toml",
+        "--out",
+        "plan.csv",
+    ]
+    settings = ["--duration", "240", "--hold", "40", "--levels", "3"]
+    more = ["--plot", "plan.png", "--json", "plan.json"]
+    assert run([*command, *settings, *more, "--bounds=-0.6:0.6"]) == 0
+    shown = capsys.readouterr().out
+    assert design.text in shown
+    assert "PRBS" in shown
+    assert read_recording("plan.csv") == design.schedule
+    numbers = json.loads(Path("plan.json").read_text())
+    assert numbers["schedule"] == design.text
+    assert numbers["mean_error"]["designed"] == pytest.approx(design.best.mean_error, rel=1e-6)
+    assert Path("plan.png").read_bytes().startswith(b"\x89PNG")
+    assert run([*command, "--bounds", "low"]) == 2
+    assert "--bounds: expected LOW:HIGH" in capsys.readouterr().err
