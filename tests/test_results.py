@@ -55,7 +55,7 @@ def frontier_of_two() -> Frontier:
 
 
 def design() -> jt.ExperimentDesign:
-    return jt.design_experiment(fit(), duration=20, hold=10, levels=2)
+    return jt.design_experiment(jt.Twin("single-cell"), duration=20, hold=10, levels=2)
 
 
 RESULTS: dict[str, Callable[[Path], Any]] = {

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 from scipy.stats import chi2
+from small_results import fit
 
 import jaxtwin
 from jaxtwin import (
@@ -237,6 +238,11 @@ def test_a_loaded_fit_gives_the_same_design(fitted: Fit, design: ExperimentDesig
 def test_what_does_not_fit_is_refused(fitted: Fit, settings: dict[str, Any], message: str):
     with pytest.raises(MatchError, match=message):
         design_experiment(fitted, **SETTINGS | settings)
+
+
+def test_a_fit_whose_parameters_all_ended_at_bounds_is_refused():
+    with pytest.raises(MatchError, match="parameter of the rig that is not at a bound, got none"):
+        design_experiment(fit(), duration=20, hold=10)
 
 
 @pytest.mark.slow

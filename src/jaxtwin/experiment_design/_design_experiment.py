@@ -262,6 +262,11 @@ def _places(
 ) -> Int[np.ndarray, " parameters"]:
     """The positions of the parameters of interest among the unknowns."""
     own = [row.name for row in knowledge.own_rows]
+    if not own:
+        raise MatchError(
+            "design_experiment: expected a matched parameter of the rig that is not at a bound, "
+            "got none; match more of them, or with other bounds"
+        )
     names = own
     if parameters is not None:
         names = list(names_of("design_experiment: parameters", parameters, MatchError))
