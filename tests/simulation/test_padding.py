@@ -11,14 +11,8 @@ import numpy as np
 import pytest
 
 import jaxtwin as jt
-from jaxtwin.simulation import (
-    TimeGrid,
-    build_time_grid,
-    padded_time_grid,
-    solve_network,
-    time_grid,
-)
-from jaxtwin.simulation._padding import padded_count
+from jaxtwin.simulation import TimeGrid, build_time_grid, solve_network, time_grid
+from jaxtwin.simulation._padding import padded_count, padded_time_grid
 
 COMPILED = "/jax/core/compile/backend_compile_duration"
 

@@ -4,7 +4,8 @@ from typing import Any
 
 from .._errors import ControlError
 from ..matching import Fit
-from ..physics import Twin, check_twin
+from ..physics import Twin
+from ..physics._twin import check_twin
 
 
 def nominal_twin(where: str, twin: Any) -> Twin:

@@ -20,10 +20,10 @@ from ..live import Faults
 from ..matching import Fit
 from ..physics import Twin
 from ..rig._problems import unknown
-from ..simulation import Precision, Reductions, Stepper, checked_precision
+from ..simulation import Precision, Reductions, Stepper
 from ..simulation._check_values import check_values
 from ..simulation._draws import work_in_chunks
-from ..simulation._simulate_batch import _checked_draws
+from ..simulation._simulate_batch import _checked_draws, checked_precision
 from ..simulation._stepper import is_multiple
 from ._closed_loop import ClosedLoop, Scenario, in_precision, run_loop
 from ._closed_loop_run import ClosedLoopRun

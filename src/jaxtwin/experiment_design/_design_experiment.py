@@ -13,7 +13,8 @@ from .._waiting import announced
 from ..io import Experiment
 from ..live._operating_limits import SOLDER
 from ..matching import Fit
-from ..physics import Twin, check_twin
+from ..physics import Twin
+from ..physics._twin import check_twin
 from ..rig._problems import nearest
 from ._exchange import OBJECTIVES, Candidate, exchange, random_schedules
 from ._experiment_design import Criterion, DesignStep, ExperimentDesign, PlannedSchedule

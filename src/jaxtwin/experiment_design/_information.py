@@ -24,8 +24,9 @@ from ..matching._noise_model import INITIAL_NOISE
 from ..matching._residual_weights import ResidualWeights, residual_weights
 from ..matching._unknowns import Layout
 from ..physics import Twin
-from ..simulation import TimeGrid, padded_time_grid, solve_network
+from ..simulation import TimeGrid, solve_network
 from ..simulation._modes import side_nodes
+from ..simulation._padding import padded_time_grid
 from ._knowledge import Knowledge
 from ._schedules import Counts, Schedules
 

@@ -10,7 +10,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..io import Experiment
 from ..physics import Twin
-from ..simulation import TimeGrid, padded, padded_time_grid
+from ..simulation import TimeGrid
+from ..simulation._padding import padded, padded_time_grid
 from ._camera_error import camera_shapes, count_shapes
 from ._linear_prior import LinearPrior
 from ._noise_model import NoiseModel

@@ -12,9 +12,10 @@ from jaxtyping import Float
 from .._arguments import finite_number, of_kind
 from .._errors import MatchError
 from ..io import Experiment
-from ..physics import Twin, check_twin
+from ..physics import Twin
+from ..physics._twin import check_twin
 from ..rig import CommonError
-from ..simulation import checked_channels
+from ..simulation._simulate import checked_channels
 from ._linear_prior import LinearPrior
 from ._masks_and_events import Span, given_events, span_weights
 from ._unknowns import Unknowns

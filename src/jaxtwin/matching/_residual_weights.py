@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..simulation import padded
+from ..simulation._padding import padded
 
 AnyArray = np.ndarray | Array
 

@@ -10,7 +10,7 @@ from ._plate_edges import MeasuredRegistration, measure_registration
 from ._plate_map import PlateMap, plate_map
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
-from ._twin import Twin, check_twin
+from ._twin import Twin
 
 __all__ = [
     "CALM",
@@ -30,7 +30,6 @@ __all__ = [
     "Twin",
     "build_netlist",
     "channel_weights",
-    "check_twin",
     "frame_to_channels",
     "measure_registration",
     "pixel_weights",

@@ -10,7 +10,8 @@ from .._errors import ParameterError, SimulationError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit
-from ..physics import Twin, check_twin
+from ..physics import Twin
+from ..physics._twin import check_twin
 from ..rig._problems import nearest
 
 

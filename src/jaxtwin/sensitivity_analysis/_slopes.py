@@ -12,10 +12,11 @@ from .._errors import SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
-from ..simulation import Reductions, TimeGrid, checked_channels, padded, padded_time_grid
+from ..simulation import Reductions, TimeGrid
+from ..simulation._padding import padded, padded_time_grid
 from ..simulation._reductions import AskedReductions, Reduction, checked_reductions
 from ..simulation._refinement import needs_shorter_steps
-from ..simulation._simulate import _run_exponential
+from ..simulation._simulate import _run_exponential, checked_channels
 from ..simulation._workers import work_in_chunks
 
 CHUNK = 32

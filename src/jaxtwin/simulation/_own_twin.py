@@ -6,7 +6,8 @@ from .._arguments import of_kind
 from .._errors import SimulationError
 from ..io import Experiment
 from ..io._experiment import EXPERIMENT
-from ..physics import Twin, check_twin
+from ..physics import Twin
+from ..physics._twin import check_twin
 
 
 @runtime_checkable

@@ -13,7 +13,8 @@ from .._jax_settings import own_settings
 from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import EXPERIMENT
-from ..physics import Twin, check_twin
+from ..physics import Twin
+from ..physics._twin import check_twin
 from ..rig._problems import nearest
 from ._check_values import check_values
 from ._drive import Drive

@@ -14,7 +14,8 @@ from .._arguments import finite_number
 from .._compilation import persistent_jit
 from .._errors import SimulationError
 from .._jax_settings import is_traced, settings_for
-from ..physics import System, Twin, check_twin
+from ..physics import System, Twin
+from ..physics._twin import check_twin
 from ._check_values import check_values
 from ._exponential import Inputs, ModalField, StepFactors, exponential_step, step_factors
 from ._modes import network_modes

@@ -21,15 +21,10 @@ from ..sensitivity_analysis._draws import (
     rescaled_draws,
 )
 from ..sensitivity_analysis._sampling import checked_seed, checked_spread, normal_draws
-from ..simulation import (
-    REDUCTIONS,
-    Precision,
-    ReductionName,
-    checked_channels,
-    checked_precision,
-    checked_reductions,
-    simulate_batch,
-)
+from ..simulation import REDUCTIONS, Precision, ReductionName, simulate_batch
+from ..simulation._reductions import checked_reductions
+from ..simulation._simulate import checked_channels
+from ..simulation._simulate_batch import checked_precision
 
 FORMAT = 1
 """Of the store; another number means other arrays or another order of draws."""
