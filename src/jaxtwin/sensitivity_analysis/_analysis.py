@@ -15,6 +15,7 @@ from ._global_sensitivity import GlobalSensitivity
 from ._input_choices import AskedInputs
 from ._method import AbstractMethod
 from ._methods import MethodName, checked_method
+from ._model import Model
 from ._monte_carlo import correlate_costs
 from ._outputs import AskedOutputs
 from ._sampling import checked_seed, checked_spread
@@ -54,6 +55,7 @@ def sensitivity(
     outputs: AskedOutputs = ("cost",),
     times: Sequence[float] | None = None,
     samples: SampleKind | None = None,
+    model: Model | None = None,
     executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> GlobalSensitivity: ...
@@ -73,6 +75,7 @@ def sensitivity(
     outputs: AskedOutputs = ("cost",),
     times: Sequence[float] | None = None,
     samples: SampleKind | None = None,
+    model: Model | None = None,
     executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Sensitivity | GlobalSensitivity:
@@ -114,6 +117,11 @@ def sensitivity(
     - `times`: of "temperature", s; None for 25 times that divide each experiment evenly.
     - `samples`: "random", "latin-hypercube" or "sobol"; None for the method's usual ones. Morris's
       and Shapley's method have their own.
+    - `model`: a function of yours in place of simulations of experiments, such as one that runs
+      closed loops: from parameter -> values `(runs,)` to output -> values `(runs,)` or
+      `(runs, ...)`, or to the `Reductions` of `simulate_closed_loop`. The parameters are drawn
+      around a twin, or the mean twin of a fit. There are no experiments, outputs, times or executor
+      then, and no method that takes derivatives.
     - `executor`: who runs the draws instead of this process, see `simulate_batch`.
     - `on_progress`: called with the number of newly finished simulations.
 
@@ -128,13 +136,22 @@ def sensitivity(
     spread = checked_spread("sensitivity: spread", spread)
     check_callable("sensitivity: on_progress", on_progress, SimulationError)
     check_executor("sensitivity: executor", executor, SimulationError)
+    check_callable("sensitivity: model", model, SimulationError)
+    if model is not None:
+        beside = {"experiments": experiments, "times": times, "executor": executor}
+        beside["outputs"] = None if outputs == ("cost",) else outputs
+        if given := [name for name, value in beside.items() if value is not None]:
+            raise SimulationError(
+                f"sensitivity: {given[0]}: expected none beside a model, which makes its own runs "
+                f"and outputs, got {beside[given[0]]!r}"
+            )
     if method == "correlations":
         is_papers = inputs == "normal" and not isinstance(outputs, Mapping)
         is_papers = is_papers and list(outputs) in (["cost"], list("cost"))
-        if not is_papers or times is not None or samples is not None:
+        if not is_papers or times is not None or samples is not None or model is not None:
             raise SimulationError(
-                "sensitivity: expected inputs, outputs, times and samples beside a global method "
-                'only, got them beside "correlations"; use method="pearson" or "spearman"'
+                "sensitivity: expected inputs, outputs, times, samples and a model beside a global "
+                'method only, got them beside "correlations"; use method="pearson" or "spearman"'
             )
         return correlate_costs(
             twin,
@@ -158,6 +175,7 @@ def sensitivity(
         outputs=outputs,
         times=times,
         samples=samples,
+        model=model,
         executor=executor,
         on_progress=on_progress,
     )

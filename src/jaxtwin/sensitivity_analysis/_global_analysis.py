@@ -19,6 +19,7 @@ from ._global_sensitivity import GlobalSensitivity
 from ._input_choices import AskedInputs, chosen_inputs
 from ._inputs import Inputs
 from ._method import AbstractMethod, indices_of
+from ._model import Model, run_model, twin_of_model
 from ._outputs import (
     AskedOutputs,
     Column,
@@ -46,12 +47,21 @@ def global_sensitivity(
     outputs: AskedOutputs,
     times: Sequence[float] | None,
     samples: SampleKind | None,
+    model: Model | None,
     executor: Executor | None,
     on_progress: Callable[[int], None] | None,
 ) -> GlobalSensitivity:
     """The arguments are those of `sensitivity`."""
     began = time.perf_counter()
-    twins, recordings = paired_twins("sensitivity", twin, experiments)
+    if model is None:
+        twins, recordings = paired_twins("sensitivity", twin, experiments)
+    else:
+        twins, recordings = [twin_of_model(twin)], []
+        if method.needs_slopes:
+            raise SimulationError(
+                "sensitivity: method: expected one that takes no derivatives beside a model, got "
+                f"{method!r}"
+            )
     count = method.usual_draws if draws is None else draws
     count = whole_number("sensitivity: draws", count, method.least_draws, SimulationError)
     kind = method.usual_samples if samples is None else checked_kind(samples)
@@ -60,8 +70,10 @@ def global_sensitivity(
     design = method.design(drawn, count, seed, kind)
     values = design.samples
     columns: list[Column] = []
+    if model is not None:
+        columns = run_model(model, _draws_for(twins[0], drawn, values))
     slopes: list[list[Column]] = [[] for _ in drawn.names]
-    for own_twin, experiment in zip(twins, recordings, strict=True):
+    for own_twin, experiment in zip(twins, recordings, strict=model is None):
         chosen = samples_at(times, experiment)
         reductions = reductions_for(asked, chosen)
         own = _draws_for(own_twin, drawn, values)
@@ -81,7 +93,7 @@ def global_sensitivity(
                     (output, factor * column)
                     for output, column in columns_of(part, asked, chosen, experiment)
                 ]
-    columns = with_mean_cost(columns)
+    columns = with_mean_cost(columns) if model is None else columns
     rates = _stacked_slopes([with_mean_cost(part) for part in slopes], method)
     table = np.column_stack([column for _, column in columns]).astype(float)
     indices, counted = indices_of(method, design, table, rates, seed)

@@ -1,7 +1,7 @@
 """What a global analysis looks at: numbers of each run, by quantity, channel, time, recording."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias, cast, final, get_args
 
 import jax.numpy as jnp
@@ -187,10 +187,17 @@ def _columns(
                 (Output(name, channel, recording=recording, unit=unit), column)
                 for channel, column in zip(found.channels, values.T, strict=True)
             ]
+    return columns_of_values(Output(name, recording=recording, unit=unit), values)
+
+
+def columns_of_values(
+    output: Output, values: Shaped[np.ndarray, "runs ..."]
+) -> list[tuple[Output, Shaped[np.ndarray, " runs"]]]:
+    """An output's column, or several, named by their place, where each run gives an array."""
     columns = values.reshape(len(values), -1).T
     places = [f"[{', '.join(map(str, place))}]" for place in np.ndindex(*values.shape[1:])]
     ends = places if values.ndim > 1 else [""]
     return [
-        (Output(f"{name}{end}", recording=recording, unit=unit), column)
+        (replace(output, quantity=f"{output.quantity}{end}"), column)
         for end, column in zip(ends, columns, strict=True)
     ]

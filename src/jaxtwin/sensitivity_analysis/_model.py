@@ -1,0 +1,62 @@
+"""A user's own model: any function from draws to outputs, such as closed loops."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias, cast
+
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from .._errors import SimulationError
+from ..matching import Fit
+from ..physics import Twin
+from ..simulation import REDUCTIONS, Reductions
+from ._outputs import Column, Output, columns_of_values
+
+Model: TypeAlias = Callable[
+    [dict[str, Float[np.ndarray, " runs"]]], Mapping[str, ArrayLike] | Reductions
+]
+"""From parameter -> values `(runs,)`, in the unit of the rig's table, to output -> values
+`(runs,)` or `(runs, ...)`, NaN where a run failed; or to `Reductions`."""
+
+
+def twin_of_model(twin: Any) -> Twin:
+    """What the parameters of a model are drawn around: a twin, or the mean one of a fit.
+
+    **Raises:** `SimulationError` for several twins.
+    """
+    if isinstance(twin, Fit):
+        return twin.mean_twin
+    if not isinstance(twin, Twin):
+        raise SimulationError(
+            f"sensitivity: twin: expected one twin or a fit beside a model, got {twin!r}"
+        )
+    return twin
+
+
+def run_model(model: Model, draws: dict[str, Float[np.ndarray, " runs"]]) -> list[Column]:
+    """The outputs of a model for some draws.
+
+    **Raises:** `SimulationError` where it does not give one number, or several, for each draw.
+    """
+    runs = len(next(iter(draws.values())))
+    found: Any = model(draws)
+    failed = np.zeros(runs, bool)
+    if isinstance(found, Reductions):
+        failed = found.failed
+        present = [name for name in REDUCTIONS if getattr(found, name) is not None]
+        found = {name: found[name] for name in (*present, *found.own)}
+    if not isinstance(found, Mapping) or not found:
+        raise SimulationError(
+            f"sensitivity: model: expected that it returns output -> values, got {found!r}"
+        )
+    columns: list[Column] = []
+    for name, values in cast(Mapping[Any, Any], found).items():
+        array = np.asarray(values)
+        if not isinstance(name, str) or array.dtype.kind not in "fiu" or len(array) != runs:
+            raise SimulationError(
+                f"sensitivity: model: output {name!r}: expected a number for each of {runs} draws, "
+                f"got {array.dtype} of shape {array.shape}"
+            )
+        for output, column in columns_of_values(Output(name), array.astype(float)):
+            columns.append((output, np.where(failed, np.nan, column)))
+    return columns

@@ -1,0 +1,91 @@
+"""A global analysis of a user's own model: the function of Ishigami and Homma, and closed loops."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import jaxtwin as jt
+from jaxtwin import SimulationError, Twin
+from jaxtwin.control import PID
+from jaxtwin.sensitivity_analysis import Uniform
+from jaxtwin.simulation import Reductions
+
+Draws = dict[str, np.ndarray]
+
+INPUTS = {name: Uniform(4 - np.pi, 4 + np.pi) for name in ("R_E", "R_Th", "R_pc")}
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+    return Twin("paper-2024")
+
+
+def ishigami(draws: Draws) -> Draws:
+    """With a = 7 and b = 0.1, in variables from -pi to pi."""
+    x, y, z = (draws[name] - 4 for name in INPUTS)
+    value = np.sin(x) + 7 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x)
+    return {"value": value, "both": np.stack([value, 2 * value], axis=1)}
+
+
+def test_sobol_indices_of_the_ishigami_function(twin: Twin):
+    found = jt.sensitivity(twin, method="sobol", inputs=INPUTS, model=ishigami, draws=4096)
+    assert found.labels == ("value", "both[0]", "both[1]")
+    # Ishigami and Homma (1990), from the variance's integrals.
+    for output in found.labels:
+        index = found.to_dataframe().loc[output]
+        np.testing.assert_allclose(index["S1"], [0.3139, 0.4424, 0.0], atol=0.02)
+        np.testing.assert_allclose(index["ST"], [0.5576, 0.4424, 0.2437], atol=0.02)
+
+
+def test_a_failed_run_is_left_out(twin: Twin):
+    def fails(draws: Draws) -> Draws:
+        value = ishigami(draws)["value"]
+        return {"value": np.where(np.arange(len(value)) == 3, np.nan, value)}
+
+    found = jt.sensitivity(twin, method="src", inputs=INPUTS, model=fails, draws=64)
+    assert list(np.flatnonzero(found.failed)) == [3]
+    assert found.counted[0] == 63
+
+
+def test_measures_of_closed_loops_are_outputs():
+    twin = Twin("single-cell")
+    controller = PID(0.1, 0.001, measured=[list(twin.channels)])
+
+    def loops(draws: Draws) -> Reductions:
+        return jt.simulate_closed_loop(
+            twin, controller, 30.0, duration_s=20, draws=draws, measures=["energy"], seed=1
+        )
+
+    found = jt.sensitivity(
+        twin, method="pearson", model=loops, draws=8, parameters=["R_E", "C_load"]
+    )
+    assert found.labels == ("energy",)
+    draws = dict(zip(found.names, found.samples.T, strict=True))
+    np.testing.assert_array_equal(found.values[:, 0], loops(draws)["energy"])
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"model": lambda draws: draws["R_E"]}, "returns output -> values"),
+        ({"model": lambda draws: {}}, "returns output -> values"),
+        ({"model": lambda draws: {"a": np.zeros(2)}}, "'a': expected a number for each of"),
+        ({"model": lambda draws: {"a": draws["R_E"].astype(str)}}, "'a': expected a number"),
+        ({"model": ishigami, "outputs": ["final"]}, "outputs: expected none beside a model"),
+        ({"model": ishigami, "times": [3.0]}, "times: expected none beside a model"),
+        ({"model": ishigami, "method": "dgsm"}, "takes no derivatives"),
+        ({"model": ishigami, "method": "correlations"}, "beside a global method only"),
+    ],
+)
+def test_what_does_not_go_with_a_model_is_refused(
+    twin: Twin, settings: dict[str, Any], message: str
+):
+    arguments = {"method": "src", "parameters": list(INPUTS), "draws": 16, **settings}
+    with pytest.raises(SimulationError, match=message):
+        jt.sensitivity(twin, **arguments)
+
+
+def test_several_twins_have_no_model(twin: Twin):
+    with pytest.raises(SimulationError, match="one twin or a fit beside a model"):
+        jt.sensitivity([twin, twin], method="src", model=ishigami)
