@@ -19,7 +19,7 @@ from ..rig._problems import nearest
 from ._exchange import OBJECTIVES, Candidate, exchange, random_schedules
 from ._experiment_design import Criterion, DesignStep, ExperimentDesign, PlannedSchedule
 from ._information import DesignProblem, Evaluated, NoisePrediction, make_design_problem
-from ._knowledge import UNKNOWN, Knowledge
+from ._prior_information import UNKNOWN, PriorInformation
 from ._schedules import Counts, Schedules, make_schedules
 
 RANDOM = 11
@@ -54,8 +54,8 @@ def design_experiment(
 
     **Arguments:**
 
-    - `twin`: a fit, whose covariance is today's knowledge and whose noise is expected again; or a
-      twin, of which only the priors are known, with the noise that a match assumes at first.
+    - `twin`: a fit, whose covariance is the prior information and whose noise is expected again; or
+      a twin, of which only the priors are known, with the noise that a match assumes at first.
     - `duration`: of the recording, an hour at most, s. `hold`: of each step, s.
     - `bounds`: lowest and highest duty cycle; by default those of the fit's recordings and 0, or -1
       and 1 for a twin or a fit without its recordings.
@@ -85,7 +85,7 @@ def design_experiment(
     whole_number("design_experiment: seed", seed, 0, MatchError)
     check_callable("design_experiment: on_progress", on_progress, MatchError)
     if isinstance(twin, Fit):
-        knowledge, recordings = Knowledge.of_fit(twin, group), _recordings(twin)
+        prior, recordings = PriorInformation.of_fit(twin, group), _recordings(twin)
         events = twin.noise_model.events
     else:
         check_twin("design_experiment: twin", twin, MatchError)
@@ -93,10 +93,10 @@ def design_experiment(
             raise MatchError(
                 f"design_experiment: group: expected None for a twin, got {group!r}; pass a fit"
             )
-        knowledge, recordings, events = Knowledge.of_twin(twin), {}, ()
+        prior, recordings, events = PriorInformation.of_twin(twin), {}, ()
     interval = min((float(np.median(np.diff(e.time))) for e in recordings.values()), default=1.0)
     schedules = make_schedules(
-        knowledge.twin,
+        prior.twin,
         duration=duration,
         hold=hold,
         bounds=_recorded_bounds(recordings) if bounds is None else bounds,
@@ -104,10 +104,10 @@ def design_experiment(
         interval=interval,
     )
     problem = make_design_problem(
-        knowledge, schedules, NoisePrediction.of(twin), _expected_events(events, duration)
+        prior, schedules, NoisePrediction.of(twin), _expected_events(events, duration)
     )
     search = _Search(
-        knowledge, schedules, problem, criterion, _places(knowledge, parameters), float(margin)
+        prior, schedules, problem, criterion, _places(prior, parameters), float(margin)
     )
     return search.run(recordings, starts, seed, on_progress)
 
@@ -118,18 +118,18 @@ class _Search:
 
     def __init__(
         self,
-        knowledge: Knowledge,
+        prior: PriorInformation,
         schedules: Schedules,
         problem: DesignProblem,
         criterion: Criterion,
         places: Int[np.ndarray, " parameters"],
         margin: float,
     ):
-        self.knowledge, self.schedules, self.problem = knowledge, schedules, problem
+        self.prior, self.schedules, self.problem = prior, schedules, problem
         self.criterion: Criterion = criterion
         self.places = places
-        self.scale = knowledge.scale[places]
-        limits = knowledge.twin.rig.limits
+        self.scale = prior.scale[places]
+        limits = prior.twin.rig.limits
         self.hottest = self.hottest_side = math.inf
         if limits is not None:
             side = limits.cell_temperature
@@ -164,7 +164,7 @@ class _Search:
         if not candidates:
             coolest = min(candidate.evaluated.reading for candidate in found)
             raise MatchError(
-                f"design_experiment: {self.knowledge.twin.rig.name}: expected a schedule whose "
+                f"design_experiment: {self.prior.twin.rig.name}: expected a schedule whose "
                 f"readings stay below {self.hottest:g} degC and its cells below "
                 f"{self.hottest_side:g} degC, got at least {coolest:.1f} degC; use other bounds, a "
                 "smaller margin or a shorter duration"
@@ -181,13 +181,13 @@ class _Search:
             report(0, candidate)
             ends.append(exchange(candidate, schedules, self.assess, seed + start, report))
         best = min(ends, key=lambda candidate: candidate.objective)
-        rows = [self.knowledge.unknowns.entry_parameters[place] for place in self.places]
+        rows = [self.prior.unknowns.entry_parameters[place] for place in self.places]
         return ExperimentDesign(
-            rig=self.knowledge.twin.rig.name,
+            rig=self.prior.twin.rig.name,
             criterion=self.criterion,
             parameters=tuple(row.name for row in rows),
             units=tuple(row.unit for row in rows),
-            values=tuple(float(self.knowledge.twin.parameters[row.name]) for row in rows),
+            values=tuple(float(self.prior.twin.parameters[row.name]) for row in rows),
             standard_errors=self._errors(self.today),
             best=self._planned("designed", best),
             references=references,
@@ -217,7 +217,7 @@ class _Search:
         return evaluated.reading <= self.hottest and evaluated.side <= self.hottest_side
 
     def _covariance(self, evaluated: Evaluated | None) -> Float[np.ndarray, "some some"]:
-        known = self.knowledge
+        known = self.prior
         whole = (
             known.covariance()
             if evaluated is None
@@ -236,10 +236,10 @@ class _Search:
     def _errors(self, covariance: Float[np.ndarray, "some some"]) -> dict[str, float]:
         """Parameter -> standard error in its unit."""
         deviations = np.sqrt(np.diag(covariance))
-        slopes = self.knowledge.unknowns.value_derivatives(self.knowledge.vector)[self.places]
+        slopes = self.prior.unknowns.value_derivatives(self.prior.vector)[self.places]
         lost = deviations > 0.1 * UNKNOWN * self.scale
         errors = np.where(lost, math.inf, deviations * slopes)
-        rows = self.knowledge.unknowns.entry_parameters
+        rows = self.prior.unknowns.entry_parameters
         return {
             rows[place].name: float(error) for place, error in zip(self.places, errors, strict=True)
         }
@@ -259,10 +259,10 @@ class _Search:
 
 
 def _places(
-    knowledge: Knowledge, parameters: Iterable[str] | None
+    prior: PriorInformation, parameters: Iterable[str] | None
 ) -> Int[np.ndarray, " parameters"]:
     """The positions of the parameters of interest among the unknowns."""
-    own = [row.name for row in knowledge.own_rows]
+    own = [row.name for row in prior.own_rows]
     if not own:
         raise MatchError(
             "design_experiment: expected a matched parameter of the rig that is not at a bound, "
@@ -277,7 +277,7 @@ def _places(
             "design_experiment: parameters: expected some of the matched parameters "
             f"{', '.join(own)}, got {', '.join(unknown) or 'none'}{nearest(unknown, own)}"
         )
-    all_names = [row.name for row in knowledge.unknowns.entry_parameters]
+    all_names = [row.name for row in prior.unknowns.entry_parameters]
     return np.array([all_names.index(name) for name in names])
 
 

@@ -27,7 +27,7 @@ from ..physics import Twin
 from ..simulation import TimeGrid, solve_network
 from ..simulation._modes import side_nodes
 from ..simulation._padding import padded_time_grid
-from ._knowledge import Knowledge
+from ._prior_information import PriorInformation
 from ._schedules import Counts, Schedules
 
 
@@ -98,7 +98,7 @@ class DesignProblem(eqx.Module):
 
 
 def make_design_problem(
-    knowledge: Knowledge, schedules: Schedules, noise: NoisePrediction, events: tuple[float, ...]
+    prior: PriorInformation, schedules: Schedules, noise: NoisePrediction, events: tuple[float, ...]
 ) -> DesignProblem:
     """Makes the problem.
 
@@ -106,7 +106,7 @@ def make_design_problem(
 
     - `events`: the expected times of the camera's corrections, s.
     """
-    twin = knowledge.twin
+    twin = prior.twin
     example = schedules.numbered()
     grid = padded_time_grid(twin, example)
     step_of = np.rint(np.asarray(grid.duty)[:, 0] * schedules.steps).astype(np.int32) - 1
@@ -125,14 +125,14 @@ def make_design_problem(
     memories = np.array([of.autocorrelation_time for of in noise.noise])
     return DesignProblem(
         twin=twin,
-        vector=knowledge.vector,
+        vector=prior.vector,
         grid=grid,
         step_of=step_of,
         weights=weights.padded(),
         samples=np.array(times),
         variance=np.array(ratios),
         rho=np.maximum(0.0, (memories - 1) / (memories + 1)),
-        layout=knowledge.unknowns.layout,
+        layout=prior.unknowns.layout,
     )
 
 

@@ -32,7 +32,7 @@ Square = Float[np.ndarray, "entries entries"]
 
 @final
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class PriorInformation:
     r"""What is known before the new recording.
 
     - `twin`: the twin with the values that are expected in the new recording.
@@ -53,7 +53,7 @@ class Knowledge:
     places: Int[np.ndarray, " unknowns"]
 
     @classmethod
-    def of_twin(cls, twin: Twin) -> "Knowledge":
+    def of_twin(cls, twin: Twin) -> "PriorInformation":
         """The priors of the rig file alone."""
         unknowns = choose_unknowns(twin, (0,))
         prior = np.diag(unknowns.prior_weights() ** 2)
@@ -61,7 +61,7 @@ class Knowledge:
         return cls._make(twin, unknowns, prior, prior, places)
 
     @classmethod
-    def of_fit(cls, fit: Fit, group: str | None) -> "Knowledge":
+    def of_fit(cls, fit: Fit, group: str | None) -> "PriorInformation":
         """The match of today.
 
         **Arguments:**
@@ -107,7 +107,7 @@ class Knowledge:
         normal: Square,
         meat: Square,
         places: Int[np.ndarray, " unknowns"],
-    ) -> "Knowledge":
+    ) -> "PriorInformation":
         rows = unknowns.entry_parameters
         vector = np.array([row.to_entry(float(twin.parameters[row.name])) for row in rows])
         scale = unknowns.scales()
