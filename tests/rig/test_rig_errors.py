@@ -74,7 +74,7 @@ MISTAKES = {
     "too few film coefficients": ("dual", '["h_A", "h_A", "h_A",', '["h_A",', "plate.film_coefficient", "expected 8 values", "got 6"),
     "too many row factors": ("dual", '["f_row1", "1", "f_row3"]', '["f_row1", "1", "1", "f_row3"]', "plate.film_row_factor", "expected 3 values", "got 4"),
     "a row factor with a unit": ("dual", '["f_row1", "1", "f_row3"]', '["f_row1", "1 cm", "f_row3"]', "plate.film_row_factor[2]", "'1 cm'", "a number"),
-    "unknown module": ("dual", 'module = "TEC1-12706"', 'module = "TEC1-12707"', "cells[P1].module", "did you mean 'TEC1-12706'"),
+    "unknown module": ("dual", 'module = "TEC1-12706"', 'module = "TEC1-1206"', "cells[P1].module", "did you mean 'TEC1-12706'"),
     "a sink with half its values": ("dual", 'sink_air_resistance = "R_sink1"\n', "", "cells[P1]", "both or neither of sink_capacitance"),
     "two capacitances of a side": ("dual", 'side_capacitance = "C_side"', 'side_capacitance = "C_side"\nside_mass = "1 g"', "cells[P1]", "either side_capacitance or side_mass"),
     "a mass without its specific heat": ("paper", 'side_specific_heat = "C_esp"\n', "", "cells[P1]", "either side_capacitance or side_mass"),
