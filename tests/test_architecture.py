@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,8 +46,13 @@ def room(parts: tuple[str, ...]) -> str:
     return FOUNDATION if parts[0].startswith("_") else parts[0]
 
 
-def imports() -> Iterator[Import]:
+@cache
+def imports() -> tuple[Import, ...]:
     """Every import between two rooms, also those inside of functions and under TYPE_CHECKING."""
+    return tuple(_imports())
+
+
+def _imports() -> Iterator[Import]:
     for file in sorted([*SOURCE.rglob("*.py"), *SOURCE.rglob("*.pyi")]):
         parts = file.relative_to(SOURCE).with_suffix("").parts
         tree = ast.parse(file.read_text(encoding="utf-8"))

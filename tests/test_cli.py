@@ -254,6 +254,7 @@ def test_check_names_the_mistake_in_a_rig_file(capsys):
     assert "my.toml: " in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_netlist_is_drawn_and_exported():
     assert run(["netlist", "paper-2024", "--out", "n.png", "--spice", "n.cir"]) == 0
     assert Path("n.png").read_bytes().startswith(b"\x89PNG")
@@ -295,6 +296,7 @@ def test_simulate_compares_with_a_recording_under_its_own_ambient(capsys):
     assert np.std(stored.temperatures - recorded.temperatures) == pytest.approx(0.1, abs=0.003)
 
 
+@pytest.mark.slow
 def test_global_sensitivity_by_a_command(minute, capsys):
     few = ["--draws", "8", "--out", "s.nc", "--output", "final", "--output", "cost"]
     chosen = ["--method", "sobol", "--second-order", "--inputs", "lognormal", "--json", "s.json"]
@@ -437,6 +439,7 @@ def test_a_reader_that_goes_away_gets_no_traceback():
         assert process.stderr.read() == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("redirected", "code", "said"),
     [

@@ -34,6 +34,7 @@ def test_import_loads_no_heavy_library():
     assert run_fresh(f"import sys, jaxtwin; print({heavy} & set(sys.modules))") == "set()\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("used", "left_out"),
     [

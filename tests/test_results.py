@@ -114,6 +114,7 @@ def test_every_class_that_a_public_function_gives_is_looked_at_here():
     assert {"Run", "Fit", "Validation", "Sensitivity", "Sweep"} <= given
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
     [pytest.param(kind, marks=pytest.mark.slow) if kind in LONG else kind for kind in RESULTS],
@@ -135,6 +136,7 @@ def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: P
     assert figure.axes
 
 
+@pytest.mark.slow
 def test_the_tables_hold_the_numbers_of_the_results():
     matched = fit()
     data = matched.to_xarray()

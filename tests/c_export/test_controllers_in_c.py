@@ -122,6 +122,7 @@ def an_hour(key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return run.reference, readings, run.duty
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_an_hour_in_c_is_the_hour_of_the_closed_loop(

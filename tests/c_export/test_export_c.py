@@ -64,6 +64,7 @@ def small() -> DiscreteModel:
     return LinearModel([[-0.1]], [[1.0]], [[2.0]], [[0.5]], delay_s=1.0).discretise(1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [of_the_paper, reduced, small])
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_an_hour_in_c_is_the_hour_in_python(make, precision, tmp_path: Path):

@@ -84,6 +84,7 @@ def in_python(stepper: Stepper, rows: np.ndarray) -> np.ndarray:
         return np.asarray(jax.jit(lambda rows: jax.lax.scan(step, start, rows)[1])(rows))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", TWINS)
 def test_an_hour_in_c_is_the_hour_in_python(key: str, tmp_path: Path):
     """To 1e-12 of the largest temperature in double, within 0.01 K in float."""
@@ -110,6 +111,7 @@ def in_c(
     return ran(program, np.concatenate([start, rows.ravel()])[:, None])
 
 
+@pytest.mark.slow
 def test_the_twin_in_c_is_that_of_simulate(tmp_path: Path):
     """Under the steps of the paper's recordings, to the error of steps of a second."""
     twin = Twin("dual-cell")

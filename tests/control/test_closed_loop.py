@@ -24,6 +24,7 @@ DURATION = 120.0
 """Of all loops, s: the same shapes compile nothing anew."""
 
 
+@pytest.mark.slow
 def test_a_loop_is_controller_and_stepper_in_turns(twin: Twin, pid: PID):
     """By hand, sample by sample, with quantised duty."""
     run = simulate_closed_loop(twin, pid, "0:20,20:24", duration_s=DURATION, noise=False)
@@ -172,6 +173,7 @@ def test_a_slow_controller_has_steps_of_the_plant_between_its_samples(twin: Twin
     np.testing.assert_allclose(slow.run.temperatures, again.temperatures, atol=5e-3)
 
 
+@pytest.mark.slow
 def test_power_is_what_the_supply_gives(twin: Twin):
     """Half duty on both cells: half the current of a cell that is connected, from 12 V."""
     run = simulate_closed_loop(twin, lambda t, r, y: jnp.full(2, 0.5), 30, duration_s=DURATION)
@@ -185,6 +187,7 @@ def test_power_is_what_the_supply_gives(twin: Twin):
     assert run.energy[-1] == pytest.approx(run.measures().loc["energy", "value"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("references", "settings", "message"),
     [

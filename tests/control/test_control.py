@@ -55,6 +55,7 @@ def test_the_rig_does_what_the_simulated_loop_did(
     np.testing.assert_allclose(measured[is_clear], expected[is_clear], rtol=0, atol=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("faults", "reason"),
     [("stall=20/9", r"no controller sample|is down|no temperature"), ("disconnect=20", "is down")],
@@ -69,6 +70,7 @@ def test_a_silent_rig_is_off(twin: Twin, pid: PID, clock: HandClock, faults: str
     assert device.pwm == OFF
 
 
+@pytest.mark.slow
 def test_dropped_frames_do_not_stop_it(twin: Twin, pid: PID, clock: HandClock):
     device = VirtualRig(twin, speed=10, faults=Faults.parse("drop=0.2"))
     bench = virtual_bench(twin.rig, device, clock)
@@ -98,6 +100,7 @@ def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(
         loop(Moment(6.0, bad, off, None))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", [np.nan, np.inf])
 def test_a_duty_that_is_none_switches_off(twin: Twin, clock: HandClock, asked: float):
     device = VirtualRig(twin)

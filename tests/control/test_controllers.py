@@ -144,6 +144,7 @@ def test_a_function_sees_the_time_and_every_channel():
     np.testing.assert_array_equal(controller.output_weights(["a", "b"]), np.eye(2))
 
 
+@pytest.mark.slow
 def test_many_controllers_are_one_with_an_axis_more_and_derivatives_pass():
     with jax.enable_x64(True):
         many = eqx.filter_vmap(lambda Kp: PID(Kp=Kp, Ki=0.001))(jnp.array([0.01, 0.02]))

@@ -36,6 +36,7 @@ def differences(function, at: np.ndarray, step: float) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rig", "duty"), POINTS)
 def test_matrices_are_the_derivatives_of_the_twin(rig: str, duty: list[float], float64):
     """To 1e-6 of the largest entry of a row; at a duty of 0 that is the mean of both slopes."""
@@ -109,6 +110,7 @@ def first_order_step(time: np.ndarray, T: float, lag: float, delay: float) -> np
     return 1 - (T * np.exp(-t / T) - lag * np.exp(-t / lag)) / (T - lag)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [0.0, 0.7])
 @pytest.mark.parametrize(
     ("delay", "shifts"), [(0.0, 0), (0.2, 1), (0.5, 1), (1.5, 3), (1.2, 3), (3 * 0.1, 1)]
@@ -136,6 +138,7 @@ def test_room_for_a_longer_delay_changes_nothing():
     np.testing.assert_allclose(roomy.simulate(commands), own.simulate(commands), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_model_starts_where_a_duty_was_held_for_long():
     model = linearize(Twin("dual-cell"), duty=0.4).discretise(2.0)
     state = model.start([0.5, 0.3])
@@ -204,6 +207,7 @@ def test_derivatives_by_a_parameter_are_exact(keywords, float64):
     assert jax.jvp(number, (2.0,), (1.0,))[1] == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [

@@ -157,6 +157,7 @@ def test_gains_can_be_drawn_and_differentiated():
         np.testing.assert_allclose(np.einsum("iij->ij", slope), 1.0, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
     """Designed on 4 states of the plate at 40 °C, far below, and with heat that nobody told."""
     model = linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(2.0)

@@ -42,6 +42,7 @@ def followed(
         return np.array(outputs), np.array(duties)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("horizon", [1, 7])
 def test_without_an_active_limit_it_is_the_regulator(horizon: int):
     """Of x and the last duty, with changes of the duty as input, whatever the horizon."""
@@ -63,6 +64,7 @@ def test_without_an_active_limit_it_is_the_regulator(horizon: int):
     np.testing.assert_allclose(duty, last + change, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_limits_of_duty_and_rate_are_hard_and_nothing_is_left_of_heat():
     model = plate()
     mpc = MPC(model, measured=BOTH, limits=(0, 0.5), rate_limit=0.05, horizon=10)
@@ -75,6 +77,7 @@ def test_limits_of_duty_and_rate_are_hard_and_nothing_is_left_of_heat():
     assert np.max(outputs - [16.0, 13.0]) < 1.0
 
 
+@pytest.mark.slow
 def test_beyond_reach_it_comes_as_near_as_it_can_and_returns_at_once():
     model = plate()
     mpc = MPC(model, measured=BOTH, limits=(-1, 0.3), horizon=10)
@@ -84,6 +87,7 @@ def test_beyond_reach_it_comes_as_near_as_it_can_and_returns_at_once():
     assert np.all(duty[300] < 0.25)
 
 
+@pytest.mark.slow
 def test_a_reference_that_is_known_before_is_met_before():
     """The horizon in place of the reference of now: the duty moves before the step does."""
     model = plate()
@@ -109,6 +113,7 @@ def test_a_start_has_no_bump():
             np.testing.assert_allclose(found, duty, rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
     model = linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(2.0)
     mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), horizon=10)

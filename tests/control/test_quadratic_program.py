@@ -19,6 +19,7 @@ def random_program(size: int, decades: int, seed: int) -> tuple[np.ndarray, np.n
     return np.sqrt(np.logspace(0, -decades, size))[:, None] * turn, aim
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [2, 10, 40])
 @pytest.mark.parametrize("decades", [0, 3, 5])
 def test_a_box_is_that_of_scipy(size: int, decades: int):
@@ -60,6 +61,7 @@ def test_limits_of_differences_are_those_of_scipy():
             assert np.all((M @ z - low > -1e-9) & (high - M @ z > -1e-9))
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_the_minimum():
     """Where a limit is active the unknown does not move; forwards, backwards and in batches."""
     root, aim = random_program(4, 1, 0)

@@ -78,6 +78,7 @@ def rig_with_free(folder: Path, names: Iterable[str], *changes: tuple[str, str])
     return load_rig(path)
 
 
+@pytest.mark.slow
 def test_information_on_a_cooling_block_is_that_of_an_exponential(tmp_path: Path):
     """A block without a cell, 40 K above the room, that cools through R: the reading is
     g Delta exp(-t / RC), its derivative with respect to log R is that times t / RC. A match
@@ -102,6 +103,7 @@ def test_information_on_a_cooling_block_is_that_of_an_exponential(tmp_path: Path
     assert design.standard_errors["R_loss"] == pytest.approx(5.0 * 1.5, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["D", "A"])
 def test_the_search_finds_the_best_of_all_schedules(tmp_path: Path, criterion: Any):
     """All 27 schedules of three steps and three levels, by finite differences of `simulate`."""
@@ -144,12 +146,14 @@ def log_slope(twin: Twin, drive: Experiment, name: str) -> np.ndarray:
     return (up - down) / (2 * step)
 
 
+@pytest.mark.slow
 def test_what_is_known_today_are_the_errors_of_the_fit(fitted: Fit, design: ExperimentDesign):
     assert design.parameters == ("C_load", "R_loss", "R_Th")
     for name in design.parameters:
         assert design.standard_errors[name] == pytest.approx(fitted[name].standard_error, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_design_is_better_than_what_it_is_compared_with(design: ExperimentDesign):
     assert set(design.references) == {"bench 0", "PRBS"}
     for reference in design.references.values():
@@ -177,6 +181,7 @@ def test_matches_of_designed_recordings_err_as_predicted(design: ExperimentDesig
         assert chi2.ppf(1e-3, len(found)) < total < chi2.ppf(1 - 1e-3, len(found))
 
 
+@pytest.mark.slow
 def test_other_schedules_and_settings_compile_nothing(fitted: Fit, design: ExperimentDesign):
     assert design is not None
     before = compiling_seconds()
@@ -185,6 +190,7 @@ def test_other_schedules_and_settings_compile_nothing(fitted: Fit, design: Exper
     assert again.criterion == "A"
 
 
+@pytest.mark.slow
 def test_the_schedule_is_quantised_and_can_be_written_and_driven(
     design: ExperimentDesign, tmp_path: Path
 ):
@@ -199,6 +205,7 @@ def test_the_schedule_is_quantised_and_can_be_written_and_driven(
     np.testing.assert_allclose(words.duty, schedule.duty, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_schedules_that_get_too_hot_are_left_out(fitted: Fit, design: ExperimentDesign):
     """The limit is 110 degC; a larger margin stands for a lower limit."""
     hottest = design.best.highest_reading
@@ -213,6 +220,7 @@ def test_schedules_that_get_too_hot_are_left_out(fitted: Fit, design: Experiment
         design_experiment(fitted, **SETTINGS, margin=100)
 
 
+@pytest.mark.slow
 def test_a_loaded_fit_gives_the_same_design(fitted: Fit, design: ExperimentDesign, tmp_path: Path):
     fitted.save(tmp_path / "fit.toml")
     loaded = design_experiment(Fit.load(tmp_path / "fit.toml"), **SETTINGS)
@@ -221,6 +229,7 @@ def test_a_loaded_fit_gives_the_same_design(fitted: Fit, design: ExperimentDesig
     assert set(loaded.references) == {"PRBS"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -54,6 +54,7 @@ def test_the_description_is_that_of_the_standard(fmu: FMU):
     assert validate_fmu(str(fmu.path)) == []
 
 
+@pytest.mark.slow
 def test_ten_minutes_are_those_of_simulate(twin: Twin, fmu: FMU):
     """Duty cycles that change each minute; to the error of steps of a second."""
     rows = drive(twin, 601)

@@ -49,6 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("recordings")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".csv", ".nc"])
 @given(fields=contents())
 def test_a_file_gives_back_every_number_to_the_last_bit(folder, ending, fields):

@@ -329,6 +329,7 @@ def test_names_survive_the_way_into_a_recording(rig: Rig, file: Path) -> None:
         assert session.experiment().channels[:2] == ("Zone 1", "Tü")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".csv", ".nc"])
 def test_names_survive_the_whole_way(rig: Rig, file: Path, ending: str) -> None:
     """From the rig file by the greeting of its device into a recording, an export, and the twin."""

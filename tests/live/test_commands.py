@@ -141,6 +141,7 @@ def samples_in(file: Path) -> int:
         return 0
 
 
+@pytest.mark.slow
 def test_a_rig_is_recorded_until_a_polite_kill(twin: Twin, tmp_path: Path) -> None:
     out = tmp_path / "session.db"
     server, stop = TcpServer("127.0.0.1:0"), threading.Event()

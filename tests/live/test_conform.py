@@ -112,6 +112,7 @@ def python_device() -> Iterator[str]:
         process.kill()
 
 
+@pytest.mark.slow
 def test_the_python_device_conforms(python_device: str, capsys: pytest.CaptureFixture[str]) -> None:
     code = run(["conform", "dual-cell", "--link", python_device])
     printed = capsys.readouterr().out

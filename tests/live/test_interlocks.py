@@ -210,6 +210,7 @@ def test_the_twin_guards_the_cells_that_no_sensor_sees(twin: Twin) -> None:
     assert "is at 80 degC inside, says the twin; its limit is 80" in trip.detail
 
 
+@pytest.mark.slow
 def test_a_reading_far_from_the_twin_trips(twin: Twin) -> None:
     # A camera that looks elsewhere: the plate gets hot and the readings stay cold.
     trip = heated(twin, 600, 16.0, LIMITS)

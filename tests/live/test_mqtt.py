@@ -132,6 +132,7 @@ def test_a_retained_command_does_not_reach_a_device_and_a_huge_message_nobody(br
     device.close()
 
 
+@pytest.mark.slow
 @pytest.mark.mosquitto
 def test_user_and_password_of_the_address_are_used(tmp_path: Path) -> None:
     passwords = tmp_path / "passwords"
@@ -143,6 +144,7 @@ def test_user_and_password_of_the_address_are_used(tmp_path: Path) -> None:
             MqttTransport(MqttAddress.parse(f"mqtt://{broker}/t"))
 
 
+@pytest.mark.slow
 @pytest.mark.mosquitto
 # paho leaves the socket of a handshake that failed to the garbage collector.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

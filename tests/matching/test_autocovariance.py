@@ -93,6 +93,7 @@ def test_a_linear_model_in_first_order_noise_has_the_covariance_of_the_theory():
     assert np.all((ratio > 0.95) & (ratio < 1.25))
 
 
+@pytest.mark.slow
 def test_what_the_unknowns_take_from_the_residuals_is_given_back():
     # Six polynomials a channel leave little of what is slow: the plain sum of autocorrelations is
     # far too small, and so is the noise that would be read from it.

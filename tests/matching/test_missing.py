@@ -123,6 +123,7 @@ def test_what_stands_under_weight_0_changes_nothing(
     assert known.channel.effective == pytest.approx(also_known.channel.effective, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_truth_is_recovered_from_what_is_left(start: Twin, whole: Experiment):
     """A third of all samples is missing at random, and one channel for a minute."""
     holes = np.random.default_rng(1).random((51, 3)) < 1 / 3

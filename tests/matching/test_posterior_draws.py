@@ -10,6 +10,7 @@ from jaxtwin import MatchError, match
 from jaxtwin.matching import posterior_draws
 
 
+@pytest.mark.slow
 def test_draws_have_the_spread_of_the_match():
     """That of the shared parameters, with what differs between recordings; all are logarithms. A
     minute says something of the plate's resistance and nothing of the heat exchanger's mass."""

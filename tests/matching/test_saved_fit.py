@@ -149,6 +149,7 @@ def test_any_fit_comes_back_whole(fit: Fit, tmp_path_factory: pytest.TempPathFac
     same(changed, Fit.load(path))
 
 
+@pytest.mark.slow
 def test_a_saved_fit_is_a_parameter_file(fit: Fit, saved: Path):
     values = read_parameters(saved, fit.twin.rig, NAMES[1])
     assert values == {name: float(value) for name, value in fit.twins[NAMES[1]].parameters.items()}
@@ -199,12 +200,14 @@ def test_with_its_recordings_it_has_its_runs_again(
     np.testing.assert_allclose(first, second, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_another_recording_is_refused(saved: Path, recordings: list[Experiment]):
     words = r"experiments: expected .* got monday, wednesday, of which none has .* of 'tuesday"
     with pytest.raises(MatchError, match=words):
         Fit.load(saved, experiments=[recordings[0], recording(18.0, 2, "wednesday")])
 
 
+@pytest.mark.slow
 def test_another_rig_is_refused(saved: Path, tmp_path: Path):
     with pytest.raises(ParameterError, match=r"fit.rig_fingerprint: the rig 'dual-cell' .* not"):
         Fit.load(saved, rig="dual-cell")
@@ -219,6 +222,7 @@ def test_another_rig_is_refused(saved: Path, tmp_path: Path):
     assert Fit.load(lost, rig="single-cell").recordings == NAMES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pattern", "instead", "words"),
     [
@@ -260,6 +264,7 @@ def test_a_damaged_file_says_where(saved: Path, tmp_path: Path, pattern, instead
         Fit.load(path)
 
 
+@pytest.mark.slow
 def test_a_channel_that_never_changes_is_named_and_left_out_of_the_mean(fit: Fit):
     monday, tuesday = fit.fit_percent
     found = replace(fit, fit_percent={monday: np.nan, tuesday: 80.0})
@@ -268,6 +273,7 @@ def test_a_channel_that_never_changes_is_named_and_left_out_of_the_mean(fit: Fit
     assert found.to_dict()["fit_percent"]["monday"]["T"] is None
 
 
+@pytest.mark.slow
 def test_access_is_plain_and_unknown_names_are_met_with_the_nearest(fit: Fit):
     assert list(fit.parameters) == list(fit.twin.rig.parameters)
     assert fit["R_E"] is fit.parameters["R_E"]

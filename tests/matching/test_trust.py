@@ -89,6 +89,7 @@ def test_a_saved_fit_has_the_cameras_error_again(disturbed: Fit, tmp_path: Path)
         np.testing.assert_allclose(loaded.camera[name].error, camera.error, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_without_corrections_none_are_found_and_the_camera_takes_nothing(calm: Fit):
     for camera in calm.camera.values():
         assert camera.events == ()
@@ -115,6 +116,7 @@ def test_the_jacobian_is_that_of_the_residuals(start: Twin):
             np.testing.assert_allclose(ours[:, entry], slope, atol=1e-5 * scale)
 
 
+@pytest.mark.slow
 def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
     row = calm.parameter("g_T26")
     assert row.prior_to_data_ratio == 0
@@ -124,6 +126,7 @@ def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
     assert row.standard_error == pytest.approx(0.15 * 0.9)
 
 
+@pytest.mark.slow
 def test_intervals_are_in_the_scale_of_the_match(calm: Fit):
     """Of a logarithm v exp(+- 1.96 s), with s of the optimiser's own vector; else v +- 1.96 s."""
     known = calm.uncertainty
@@ -139,6 +142,7 @@ def test_intervals_are_in_the_scale_of_the_match(calm: Fit):
     assert room.interval == pytest.approx((room.value - reach, room.value + reach), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_summary_shows_intervals(calm: Fit):
     h_A = replace(calm["h_A"], interval=(1e-9, 2.5), value=1.605e-5)
     rows = FittedParameters({**calm.parameters, "h_A": h_A})
@@ -148,6 +152,7 @@ def test_a_summary_shows_intervals(calm: Fit):
         assert "std. error" not in text
 
 
+@pytest.mark.slow
 def test_what_the_recordings_leave_open_is_remarked_on(calm: Fit):
     """Half as sharp as before: the prior's value where there is one, else nobody's."""
     row = next(row for row in calm.parameters.values() if row.name == "h_A")
@@ -246,6 +251,7 @@ def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_line
     assert found.interval[0] < 20.0 < found.interval[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [0, 1, 2])
 def test_a_profile_has_three_points_at_least(calm: Fit, points: int):
     with pytest.raises(MatchError, match=f"points: expected .* at least 3, got {points}"):
@@ -344,6 +350,7 @@ def test_bounds_do_not_change_what_a_prior_means(start: Twin):
         choose_unknowns(Twin(below), (0,), free=["h_A"], bounds={"h_A": (1.0, 40.0)})
 
 
+@pytest.mark.slow
 def test_a_temperature_is_near_its_bound_on_its_own_scale(calm: Fit):
     """A lower bound of 5 degC is no reason to take logarithms."""
     row = calm.parameter("T_amb")
@@ -353,6 +360,7 @@ def test_a_temperature_is_near_its_bound_on_its_own_scale(calm: Fit):
     assert not near_bound(replace(row, lower=5.0, value=5.4, upper=35.0))
 
 
+@pytest.mark.slow
 def test_results_are_compared_by_what_they_are_not_by_their_arrays(calm: Fit):
     for value in (
         replace(calm, vector=calm.vector.copy()),

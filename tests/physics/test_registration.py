@@ -58,6 +58,7 @@ def weights(rig: Rig, **values: float) -> np.ndarray:
         return np.asarray(system.channel_weights)[:, : len(rig.plate.element_names)]
 
 
+@pytest.mark.slow
 def test_a_picture_where_the_rig_file_says_has_the_weights_of_a_rig_without_registration(rig: Rig):
     np.testing.assert_allclose(weights(rig), channel_weights(rig), rtol=0, atol=1e-15)
 
@@ -99,6 +100,7 @@ def test_scale_and_rotation_by_counting_points(rig: Rig, scale: float, degrees: 
         np.testing.assert_allclose(row, counted.ravel() / x.size, atol=0.006)
 
 
+@pytest.mark.slow
 def test_readings_have_derivatives_in_the_registration(rig: Rig):
     """Against central differences, away from where an edge of a tile meets one of an element."""
     drive = Experiment.schedule("0:0.8", duration=60, step=20.0, channels=("T1", "T2"))

@@ -132,6 +132,7 @@ def test_numbers_of_the_nodes_are_those_of_the_netlist(twin, system):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(filter(None, case)))
 @settings(max_examples=20)
 @given(duty=duties, seed=st.integers(0, 1000))
@@ -160,6 +161,7 @@ def test_energy_is_conserved_in_every_state(case, duty, seed):
     assert into.sum() == pytest.approx(power + given_by_ambient, abs=1e-12 * scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "duty", [[0.0, 0.0], [0.502, 0.502], [1.0, 1.0], [-1.0, -1.0], [0.8, -0.4]]
 )

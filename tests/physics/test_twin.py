@@ -162,6 +162,7 @@ def test_new_values_compile_nothing_anew(twin):
     assert len(traces) == 1
 
 
+@pytest.mark.slow
 def test_draws_in_one_call_equal_draws_one_by_one(twin, float64):
     """vmap over a twin whose parameters hold draws."""
     draws = np.random.default_rng(0).uniform(1.5, 2.5, 5)
@@ -182,6 +183,7 @@ def slopes(function: Callable[[Twin], jax.Array], twin: Twin, names: Iterable[st
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "derivative"), [("paper-2024", jax.grad), ("dual-cell", jax.jacfwd)]
 )

@@ -134,6 +134,7 @@ def test_the_axis_of_the_duty_goes_below_0_where_a_cell_cools(
     assert axes.get_ylim() == (bottom, 105.0)
 
 
+@pytest.mark.slow
 def test_each_panel_of_a_comparison_carries_its_fit():
     """The numbers are `Run.fit_percent`, the definition of the paper's field."""
     runs = list(fit().runs.values())
@@ -153,6 +154,7 @@ def test_residuals_and_their_mean_are_recorded_less_simulated():
     assert axes.get_xlim() == (run.time[0], run.time[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plot", [plots.plot_comparison, plots.plot_residuals])
 def test_runs_without_a_recording_cannot_be_compared(plot):
     run = fit().twin.simulate(Experiment.schedule("0:0.5", duration=10.0, cells=2))
@@ -246,6 +248,7 @@ def test_tornado_draws_into_given_axes():
     assert analysis().tornado("mean", ax=given_axes) is given_axes
 
 
+@pytest.mark.slow
 def test_matrix_writes_a_number_where_the_interval_leaves_zero_out():
     axes = plots.plot_sensitivity_matrix(analysis())
     interval = analysis().interval

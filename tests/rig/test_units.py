@@ -52,6 +52,7 @@ def test_any_unit_text_is_a_unit_or_refused(text):
     assert offset in (0, 273.15)
 
 
+@pytest.mark.slow
 @given(st.text(max_size=20))
 def test_any_text_is_a_quantity_or_refused(text):
     try:

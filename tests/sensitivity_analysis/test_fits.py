@@ -45,6 +45,7 @@ def test_a_drive_without_temperatures_has_the_mean_of_the_matched_values(matched
     assert ambients([twin]) == [pytest.approx(sum(matched) / 2)]
 
 
+@pytest.mark.slow
 def test_a_sensitivity_of_a_fit_is_that_of_its_twins():
     options = {"draws": 20, "parameters": ["R_pc", "R_E", "R_Tez", "R_Tfx"]}
     ours = sensitivity(fit(), **options)

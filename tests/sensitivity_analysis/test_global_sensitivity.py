@@ -116,6 +116,7 @@ def test_labels_and_saved_file(result: GlobalSensitivity, tmp_path):
     assert "cost mean" in result._repr_html_()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_numbers(twin: Twin, recording: Experiment):
     options = {"method": "morris", "draws": 5, "parameters": NAMES}
     first, again, other = (
@@ -125,6 +126,7 @@ def test_the_same_seed_gives_the_same_numbers(twin: Twin, recording: Experiment)
     assert not np.array_equal(first.samples, other.samples)
 
 
+@pytest.mark.slow
 def test_a_start_value_has_no_index_and_a_failed_draw_spoils_its_block_alone(
     twin: Twin, recording: Experiment
 ):
@@ -145,6 +147,7 @@ def test_a_start_value_has_no_index_and_a_failed_draw_spoils_its_block_alone(
     assert np.isfinite(np.delete(found["ST"], starts, axis=0)).all()
 
 
+@pytest.mark.slow
 def test_pearson_of_the_papers_draws_is_the_papers(twin: Twin, recording: Experiment):
     papers = jt.sensitivity(twin, recording, draws=40, seed=3, parameters=NAMES)
     found = jt.sensitivity(twin, recording, method="pearson", draws=40, seed=3, parameters=NAMES)
@@ -157,6 +160,7 @@ def test_pearson_of_the_papers_draws_is_the_papers(twin: Twin, recording: Experi
     np.testing.assert_allclose(spearman["spearman"], papers.rank_correlation, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_the_outputs(twin: Twin, recording: Experiment):
     """Bounds from derivatives and from differences along each parameter."""
     options = {"parameters": NAMES, "outputs": ["final", "cost"], "seed": 2}
@@ -192,6 +196,7 @@ def test_a_twin_of_each_recording_has_the_same_relative_draws():
     np.testing.assert_allclose(found.values[0, len(middle) :], middle, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_posterior_of_a_fit_is_drawn_with_its_correlation():
     covariance = np.diag([0.04, 0.01, 1.0, 1.0])
     covariance[0, 1] = covariance[1, 0] = 0.016
@@ -212,6 +217,7 @@ def test_the_posterior_of_a_fit_is_drawn_with_its_correlation():
         jt.sensitivity(known.twin, recordings()[0], method="shapley", inputs="posterior")
 
 
+@pytest.mark.slow
 def test_priors_are_those_of_the_rig():
     drive = Experiment.schedule("0:0.5", duration=20, step=2.0, cells=2, channels=("T11",))
     twin = Twin("dual-cell")

@@ -88,6 +88,7 @@ def test_an_ending_of_another_format_is_refused(result: jt.Sensitivity, tmp_path
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_salibs_problem_has_the_distribution_of_the_draws(twin: Twin):
     """SALib takes truncnorm's bounds as lower and upper limit, mean and standard deviation, and
     hands them to SciPy. A wide spread, so that the cut at 0 shows."""

@@ -28,6 +28,7 @@ def largest_error(circuit, twin, experiment, nodes, **air) -> float:
     return np.abs(run.states - expected)[:, nodes].max()
 
 
+@pytest.mark.slow
 @VALUES
 @pytest.mark.parametrize("factor", [1.0, 0.0, -1.0], ids=["steps", "zero power", "reversed"])
 def test_step_recordings_inputs(values, factor, circuits, twins, paper_steps):

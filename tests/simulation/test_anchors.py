@@ -76,6 +76,7 @@ def test_opposite_sign_cools(twins, paper_steps):
     assert run.node("V23")[500] == pytest.approx(7.4, abs=0.1)
 
 
+@pytest.mark.slow
 def test_without_power_the_plate_returns_to_the_surroundings(twins, paper_steps):
     """Section 11: to 15 degC, after a pulse of 2.5 K at V23 from the cells' warm start."""
     run = twins["startup"].simulate(Experiment(paper_steps.time, 0 * paper_steps.duty))

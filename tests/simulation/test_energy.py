@@ -153,6 +153,7 @@ def test_difference_of_the_sides_heats_is_electrical_power_at_every_saved_time(
     assert np.abs(power).max() > 10
 
 
+@pytest.mark.slow
 def test_instantaneous_balance_at_every_saved_time(circuits, float64):
     """Heat into all nodes = electrical power + heat from the surroundings, to 1e-6 of the largest
     flow: the package's rates of change, the authors' circuit's flows."""

@@ -34,6 +34,7 @@ def both(twin: Twin, experiment: Experiment, monkeypatch, **options):
     return few, simulate(twin, experiment, **options)
 
 
+@pytest.mark.slow
 def test_a_run_is_that_of_all_modes(twin, monkeypatch):
     few, every = both(twin, Experiment.schedule("0:0.8,300:-0.4", duration=600), monkeypatch)
     assert np.ptp(every.temperatures) > 20
@@ -41,6 +42,7 @@ def test_a_run_is_that_of_all_modes(twin, monkeypatch):
     np.testing.assert_allclose(few.states, every.states, rtol=0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_an_uneven_start_and_an_ambient_that_changes(twin, monkeypatch):
     """A hot corner, a room that warms up in a step, and no drive."""
     time = np.arange(0.0, 301.0)
@@ -53,6 +55,7 @@ def test_an_uneven_start_and_an_ambient_that_changes(twin, monkeypatch):
     np.testing.assert_allclose(few.states, every.states, rtol=0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_where_few_modes_do_not_do_all_are_taken(twin, monkeypatch):
     monkeypatch.setattr(_reduced_modes, "LARGEST_RESIDUAL", 0.0)
     few, every = both(twin, Experiment.schedule("0:0.8", duration=60), monkeypatch)

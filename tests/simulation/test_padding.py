@@ -71,6 +71,7 @@ def test_sizes_grow_by_an_eighth_at_most():
     assert len(set(sizes[(counts > 2048) & (counts <= 4096)])) == 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rig", "ambient"),
     [

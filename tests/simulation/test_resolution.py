@@ -50,6 +50,7 @@ def test_contacts_down_to_1e_10_are_right_to_a_millikelvin(contact, circuits, tw
     assert np.abs(run.states[1:, :24] - expected).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_a_contact_of_1e_12_is_refused_by_name(twins):
     """Rounding would be 4e-3 K in 74 s, and 0.3 K at 1e-14."""
     twin = twins["startup"].with_parameters({"R_pc": 1e-12})

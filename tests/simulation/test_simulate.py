@@ -26,6 +26,7 @@ def test_rig_s_own_start(from_rig, circuits):
     np.testing.assert_allclose(from_rig.states[0], circuits["startup"].start() - 273.15, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_uniform_start(twin, circuits):
     run = twin.simulate(EXPERIMENT, initial=21.0)
     np.testing.assert_allclose(run.states[0], 21.0, atol=1e-9)
@@ -34,6 +35,7 @@ def test_uniform_start(twin, circuits):
     np.testing.assert_allclose(run.states, expected, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_each_node_s_own_start(twin, circuits):
     """Nothing about it is symmetric, so mirror images must not be solved as one."""
     start = np.random.default_rng(0).uniform(10, 30, 28)
@@ -87,6 +89,7 @@ def test_recorded_ambient_series(twin, circuits):
     np.testing.assert_allclose(twin.simulate(experiment).states, expected, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_gain_acts_on_the_rise_above_the_recorded_ambient():
     """reading = ambient + gain (T - ambient), each at its own time."""
     ambient = 15 + 5 * np.sin(TIME / 9).round(1)
@@ -213,6 +216,7 @@ def test_several_values_of_a_parameter_are_refused(twin):
         twin.with_parameters({"R_E": np.array([1.9, 2.0, 2.1])}).simulate(EXPERIMENT)
 
 
+@pytest.mark.slow
 def test_temperatures_that_overflow_are_an_error(twin):
     """A start beyond all measure, whose square is no number any more."""
     with pytest.raises(SimulationError, match=r"paper-2024: .* do not stay finite"):

@@ -59,6 +59,7 @@ def largest_difference(twin: Twin, solver, **options) -> float:
     return np.abs(twin.simulate(STEPS).states - other.states).max()
 
 
+@pytest.mark.slow
 def test_kvaerno5_gives_the_same_on_the_paper_s_circuit(twins):
     """Voltage averaging; a stiff solver of diffrax's own."""
     assert largest_difference(twins["startup"], diffrax.Kvaerno5()) < 1e-3

@@ -19,6 +19,7 @@ def channels_after_each_command(stepper: Stepper, steps: int) -> np.ndarray:
     return np.stack(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [2.0, 1.37])
 def test_steps_follow_a_lag_and_a_delay_of_whole_steps_or_not(delay: float):
     twin = Twin("dual-cell", {"t_delay": delay})
@@ -29,6 +30,7 @@ def test_steps_follow_a_lag_and_a_delay_of_whole_steps_or_not(delay: float):
     )
 
 
+@pytest.mark.slow
 def test_several_steps_under_a_command_are_shorter_steps():
     twin = Twin("paper-2024")
     expected = simulate(twin, Experiment(TIME, DUTY)).temperatures
@@ -129,6 +131,7 @@ def test_heat_into_a_node_warms_the_rig_by_its_energy():
     assert int(np.argmax(warm.nodes)) == 3
 
 
+@pytest.mark.slow
 def test_gradients_pass_backwards_through_steps():
     twin = Twin("paper-2024")
     with jax.enable_x64(True):

@@ -38,6 +38,7 @@ def largest_difference(twin: Twin, experiment: Experiment, folder: Path) -> floa
     return float(np.abs(table[rows, 1:] - simulate(twin, experiment).states).max())
 
 
+@pytest.mark.slow
 @pytest.mark.ngspice
 @pytest.mark.parametrize(
     ("rig", "parameter_set"),

@@ -42,6 +42,7 @@ for line in sys.stdin:
 """
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments_no_draw_is_lost_or_done_twice(
     stored, tmp_path, twin, experiment, engine
 ):

@@ -44,6 +44,7 @@ def test_each_chunk_is_one_file_an_array_and_a_mark_of_one_byte(
     assert np.array_equal(np.asarray(group["failed"]), drawn > 2.8)
 
 
+@pytest.mark.slow
 def test_stopped_at_any_write_it_ends_as_if_it_had_not_been(
     stored, tmp_path, twin, experiment, engine, monkeypatch
 ):

@@ -195,6 +195,7 @@ def test_predictions_that_cannot_be_made_say_why(truth: Twin, days: list[Experim
         validate(truth, [days[0], two_cells])
 
 
+@pytest.mark.slow
 def test_events_and_masks_behind_the_split_are_left_out(days: list[Experiment]):
     masks = {"monday": [(10.0, 20.0), (150.0, 220.0, 0.5), (200.0, 220.0)]}
     start = Twin("single-cell")
