@@ -6,8 +6,12 @@ one match of `dual-cell` to them.
 
 from pathlib import Path
 
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+
 import jaxtwin as jt
 from jaxtwin import plots
+from jaxtwin.control import PID
 
 FOLDER = Path(__file__).parent / "images"
 TIMES = (120.0, 480.0, 980.0)
@@ -24,11 +28,52 @@ def main() -> None:
         "plate-beside": plots.plot_plate_beside(fit.twin.rig, runs, TIMES),
         "camera-error": plots.plot_camera_error(fit),
         "network": plots.plot_netlist(jt.Twin("dual-cell")),
+        "example-rigs": draw_example_rigs(),
     }
     FOLDER.mkdir(exist_ok=True)
     for name, picture in pictures.items():
         (FOLDER / f"{name}.png").write_bytes(plots.to_png(picture, dpi=110))
         print(FOLDER / f"{name}.png")
+
+
+@plots.styled
+def draw_example_rigs() -> Figure:
+    """The rigs that are not the paper's, each driven as such devices are."""
+    figure, grid = pyplot.subplots(
+        2, 3, figsize=(11, 4.6), sharex="col", height_ratios=[3, 1], layout="constrained"
+    )
+    cycler = jt.simulate_closed_loop(
+        jt.Twin("pcr-block"),
+        PID(Kp=0.3, Ki=0.06, sample_time_s=0.1, limits=(-1, 1)),
+        "0:95,40:55,60:72,80:95,95:55,115:72,135:95,150:55,170:72",
+        duration_s=190,
+    )
+    bed = jt.simulate_closed_loop(
+        jt.Twin("printer-bed"),
+        PID(Kp=0.2, Ki=0.002, limits=(0, 1), measured=["T_middle"]),
+        "0:60,900:100",
+        duration_s=2400,
+    )
+    # Steps of a fifth of the voltage, then off.
+    steps = "0:0,20:-0.2,140:-0.4,260:-0.6,380:-0.8,500:-1,620:0"
+    mirror = jt.Twin("dew-point-mirror").simulate(steps, duration=800)
+    columns = (
+        ("PCR block: three cycles", cycler.run, cycler.reference, 1.0, "s"),
+        ("Printer's bed: 60 °C, then 100 °C", bed.run, bed.reference, 60.0, "min"),
+        ("Dew-point mirror: in steps", mirror, None, 60.0, "min"),
+    )
+    for (above, below), (title, run, reference, scale, unit) in zip(grid.T, columns, strict=True):
+        time = run.time / scale
+        if reference is not None:
+            above.step(time, reference[:, 0], where="post", color="0.6", ls="--", lw=1)
+        for name, look in zip(run.channels, ("-", (0, (4, 2))), strict=False):
+            above.plot(time, run.channel(name), label=name, ls=look)
+        below.step(time, 100 * run.experiment.duty[:, 0], where="post", color="0.3", lw=1)
+        above.set(title=title, ylabel="temperature, °C")
+        below.set(xlabel=f"time, {unit}", ylabel="duty, %", ylim=(-110, 110))
+        above.legend()
+    figure.align_ylabels()
+    return figure
 
 
 if __name__ == "__main__":

@@ -239,6 +239,13 @@ def test_limits_that_a_rig_file_leaves_out_follow_from_the_physics(twin: Twin, r
     assert numbers == pytest.approx((90.0, -10.0, 100.0, 1.5, 4.6, 5.0, 7.0, 2.0, 16.0))
 
 
+def test_a_resistive_heater_cools_nothing_below_a_cold_room() -> None:
+    bed = load_rig("printer-bed")
+    assert bed.limits is not None
+    stated = replace(bed, limits=replace(bed.limits, rate=1.0))
+    assert OperatingLimits.of(Twin(stated)).lowest == pytest.approx(22 - 20)
+
+
 def test_a_guard_tells_the_plainest_reason_first(twin: Twin) -> None:
     guard = Guard(twin, "me", silence=3.0)
     assert guard.wait([Greeting("l", at(0), Hello(2, "r", "b")), reading(0, *[16.0] * 15)]) is None

@@ -10,6 +10,7 @@ from jaxtwin.physics import channel_weights, frame_to_channels, pixel_weights
 from jaxtwin.rig import Rig, bundled_rigs
 
 RIGS = bundled_rigs()
+WITH_CAMERA = [name for name in RIGS if load_rig(name).camera is not None]
 
 
 @pytest.fixture(scope="module")
@@ -20,17 +21,23 @@ def dual_cell() -> Rig:
 @pytest.mark.parametrize("name", RIGS)
 def test_weights_of_every_channel_sum_to_one(name):
     rig = load_rig(name)
-    elements, pixels = channel_weights(rig), pixel_weights(rig)
-    assert rig.camera is not None
+    elements = channel_weights(rig)
     assert elements.shape == (len(rig.channels), len(rig.plate.element_names))
-    assert pixels.shape == (len(rig.channels), rig.camera.height, rig.camera.width)
     np.testing.assert_allclose(elements.sum(axis=1), 1, rtol=1e-12)
-    np.testing.assert_allclose(pixels.sum(axis=(1, 2)), 1, rtol=1e-12)
     assert elements.min() >= 0
+
+
+@pytest.mark.parametrize("name", WITH_CAMERA)
+def test_pixel_weights_of_every_channel_sum_to_one(name):
+    rig = load_rig(name)
+    pixels = pixel_weights(rig)
+    assert rig.camera is not None
+    assert pixels.shape == (len(rig.channels), rig.camera.height, rig.camera.width)
+    np.testing.assert_allclose(pixels.sum(axis=(1, 2)), 1, rtol=1e-12)
     assert pixels.min() >= 0
 
 
-@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("name", WITH_CAMERA)
 def test_uniform_frame_gives_the_uniform_value(name):
     rig = load_rig(name)
     assert rig.camera is not None

@@ -91,14 +91,17 @@ class OperatingLimits:
 
 
 def _lowest(twin: Twin) -> float:
-    r"""The lowest temperature of a cell's cold side, $T_h - \frac12 Z T_c^2$, in a cold room."""
+    r"""The lowest temperature of a cell's cold side, $T_h - \frac12 Z T_c^2$, in a cold room.
+
+    A resistive heater, with a figure of merit $Z$ of 0, cools nothing: its lowest is the room's.
+    """
     hot = LiveTwin(twin).ambient - _ROOM + 273.15
     coldest = math.inf
     for cell in twin.rig.cells:
         module = twin.module(cell.name)
         seebeck, resistance = module.seebeck_coefficient, module.electrical_resistance
         merit = _number(seebeck) ** 2 * _number(module.thermal_resistance) / _number(resistance)
-        coldest = min(coldest, (math.sqrt(1 + 2 * merit * hot) - 1) / merit - 273.15)
+        coldest = min(coldest, 2 * hot / (1 + math.sqrt(1 + 2 * merit * hot)) - 273.15)
     return max(coldest, COLDEST)
 
 

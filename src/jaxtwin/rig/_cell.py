@@ -14,7 +14,7 @@ class Cell:
     **Arguments:**
 
     - `name`: unique in the rig.
-    - `seebeck_coefficient`: of the whole module, V/K.
+    - `seebeck_coefficient`: of the whole module, V/K; 0 for a resistive heater.
     - `electrical_resistance`: ohm.
     - `thermal_resistance`: between the two sides, K/W.
     - `side_capacitance`: of each side, J/K.
