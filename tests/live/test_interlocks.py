@@ -24,7 +24,7 @@ from jaxtwin.live._presence import Presence
 from jaxtwin.live._trip import Trip
 from jaxtwin.live._twin_watch import TwinWatch
 from jaxtwin.physics import Twin
-from jaxtwin.rig import Rig
+from jaxtwin.rig import Rig, load_rig
 
 LIMITS = OperatingLimits(
     hottest=90.0,

@@ -40,7 +40,7 @@ def test_the_pcr_block_ramps_as_its_heat_capacity_and_its_cells_say():
 
     def ramp(block: float, sink: float, sign: float) -> float:
         """K/s with 12 V on both cells. The contacts see the heat, and so shift both sides."""
-        side, far = block, sink
+        side, far, into_block = block, sink, 0.0
         for _ in range(30):
             current = (-sign * 12 - alpha * (far - side)) / (R_E + 0.02 + 0.1)
             joule = 0.5 * R_E * current**2
@@ -109,7 +109,7 @@ def test_the_dew_point_mirror_is_as_far_below_ambient_as_its_cell_can_pump():
     film = 30 * (0.02**2 + 4 * 0.02 * 0.002)
     depression = {}
     for duty in (0.4, 0.6, 0.8, 1.0):
-        cold, hot = room, room
+        cold, hot, load = room, room, 0.0
         for _ in range(200):
             current = (3.3 * duty - alpha * (hot - cold)) / (R_E + 0.02 + 0.05 * duty)
             load = film * (room - cold) / (1 + film * R_pc)
