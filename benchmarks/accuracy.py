@@ -1,4 +1,4 @@
-"""How exact is the default solver over all bounds of every bundled rig's parameters?
+"""How exact is the default solver over all bounds of the parameters of the paper's rigs?
 
     python -m benchmarks.accuracy --draws 1000 --out benchmarks/results
 

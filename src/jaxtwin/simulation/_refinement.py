@@ -19,7 +19,8 @@ STABILITY_LIMIT = 1.0
 
 ERROR_TOLERANCE = 2e-3
 """Of a solution's error estimate, K: above it the error may pass 1e-3 K. Of a thousand draws
-between all bounds of each bundled rig, no error below this estimate did."""
+between all bounds of `paper-2024`, `dual-cell` and `single-cell`, no error below this estimate
+did."""
 
 REFINEMENTS = 3
 """How often steps are halved before a stiff solver takes over."""

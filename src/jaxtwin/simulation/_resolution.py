@@ -6,10 +6,11 @@ has followed a slow one for a time $\tau$ by about $\varepsilon \lambda_{max} \t
 
 $$\lambda_{max} \, \min(t_{run}, 1 / \lambda_{min}) \le 2 \cdot 10^{11}$$
 
-leaves errors below 1e-3 K. Measured with contacts and conductances of 1e-7 to 1e-13 K/W in the
-bundled rigs, the error is at most 11 K times $\varepsilon \lambda_{max} \tau$, half a
-millikelvin at the limit; a circuit whose nodes are made one beforehand says the same. A contact of
-1e-10 K/W in a rig of a common size is inside, one of 1e-12 K/W is not.
+leaves errors below 1e-3 K. Measured with contacts and conductances of 1e-7 to 1e-13 K/W in
+`paper-2024`, `dual-cell` and `single-cell`, the error is at most 11 K times
+$\varepsilon \lambda_{max} \tau$, half a millikelvin at the limit; a circuit
+whose nodes are made one beforehand says the same. A contact of 1e-10 K/W in a rig of a common size
+is inside, one of 1e-12 K/W is not.
 """
 
 import jax.numpy as jnp
