@@ -14,6 +14,7 @@ def uneven() -> Twin:
     return jt.Twin("dual-cell", {"R_pc2_row2": 4.0})
 
 
+@pytest.mark.slow
 def test_no_other_duty_holds_the_mean_more_evenly(uneven: Twin):
     best = most_even_point(uneven, 40, limits=(0, 1))
     elements = uneven.wiring.elements

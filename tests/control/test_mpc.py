@@ -102,6 +102,7 @@ def test_a_reference_that_is_known_before_is_met_before():
     assert missed[0] < 0.75 * missed[1]
 
 
+@pytest.mark.slow
 def test_a_start_has_no_bump():
     mpc = MPC(plate(), measured=BOTH)
     with jax.enable_x64(True):

@@ -180,6 +180,7 @@ def test_a_report_says_once_what_the_ratio_means():
     assert "ratio" not in clear.report()
 
 
+@pytest.mark.slow
 def test_masked_spans_do_not_count(start: Twin):
     clean = recording(2, False, "day 1")
     assert clean.temperatures is not None

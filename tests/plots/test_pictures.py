@@ -144,6 +144,7 @@ def test_each_panel_of_a_comparison_carries_its_fit():
     assert shown == expected
 
 
+@pytest.mark.slow
 def test_residuals_and_their_mean_are_recorded_less_simulated():
     run = fit().runs["synthetic-A"]
     (axes,) = plots.plot_residuals([run]).axes

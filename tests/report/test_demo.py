@@ -109,6 +109,7 @@ def test_remarks_of_a_match_stand_in_its_tables():
     assert told[5] == interval_text(fit().parameter("R_E").interval)
 
 
+@pytest.mark.slow
 def test_what_few_draws_tell_is_compared_by_name_and_sign():
     """Two sets of one size that differ: a parameter lost, one with the other sign."""
     names = ("R_pc", "R_E", "R_Tez", "R_Tfx")

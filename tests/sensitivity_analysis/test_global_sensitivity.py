@@ -236,6 +236,7 @@ def test_priors_are_those_of_the_rig():
         jt.sensitivity(Twin("paper-2024"), drive, method="oat", inputs="priors", outputs=["final"])
 
 
+@pytest.mark.slow
 def test_bounds_are_those_of_the_rig(twin: Twin, recording: Experiment):
     found = jt.sensitivity(
         twin, recording, method="oat", inputs="bounds", parameters=["R_pc"], outputs=["final"]
@@ -263,6 +264,7 @@ def test_bad_requests_say_what_is_allowed(twin, recording, options, error, words
         jt.sensitivity(twin, recording, **{"parameters": NAMES, "draws": 8, **options})
 
 
+@pytest.mark.slow
 def test_a_users_function_of_a_trajectory(twin: Twin, recording: Experiment):
     """A settling time, NaN where it is not reached, spoils that output alone."""
 

@@ -48,6 +48,7 @@ def test_a_failed_run_is_left_out(twin: Twin):
     assert found.counted[0] == 63
 
 
+@pytest.mark.slow
 def test_measures_of_closed_loops_are_outputs():
     twin = Twin("single-cell")
     controller = PID(0.1, 0.001, measured=[list(twin.channels)])

@@ -98,6 +98,7 @@ def test_the_printer_bed_settles_where_its_losses_take_up_the_power():
     np.testing.assert_allclose(backwards.temperatures, run.temperatures, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_dew_point_mirror_is_as_far_below_ambient_as_its_cell_can_pump():
     """Steady states: the cell's balance against what warms the mirror and what the sink gives off.
 

@@ -165,6 +165,7 @@ def test_several_draws_are_refused():
         to_spice(twin, STEPS)
 
 
+@pytest.mark.slow
 def test_a_fit_gives_the_values_of_each_recording():
     """Each of the two recordings has an ambient temperature of its own."""
     for name, experiment in zip(("synthetic-A", "synthetic-B"), recordings(), strict=True):
