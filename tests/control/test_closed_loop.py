@@ -149,7 +149,8 @@ def test_disturbances_warm_and_cool_the_plate(twin: Twin):
     still = simulate_closed_loop(twin, off, 30, **settings).run.node("V14")
     warm = simulate_closed_loop(twin, off, 30, disturbances=[hand], **settings).run.node("V14")
     cool = simulate_closed_loop(twin, off, 30, disturbances=[draught], **settings).run.node("V14")
-    np.testing.assert_array_equal(warm[:41], still[:41])
+    # The same until then, but for rounding: heat makes another compiled program.
+    np.testing.assert_allclose(warm[:41], still[:41], rtol=0, atol=1e-10)
     assert 2 < (warm - still)[79] < 30
     assert -8 < (cool - still)[79] < -0.3
     room = simulate_closed_loop(twin, off, 30, ambient="0:16,40:26", **settings).run.node("V14")
