@@ -71,6 +71,7 @@ def test_measures_of_closed_loops_are_outputs():
     [
         ({"model": lambda draws: draws["R_E"]}, "returns output -> values"),
         ({"model": lambda draws: {}}, "returns output -> values"),
+        ({"model": lambda draws: {"a": 1.0}}, "'a': expected a number for each of"),
         ({"model": lambda draws: {"a": np.zeros(2)}}, "'a': expected a number for each of"),
         ({"model": lambda draws: {"a": draws["R_E"].astype(str)}}, "'a': expected a number"),
         ({"model": ishigami, "outputs": ["final"]}, "outputs: expected none beside a model"),

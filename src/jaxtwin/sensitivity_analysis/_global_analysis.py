@@ -2,7 +2,7 @@
 them."""
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +14,7 @@ from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
 from ..simulation import simulate_batch
+from ..simulation._reductions import ReductionFunction
 from ._draws import paired_twins, rescaled_draws
 from ._global_sensitivity import GlobalSensitivity
 from ._input_choices import AskedInputs, chosen_inputs
@@ -23,6 +24,7 @@ from ._model import Model, run_model, twin_of_model
 from ._outputs import (
     AskedOutputs,
     Column,
+    OutputName,
     checked_outputs,
     columns_of,
     failed_runs,
@@ -69,11 +71,44 @@ def global_sensitivity(
     drawn = chosen_inputs(inputs, twin, twins[0], parameters, spread)
     design = method.design(drawn, count, seed, kind)
     values = design.samples
+    if model is None:
+        columns, rates = _run_experiments(
+            twins, recordings, drawn, values, method, asked, times, executor, on_progress
+        )
+    else:
+        columns, rates = run_model(model, _draws_for(twins[0], drawn, values)), None
+    table = np.column_stack([column for _, column in columns]).astype(float)
+    indices, counted = indices_of(method, design, table, rates, seed)
+    return GlobalSensitivity(
+        rig=twins[0].rig.name,
+        method=method,
+        design=design,
+        outputs=tuple(output for output, _ in columns),
+        indices=indices,
+        values=table,
+        counted=counted,
+        failed=failed_runs(columns),
+        seed=seed,
+        wall_time=time.perf_counter() - began,
+    )
+
+
+def _run_experiments(
+    twins: Sequence[Twin],
+    recordings: Sequence[Experiment],
+    drawn: Inputs,
+    values: Float[np.ndarray, "runs parameters"],
+    method: AbstractMethod,
+    asked: Mapping[str, OutputName | ReductionFunction],
+    times: Sequence[float] | None,
+    executor: Executor | None,
+    on_progress: Callable[[int], None] | None,
+) -> tuple[list[Column], Float[np.ndarray, "runs outputs parameters"] | None]:
+    """The outputs of all runs of all experiments, and their derivatives where the method needs
+    them."""
     columns: list[Column] = []
-    if model is not None:
-        columns = run_model(model, _draws_for(twins[0], drawn, values))
     slopes: list[list[Column]] = [[] for _ in drawn.names]
-    for own_twin, experiment in zip(twins, recordings, strict=model is None):
+    for own_twin, experiment in zip(twins, recordings, strict=True):
         chosen = samples_at(times, experiment)
         reductions = reductions_for(asked, chosen)
         own = _draws_for(own_twin, drawn, values)
@@ -93,22 +128,8 @@ def global_sensitivity(
                     (output, factor * column)
                     for output, column in columns_of(part, asked, chosen, experiment)
                 ]
-    columns = with_mean_cost(columns) if model is None else columns
     rates = _stacked_slopes([with_mean_cost(part) for part in slopes], method)
-    table = np.column_stack([column for _, column in columns]).astype(float)
-    indices, counted = indices_of(method, design, table, rates, seed)
-    return GlobalSensitivity(
-        rig=twins[0].rig.name,
-        method=method,
-        design=design,
-        outputs=tuple(output for output, _ in columns),
-        indices=indices,
-        values=table,
-        counted=counted,
-        failed=failed_runs(columns),
-        seed=seed,
-        wall_time=time.perf_counter() - began,
-    )
+    return with_mean_cost(columns), rates
 
 
 def _draws_for(

@@ -52,7 +52,7 @@ def run_model(model: Model, draws: dict[str, Float[np.ndarray, " runs"]]) -> lis
     columns: list[Column] = []
     for name, values in cast(Mapping[Any, Any], found).items():
         array = np.asarray(values)
-        if not isinstance(name, str) or array.dtype.kind not in "fiu" or len(array) != runs:
+        if not isinstance(name, str) or array.dtype.kind not in "fiu" or array.shape[:1] != (runs,):
             raise SimulationError(
                 f"sensitivity: model: output {name!r}: expected a number for each of {runs} draws, "
                 f"got {array.dtype} of shape {array.shape}"
