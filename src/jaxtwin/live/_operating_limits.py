@@ -73,7 +73,9 @@ class OperatingLimits:
                 f"{rig.source}: limits.temperature: is missing; a rig is driven with a limit such "
                 'as temperature = "90 degC" only'
             )
-        lowest = _lowest(twin) if given.lowest is None else given.lowest - 273.15
+        live = LiveTwin(twin)
+        room = live.ambient
+        lowest = _lowest(twin, room) if given.lowest is None else given.lowest - 273.15
         # A reading without any noise may well stand still.
         frozen = _FROZEN_CAMERA if rig.camera is not None else _FROZEN_SENSOR
         frozen = frozen if rig.noise > 0 else math.inf
@@ -81,21 +83,22 @@ class OperatingLimits:
             hottest=given.temperature - 273.15,
             lowest=lowest,
             cell=SOLDER if given.cell_temperature is None else given.cell_temperature - 273.15,
-            rate=_fastest(twin) if given.rate is None else given.rate,
+            rate=_fastest(live) if given.rate is None else given.rate,
             jump=6 * rig.noise + (0.0 if rig.camera is None else _CAMERA_JUMP),
             frozen=frozen if given.frozen is None else given.frozen,
             deviation=_DEVIATION if given.deviation is None else given.deviation,
             command_delay=_COMMAND_DELAY if given.command_delay is None else given.command_delay,
-            room=LiveTwin(twin).ambient,
+            room=room,
         )
 
 
-def _lowest(twin: Twin) -> float:
-    r"""The lowest temperature of a cell's cold side, $T_h - \frac12 Z T_c^2$, in a cold room.
+def _lowest(twin: Twin, room: float) -> float:
+    r"""The lowest temperature of a cell's cold side, $T_h - \frac12 Z T_c^2$, in a room that is
+    colder than the rig file says.
 
     A resistive heater, with a figure of merit $Z$ of 0, cools nothing: its lowest is the room's.
     """
-    hot = LiveTwin(twin).ambient - _ROOM + 273.15
+    hot = room - _ROOM + 273.15
     coldest = math.inf
     for cell in twin.rig.cells:
         module = twin.module(cell.name)
@@ -109,10 +112,9 @@ def _number(value: ArrayLike) -> float:
     return np.asarray(value).item()
 
 
-def _fastest(twin: Twin) -> float:
+def _fastest(live: LiveTwin) -> float:
     """How fast any reading can change, K/s: heated, cooled and heated again with full duty."""
-    live = LiveTwin(twin)
-    full = np.ones(len(twin.rig.cells))
+    full = np.ones(len(live.system.wiring.cold))
     reading, fastest = live.temperatures, 0.0
     for duty in (full, -full, full):
         live.drive(duty)
