@@ -115,18 +115,19 @@ def design(
 def _known(
     rig: "Rig", parameters: Path | None, set_name: str | None, recordings: list[str]
 ) -> "Fit | Twin":
-    if open_fit(rig, parameters) is None:
+    fit = open_fit(rig, parameters)
+    if fit is None:
         if recordings:
             raise typer.BadParameter(
                 "recordings: expected a saved fit of them as --parameters, got none; "
                 "'jaxtwin match' makes it"
             )
         return open_twin(rig, set_name, parameters)
+    if parameters is None or not recordings:
+        return fit
     from ..matching import Fit
 
-    assert parameters is not None
-    experiments = open_recordings(rig, recordings) or None
-    return Fit.load(parameters, rig=rig, experiments=experiments)
+    return Fit.load(parameters, rig=rig, experiments=open_recordings(rig, recordings))
 
 
 def _bounds(text: str) -> tuple[float, float]:

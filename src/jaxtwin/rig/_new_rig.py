@@ -12,6 +12,7 @@ from ._bundled import bundled_materials, bundled_modules
 from ._datasheet import Datasheet, load_module
 from ._fields import Fields
 from ._material import load_material
+from ._plate import names_of_elements
 
 ELEMENT = 0.01
 """Size of the plate's elements, m; larger on large plates."""
@@ -147,6 +148,7 @@ def _cells(
     rows: tuple[int, float],
 ) -> list[list[str]]:
     """The elements that each cell covers: those whose centre lies under it, one at least."""
+    elements = names_of_elements(rows[0], columns[0])
     taken: dict[str, int] = {}
     cells = []
     for number, place in enumerate(places, start=1):
@@ -165,12 +167,7 @@ def _cells(
             centres = [(k + 0.5) * size for k in range(count)]
             under = [k for k, centre in enumerate(centres) if abs(centre - at) <= half + 1e-9]
             covered.append(under or [min(count - 1, int(at / size))])
-        wide = columns[0] > 9 or rows[0] > 9
-        names = [
-            f"V{row + 1}_{column + 1}" if wide else f"V{row + 1}{column + 1}"
-            for row in covered[1]
-            for column in covered[0]
-        ]
+        names = [elements[row * columns[0] + column] for row in covered[1] for column in covered[0]]
         for element in names:
             if element in taken:
                 fields.refuse(

@@ -57,12 +57,7 @@ class Plate:
     @cached_property
     def element_names(self) -> tuple[str, ...]:
         """All element names, row by row from the top left."""
-        joint = "_" if max(len(self.rows), len(self.columns)) > 9 else ""
-        return tuple(
-            f"V{row}{joint}{column}"
-            for row in range(1, len(self.rows) + 1)
-            for column in range(1, len(self.columns) + 1)
-        )
+        return names_of_elements(len(self.rows), len(self.columns))
 
     @property
     def width(self) -> float:
@@ -91,3 +86,11 @@ class Plate:
             for column in range(len(self.columns))
         ]
         return dict(zip(self.element_names, corners, strict=True))
+
+
+def names_of_elements(rows: int, columns: int) -> tuple[str, ...]:
+    """What the elements of a plate are called, row by row from the top left."""
+    joint = "_" if max(rows, columns) > 9 else ""
+    return tuple(
+        f"V{row}{joint}{column}" for row in range(1, rows + 1) for column in range(1, columns + 1)
+    )
