@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxtwin.plots._png import to_png
-from jaxtwin.plots._style import MUTED, styled
+from jaxtwin.plots._style import palette, styled
 
 Points = Sequence[tuple[int, float]]
 
@@ -43,7 +43,7 @@ def convergence_picture(errors: Mapping[str, Points]) -> bytes:
         steps, worst = np.array(next(iter(errors.values())), dtype=float).T
         for order, dashes in ((3, ":"), (4, "--")):
             line = 0.3 * worst[0] * (steps / steps[0]) ** -float(order)
-            axes.loglog(steps, line, dashes, color=MUTED, label=f"order {order}")
+            axes.loglog(steps, line, dashes, color=palette().muted, label=f"order {order}")
         axes.set(xlabel="steps in 1000 s", ylabel="worst error of a channel, K")
         axes.set_xticks([100, 200, 500, 1000, 2000], ["100", "200", "500", "1000", "2000"])
         axes.set_xticks([], minor=True)

@@ -21,6 +21,7 @@ import diffrax
 import numpy as np
 import optimistix
 from jaxtwin import *
+from jaxtwin import plots
 from jaxtwin.data import synthetic_recordings
 rig = load_rig("paper-2024")
 twin = Twin(rig)
@@ -48,6 +49,10 @@ NAMES = "expected one name or several.*, got .*"
 FUNCTION = "expected a function or None.*, got .*"
 
 CASES = {
+    "plots.style('light').__enter__()": (
+        "ParameterError",
+        "style: expected paper, grey or dark, got 'light'",
+    ),
     "simulate('paper-2024', drive)": ("SimulationError", TWIN),
     "simulate(None, drive)": ("SimulationError", TWIN),
     "simulate(rig, drive)": ("SimulationError", TWIN),

@@ -31,6 +31,7 @@ from jaxtwin.matching import FittedParameters
 from jaxtwin.plots._labels import space_apart
 from jaxtwin.plots._parameters import _position
 from jaxtwin.plots._style import symbol
+from jaxtwin.rig import load_module
 
 
 @pytest.fixture(autouse=True)
@@ -176,6 +177,23 @@ def test_marks_of_a_dc_sweep_are_the_highest_points_of_its_curves():
             assert places(mark)[0] == pytest.approx(places(curve)[top], abs=step)
             assert heights(mark)[0] == pytest.approx(heights(curve)[top], rel=2e-3)
             assert heights(mark)[0] >= heights(curve)[top]
+
+
+def test_a_datasheets_numbers_are_points_beside_the_curves():
+    """Table 2 of the paper: 33 W at 4 A without a difference. Eq. (10) makes the curve of the
+    largest difference touch zero at the largest current, and knows nothing of the 33 W."""
+    sheet = load_module("CP10-127-05")
+    module = ThermoelectricModule.from_datasheet("CP10-127-05")
+    heat = plots.plot_dc_sweep(module, T_hot=300.0, datasheet=sheet).axes[0]
+    stated = [line for line in heat.lines if line.get_gid() == "datasheet"]
+    assert [(places(line)[0], heights(line)[0]) for line in stated] == [(4.0, 0.0), (4.0, 33.0)]
+    assert "33 W at 0 K" in [text.get_text() for text in heat.texts]
+    curves = [line for line in heat.lines if len(places(line)) > 1]
+    assert len(curves) == 8  # seven differences, and the largest
+    assert max(heights(curves[-1])) == pytest.approx(0.0, abs=1e-3)
+    unknown = replace(sheet, maximum_heat_flow=None)
+    heat = plots.plot_dc_sweep(module, T_hot=300.0, datasheet=unknown).axes[0]
+    assert len([line for line in heat.lines if line.get_gid() == "datasheet"]) == 1
 
 
 @pytest.mark.parametrize("name", ["CP10-127-05", "TEC1-12706"])

@@ -100,3 +100,39 @@ def test_what_has_no_times_cannot_be_drawn_over_time():
         found.plot_over_time("T11")
     with pytest.raises(ParameterError, match="expected one of S1"):
         found.plot_over_time(index="mu")
+
+
+def test_convergence_is_the_analysis_of_the_first_draws():
+    found = analysis("sobol")
+    axes = found.plot_convergence()
+    ranked = [found.names.index(name) for name in found.ranking()]
+    lines = {line.get_label(): line for line in axes.lines}
+    line = lines[rf"$R_\mathrm{{{found.ranking()[0][2:]}}}$"]
+    assert np.asarray(line.get_xdata()).tolist() == [8, 16, 32, 64]
+    assert np.asarray(line.get_ydata())[-1] == pytest.approx(found["ST"][0, ranked[0]])
+    part = found.design.of_blocks(np.arange(64) < 16)
+    first, _ = indices_of(found.method, part, found.values[: len(part.unit), :1], seed=1)
+    assert np.asarray(line.get_ydata())[1] == pytest.approx(first["ST"][0, ranked[0]])
+    legend = axes.get_legend()
+    assert legend is not None
+    assert len(legend.get_texts()) == 6
+
+
+@pytest.mark.parametrize("method", ["pearson", "morris", "shapley", "src", "prcc", "pce"])
+def test_convergence_of_other_methods_ends_at_their_index(method: MethodName):
+    found = analysis(method)
+    axes = found.plot_convergence("temperature TAM at 100 s")
+    row = found.row("temperature TAM at 100 s")
+    ends = sorted(float(np.asarray(line.get_ydata())[-1]) for line in axes.lines[:-1])
+    np.testing.assert_allclose(ends, np.sort(found[found.method.main][row]), atol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["oat", "dgsm"])
+def test_a_method_without_a_first_part_has_no_convergence(method: MethodName):
+    with pytest.raises(ParameterError, match=f"analysis of their own.* got {method}"):
+        analysis(method).plot_convergence()
+
+
+def test_convergence_is_of_an_index_of_single_parameters():
+    with pytest.raises(ParameterError, match="expected one of S1"):
+        analysis("sobol").plot_convergence(index="mu")

@@ -36,7 +36,7 @@ def dc_sweep(
     if out is not None:
         with show_progress() as progress:
             progress.step(f"drawing into {out}")
-            _save(constants, module, T_hot, out)
+            _save(constants, sheet, out)
     say(_table(module, constants, T_hot, numbers), json)
     write_json(json, {"module": module, "T_hot_K": T_hot, "best_points": numbers})
 
@@ -69,13 +69,14 @@ def _table(name: str, module: Any, T_hot: float, numbers: list[dict[str, float]]
     )
 
 
-def _save(module: Any, name: str, T_hot: float, folder: Path) -> None:
+def _save(module: Any, sheet: Any, folder: Path) -> None:
     import numpy as np
 
     from ..io._write import save_dataset
     from ..plots import plot_dc_sweep, to_png
 
-    picture = to_png(plot_dc_sweep(module, T_hot=T_hot, title=name))
+    name, T_hot = sheet.name, sheet.hot_side_temperature
+    picture = to_png(plot_dc_sweep(module, T_hot=T_hot, datasheet=sheet, title=name))
     currents = np.linspace(0.0, 1.12 * module.optimum_current(T_hot), 200)
     sweep = module.dc_sweep(currents, np.arange(0.0, 80.0, 10.0), T_hot)
     try:

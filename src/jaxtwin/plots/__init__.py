@@ -1,14 +1,17 @@
 """Pictures. Each function returns the figure, or the axes where it draws into one.
 
-They are drawn with matplotlib in jaxtwin's own style; matplotlib's settings do not change.
+They are drawn with matplotlib in jaxtwin's own style; matplotlib's settings do not change. `style`
+exchanges it for a block: for the column of a journal, print without colours, or a dark notebook.
 """
 
+from ._animation import animate_plate
 from ._bands import plot_bands
 from ._bode import plot_bode
 from ._bode_band import plot_bode_band
 from ._camera_error import plot_camera_error
 from ._closed_loop import plot_closed_loop
 from ._comparison import plot_comparison, plot_residuals
+from ._convergence import plot_convergence
 from ._correlation import plot_correlation
 from ._dc_sweep import plot_dc_curves, plot_dc_sweep
 from ._design import plot_design
@@ -28,18 +31,20 @@ from ._residual_tests import plot_residual_tests
 from ._sensitivity_indices import plot_sensitivity_indices
 from ._sensitivity_matrix import plot_sensitivity_matrix
 from ._sobol_bars import plot_sobol_bars
-from ._style import styled
+from ._style import style, styled
 from ._tornado import plot_tornado
 from ._tuning import plot_tuning
 from ._uniformity import plot_plate_beside, plot_uniformity
 
 __all__ = [
+    "animate_plate",
     "plot_bands",
     "plot_bode",
     "plot_bode_band",
     "plot_camera_error",
     "plot_closed_loop",
     "plot_comparison",
+    "plot_convergence",
     "plot_correlation",
     "plot_dc_curves",
     "plot_dc_sweep",
@@ -64,6 +69,7 @@ __all__ = [
     "plot_tornado",
     "plot_tuning",
     "plot_uniformity",
+    "style",
     "styled",
     "to_png",
 ]

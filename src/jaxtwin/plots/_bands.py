@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from .._errors import SimulationError
 from ..simulation import Run
-from ._style import MUTED, SKY, VERMILION, styled
+from ._style import palette, points, styled
 
 PANELS = 5  # in a row
 
@@ -51,17 +51,19 @@ def plot_bands(
     recorded = run.experiment.temperatures
     for number, (axes, channel) in enumerate(zip(grid.flat, run.channels, strict=False)):
         below, above = low[:, number], high[:, number]
-        axes.fill_between(run.time, below, above, color=SKY, alpha=0.45, lw=0)
+        axes.fill_between(run.time, below, above, color=palette().sky, alpha=0.45, lw=0)
         if recorded is not None:
             readings = recorded[:, number]
-            axes.plot(run.time, readings, color=MUTED, lw=1.0)
+            axes.plot(run.time, readings, color=palette().muted, lw=1.0)
             there = ~np.isnan(readings)
             inside = np.count_nonzero((below <= readings) & (readings <= above)) / max(
                 1, there.sum()
             )
             share = f"{100 * inside:.0f} % inside" if there.any() else "no sample"
-            axes.set_title(share, loc="right", fontsize=9, fontweight="normal", color=MUTED)
-        axes.plot(run.time, run.temperatures[:, number], color=VERMILION, lw=1.2)
+            axes.set_title(
+                share, loc="right", fontsize=points(9), fontweight="normal", color=palette().muted
+            )
+        axes.plot(run.time, run.temperatures[:, number], color=palette().vermilion, lw=1.2)
         axes.set_title(channel)
     for axes in list(grid.flat)[count:]:
         axes.set_axis_off()
@@ -72,10 +74,10 @@ def plot_bands(
         axes.set_ylabel("temperature, °C")
     grid[0, 0].set_xlim(run.time[0], run.time[-1])
     marks = [
-        Patch(color=SKY, alpha=0.45, lw=0, label=f"{100 * level:g} % band"),
-        Line2D([], [], color=VERMILION, lw=1.2, label="twin"),
+        Patch(color=palette().sky, alpha=0.45, lw=0, label=f"{100 * level:g} % band"),
+        Line2D([], [], color=palette().vermilion, lw=1.2, label="twin"),
     ]
     if recorded is not None:
-        marks.append(Line2D([], [], color=MUTED, lw=1.0, label="recorded"))
+        marks.append(Line2D([], [], color=palette().muted, lw=1.0, label="recorded"))
     figure.legend(handles=marks, loc="outside lower center", ncols=3)
     return figure

@@ -9,7 +9,7 @@ from matplotlib.ticker import MultipleLocator
 
 from .._errors import ControlError
 from ..control import LinearModel
-from ._style import CYCLE, MUTED, styled
+from ._style import palette, styled
 
 
 @styled
@@ -41,7 +41,7 @@ def plot_bode(
     figure = pyplot.figure(figsize=(1.2 + 4.2 * columns, 5.4), layout="constrained")
     grid = figure.subplots(2, columns, sharex=True, sharey="row", squeeze=False)
     for number, (label, model) in enumerate(named.items()):
-        color = CYCLE[number % len(CYCLE)]
+        color = palette().cycle[number % len(palette().cycle)]
         response = np.asarray(model.frequency_response(frequencies))
         for column, (gain, phase) in enumerate(grid.T):
             channels = np.abs(response[:, :, column])
@@ -58,7 +58,7 @@ def plot_bode(
         phase.yaxis.set_major_locator(MultipleLocator(90))
         if first.is_lagged:
             for axes in (gain, phase):
-                axes.axvline(1 / float(first.lag_s), color=MUTED, lw=0.8, ls="--")
+                axes.axvline(1 / float(first.lag_s), color=palette().muted, lw=0.8, ls="--")
     largest = max(float(line.get_ydata().max()) for line in grid[0, 0].lines[: len(named)])
     grid[0, 0].set(ylabel="gain, K per unit of duty", ylim=(largest * 1e-4, largest * 10))
     grid[1, 0].set(ylabel="phase, degrees", ylim=(-630, 20))

@@ -12,7 +12,7 @@ from matplotlib.ticker import MultipleLocator
 from .._errors import ControlError
 from ..control import LinearModel
 from ._bode import bode_frequencies
-from ._style import BLUE, VERMILION, styled
+from ._style import palette, styled
 
 SHARES = (0.05, 0.95)
 """Of the draws, between which a band lies."""
@@ -81,5 +81,7 @@ def _draw(
     draws: Float[np.ndarray, "draws frequency"],
 ) -> None:
     low, high = np.quantile(draws, SHARES, axis=0)
-    axes.fill_between(omega, low, high, color=BLUE, alpha=0.25, lw=0, label="90 % of the draws")
-    axes.plot(omega, nominal, color=VERMILION, lw=1.2, label="model")
+    axes.fill_between(
+        omega, low, high, color=palette().blue, alpha=0.25, lw=0, label="90 % of the draws"
+    )
+    axes.plot(omega, nominal, color=palette().vermilion, lw=1.2, label="model")

@@ -7,7 +7,7 @@ from matplotlib.lines import Line2D
 
 from ..matching import Fit
 from ._samples import masked_key, mean_there, of_sampled, shade_masked
-from ._style import INK, MUTED, ORANGE, VERMILION, styled
+from ._style import palette, points, styled
 
 
 @styled
@@ -32,32 +32,32 @@ def plot_camera_error(fit: Fit) -> Figure:
         assert run.experiment.temperatures is not None
         camera = fit.camera[name]
         shared = mean_there(run.experiment.temperatures - run.temperatures, axis=1)
-        above.plot(run.time, shared, color=MUTED, lw=1.0)
-        above.plot(run.time, camera.offset, color=VERMILION, lw=1.6)
-        below.plot(run.time, shared - camera.offset, color=INK, lw=1.0)
+        above.plot(run.time, shared, color=palette().muted, lw=1.0)
+        above.plot(run.time, camera.offset, color=palette().vermilion, lw=1.6)
+        below.plot(run.time, shared - camera.offset, color=palette().ink, lw=1.0)
         for axes, series, title in ((above, shared, name), (below, shared - camera.offset, "")):
             shade_masked(axes, run.time, weights[name])
-            axes.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
+            axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
             rms = float(np.sqrt(np.nanmean(series**2)))
             axes.set_title(title)
-            axes.set_title(f"{rms:.2f} K rms", loc="right", fontsize=9, fontweight="normal")
+            axes.set_title(f"{rms:.2f} K rms", loc="right", fontsize=points(9), fontweight="normal")
         if camera.events:
             # Ticks along the upper edge: lines through the whole panel would hide the jumps.
             edge = above.get_xaxis_transform()
             above.plot(
-                camera.events, np.full(len(camera.events), 0.97), "v", color=ORANGE, ms=5,
+                camera.events, np.full(len(camera.events), 0.97), "v", color=palette().orange, ms=5,
                 transform=edge, clip_on=False,
             )  # fmt: skip
         below.set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
     grid[0, 0].set_ylabel("recorded − twin, K")
     grid[1, 0].set_ylabel("without camera, K")
-    corrections = Line2D([], [], color=ORANGE, marker="v", ls="", label="its corrections")
+    corrections = Line2D([], [], color=palette().orange, marker="v", ls="", label="its corrections")
     figure.legend(
         handles=[
-            Line2D([], [], color=MUTED, lw=1.2, label="mean of the channels"),
-            Line2D([], [], color=VERMILION, lw=1.6, label="given to the camera"),
+            Line2D([], [], color=palette().muted, lw=1.2, label="mean of the channels"),
+            Line2D([], [], color=palette().vermilion, lw=1.6, label="given to the camera"),
             *([corrections] if any(camera.events for camera in fit.camera.values()) else []),
-            Line2D([], [], color=INK, lw=1.2, label="left for the plate"),
+            Line2D([], [], color=palette().ink, lw=1.2, label="left for the plate"),
             *masked_key(weights.values()),
         ],
         loc="outside lower center",

@@ -5,7 +5,7 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 from ..control import ClosedLoopRun
-from ._style import CYCLE, FAINT, INK, MUTED, styled
+from ._style import palette, styled
 
 
 @styled
@@ -22,24 +22,31 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
     above, duty, power = figure.subplots(3, 1, sharex=True, height_ratios=(4, 1.4, 1.4))
     time, plate = run.time, np.asarray(run.loop.plate)
     above.fill_between(
-        time, plate.min(axis=1), plate.max(axis=1), color=FAINT, lw=0, label="plate, all elements"
+        time,
+        plate.min(axis=1),
+        plate.max(axis=1),
+        color=palette().faint,
+        lw=0,
+        label="plate, all elements",
     )
     references = np.unique(run.reference, axis=1).T
     for number, reference in enumerate(references):
         label = "reference" if number == 0 else None
-        above.step(time, reference, where="post", color=MUTED, ls="--", lw=1.2, label=label)
+        above.step(
+            time, reference, where="post", color=palette().muted, ls="--", lw=1.2, label=label
+        )
     for number, (name, output) in enumerate(zip(run.outputs, run.output.T, strict=True)):
-        above.plot(time, output, color=CYCLE[number % len(CYCLE)], label=name)
+        above.plot(time, output, color=palette().cycle[number % len(palette().cycle)], label=name)
     above.set_ylabel("temperature, °C")
     above.legend(loc="lower right")
     for number, (part, watts) in enumerate(zip(run.duty.T, run.power.T, strict=True)):
-        color = CYCLE[number % len(CYCLE)]
+        color = palette().cycle[number % len(palette().cycle)]
         duty.step(time, 100 * part, where="post", color=color, lw=1.2, label=f"P{number + 1}")
         power.plot(time, watts, color=color, lw=1.2)
     duty.legend(loc="upper right", ncols=len(run.duty.T))
     duty.set_ylabel("duty, %")
     if len(run.power.T) > 1:
-        power.plot(time, run.power.sum(axis=1), color=INK, lw=1.2, label="all cells")
+        power.plot(time, run.power.sum(axis=1), color=palette().ink, lw=1.2, label="all cells")
         power.legend(loc="upper right")
     power.set_ylabel("power, W")
     power.set_xlabel("time, s")

@@ -15,7 +15,7 @@ from .._measures import fit_text, mean_fit_percent
 from ..simulation import Run
 from ._labels import label_ends
 from ._samples import last_means, masked_key, mean_there, of_sampled, shade_masked
-from ._style import CYCLE, INK, MUTED, VERMILION, styled
+from ._style import palette, points, styled
 
 PANELS = 5  # in a row
 
@@ -46,17 +46,17 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
     for panels, (run, fit, channels) in zip(grid, rows, strict=True):
         for axes, channel in zip(panels, channels, strict=False):
             recorded = _recorded(run)[:, run.channels.index(channel)]
-            axes.plot(run.time, recorded, color=MUTED, lw=2.6, alpha=0.55)
-            axes.plot(run.time, run.channel(channel), color=VERMILION, lw=1.4)
+            axes.plot(run.time, recorded, color=palette().muted, lw=2.6, alpha=0.55)
+            axes.plot(run.time, run.channel(channel), color=palette().vermilion, lw=1.4)
             axes.set_title(channel)
             text = fit_text(fit[channel], " %") if channel in fit else "no sample"
-            axes.set_title(text, loc="right", color=VERMILION)
+            axes.set_title(text, loc="right", color=palette().vermilion)
         for axes in panels[len(channels) :]:
             axes.set_axis_off()
         panels[0].set_ylabel("temperature, °C")
         panels[0].annotate(
             run.experiment.name, (0, 1), xycoords="axes fraction", xytext=(0, 18),
-            textcoords="offset points", color=MUTED, fontsize=9,
+            textcoords="offset points", color=palette().muted, fontsize=points(9),
         )  # fmt: skip
     for axes in grid[-1]:
         axes.set_xlabel("time, s")
@@ -65,8 +65,8 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
     mean = mean_fit_percent(value for fit in fits for value in fit.values())
     figure.legend(
         handles=[
-            Line2D([], [], color=MUTED, lw=2.6, alpha=0.55, label="recorded"),
-            Line2D([], [], color=VERMILION, lw=1.4, label="twin, with its fit"),
+            Line2D([], [], color=palette().muted, lw=2.6, alpha=0.55, label="recorded"),
+            Line2D([], [], color=palette().vermilion, lw=1.4, label="twin, with its fit"),
         ],
         loc="outside upper right",
         ncols=2,
@@ -102,20 +102,24 @@ def plot_residuals(
             shade_masked(axes, run.time, of_sampled(run, weight))
         residual = _recorded(run) - run.temperatures
         for number, part in enumerate(residual.T):
-            axes.plot(run.time, part, color=CYCLE[number % len(CYCLE)], lw=0.9)
-        axes.plot(run.time, mean_there(residual, axis=1), color=INK, lw=2.0)
-        axes.axhline(0.0, color=MUTED, lw=0.8, zorder=0)
+            axes.plot(run.time, part, color=palette().cycle[number % len(palette().cycle)], lw=0.9)
+        axes.plot(run.time, mean_there(residual, axis=1), color=palette().ink, lw=2.0)
+        axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0)
         axes.set(title=run.experiment.name or "recording", xlabel="time, s")
-        axes.set_title(f"RMSE {run.rmse:.2f} K", loc="right", fontsize=9, fontweight="normal")
+        axes.set_title(
+            f"RMSE {run.rmse:.2f} K", loc="right", fontsize=points(9), fontweight="normal"
+        )
         axes.set_xlim(run.time[0], run.time[-1])
         tail = last_means(residual, len(run.time) // 20)
-        ends.append(list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
+        ends.append(
+            list(zip(tail.tolist(), run.channels, palette().cycle * len(tail), strict=False))
+        )
     row[0].set_ylabel("recorded − twin, K")
     for axes, labels in zip(row, ends, strict=True):
         label_ends(axes, labels, spacing=0.08)
     figure.legend(
         handles=[
-            Line2D([], [], color=INK, lw=2.0, label="mean of the channels"),
+            Line2D([], [], color=palette().ink, lw=2.0, label="mean of the channels"),
             *masked_key(of_sampled(*pair) for pair in zip(runs, weights, strict=False)),
         ],
         loc="outside lower right",

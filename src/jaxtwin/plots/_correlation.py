@@ -5,7 +5,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from ..matching import Fit
-from ._style import INK, MUTED, styled, symbol
+from ._style import INK, PALE, palette, points, styled, symbol
 
 SHOWN = 0.5
 """Correlations above this in size are written out, where cells are large enough for numbers."""
@@ -45,7 +45,7 @@ def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
         if row != column and cell > LEAST_FOR_NUMBERS:
             ax.annotate(
                 f"{value:.2f}".replace("0.", "."), (column, row), ha="center", va="center",
-                fontsize=7.5, color="white" if abs(value) > 0.55 else INK,
+                fontsize=points(7.5), color=PALE if abs(value) > 0.55 else INK,
             )  # fmt: skip
     labels = [_label(label) for label in fit.uncertainty.labels]
     ax.set_xticks(range(count), labels, rotation=90)
@@ -56,7 +56,7 @@ def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
     ax.set_title("Correlation of the matched values")
     bar = ax.figure.colorbar(image, ax=ax, fraction=0.03, pad=0.01, ticks=[-1, 0, 1])
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
-    bar.ax.tick_params(length=0, colors=MUTED)
+    bar.ax.tick_params(length=0, colors=palette().muted)
     return ax
 
 

@@ -6,9 +6,11 @@ import numpy as np
 from matplotlib import colormaps, pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from ..physics import DCSweep, ThermoelectricModule
-from ._style import INK, MUTED, styled
+from ..rig import Datasheet
+from ._style import palette, points, styled
 
 
 @styled
@@ -17,6 +19,7 @@ def plot_dc_sweep(
     *,
     T_hot: float,
     delta_T: Sequence[float] = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0),
+    datasheet: Datasheet | None = None,
     title: str = "",
 ) -> Figure:
     r"""Curves over the current, one for each temperature difference, with their best points.
@@ -30,10 +33,15 @@ def plot_dc_sweep(
     - `module`: of which one.
     - `T_hot`: hot side temperature, K; the cold side is at `T_hot - delta_T`.
     - `delta_T`: differences hot - cold, K.
+    - `datasheet`: of the module, `jaxtwin.rig.load_module`. Its numbers become points: $Q_{max}$
+      without a difference, where it is known, and no heat at $\Delta T_{max}$, both at $I_{max}$. A
+      curve for $\Delta T_{max}$ is added. They hold at the datasheet's own hot side temperature.
     - `title`: of the figure.
 
     **Returns:** the figure.
     """
+    if datasheet is not None:
+        delta_T = sorted({*delta_T, datasheet.maximum_temperature_difference})
     differences = np.asarray(delta_T, float)
     currents = np.linspace(0.0, 1.12 * module.optimum_current(T_hot), 300)
     sweep = module.dc_sweep(currents, differences, T_hot)
@@ -49,7 +57,7 @@ def plot_dc_sweep(
             _mark(heat, best, most, color)
             heat.annotate(
                 f"{difference:g} K", (best, most), xytext=(0, 6), textcoords="offset points",
-                ha="center", color=INK, fontsize=9,
+                ha="center", color=palette().ink, fontsize=points(9),
             )  # fmt: skip
         if difference > 0:
             best = _best_cop_current(module, difference, T_hot)
@@ -57,9 +65,13 @@ def plot_dc_sweep(
             _mark(cop, best, best_cops[-1], color)
     # Without a temperature difference it has no limit as the current falls to 0.
     cop.set_ylim(0, 1.08 * max(best_cops, default=4.0))
+    note = f"$T_h$ = {T_hot:g} K; dots: best point of each curve in closed form"
+    if datasheet is not None:
+        _draw_datasheet(heat, datasheet)
+        note += f"; squares: datasheet, $T_h$ = {datasheet.hot_side_temperature:g} K"
     figure.supxlabel(
-        f"$T_h$ = {T_hot:g} K; dots: best point of each curve in closed form",
-        fontsize=9, color=MUTED, x=0.01, ha="left",
+        note,
+        fontsize=points(9), color=palette().muted, x=0.01, ha="left",
     )  # fmt: skip
     return figure
 
@@ -83,6 +95,25 @@ def plot_dc_curves(sweep: DCSweep) -> Figure:
     return figure
 
 
+def _draw_datasheet(heat: Axes, sheet: Datasheet) -> None:
+    """What the manufacturer states: most heat, and none at the largest difference."""
+    stated = [(0.0, f"0 W at {sheet.maximum_temperature_difference:g} K")]
+    if sheet.maximum_heat_flow is not None:
+        stated.append((sheet.maximum_heat_flow, f"{sheet.maximum_heat_flow:g} W at 0 K"))
+    for pumped, words in stated:
+        heat.plot(
+            [sheet.maximum_current], [pumped], "s", mfc="none", mec=palette().vermilion, mew=1.8,
+            ms=8, clip_on=False, zorder=4, gid="datasheet",
+        )  # fmt: skip
+        heat.annotate(
+            words, (sheet.maximum_current, pumped), xytext=(-9, 0), textcoords="offset points",
+            ha="right", va="bottom" if pumped == 0 else "center", zorder=4,
+            color=palette().vermilion, fontsize=points(8.5), fontweight="bold",
+            path_effects=[withStroke(linewidth=3, foreground=palette().paper)],
+        )  # fmt: skip
+    heat.set_ylim(top=max(heat.get_ylim()[1], 1.13 * max(pumped for pumped, _ in stated)))
+
+
 def _draw_curves(heat: Axes, cop: Axes, sweep: DCSweep) -> None:
     curves = zip(sweep.delta_T, _colors(sweep), sweep.heat_flow, sweep.cop, strict=True)
     for difference, color, pumped, performance in curves:
@@ -101,7 +132,9 @@ def _colors(sweep: DCSweep) -> np.ndarray:
 
 
 def _mark(axes, current: float, value: float, color) -> None:
-    axes.plot([current], [value], "o", color=color, mec="white", mew=1.2, ms=7, clip_on=True)
+    axes.plot(
+        [current], [value], "o", color=color, mec=palette().paper, mew=1.2, ms=7, clip_on=True
+    )
 
 
 def _best_cop_current(module: ThermoelectricModule, difference: float, T_hot: float) -> float:

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..experiment_design import ExperimentDesign
-from ._style import CYCLE, MUTED, VERMILION, styled, symbol
+from ._style import palette, styled, symbol
 
 MARKERS = "os^vDP"
 
@@ -37,11 +37,11 @@ def _draw_schedule(axes: Axes, design: ExperimentDesign) -> None:
             planned.time,
             planned.duty[:, cell],
             where="post",
-            color=CYCLE[cell % len(CYCLE)],
+            color=palette().cycle[cell % len(palette().cycle)],
             ls="-" if cell == 0 else "--",
             label=f"P{cell + 1}",
         )
-    axes.axhline(0, color=MUTED, lw=0.8)
+    axes.axhline(0, color=palette().muted, lw=0.8)
     axes.set(xlabel="time, s", ylabel="duty cycle", title="designed schedule")
     if planned.n_cells > 1:
         axes.legend(loc="best")
@@ -61,12 +61,14 @@ def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
             relative,
             rows,
             MARKERS[number % len(MARKERS)],
-            color=VERMILION if number == 0 else CYCLE[(number + 1) % len(CYCLE)],
+            color=palette().vermilion
+            if number == 0
+            else palette().cycle[(number + 1) % len(palette().cycle)],
             mfc=None if number == 0 else "none",
             label=label,
             zorder=3 if number == 0 else 2,
         )
-    axes.axvline(100, color=MUTED, lw=0.8)
+    axes.axvline(100, color=palette().muted, lw=0.8)
     axes.set_xlim(0, None)
     names = [
         symbol(name) if there else f"{symbol(name)} (unknown today)"

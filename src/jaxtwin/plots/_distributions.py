@@ -7,7 +7,7 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 from .._errors import SimulationError
-from ._style import INK, MUTED, SKY, styled
+from ._style import palette, points, styled
 
 if TYPE_CHECKING:
     import xarray
@@ -51,16 +51,17 @@ def plot_distributions(draws: "xarray.Dataset") -> Figure:
     for axes, name, (labels, values) in zip(grid, names, columns, strict=True):
         places = np.arange(len(labels))
         low, lower, median, upper, high = _quantiles(values)
-        axes.hlines(places, low, high, color=MUTED, lw=1.2)
-        axes.hlines(places, lower, upper, color=SKY, lw=7)
-        axes.plot(median, places, "o", color=INK, ms=4)
+        axes.hlines(places, low, high, color=palette().muted, lw=1.2)
+        axes.hlines(places, lower, upper, color=palette().sky, lw=7)
+        axes.plot(median, places, "o", color=palette().ink, ms=4)
         axes.set_yticks(places, labels)
         axes.set_ylim(len(labels) - 0.4, -0.6)
         unit = str(draws[name].attrs.get("units", ""))
         unit = unit.replace("degC", "°C").replace("K2", "K²")
         axes.set(title=name, xlabel=unit)
     figure.supxlabel(
-        f"{first.sizes['draw']} draws: median, quartiles, 5 to 95 %", fontsize=9, color=MUTED,
+        f"{first.sizes['draw']} draws: median, quartiles, 5 to 95 %", fontsize=points(9),
+        color=palette().muted,
         x=0.01, ha="left",
     )  # fmt: skip
     return figure

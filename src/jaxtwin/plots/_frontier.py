@@ -8,7 +8,7 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 from ..control import MEASURES, Frontier
-from ._style import BLUE, FAINT, MUTED, styled
+from ._style import palette, points, styled
 
 
 @styled
@@ -42,16 +42,16 @@ def plot_frontier(frontier: Frontier, measure: str, beside: Sequence[str]) -> Fi
             for point in order
             if not np.any((x[1][order] < x[1][point]) & (y[1][order] < y[1][point]))
         ]
-        axes.plot(x[1][is_shown], y[1][is_shown], color=FAINT, lw=1.2)
-        axes.plot(x[1][best], y[1][best], color=BLUE, lw=1.2)
+        axes.plot(x[1][is_shown], y[1][is_shown], color=palette().faint, lw=1.2)
+        axes.plot(x[1][best], y[1][best], color=palette().blue, lw=1.2)
         for point in order:
-            axes.plot(x[[0, 2], point], [y[1, point]] * 2, color=BLUE, lw=1, alpha=0.5)
-            axes.plot([x[1, point]] * 2, y[[0, 2], point], color=BLUE, lw=1, alpha=0.5)
-            fill = BLUE if point in best else "none"
-            axes.plot(x[1, point], y[1, point], "o", mfc=fill, mec=BLUE, ms=5)
+            axes.plot(x[[0, 2], point], [y[1, point]] * 2, color=palette().blue, lw=1, alpha=0.5)
+            axes.plot([x[1, point]] * 2, y[[0, 2], point], color=palette().blue, lw=1, alpha=0.5)
+            fill = palette().blue if point in best else "none"
+            axes.plot(x[1, point], y[1, point], "o", mfc=fill, mec=palette().blue, ms=5)
             axes.annotate(
                 f"{frontier.weights[point]:g}", (x[1, point], y[1, point]), (5, 5),
-                textcoords="offset points", fontsize=8, color=MUTED,
+                textcoords="offset points", fontsize=points(8), color=palette().muted,
             )  # fmt: skip
         axes.set_xlabel(_label(name))
     panels[0].set_ylabel(_label(measure))

@@ -10,7 +10,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 
 from .._number_text import short_number
 from ..matching import Fit, FittedParameter
-from ._style import BLUE, CYCLE, INK, MUTED, VERMILION, styled, symbol
+from ._style import palette, points, styled, symbol
 
 COLUMNS = 6  # panels of parameters in a row
 
@@ -41,7 +41,7 @@ def plot_history(fit: Fit) -> Figure:
         if number + COLUMNS < len(free):
             axes.tick_params(labelbottom=False)
         else:
-            axes.set_xlabel("iteration", fontsize=9)
+            axes.set_xlabel("iteration", fontsize=points(9))
     return figure
 
 
@@ -50,8 +50,10 @@ def _draw_rmse(axes: Axes, fit: Fit) -> None:
     rmse = np.array([iteration.rmse for iteration in fit.history])
     accepted = np.array([iteration.accepted for iteration in fit.history])
     best = np.minimum.accumulate(rmse)
-    axes.plot(numbers, best, color=VERMILION, lw=1.8)
-    axes.plot(np.array(numbers)[~accepted], rmse[~accepted], "o", mfc="none", mec=MUTED, ms=4)
+    axes.plot(numbers, best, color=palette().vermilion, lw=1.8)
+    axes.plot(
+        np.array(numbers)[~accepted], rmse[~accepted], "o", mfc="none", mec=palette().muted, ms=4
+    )
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(MaxNLocator(5))
     axes.yaxis.set_major_formatter("{x:g}")
@@ -60,11 +62,11 @@ def _draw_rmse(axes: Axes, fit: Fit) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
     axes.set(title="RMSE, K", xlabel="iteration")
     if not accepted.all():
-        axes.plot([], [], "o", mfc="none", mec=MUTED, ms=4, label="step taken back")
+        axes.plot([], [], "o", mfc="none", mec=palette().muted, ms=4, label="step taken back")
         axes.legend(loc="upper right", handletextpad=0)
     axes.annotate(
         f"{best[-1]:.2f} K", (numbers[-1], best[-1]), xytext=(0, 7), textcoords="offset points",
-        ha="right", color=VERMILION, fontweight="bold",
+        ha="right", color=palette().vermilion, fontweight="bold",
     )  # fmt: skip
 
 
@@ -73,11 +75,11 @@ def _draw_parameter(axes: Axes, fit: Fit, parameter: FittedParameter) -> None:
     own = [key for key in fit.history[0].parameters if key.startswith(f"{parameter.name}[")]
     keys = own or [parameter.name]
     values = np.array([[step.parameters[key] for key in keys] for step in fit.history])
-    for column, color in zip(values.T, CYCLE * len(keys), strict=False):
-        axes.plot(numbers, column, color=color if own else BLUE, lw=1.6)
+    for column, color in zip(values.T, palette().cycle * len(keys), strict=False):
+        axes.plot(numbers, column, color=color if own else palette().blue, lw=1.6)
     for bound in (parameter.lower, parameter.upper):
         if math.isfinite(bound) and np.any(np.isclose(values, bound, rtol=1e-3)):
-            axes.axhline(bound, color=INK, lw=1.2, ls=":")
+            axes.axhline(bound, color=palette().ink, lw=1.2, ls=":")
     if values.min() > 0 and values.max() > 10 * values.min():
         axes.set_yscale("log")
         # Within two decades powers of ten alone would be one or two labels.
@@ -90,7 +92,9 @@ def _draw_parameter(axes: Axes, fit: Fit, parameter: FittedParameter) -> None:
         if np.abs(values).max() < 1e-3:  # else a power of ten stands where the title does
             axes.yaxis.set_major_formatter(lambda value, _: short_number(value))
     axes.tick_params(labelsize=7.5, pad=2)
-    color = VERMILION if parameter.at_bound else INK
-    axes.set_title(symbol(parameter.name), fontsize=10, color=color, pad=3)
+    color = palette().vermilion if parameter.at_bound else palette().ink
+    axes.set_title(symbol(parameter.name), fontsize=points(10), color=color, pad=3)
     unit = parameter.unit.replace("degC", "°C").replace("ohm", "Ω")
-    axes.set_title(unit, loc="right", fontsize=7.5, color=MUTED, fontweight="normal", pad=3)
+    axes.set_title(
+        unit, loc="right", fontsize=points(7.5), color=palette().muted, fontweight="normal", pad=3
+    )

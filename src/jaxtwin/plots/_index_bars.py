@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import GlobalSensitivity
 from ._sensitivity_labels import label_rows, title_output
-from ._style import BLUE, INK, VERMILION, styled
+from ._style import palette, styled
 
 
 @styled
@@ -34,15 +34,15 @@ def plot_index_bars(
     if ax is None:
         size = (5.6, 1.2 + 0.29 * len(names))
         ax = pyplot.figure(figsize=size, layout="constrained").subplots()
-    colors = [BLUE if value < 0 else VERMILION for value in index]
+    colors = [palette().blue if value < 0 else palette().vermilion for value in index]
     ax.barh(places, index, color=colors, height=0.66, alpha=0.9)
     known = sensitivity.indices
     if f"{main}_conf" in known:
         half = known[f"{main}_conf"][row, order]
-        ax.hlines(places, index - half, index + half, color=INK, lw=1.3)
+        ax.hlines(places, index - half, index + half, color=palette().ink, lw=1.3)
     elif f"{main}_low" in known:
         low, high = known[f"{main}_low"][row, order], known[f"{main}_high"][row, order]
-        ax.hlines(places, low, high, color=INK, lw=1.3)
+        ax.hlines(places, low, high, color=palette().ink, lw=1.3)
     label_rows(ax, names, places)
     ax.set(xlabel=_WORDS[main])
     unit = sensitivity.outputs[row].unit.replace("K2", "K²")

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 from .._errors import ParameterError
 from ..sensitivity_analysis import GlobalSensitivity
-from ._style import CYCLE, MUTED, styled, symbol
+from ._style import palette, points, styled, symbol
 
 NAMED = 6
 """Lines with a colour and a name; the others are grey."""
@@ -50,7 +50,7 @@ def plot_indices_over_time(
     order = np.argsort(-height, kind="stable")
     for place, column in reversed(list(enumerate(order))):
         is_named = place < NAMED
-        color = CYCLE[place] if is_named else MUTED
+        color = palette().cycle[place] if is_named else palette().muted
         ax.plot(
             times, values[:, column], color=color, lw=1.8 if is_named else 0.7,
             label=symbol(sensitivity.names[column]) if is_named else None, zorder=3 - place / 100,
@@ -61,7 +61,7 @@ def plot_indices_over_time(
                 times, values[:, column] - edge, values[:, column] + edge,
                 color=color, alpha=0.18, lw=0,
             )  # fmt: skip
-    ax.axhline(0.0, color=MUTED, lw=0.8)
+    ax.axhline(0.0, color=palette().muted, lw=0.8)
     output = sensitivity.outputs[rows[0]]
     title = f"{name} of {output.quantity} {output.channel}"
     ax.set(title=title, xlabel="time, s", ylabel=name, xlim=(min(0.0, times[0]), times[-1]))
@@ -70,7 +70,7 @@ def plot_indices_over_time(
     if len(sensitivity.names) > NAMED:
         ax.set_title(
             f"{len(sensitivity.names) - NAMED} weaker parameters in grey",
-            loc="right", fontsize=9, fontweight="normal", color=MUTED,
+            loc="right", fontsize=points(9), fontweight="normal", color=palette().muted,
         )  # fmt: skip
     return ax
 

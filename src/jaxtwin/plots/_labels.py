@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
+from ._style import points
+
 
 def label_ends(
     axes: Axes, ends: Sequence[tuple[float, str, str]], *, spacing: float = 0.055
@@ -33,7 +35,7 @@ def label_ends(
             xytext=(4, 0),
             textcoords="offset points",
             color=color,
-            fontsize=9,
+            fontsize=points(9),
             va="center",
             annotation_clip=False,
         )

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import GlobalSensitivity
 from ._sensitivity_labels import title_output
-from ._style import BLUE, INK, MUTED, styled, symbol
+from ._style import palette, points, styled, symbol
 
 NAMED = 0.05
 """Parameters whose effect is at least this part of the largest have their names beside them."""
@@ -38,14 +38,24 @@ def plot_morris_plane(
     if ax is None:
         ax = pyplot.figure(figsize=(5.6, 4.2), layout="constrained").subplots()
     half = sensitivity["mu_star_conf"][row]
-    ax.errorbar(size, spread, xerr=half, fmt="o", color=BLUE, ecolor=MUTED, elinewidth=1.0, ms=5)
+    ax.errorbar(
+        size,
+        spread,
+        xerr=half,
+        fmt="o",
+        color=palette().blue,
+        ecolor=palette().muted,
+        elinewidth=1.0,
+        ms=5,
+    )
     limit = 1.15 * float(np.nanmax(size + half, initial=1e-300))
     top = 1.15 * float(np.nanmax([spread.max(initial=0.0), 0.2 * limit]))
     diagonal = min(limit, top)
-    ax.plot([0, diagonal], [0, diagonal], color=MUTED, lw=0.9, ls=(0, (4, 3)))
+    ax.plot([0, diagonal], [0, diagonal], color=palette().muted, lw=0.9, ls=(0, (4, 3)))
     ax.annotate(
         "sigma = mu_star", (0.97 * diagonal, 0.97 * diagonal), xytext=(-4, 0),
-        textcoords="offset points", ha="right", va="center", fontsize=8, color=MUTED,
+        textcoords="offset points", ha="right", va="center", fontsize=points(8),
+        color=palette().muted,
     )  # fmt: skip
     unit = sensitivity.outputs[row].unit.replace("K2", "K²")
     ends = f", {unit}" if unit else ""
@@ -59,7 +69,7 @@ def plot_morris_plane(
             written.append((x, above))
             ax.annotate(
                 symbol(sensitivity.names[column]), (x * limit, above * top), xytext=(5, 5),
-                textcoords="offset points", color=INK,
+                textcoords="offset points", color=palette().ink,
             )  # fmt: skip
     ax.set(xlabel=f"mu_star, mean size of the effects{ends}", ylabel=f"sigma{ends}")
     title_output(ax, sensitivity, row)

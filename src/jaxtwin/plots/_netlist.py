@@ -19,7 +19,7 @@ from ..rig import Plate
 from ..rig._plate import AMBIENT
 from ._netlist_cells import draw_cells, draw_contacts, outlined
 from ._netlist_layout import LEGEND, netlist_layout
-from ._style import BLUE, INK, MUTED, VERMILION, styled
+from ._style import INK, OF_FIXED_SIZE, palette, points, styled
 
 _WIDEST = {"conduction": 6.0, "film": 4.5}  # line of the largest conductance of a kind, points
 _THINNEST = 0.7
@@ -70,8 +70,8 @@ def plot_netlist(
     ax.set_axis_off()
     ax.set_title(twin.rig.name, pad=19)
     ax.annotate(
-        network_text(network_counts(twin.netlist, twin.rig)), (0, 1), (0, 6), color=MUTED,
-        xycoords="axes fraction", textcoords="offset points", fontsize=9,
+        network_text(network_counts(twin.netlist, twin.rig)), (0, 1), (0, 6), color=palette().muted,
+        xycoords="axes fraction", textcoords="offset points", fontsize=points(9),
     )  # fmt: skip
 
     plate = twin.rig.plate
@@ -93,7 +93,7 @@ def plot_netlist(
     margin = 0.1 * layout.inch
     ax.set_xlim(layout.left - margin, layout.left + layout.width + margin)
     ax.set_ylim(lowest + 1.5 * margin, -margin)
-    handles.append(Line2D([], [], color=VERMILION, lw=2, label="cells and sinks"))
+    handles.append(Line2D([], [], color=palette().vermilion, lw=2, label="cells and sinks"))
     if _differ(on_plate):
         bar = ax.figure.colorbar(scale, ax=ax, shrink=0.5, aspect=24, pad=0.01)
         bar.set_label(label)
@@ -107,6 +107,7 @@ def plot_netlist(
         width, height = np.ptp(ax.get_xlim()) / layout.inch, np.ptp(ax.get_ylim()) / layout.inch
         beside, below = 1.0 if _differ(on_plate) else 0.2, 0.85 if in_one_row else 1.05
         figure.set_size_inches(width + beside, height + below)
+        figure.set_gid(OF_FIXED_SIZE)
     return ax
 
 
@@ -123,14 +124,16 @@ def _limits(values: Float[np.ndarray, " elements"]) -> tuple[float, float]:
 def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color, narrow: float) -> None:
     left, right, top, bottom = (100 * edge for edge in plate.extent(element))
     ax.add_patch(
-        Rectangle((left, top), right - left, bottom - top, fc=color, ec="white", lw=1.5, zorder=1)
+        Rectangle(
+            (left, top), right - left, bottom - top, fc=color, ec=palette().paper, lw=1.5, zorder=1
+        )
     )
     # Beside the links, which run through the middle; upright where the element is too narrow.
     corner = {
         "textcoords": "offset points",
         "va": "top",
-        "color": INK,
-        "fontsize": 7.5,
+        "color": INK,  # elements are light in every style
+        "fontsize": points(7.5),
         "zorder": 6,
     }
     if (right - left) / 2 > narrow:
@@ -149,12 +152,18 @@ def _draw_conduction(ax: Axes, twin: Twin, values: Mapping[str, float]) -> list[
     }
     for (a, b), width in zip(links, _widths(list(links.values()), "conduction"), strict=True):
         (x0, y0), (x1, y1) = _centre(twin.rig.plate, a), _centre(twin.rig.plate, b)
-        ax.plot([x0, x1], [y0, y1], color=INK, lw=width, solid_capstyle="butt", zorder=2)
+        ax.plot([x0, x1], [y0, y1], color=palette().ink, lw=width, solid_capstyle="butt", zorder=2)
     for element in twin.rig.plate.element_names:
         ax.plot(
-            *_centre(twin.rig.plate, element), "o", color=INK, ms=5, mec="white", mew=1, zorder=5
+            *_centre(twin.rig.plate, element),
+            "o",
+            color=palette().ink,
+            ms=5,
+            mec=palette().paper,
+            mew=1,
+            zorder=5,
         )
-    return _legend_lines(list(links.values()), "conduction", "conduction", INK)
+    return _legend_lines(list(links.values()), "conduction", "conduction", palette().ink)
 
 
 def _draw_air(ax: Axes, twin: Twin, values: Mapping[str, float]) -> list[Line2D]:
@@ -172,11 +181,21 @@ def _draw_air(ax: Axes, twin: Twin, values: Mapping[str, float]) -> list[Line2D]
         x, y = _centre(plate, element)
         reach = 0.22 * min(right - left, bottom - top)
         ax.plot(
-            [x, x + reach], [y, y + reach], color=BLUE, lw=width, solid_capstyle="butt", zorder=3,
+            [x, x + reach], [y, y + reach], color=palette().blue, lw=width, solid_capstyle="butt",
+            zorder=3,
             path_effects=outlined(width),
         )  # fmt: skip
-        ax.plot(x + reach, y + reach, "o", mfc="white", mec=BLUE, mew=1.3, ms=5.5, zorder=4)
-    return _legend_lines(list(conductances.values()), "film", "to the air", BLUE)
+        ax.plot(
+            x + reach,
+            y + reach,
+            "o",
+            mfc=palette().paper,
+            mec=palette().blue,
+            mew=1.3,
+            ms=5.5,
+            zorder=4,
+        )
+    return _legend_lines(list(conductances.values()), "film", "to the air", palette().blue)
 
 
 def _widths(conductances: list[float], role: str) -> list[float]:

@@ -10,7 +10,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 from ..physics import ThermoelectricElement, Twin
 from ..rig._plate import AMBIENT
 from ._netlist_layout import BOX, BOX_HEIGHT, GAP, Layout
-from ._style import BLUE, INK, MUTED, VERMILION
+from ._style import INK, palette, points
 
 ABOVE = 0.62
 """Between the plate and the first box of a cell, inches."""
@@ -20,8 +20,8 @@ NAMED = 4
 
 
 def outlined(width: float) -> list[AbstractPathEffect]:
-    """A white rim for a line of this width, over colours that it could be lost on."""
-    return [withStroke(linewidth=width + 1.6, foreground="white", alpha=0.75)]
+    """A rim for a line of this width, over colours that it could be lost on."""
+    return [withStroke(linewidth=width + 1.6, foreground=palette().paper, alpha=0.75)]
 
 
 def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Layout) -> None:
@@ -48,15 +48,29 @@ def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Lay
             x_end, y_end = x + reach * (1 - 2 * drawn[link.a]), y - reach
             drawn[link.a] += 1
             ax.plot(
-                [x, x_end], [y, y_end], color=VERMILION, lw=2, zorder=3, path_effects=outlined(2.0)
+                [x, x_end],
+                [y, y_end],
+                color=palette().vermilion,
+                lw=2,
+                zorder=3,
+                path_effects=outlined(2.0),
             )
-            ax.plot(x_end, y_end, "o", color=VERMILION, ms=6, mec="white", mew=1.2, zorder=5)
+            ax.plot(
+                x_end,
+                y_end,
+                "o",
+                color=palette().vermilion,
+                ms=6,
+                mec=palette().paper,
+                mew=1.2,
+                zorder=5,
+            )
             upright = right - left < 0.6 * layout.inch
             gap = "  " if upright else "\n"
             ax.annotate(
                 f"{cell.name}{gap}{float(link.resistance(values)):.3g} K/W", (x_end, y_end),
                 (0, 5), textcoords="offset points", ha="center", va="bottom", color=INK,
-                fontsize=7.5, linespacing=1.1, rotation=90 if upright else 0, zorder=6,
+                fontsize=points(7.5), linespacing=1.1, rotation=90 if upright else 0, zorder=6,
             )  # fmt: skip
 
 
@@ -100,24 +114,34 @@ def _draw_column(
     alpha = cell.seebeck_coefficient.evaluate(values)
     R_E = cell.electrical_resistance.evaluate(values)
     begin = top - 0.24 * inch
-    ax.plot([x, x], [begin, top], color=VERMILION, lw=2, zorder=2)
-    ax.plot(x, begin, "o", color=VERMILION, ms=6, mec="white", mew=1.2, zorder=5)
+    ax.plot([x, x], [begin, top], color=palette().vermilion, lw=2, zorder=2)
+    ax.plot(x, begin, "o", color=palette().vermilion, ms=6, mec=palette().paper, mew=1.2, zorder=5)
     _note(ax, x + 0.12 * inch, begin, _contact_names(twin, cell))
     beside = (x - (BOX / 2 + 0.12) * inch, top + BOX_HEIGHT / 2 * inch)
     look: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center"}
-    ax.annotate(cell.name, beside, (0, 6), fontsize=11, fontweight="bold", color=VERMILION, **look)
-    ax.annotate(f"{alpha:.3g} V/K", beside, (0, -8), fontsize=8, color=MUTED, **look)
-    ax.annotate(f"{R_E:.3g} Ω", beside, (0, -19), fontsize=8, color=MUTED, **look)
+    ax.annotate(
+        cell.name,
+        beside,
+        (0, 6),
+        fontsize=points(11),
+        fontweight="bold",
+        color=palette().vermilion,
+        **look,
+    )
+    ax.annotate(
+        f"{alpha:.3g} V/K", beside, (0, -8), fontsize=points(8), color=palette().muted, **look
+    )
+    ax.annotate(f"{R_E:.3g} Ω", beside, (0, -19), fontsize=points(8), color=palette().muted, **look)
     node, y = cell.cold, top
     while node != AMBIENT:
         _box(ax, x, y, inch, node, f"{kinds.get(node, 'sink')}, {texts[node]}")
         link = next(link for link in twin.netlist.links if link.a == node)
         below = y + (BOX_HEIGHT + GAP) * inch
-        ax.plot([x, x], [y + BOX_HEIGHT * inch, below], color=VERMILION, lw=2, zorder=2)
+        ax.plot([x, x], [y + BOX_HEIGHT * inch, below], color=palette().vermilion, lw=2, zorder=2)
         resistance = f"{float(link.resistance(values)):.3g} K/W"
         _note(ax, x + 0.12 * inch, y + (BOX_HEIGHT + 0.45 * GAP) * inch, resistance)
         node, y = link.b, below
-    ax.plot(x, y, "o", mfc="white", mec=BLUE, mew=1.6, ms=8, zorder=4)
+    ax.plot(x, y, "o", mfc=palette().paper, mec=palette().blue, mew=1.6, ms=8, zorder=4)
     ambient = twin.rig.ambient_temperature.evaluate(values) - 273.15
     _note(ax, x + 0.17 * inch, y + 0.03 * inch, f"air, {ambient:.3g} °C")
     return y
@@ -133,13 +157,29 @@ def _contact_names(twin: Twin, cell: ThermoelectricElement) -> str:
 def _box(ax: Axes, x: float, y: float, inch: float, name: str, text: str) -> None:
     corner, rounding = (x - BOX / 2 * inch, y), 0.07 * inch
     style = f"round,pad=0,rounding_size={rounding}"
-    look = {"boxstyle": style, "fc": "white", "ec": VERMILION, "lw": 1.3, "zorder": 3}
+    look = {
+        "boxstyle": style,
+        "fc": palette().paper,
+        "ec": palette().vermilion,
+        "lw": 1.3,
+        "zorder": 3,
+    }
     ax.add_patch(FancyBboxPatch(corner, BOX * inch, BOX_HEIGHT * inch, **look))
     middle = y + BOX_HEIGHT / 2 * inch
     look = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 4}
-    ax.annotate(name, (x, middle), (0, 5.5), fontsize=8.5, fontweight="bold", color=INK, **look)
-    ax.annotate(text, (x, middle), (0, -5.5), fontsize=8.5, color=INK, **look)
+    ax.annotate(
+        name,
+        (x, middle),
+        (0, 5.5),
+        fontsize=points(8.5),
+        fontweight="bold",
+        color=palette().ink,
+        **look,
+    )
+    ax.annotate(text, (x, middle), (0, -5.5), fontsize=points(8.5), color=palette().ink, **look)
 
 
 def _note(ax: Axes, x: float, y: float, text: str) -> None:
-    ax.annotate(text, (x, y), ha="left", va="center", fontsize=8, color=MUTED, zorder=4)
+    ax.annotate(
+        text, (x, y), ha="left", va="center", fontsize=points(8), color=palette().muted, zorder=4
+    )

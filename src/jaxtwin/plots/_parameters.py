@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from .._number_text import interval_text, short_number
 from ..matching import Fit, FittedParameter
-from ._style import BLUE, FAINT, INK, MUTED, VERMILION, styled, symbol
+from ._style import palette, points, styled, symbol
 
 
 @styled
@@ -30,33 +30,44 @@ def plot_parameters(fit: Fit) -> Figure:
     table, scale = figure.subplots(1, 2, width_ratios=(1.0, 1.08), sharey=True)
     _write_table(table, free)
     for place, parameter in enumerate(free):
-        scale.plot([0, 1], [place, place], color=FAINT, lw=7, solid_capstyle="round", zorder=1)
+        scale.plot(
+            [0, 1], [place, place], color=palette().faint, lw=7, solid_capstyle="round", zorder=1
+        )
         ends = [_position(value, parameter) for value in (parameter.initial, parameter.value)]
-        scale.plot(ends, [place, place], color=MUTED, lw=1.0, zorder=2)
+        scale.plot(ends, [place, place], color=palette().muted, lw=1.0, zorder=2)
         if not math.isnan(parameter.interval[0]):
             span = [_position(end, parameter) for end in parameter.interval]
             scale.plot(
-                span, [place, place], color=VERMILION, lw=3.5, alpha=0.45, solid_capstyle="butt",
+                span, [place, place], color=palette().vermilion, lw=3.5, alpha=0.45,
+                solid_capstyle="butt",
                 zorder=2.5, gid="interval",
             )  # fmt: skip
-        scale.plot(ends[0], place, "o", mfc="white", mec=INK, ms=6, zorder=3)
+        scale.plot(ends[0], place, "o", mfc=palette().paper, mec=palette().ink, ms=6, zorder=3)
         if parameter.published is not None:
             at = _position(parameter.published, parameter)
-            scale.plot(at, place, "D", mfc="white", mec=BLUE, mew=1.4, ms=5.5, zorder=4)
-        scale.plot(ends[1], place, "o", color=VERMILION, ms=7, zorder=5)
-        color = VERMILION if parameter.at_bound else INK
+            scale.plot(
+                at, place, "D", mfc=palette().paper, mec=palette().blue, mew=1.4, ms=5.5, zorder=4
+            )
+        scale.plot(ends[1], place, "o", color=palette().vermilion, ms=7, zorder=5)
+        color = palette().vermilion if parameter.at_bound else palette().ink
         warnings = ", ".join(parameter.warnings)
-        _write(scale, 1.04, place, warnings, ha="left", color=color, fontsize=8.5)
+        _write(scale, 1.04, place, warnings, ha="left", color=color, fontsize=points(8.5))
     scale.set_ylim(len(free) - 0.4, -1.2)
     scale.set_xlim(-0.03, 1.42)
     for text, at, ha in (("lower bound", 0, "left"), ("upper bound", 1, "right")):
-        scale.annotate(text, (at, -0.8), ha=ha, va="center", fontsize=9, color=MUTED)
+        scale.annotate(
+            text, (at, -0.8), ha=ha, va="center", fontsize=points(9), color=palette().muted
+        )
     scale.set_axis_off()
     handles = [
-        scale.plot([], [], "o", mfc="white", mec=INK, ms=6, label="initial")[0],
-        scale.plot([], [], "D", mfc="white", mec=BLUE, mew=1.4, ms=5.5, label="published")[0],
-        scale.plot([], [], "o", color=VERMILION, ms=7, label="matched")[0],
-        scale.plot([], [], color=VERMILION, lw=3.5, alpha=0.45, label="its 95 % interval")[0],
+        scale.plot([], [], "o", mfc=palette().paper, mec=palette().ink, ms=6, label="initial")[0],
+        scale.plot(
+            [], [], "D", mfc=palette().paper, mec=palette().blue, mew=1.4, ms=5.5, label="published"
+        )[0],
+        scale.plot([], [], "o", color=palette().vermilion, ms=7, label="matched")[0],
+        scale.plot(
+            [], [], color=palette().vermilion, lw=3.5, alpha=0.45, label="its 95 % interval"
+        )[0],
     ]
     if all(parameter.published is None for parameter in free):
         del handles[1]
@@ -71,18 +82,20 @@ def plot_parameters(fit: Fit) -> Figure:
 def _write_table(axes: Axes, free: list[FittedParameter]) -> None:
     columns = {"initial": 0.27, "published": 0.43, "matched": 0.60, "95 % interval": 0.99}
     for heading, at in columns.items():
-        axes.annotate(heading, (at, -0.8), ha="right", va="center", fontsize=9, color=MUTED)
+        axes.annotate(
+            heading, (at, -0.8), ha="right", va="center", fontsize=points(9), color=palette().muted
+        )
     for place, parameter in enumerate(free):
         _write(axes, 0.0, place, symbol(parameter.name), ha="left")
         _write(axes, columns["initial"], place, short_number(parameter.initial))
         published = "-" if parameter.published is None else short_number(parameter.published)
-        _write(axes, columns["published"], place, published, color=BLUE)
+        _write(axes, columns["published"], place, published, color=palette().blue)
         _write(
             axes, columns["matched"], place, short_number(parameter.value),
-            color=VERMILION, fontweight="bold",
+            color=palette().vermilion, fontweight="bold",
         )  # fmt: skip
         unit = parameter.unit.replace("degC", "°C").replace("ohm", "Ω")
-        _write(axes, 0.62, place, unit, ha="left", color=MUTED, fontsize=8.5)
+        _write(axes, 0.62, place, unit, ha="left", color=palette().muted, fontsize=points(8.5))
         _write(axes, columns["95 % interval"], place, interval_text(parameter.interval))
     axes.set_xlim(0, 1)
     axes.set_axis_off()

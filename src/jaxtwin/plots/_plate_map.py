@@ -14,7 +14,7 @@ from matplotlib.patheffects import withStroke
 
 from .._errors import ParameterError
 from ..rig import Cell, Channel, Plate, Rig
-from ._style import BLUE, FAINT, INK, MUTED, VERMILION, styled
+from ._style import INK, PALE, palette, points, styled
 
 _MAP_WIDTH, _ROOM_ABOVE = 4.3, 0.42  # of a panel, inches
 
@@ -83,7 +83,7 @@ def _draw_map(
     axes.set_title(title)
     axes.set_title(
         f"{values.min():.1f} … {values.max():.1f} °C",
-        loc="right", fontsize=9, fontweight="normal", color=MUTED,
+        loc="right", fontsize=points(9), fontweight="normal", color=palette().muted,
     )  # fmt: skip
 
 
@@ -91,20 +91,20 @@ def draw_cells(axes: Axes, rig: Rig) -> None:
     """A dashed line around the elements that each cell touches, and its name."""
     for cell in rig.cells:
         rim = [withStroke(linewidth=2.6, foreground=INK, alpha=0.7)]
-        look = {"fc": "none", "ec": "white", "lw": 1.2, "ls": (0, (4, 2)), "path_effects": rim}
-        _draw_cell(axes, rig.plate, cell, "white", INK, **look)
+        look = {"fc": "none", "ec": PALE, "lw": 1.2, "ls": (0, (4, 2)), "path_effects": rim}
+        _draw_cell(axes, rig.plate, cell, PALE, INK, **look)
 
 
 def _draw_channels(axes: Axes, rig: Rig) -> None:
     frame(axes, rig.plate)
     extents = [(0.0, rig.plate.width, 0.0, rig.plate.height)]
-    axes.add_patch(rectangle(extents[0], fc=FAINT, ec=MUTED, lw=1))
+    axes.add_patch(rectangle(extents[0], fc=palette().faint, ec=palette().muted, lw=1))
     for channel in rig.channels:
         for place in places(channel, rig.plate):
-            axes.add_patch(rectangle(place, fc="none", ec=BLUE, lw=1.2))
+            axes.add_patch(rectangle(place, fc="none", ec=palette().blue, lw=1.2))
     for cell in rig.cells:
-        look = {"fc": VERMILION, "alpha": 0.25, "lw": 0}
-        _draw_cell(axes, rig.plate, cell, VERMILION, FAINT, **look)
+        look = {"fc": palette().vermilion, "alpha": 0.25, "lw": 0}
+        _draw_cell(axes, rig.plate, cell, palette().vermilion, palette().faint, **look)
     for channel in rig.channels:
         _name_channel(axes, rig.plate, channel)
     axes.set_title("channels and cells")
@@ -118,9 +118,10 @@ def _name_channel(axes: Axes, plate: Plate, channel: Channel) -> None:
     low = np.ptp(extents[:, 2:]) < 0.07 * plate.width
     axes.annotate(
         channel.name, (100 * x, 100 * y), (0, -11 if narrow and low else 0),
-        textcoords="offset points", ha="center", va="center", fontsize=7.5, color=INK,
+        textcoords="offset points", ha="center", va="center", fontsize=points(7.5),
+        color=palette().ink,
         rotation=90 if narrow and not low else 0,
-        path_effects=[withStroke(linewidth=2.5, foreground=FAINT)],
+        path_effects=[withStroke(linewidth=2.5, foreground=palette().faint)],
     )  # fmt: skip
 
 
@@ -138,7 +139,8 @@ def _draw_cell(axes: Axes, plate: Plate, cell: Cell, color: str, rim: str, **loo
     top, bottom = extents[:, 2].min(), extents[:, 3].max()
     axes.add_patch(rectangle((left, right, top, bottom), **look))
     axes.annotate(
-        cell.name, (100 * left, 100 * bottom), (4, 4), textcoords="offset points", fontsize=8,
+        cell.name, (100 * left, 100 * bottom), (4, 4), textcoords="offset points",
+        fontsize=points(8),
         color=color, fontweight="bold", path_effects=[withStroke(linewidth=2.2, foreground=rim)],
     )  # fmt: skip
 

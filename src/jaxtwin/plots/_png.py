@@ -20,6 +20,6 @@ def to_png(drawn: Figure | Axes, dpi: int = 150) -> bytes:
     figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
     assert figure is not None  # what a function here drew into stays on its figure
     content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=dpi, facecolor="white")
+    figure.savefig(content, format="png", dpi=dpi, facecolor="auto")
     pyplot.close(figure)
     return content.getvalue()

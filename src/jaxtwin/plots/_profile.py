@@ -5,7 +5,7 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 from ..matching import Profile
-from ._style import INK, MUTED, SKY, VERMILION, styled, symbol
+from ._style import palette, points, styled, symbol
 
 LIMIT = 3.841
 """95 % quantile of chi-squared with one degree of freedom."""
@@ -27,12 +27,12 @@ def plot_profile(profile: Profile) -> Figure:
     figure = pyplot.figure(figsize=(5.6, 3.6), layout="constrained")
     axes = figure.subplots()
     low, high = np.clip(profile.interval, profile.values[0], profile.values[-1])
-    axes.axvspan(low, high, color=SKY, alpha=0.35, lw=0, label="95 % interval")
-    axes.plot(profile.values, profile.excess, "o-", color=VERMILION, ms=5)
-    axes.axhline(LIMIT, color=MUTED, lw=1.0, ls=(0, (4, 3)))
+    axes.axvspan(low, high, color=palette().sky, alpha=0.35, lw=0, label="95 % interval")
+    axes.plot(profile.values, profile.excess, "o-", color=palette().vermilion, ms=5)
+    axes.axhline(LIMIT, color=palette().muted, lw=1.0, ls=(0, (4, 3)))
     axes.annotate(
         f"{LIMIT:.2f}", (1, LIMIT), xycoords=("axes fraction", "data"), xytext=(3, 0),
-        textcoords="offset points", va="center", color=INK, fontsize=9,
+        textcoords="offset points", va="center", color=palette().ink, fontsize=points(9),
     )  # fmt: skip
     axes.set_ylim(bottom=min(0.0, float(profile.excess.min())))
     unit = f", {profile.unit}" if profile.unit else ""

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ..io import Experiment
 from ._labels import label_ends
 from ._samples import last_means
-from ._style import CYCLE, INK, styled
+from ._style import palette, styled
 
 
 @styled
@@ -34,9 +34,14 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
         above.set_title(experiment.name or "recording")
         if experiment.temperatures is not None:
             for number, temperature in enumerate(experiment.temperatures.T):
-                above.plot(experiment.time, temperature, color=CYCLE[number % len(CYCLE)], lw=1.1)
+                above.plot(
+                    experiment.time,
+                    temperature,
+                    color=palette().cycle[number % len(palette().cycle)],
+                    lw=1.1,
+                )
         for duty in np.unique(experiment.duty, axis=1).T:
-            below.step(experiment.time, 100 * duty, where="post", lw=1.3, color=INK)
+            below.step(experiment.time, 100 * duty, where="post", lw=1.3, color=palette().ink)
         below.set_xlabel("time, s")
         below.set_xlim(experiment.time[0], experiment.time[-1])
     grid[0, 0].set_ylabel("temperature, °C")
@@ -46,7 +51,7 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
         label_ends(below, _cells_by_drive(experiment), spacing=0.2)
         if experiment.temperatures is not None:
             tail = last_means(experiment.temperatures, len(experiment.time) // 50)
-            colors = [CYCLE[number % len(CYCLE)] for number in range(len(tail))]
+            colors = [palette().cycle[number % len(palette().cycle)] for number in range(len(tail))]
             label_ends(above, list(zip(tail.tolist(), experiment.channels, colors, strict=True)))
     return figure
 
@@ -60,7 +65,7 @@ def _cells_by_drive(experiment: Experiment) -> list[tuple[float, str, str]]:
         (
             100 * float(experiment.duty[-1, cells[0]]),
             ", ".join(f"P{cell + 1}" for cell in cells),
-            INK,
+            palette().ink,
         )
         for cells in drives.values()
     ]

@@ -11,7 +11,7 @@ from .._residual_statistics import autocorrelation, ljung_box, normal_quantiles
 from ..simulation import Run
 from ._labels import label_ends
 from ._samples import last_means
-from ._style import CYCLE, FAINT, INK, MUTED, styled
+from ._style import palette, points, styled
 
 LONGEST = 300
 """Lags of the autocorrelation that are shown, samples."""
@@ -57,7 +57,7 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
             )
         residuals = run.experiment.temperatures - run.temperatures
         for number, (channel, series) in enumerate(zip(run.channels, residuals.T, strict=True)):
-            _draw(row, run, channel, series, CYCLE[number % len(CYCLE)])
+            _draw(row, run, channel, series, palette().cycle[number % len(palette().cycle)])
         _finish(row, run, residuals)
     grid[0, 1].legend(loc="lower right")
     for axes, text in zip(grid[-1], ("time, s", "lag, s", "standard normal quantile"), strict=True):
@@ -83,19 +83,25 @@ def _draw(row: np.ndarray, run: Run, channel: str, series: np.ndarray, color: st
 
 def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     over_time, against_itself, against_normal = row
-    over_time.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
+    over_time.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
     over_time.set(ylabel="recorded − twin, K", xlim=(run.time[0], run.time[-1]))
     over_time.set_title(run.experiment.name or "recording")
-    over_time.set_title(f"RMSE {run.rmse:.2f} K", loc="right", fontsize=9, fontweight="normal")
+    over_time.set_title(
+        f"RMSE {run.rmse:.2f} K", loc="right", fontsize=points(9), fontweight="normal"
+    )
     tail = last_means(residuals, len(run.time) // 20)
-    label_ends(over_time, list(zip(tail.tolist(), run.channels, CYCLE * len(tail), strict=False)))
+    label_ends(
+        over_time, list(zip(tail.tolist(), run.channels, palette().cycle * len(tail), strict=False))
+    )
     band = 1.96 / np.sqrt(np.count_nonzero(run.experiment.sampled, axis=0).max())
-    against_itself.axhspan(-band, band, color=FAINT, zorder=0.4, label="95 % of white noise")
-    against_itself.axhline(0.0, color=MUTED, lw=0.8, zorder=0.5)
+    against_itself.axhspan(
+        -band, band, color=palette().faint, zorder=0.4, label="95 % of white noise"
+    )
+    against_itself.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
     against_itself.set(ylabel="autocorrelation", ylim=(-1.05, 1.05))
     p = min(ljung_box(series).p_value for series in residuals.T)
     text = f"p = {p:.2g}" if p > 1e-99 else "p below 1e-99"
-    against_itself.set_title(text, loc="right", fontsize=9, fontweight="normal")
+    against_itself.set_title(text, loc="right", fontsize=points(9), fontweight="normal")
     line = np.array([-3.3, 3.3])
-    against_normal.plot(line, line, color=INK, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
+    against_normal.plot(line, line, color=palette().ink, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
     against_normal.set(ylabel="standardised residual")

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from ..simulation import Run
-from ._style import FAINT
+from ._style import palette
 
 
 def of_sampled(
@@ -34,7 +34,8 @@ def shade_masked(
         if (missing := 1 - float(weight[part[0]])) > 0:
             end = time[min(part[-1] + 1, len(time) - 1)]
             axes.axvspan(
-                float(time[part[0]]), float(end), color=FAINT, alpha=0.35 + 0.65 * missing, lw=0,
+                float(time[part[0]]), float(end), color=palette().faint,
+                alpha=0.35 + 0.65 * missing, lw=0,
                 zorder=0.4, gid="masked",
             )  # fmt: skip
 
@@ -42,7 +43,7 @@ def shade_masked(
 def masked_key(weights: Iterable[Float[np.ndarray, "_ _"]]) -> list[Patch]:
     """What a legend says of the shading; nothing where there is none."""
     shaded = any(bool((weight < 1).any()) for weight in weights)
-    return [Patch(color=FAINT, lw=0, label="counted less")] if shaded else []
+    return [Patch(color=palette().faint, lw=0, label="counted less")] if shaded else []
 
 
 def mean_there(values: Float[np.ndarray, "rows columns"], axis: int) -> Float[np.ndarray, " kept"]:

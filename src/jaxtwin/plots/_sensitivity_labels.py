@@ -7,13 +7,13 @@ from matplotlib.axes import Axes
 from numpy import ndarray
 
 from ..sensitivity_analysis import GlobalSensitivity
-from ._style import MUTED, symbol
+from ._style import palette, points, symbol
 
 
 def label_rows(axes: Axes, names: Sequence[str], places: Float[ndarray, " parameters"]) -> None:
     """Writes the parameters beside their bars, which begin at a line at 0."""
-    axes.axvline(0.0, color=MUTED, lw=0.8)
-    axes.set_yticks(places, [symbol(name) for name in names], fontsize=10)
+    axes.axvline(0.0, color=palette().muted, lw=0.8)
+    axes.set_yticks(places, [symbol(name) for name in names], fontsize=points(10))
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0)
 
@@ -22,4 +22,6 @@ def title_output(axes: Axes, sensitivity: GlobalSensitivity, row: int) -> None:
     """Writes which output it is, and from how many runs."""
     axes.set_title(sensitivity.labels[row])
     runs = f"{len(sensitivity.failed):,} runs".replace(",", " ")
-    axes.set_title(runs, loc="right", fontsize=9, fontweight="normal", color=MUTED)
+    axes.set_title(
+        runs, loc="right", fontsize=points(9), fontweight="normal", color=palette().muted
+    )

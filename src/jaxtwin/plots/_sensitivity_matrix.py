@@ -5,7 +5,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import Sensitivity
-from ._style import INK, MUTED, styled, symbol
+from ._style import INK, PALE, palette, points, styled, symbol
 
 
 @styled
@@ -34,7 +34,7 @@ def plot_sensitivity_matrix(sensitivity: Sensitivity, *, ax: Axes | None = None)
         value = correlation[row, column]
         ax.annotate(
             f"{value:.2f}".replace("0.", "."), (column, row), ha="center", va="center",
-            fontsize=7.5, color="white" if abs(value) > 0.55 else INK,
+            fontsize=points(7.5), color=PALE if abs(value) > 0.55 else INK,
         )  # fmt: skip
     ax.set_xticks(range(columns), [symbol(sensitivity.names[place]) for place in order])
     ax.set_yticks(range(rows), sensitivity.channels)
@@ -44,5 +44,5 @@ def plot_sensitivity_matrix(sensitivity: Sensitivity, *, ax: Axes | None = None)
     ax.set_title("Correlation of parameters with costs")
     bar = ax.figure.colorbar(image, ax=ax, fraction=0.03, pad=0.01, ticks=[-1, 0, 1])
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
-    bar.ax.tick_params(length=0, colors=MUTED)
+    bar.ax.tick_params(length=0, colors=palette().muted)
     return ax

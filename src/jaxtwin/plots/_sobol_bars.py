@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import GlobalSensitivity
 from ._sensitivity_labels import label_rows, title_output
-from ._style import BLUE, INK, SKY, styled
+from ._style import palette, styled
 
 
 @styled
@@ -35,15 +35,15 @@ def plot_sobol_bars(
         ax = pyplot.figure(figsize=size, layout="constrained").subplots()
     widest = 0.0
     for name, words, shift, color in (
-        ("ST", "ST, with interactions", 0.19, SKY),
-        ("S1", "S1, alone", -0.19, BLUE),
+        ("ST", "ST, with interactions", 0.19, palette().sky),
+        ("S1", "S1, alone", -0.19, palette().blue),
     ):
         index = sensitivity[name][row, order]
         ax.barh(places + shift, index, height=0.36, color=color, label=words)
         half = np.zeros(len(order))
         if f"{name}_conf" in sensitivity.indices:
             half = sensitivity[f"{name}_conf"][row, order]
-            ax.hlines(places + shift, index - half, index + half, color=INK, lw=1.2)
+            ax.hlines(places + shift, index - half, index + half, color=palette().ink, lw=1.2)
         widest = max(widest, float(np.nanmax(index + half, initial=0.0)))
     label_rows(ax, names, places)
     ax.set_xlim(right=1.05 * max(widest, 0.05))

@@ -1,57 +1,204 @@
 """The look of all pictures, valid while a picture is drawn and not a moment longer.
 
 The colours are those of Okabe and Ito (https://jfly.uni-koeln.de/color), which people with any
-colour vision can tell apart.
+colour vision can tell apart. `style` exchanges them, and the size of letters, for a block of code.
 """
 
 import functools
-from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, ParamSpec, TypeVar, final, get_args
 
 import matplotlib.style
 from cycler import cycler
+from matplotlib import pyplot
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-INK = "#1f2933"  # text
-MUTED = "#66727f"  # what stands back: axes, notes, what was recorded
-FAINT = "#dfe4e8"  # grid lines, empty bars
+from .._arguments import finite_number
+from .._errors import ParameterError
 
-BLUE, VERMILION, GREEN = "#0072b2", "#d55e00", "#009e73"
-PURPLE, ORANGE, SKY = "#cc79a7", "#e69f00", "#56b4e9"
-CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+StyleName = Literal["paper", "grey", "dark"]
 
-STYLE: dict[str, Any] = {
-    "axes.axisbelow": True,
-    "axes.edgecolor": MUTED,
-    "axes.grid": True,
-    "axes.labelcolor": INK,
-    "axes.prop_cycle": cycler(color=CYCLE),
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlecolor": INK,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 11,
-    "axes.titleweight": "bold",
-    "figure.constrained_layout.wspace": 0.05,  # between the last tick of a panel and the next
-    "figure.titlesize": 13,
-    "figure.titleweight": "bold",
-    "font.size": 10,
-    "grid.color": FAINT,
-    "legend.fontsize": 9,
-    "legend.frameon": False,
-    "lines.linewidth": 1.6,
-    "text.color": INK,
-    "xtick.color": MUTED,
-    "xtick.labelcolor": INK,
-    "xtick.labelsize": 9,
-    "ytick.color": MUTED,
-    "ytick.labelcolor": INK,
-    "ytick.labelsize": 9,
-}
+COLUMN = 3.5
+"""Width of a column of a two-column journal, inches."""
+
+PAPER_SCALE = 0.8
+"""Of letters and lines in a column: 8 points where the screen has 10."""
+
+INK, PALE = "#1f2933", "white"
+"""Letters on maps and matrices, whose ground does not change with the style."""
+
+OF_FIXED_SIZE = "of fixed size"
+"""The gid of a figure whose letters are placed to the inch, and which no style makes narrower."""
+
+Dashes = tuple[float, tuple[float, ...]]
+
+
+@final
+@dataclass(frozen=True)
+class Palette:
+    """The colours of a style.
+
+    - `paper`: the ground. `ink`: text. `muted`: what stands back: axes, notes, what was recorded.
+      `faint`: grid lines, empty bars.
+    - The others have the names that they have in the usual style.
+    - `dashes`: of solid lines in a colour that is not distinct enough by itself.
+    """
+
+    paper: str = "#ffffff"
+    ink: str = INK
+    muted: str = "#66727f"
+    faint: str = "#dfe4e8"
+    blue: str = "#0072b2"
+    vermilion: str = "#d55e00"
+    green: str = "#009e73"
+    purple: str = "#cc79a7"
+    orange: str = "#e69f00"
+    sky: str = "#56b4e9"
+    dashes: Mapping[str, Dashes] = field(default_factory=dict)
+
+    @property
+    def cycle(self) -> tuple[str, ...]:
+        """Of several alike."""
+        return (self.blue, self.vermilion, self.green, self.purple, self.orange, self.sky)
+
+
+GREY = Palette(
+    ink="#000000",
+    muted="#7d7d7d",
+    faint="#e2e2e2",
+    blue="#5c5c5c",
+    vermilion="#000000",
+    green="#8f8f8f",
+    purple="#5b5b5b",
+    orange="#010101",
+    sky="#bababa",
+    dashes={
+        "#8f8f8f": (0.0, (5.0, 1.5)),
+        "#5b5b5b": (0.0, (5.0, 1.5, 1.0, 1.5)),
+        "#010101": (0.0, (1.0, 1.2)),
+        "#bababa": (0.0, (9.0, 2.0)),
+    },
+)
+
+DARK = Palette(
+    paper="#16191d",
+    ink="#e8ebee",
+    muted="#9aa5b1",
+    faint="#343b43",
+    blue="#4a9fdc",
+    vermilion="#ff8547",
+    green="#2fc598",
+    purple="#e59cc6",
+    orange="#f0b33a",
+    sky="#8fcdf3",
+)
+
+
+@final
+@dataclass(frozen=True)
+class _Look:
+    """A style: its colours, the size of its letters, and the widest figure, inches."""
+
+    palette: Palette = Palette()
+    scale: float = 1.0
+    width: float | None = None
+
+
+_look: ContextVar[_Look] = ContextVar("look", default=_Look())  # noqa: B039 (it is frozen)
 
 Arguments = ParamSpec("Arguments")
 Drawn = TypeVar("Drawn", Figure, Axes)
+
+
+@contextmanager
+def style(name: StyleName, *, width: float | int | None = None) -> Iterator[None]:
+    """Draws all pictures of a block in another style, matplotlib's own included:
+
+        with plots.style("paper"):
+            fit.plot()
+
+    Styles can be nested: `with plots.style("paper"), plots.style("grey"):`.
+
+    **Arguments:**
+
+    - `name`: `"paper"` for a journal, with letters of 8 points in figures no wider than a column;
+      `"grey"` for print without colours: solid and dashed lines (maps and densities keep their
+      colours, whose brightness grows with the value); `"dark"` for a dark notebook.
+    - `width`: of the widest figure of `"paper"`, inches: 3.5 by default, a column. Figures of
+      several panels need two columns, about 7.2. A thermal network, and a figure into whose axes
+      you draw, keep their size.
+
+    **Raises:** `ParameterError` for another name, or a width beside another style than "paper".
+    """
+    if name not in get_args(StyleName):
+        raise ParameterError(f"style: expected paper, grey or dark, got {name!r}")
+    if width is not None and name != "paper":
+        raise ParameterError(f"style: width: expected None beside {name!r}, got {width!r}")
+    look = _look.get()
+    if name == "paper":
+        widest = COLUMN if width is None else finite_number("style: width", width, ParameterError)
+        if widest < 1.0:
+            raise ParameterError(f"style: width: expected 1 inch at least, got {widest:g}")
+        look = replace(look, scale=PAPER_SCALE, width=widest)
+    else:
+        look = replace(look, palette=GREY if name == "grey" else DARK)
+    before = _look.set(look)
+    try:
+        with matplotlib.style.context(_settings(look)):
+            yield
+    finally:
+        _look.reset(before)
+
+
+def palette() -> Palette:
+    """The colours of the style in which is drawn now."""
+    return _look.get().palette
+
+
+def points(size: float | int) -> float:
+    """The size of letters that have this size on a screen, in the style in which is drawn now."""
+    return size * _look.get().scale
+
+
+def _settings(look: _Look) -> dict[str, Any]:
+    """matplotlib's settings."""
+    colors = look.palette
+    return {
+        "axes.axisbelow": True,
+        "axes.edgecolor": colors.muted,
+        "axes.facecolor": colors.paper,
+        "axes.grid": True,
+        "axes.labelcolor": colors.ink,
+        "axes.prop_cycle": cycler(color=colors.cycle),
+        "axes.spines.right": False,
+        "axes.spines.top": False,
+        "axes.titlecolor": colors.ink,
+        "axes.titlelocation": "left",
+        "axes.titlesize": 11 * look.scale,
+        "axes.titleweight": "bold",
+        "figure.constrained_layout.wspace": 0.05,  # between the last tick of a panel and the next
+        "figure.facecolor": colors.paper,
+        "figure.titlesize": 13 * look.scale,
+        "figure.titleweight": "bold",
+        "font.size": 10 * look.scale,
+        "grid.color": colors.faint,
+        "legend.fontsize": 9 * look.scale,
+        "legend.frameon": False,
+        "lines.linewidth": 1.6 * look.scale,
+        "text.color": colors.ink,
+        "xtick.color": colors.muted,
+        "xtick.labelcolor": colors.ink,
+        "xtick.labelsize": 9 * look.scale,
+        "ytick.color": colors.muted,
+        "ytick.labelcolor": colors.ink,
+        "ytick.labelsize": 9 * look.scale,
+    }
 
 
 def styled(plot: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
@@ -66,15 +213,39 @@ def styled(plot: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
 
     @functools.wraps(plot)
     def in_style(*args: Arguments.args, **options: Arguments.kwargs) -> Drawn:
-        with matplotlib.style.context(["default", STYLE]):
+        look = _look.get()
+        there = pyplot.get_fignums()
+        with matplotlib.style.context(["default", _settings(look)]):
             drawn = plot(*args, **options)
             # Ticks are made when they are first drawn, in the style of that moment.
             figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
             if figure is not None:
+                if getattr(figure, "number", there) not in (there, *there):
+                    _narrow(figure, look)
+                _dash(figure, look.palette.dashes)
                 figure.draw_without_rendering()
         return drawn
 
     return in_style
+
+
+def _narrow(figure: Figure, look: _Look) -> None:
+    """Makes a figure no wider than the style's widest; it gets lower as far as letters allow."""
+    width, height = figure.get_size_inches()
+    is_free = figure.get_gid() != OF_FIXED_SIZE
+    if look.width is not None and width > look.width and is_free:
+        figure.set_size_inches(look.width, height * max(look.width / width, look.scale))
+
+
+def _dash(figure: Figure, dashes: Mapping[str, Dashes]) -> None:
+    """Dashes the solid lines of some colours, those of legends too."""
+    if not dashes:
+        return
+    for line in figure.findobj(Line2D):
+        assert isinstance(line, Line2D)
+        dash = dashes.get(to_hex(line.get_color()))  # pyright: ignore[reportArgumentType]
+        if dash is not None and line.get_linestyle() == "-":
+            line.set_linestyle(dash)
 
 
 def symbol(name: str) -> str:

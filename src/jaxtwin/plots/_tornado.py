@@ -5,7 +5,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import Sensitivity
-from ._style import BLUE, INK, MUTED, VERMILION, styled, symbol
+from ._style import palette, points, styled, symbol
 
 
 @styled
@@ -34,25 +34,25 @@ def plot_tornado(
     if ax is None:
         size = (5.6, 1.2 + 0.29 * len(names))
         ax = pyplot.figure(figsize=size, layout="constrained").subplots()
-    colors = [BLUE if value < 0 else VERMILION for value in correlation]
+    colors = [palette().blue if value < 0 else palette().vermilion for value in correlation]
     ax.barh(places, correlation, color=colors, height=0.66, alpha=0.9)
-    ax.hlines(places, interval[:, 0], interval[:, 1], color=INK, lw=1.3)
-    ax.axvline(0.0, color=MUTED, lw=0.8)
+    ax.hlines(places, interval[:, 0], interval[:, 1], color=palette().ink, lw=1.3)
+    ax.axvline(0.0, color=palette().muted, lw=0.8)
     for place, value, (low, high) in zip(places, shown, interval, strict=True):
         right = value >= 0
         ax.annotate(
             f"{value:+.2f}", (max(high, 0.0) if right else min(low, 0.0), place),
             xytext=(4 if right else -4, 0), textcoords="offset points",
-            ha="left" if right else "right", va="center", fontsize=8, color=MUTED,
+            ha="left" if right else "right", va="center", fontsize=points(8), color=palette().muted,
         )  # fmt: skip
-    ax.set_yticks(places, [symbol(name) for name in names], fontsize=10)
+    ax.set_yticks(places, [symbol(name) for name in names], fontsize=points(10))
     widest = min(1.12, 1.25 * float(np.abs(interval).max()) + 0.08)  # with room for the numbers
     ax.set(xlim=(-widest, widest), xlabel="Pearson correlation with the cost")
     ax.set_title("mean of all channels" if channel == "mean" else channel)
     failed = int(np.count_nonzero(sensitivity.failed))
     draws = f"{len(sensitivity.failed):,} draws".replace(",", " ")
     note = f"{draws}, {failed} failed" if failed else draws
-    ax.set_title(note, loc="right", fontsize=9, fontweight="normal", color=MUTED)
+    ax.set_title(note, loc="right", fontsize=points(9), fontweight="normal", color=palette().muted)
     ax.grid(visible=False, axis="y")
     ax.tick_params(axis="y", length=0)
     return ax

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ..control import Tuning
-from ._style import BLUE, CYCLE, MUTED, VERMILION, styled
+from ._style import palette, points, styled
 
 
 @styled
@@ -42,7 +42,7 @@ def _draw_rounds(axes: Axes, tuning: Tuning) -> None:
         steps = [s for s in tuning.history if s.start == start and np.isfinite(s.objective)]
         if not steps:
             continue
-        color = CYCLE[start % len(CYCLE)]
+        color = palette().cycle[start % len(palette().cycle)]
         taken = [step for step in steps if step.accepted]
         label = "given controller" if start == 0 else f"random start {start}"
         values = [step.objective for step in taken]
@@ -56,7 +56,7 @@ def _draw_rounds(axes: Axes, tuning: Tuning) -> None:
             mec=color, ms=4, alpha=0.6,
         )  # fmt: skip
     best = tuning.after.objective
-    axes.axhline(best, color=MUTED, lw=0.8, ls="--")
+    axes.axhline(best, color=palette().muted, lw=0.8, ls="--")
     if shown:
         top = max(np.quantile(shown, 0.9), tuning.before.objective)
         room = 0.08 * (top - best) or 0.05 * abs(best)
@@ -66,20 +66,22 @@ def _draw_rounds(axes: Axes, tuning: Tuning) -> None:
     axes.set(xlabel="round", ylabel="objective", title="descents")
     axes.legend(loc="upper right")
     if limit is not None:
-        axes.set_title(f"$M_s$ at most {limit:g}", loc="right", fontsize=9, color=MUTED)
+        axes.set_title(
+            f"$M_s$ at most {limit:g}", loc="right", fontsize=points(9), color=palette().muted
+        )
 
 
 def _draw_sensitivity(axes: Axes, tuning: Tuning) -> None:
     for loop, color, label in (
-        (tuning.before, BLUE, "before"),
-        (tuning.after, VERMILION, "after"),
+        (tuning.before, palette().blue, "before"),
+        (tuning.after, palette().vermilion, "after"),
     ):
         low, high = loop.sensitivity.min(axis=0), loop.sensitivity.max(axis=0)
         axes.fill_between(tuning.omega, low, high, color=color, alpha=0.2, lw=0)
         axes.loglog(tuning.omega, np.median(loop.sensitivity, axis=0), color=color, label=label)
     limit = tuning.sensitivity_limit
     assert limit is not None
-    axes.axhline(limit, color=MUTED, lw=1.0, ls="--", label="limit")
+    axes.axhline(limit, color=palette().muted, lw=1.0, ls="--", label="limit")
     highest = max(loop.sensitivity.max() for loop in (tuning.before, tuning.after))
     axes.set_ylim(0.01, max(3.0, 1.5 * highest))
     axes.set_xlim(tuning.omega[0], tuning.omega[-1])
@@ -96,12 +98,15 @@ def _draw_measures(axes: Axes, tuning: Tuning) -> None:
             continue
         row = len(names)
         names.append((name, tuning.weights[number] != 0))
-        for values, color, shift in ((before, BLUE, -0.13), (after, VERMILION, 0.13)):
+        for values, color, shift in (
+            (before, palette().blue, -0.13),
+            (after, palette().vermilion, 0.13),
+        ):
             low, median, high = np.quantile(values / middle, [0.05, 0.5, 0.95])
             largest = max(largest, high)
             axes.plot([low, high], [row + shift] * 2, color=color, lw=2, alpha=0.6)
             axes.plot([median], [row + shift], "o", color=color, ms=4)
-    axes.axvline(1, color=MUTED, lw=0.8)
+    axes.axvline(1, color=palette().muted, lw=0.8)
     if largest > 10:  # of an overshoot that was nearly nothing, say
         axes.set_xscale("log")
     axes.set_yticks(range(len(names)), [name.replace("_", " ") for name, _ in names])

@@ -15,7 +15,7 @@ from ..physics import plate_map
 from ..rig import Channel, Rig
 from ..simulation import Run
 from ._plate_map import HEAT, draw_cells, frame, places, rectangle
-from ._style import FAINT, INK, MUTED, VERMILION, styled
+from ._style import palette, points, styled
 
 MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # of a panel, inches
 
@@ -47,10 +47,10 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
                 (recorded.mean_std, twin.mean_std),
             ),
         ):
-            axes.plot(run.time, was, color=MUTED, lw=2.4, alpha=0.55)
-            axes.plot(run.time, says, color=VERMILION, lw=1.4)
+            axes.plot(run.time, was, color=palette().muted, lw=2.4, alpha=0.55)
+            axes.plot(run.time, says, color=palette().vermilion, lw=1.4)
             axes.set_title(
-                f"mean {means[0]:.2f} K, twin {means[1]:.2f} K", loc="right", fontsize=9,
+                f"mean {means[0]:.2f} K, twin {means[1]:.2f} K", loc="right", fontsize=points(9),
                 fontweight="normal",
             )  # fmt: skip
         column[0].set_title(run.experiment.name or "recording")
@@ -61,8 +61,8 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
     grid[1, 0].set_ylabel("standard deviation, K")
     figure.legend(
         handles=[
-            Line2D([], [], color=MUTED, lw=2.4, alpha=0.55, label="recorded channels"),
-            Line2D([], [], color=VERMILION, lw=1.4, label="the twin's channels"),
+            Line2D([], [], color=palette().muted, lw=2.4, alpha=0.55, label="recorded channels"),
+            Line2D([], [], color=palette().vermilion, lw=1.4, label="the twin's channels"),
         ],
         loc="outside lower center",
         ncols=2,
@@ -111,7 +111,11 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
     # Small places last: taps lie inside of zones.
     order = sorted(range(len(channels)), key=lambda n: -_area(channels[n], rig))
     for number, (panels, (label, values)) in enumerate(zip(grid, rows.items(), strict=True)):
-        colors, rim, unit = (apart, MUTED, "K") if values is difference else (scale, FAINT, "°C")
+        colors, rim, unit = (
+            (apart, palette().muted, "K")
+            if values is difference
+            else (scale, palette().faint, "°C")
+        )
         for axes, time, shown in zip(panels, times, values, strict=True):
             frame(axes, rig.plate)
             axes.set(xticks=[], yticks=[])
@@ -121,7 +125,11 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
             there = shown[~np.isnan(shown)]
             text = f"{there.min():.1f} … {there.max():.1f} {unit}" if there.size else "no sample"
             axes.set_title(
-                text.replace("-", "−"), loc="right", fontsize=9, fontweight="normal", color=MUTED
+                text.replace("-", "−"),
+                loc="right",
+                fontsize=points(9),
+                fontweight="normal",
+                color=palette().muted,
             )
             if number == 0:
                 _draw_field(axes, rig, shown, norm)
@@ -133,8 +141,8 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
                         color = "none" if np.isnan(value) else colors.to_rgba(value)[0]
                         axes.add_patch(rectangle(place, fc=color, ec=rim, lw=0.8))
                 outline = (0.0, rig.plate.width, 0.0, rig.plate.height)
-                axes.add_patch(rectangle(outline, fc="none", ec=MUTED, lw=0.8))
-        panels[0].set_ylabel(label, color=INK)
+                axes.add_patch(rectangle(outline, fc="none", ec=palette().muted, lw=0.8))
+        panels[0].set_ylabel(label, color=palette().ink)
     for colors, panels, label, aspect in (
         (scale, grid[:3], "temperature, °C", 28),
         (apart, grid[3:], "difference, K", 9),

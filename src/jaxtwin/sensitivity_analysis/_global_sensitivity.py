@@ -134,6 +134,20 @@ class GlobalSensitivity:
         """
         return picture("plot_indices_over_time", self, channel, index, ax=ax)
 
+    def plot_convergence(
+        self, output: str | None = None, index: str | None = None, ax: "Axes | None" = None
+    ) -> "Axes":
+        """An index of one output over the number of draws, from the first draws of this analysis:
+        `jaxtwin.plots.plot_convergence`.
+
+        **Arguments:** as in `plot_over_time`, and
+
+        - `output`: one of `labels`; None for the mean cost, or the first output.
+
+        **Raises:** `ParameterError` where the method says nothing of a part of its draws.
+        """
+        return picture("plot_convergence", self, output, index, ax=ax)
+
     def to_dataframe(self) -> "pandas.DataFrame":
         """A row for each output and parameter, its index, and a column for each index.
 

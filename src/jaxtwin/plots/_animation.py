@@ -1,0 +1,126 @@
+"""The plate's temperatures as a film."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib import pyplot
+from matplotlib.animation import FuncAnimation
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from .._arguments import finite_number, whole_number
+from .._errors import ParameterError
+from ..rig import Rig
+from ..simulation import Run
+from ._plate_map import HEAT, draw_cells, frame, rectangle
+from ._style import palette, points, styled
+
+if TYPE_CHECKING:
+    from ..control import ClosedLoopRun
+
+FRAMES = 100
+"""As many as a GIF of some hundred kilobytes holds."""
+
+
+def animate_plate(
+    rig: Rig,
+    run: "Run | ClosedLoopRun",
+    *,
+    frames: int = FRAMES,
+    seconds: float | int = 8.0,
+) -> FuncAnimation:
+    """The plate map over time, above the duty cycles of the cells.
+
+    `.save("plate.gif")` writes it with Pillow, `.save("plate.mp4")` where ffmpeg is installed;
+    `.to_jshtml()` is for a web page or a notebook.
+
+    **Arguments:**
+
+    - `rig`: its plate and cells.
+    - `run`: of a twin of this rig, `Twin.simulate`, or of a closed loop.
+    - `frames`: how many pictures, evenly over the run; a run of fewer samples has one for each.
+    - `seconds`: how long the film takes.
+
+    **Returns:** matplotlib's animation, which must be kept until it is saved or shown.
+
+    **Raises:** `ParameterError` for a run of another rig, or numbers out of range.
+    """
+    simulated = run if isinstance(run, Run) else run.run
+    elements = rig.plate.element_names
+    if tuple(simulated.nodes[: len(elements)]) != tuple(elements):
+        raise ParameterError(
+            f"animate_plate: expected a run of {rig.name}, got one of {simulated.rig} with other "
+            "plate elements"
+        )
+    frames = whole_number("animate_plate: frames", frames, 2, ParameterError)
+    seconds = finite_number("animate_plate: seconds", seconds, ParameterError)
+    if seconds <= 0:
+        raise ParameterError(f"animate_plate: seconds: expected more than 0, got {seconds:g}")
+    times = np.linspace(simulated.time[0], simulated.time[-1], min(frames, len(simulated.time)))
+    chosen = np.searchsorted(simulated.time, times - 1e-9)
+    film = _Film(rig, simulated, chosen)
+    figure = film.draw()
+    return FuncAnimation(
+        figure, film.show, frames=len(chosen), interval=1000 * seconds / len(chosen), blit=False
+    )
+
+
+class _Film:
+    """What changes from picture to picture."""
+
+    def __init__(self, rig: Rig, run: Run, chosen: Int[np.ndarray, " frames"]):
+        self._rig, self._run, self._chosen = rig, run, chosen
+        self._plate: Float[np.ndarray, "frames elements"] = run.states[
+            chosen, : len(rig.plate.element_names)
+        ]
+        self._scale = ScalarMappable(
+            Normalize(float(self._plate.min()), float(self._plate.max())), HEAT
+        )
+
+    @styled
+    def draw(self) -> Figure:
+        """The first picture."""
+        plate = self._rig.plate
+        width = 6.0
+        height = (width - 1.2) * plate.height / plate.width + 1.9
+        figure = pyplot.figure(figsize=(width, height), layout="constrained")
+        above, below = figure.subplots(2, 1, height_ratios=(height - 1.3, 1.0))
+        above.set_axis_off()
+        frame(above, plate)
+        self._patches = [
+            above.add_patch(rectangle(plate.extent(element))) for element in plate.element_names
+        ]
+        draw_cells(above, self._rig)
+        self._title = above.set_title("", fontsize=points(11))
+        self._extremes = above.set_title(
+            "", loc="right", fontsize=points(9), fontweight="normal", color=palette().muted
+        )
+        bar = figure.colorbar(self._scale, ax=above, shrink=0.9, aspect=20, pad=0.02)
+        bar.set_label("temperature, °C")
+        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+        self._draw_duty(below)
+        self.show(0)
+        return figure
+
+    def _draw_duty(self, axes: Axes) -> None:
+        time, duty = self._run.time, 100 * self._run.experiment.duty
+        for number, (cell, each) in enumerate(zip(self._rig.cells, duty.T, strict=True)):
+            line = "-" if number == 0 else "--"  # cells are often driven alike
+            axes.step(time, each, line, where="post", lw=1.5, label=cell.name)
+        axes.set(xlabel="time, s", ylabel="duty, %", xlim=(time[0], time[-1]))
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        self._now = axes.axvline(time[0], color=palette().muted, lw=1.0)
+
+    def show(self, number: int) -> list[Artist]:
+        """Sets the picture of this number."""
+        temperatures, time = self._plate[number], self._run.time[self._chosen[number]]
+        for patch, color in zip(self._patches, self._scale.to_rgba(temperatures), strict=True):
+            patch.set(facecolor=color, edgecolor=color, linewidth=0.3)
+        self._title.set_text(f"{time:.0f} s")
+        self._extremes.set_text(f"{temperatures.min():.1f} … {temperatures.max():.1f} °C")
+        self._now.set_xdata([time, time])
+        return [*self._patches, self._title, self._extremes, self._now]

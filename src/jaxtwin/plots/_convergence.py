@@ -1,0 +1,100 @@
+"""How sensitivity indices settle as the number of draws grows."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+
+from .._errors import ParameterError
+from ..sensitivity_analysis import GlobalSensitivity, OneAtATime, indices_of
+from ._sensitivity_labels import title_output
+from ._style import palette, points, styled, symbol
+
+NAMED = 6
+"""Lines with a colour and a name; the others are grey."""
+
+FEWEST = 8
+"""Draws below which nothing is drawn."""
+
+
+@styled
+def plot_convergence(
+    sensitivity: GlobalSensitivity,
+    output: str | None = None,
+    index: str | None = None,
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """An index of an output over the number of draws, a line for each parameter, with its 95 %
+    interval where the method has one: what the first 8, 16, 32 ... draws of the same analysis give.
+    The six parameters that come highest have colours.
+
+    **Arguments:**
+
+    - `sensitivity`: the result of `jaxtwin.sensitivity` by a global method.
+    - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
+    - `index`: its name; None for the method's main index.
+    - `ax`: axes to draw into, or None for a figure of their own.
+
+    **Returns:** the axes.
+
+    **Raises:** `ParameterError` where there is no such output or index, or the method cannot be
+    applied to a part of its draws: "oat" and "dgsm".
+    """
+    row, name = sensitivity.row(output), index or sensitivity.method.main
+    if sensitivity[name].ndim != 2:
+        raise ParameterError(f"index: expected one of single parameters, got {name!r}")
+    blocks = sensitivity.design.blocks
+    has_parts = not (sensitivity.method.needs_slopes or isinstance(sensitivity.method, OneAtATime))
+    if not has_parts or blocks < 2 * FEWEST:
+        raise ParameterError(
+            f"sensitivity: expected a method whose first draws are an analysis of their own, with "
+            f"{2 * FEWEST} draws at least, got {sensitivity.method.name} with {blocks}"
+        )
+    numbers = [1 << power for power in range(FEWEST.bit_length() - 1, blocks.bit_length())]
+    if numbers[-1] != blocks:
+        numbers.append(blocks)
+    found = [_ends(sensitivity, row, name, number) for number in numbers]
+    values, low, high = np.moveaxis(np.array(found), 1, 0)
+    if ax is None:
+        ax = pyplot.figure(figsize=(6.4, 3.8), layout="constrained").subplots()
+    order = np.argsort(-np.abs(np.nan_to_num(values[-1])), kind="stable")
+    for place, column in reversed(list(enumerate(order))):
+        is_named = place < NAMED
+        color = palette().cycle[place] if is_named else palette().muted
+        ax.plot(
+            numbers, values[:, column], "o-" if is_named else "-", ms=3.5, color=color,
+            lw=1.6 if is_named else 0.7, zorder=3 - place / 100,
+            label=symbol(sensitivity.names[column]) if is_named else None,
+        )  # fmt: skip
+        if is_named:
+            ax.fill_between(numbers, low[:, column], high[:, column], color=color, alpha=0.18, lw=0)
+    ax.axhline(0.0, color=palette().muted, lw=0.8)
+    ax.set_xscale("log", base=2)
+    ax.set_xticks(numbers, [str(number) for number in numbers], minor=False)
+    ax.tick_params(axis="x", labelsize=points(8), labelrotation=45)
+    lowest, highest = np.nanmin(values[-1:]), np.nanmax(values[-1:])
+    room = max(0.35 * (highest - lowest), 0.15)
+    ax.set_ylim(min(0.0, lowest) - room, max(0.0, highest) + room)
+    ax.set(xlabel="draws", ylabel=name, xlim=(numbers[0], numbers[-1]))
+    handles, labels = ax.get_legend_handles_labels()
+    ax.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5))
+    title_output(ax, sensitivity, row)
+    return ax
+
+
+def _ends(
+    sensitivity: GlobalSensitivity, row: int, name: str, number: int
+) -> Float[np.ndarray, "3 parameters"]:
+    """The index from the first draws, and the ends of its interval; NaN without one."""
+    part = sensitivity.design.of_blocks(np.arange(sensitivity.design.blocks) < number)
+    outputs = sensitivity.values[: len(part.unit), [row]]
+    found, _ = indices_of(sensitivity.method, part, outputs, seed=sensitivity.seed)
+    nothing = np.full((1, len(sensitivity.names)), np.nan)
+    value = found.get(name, nothing)
+    if f"{name}_low" in found:
+        ends = [found[f"{name}_low"], found[f"{name}_high"]]
+    else:
+        half = found.get(f"{name}_conf", nothing)
+        ends = [value - half, value + half]
+    return np.stack([value[0], ends[0][0], ends[1][0]])

@@ -1,0 +1,93 @@
+"""The film of a plate."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from jaxtwin import Experiment, ParameterError, Run, load_rig
+from jaxtwin.plots import animate_plate
+
+RIG = load_rig("dual-cell")
+ELEMENTS = RIG.plate.element_names
+
+
+@pytest.fixture(autouse=True)
+def _closed_figures() -> Iterator[None]:
+    yield
+    pyplot.close("all")
+
+
+def heated(samples: int = 101) -> Run:
+    """All elements warm up by 0.1 K/s, the last one starts 5 K warmer; a cell's side too."""
+    times = np.arange(float(samples))
+    states = 20 + 0.1 * times[:, None] + np.zeros(len(ELEMENTS) + 1)
+    states[:, len(ELEMENTS) - 1] += 5
+    return Run(
+        experiment=Experiment(times, np.where(times[:, None] < 50, [0.5, 0.25], [1.0, 0.0])),
+        channels=(), temperatures=np.zeros((samples, 0)), nodes=(*ELEMENTS, "P1.TC"),
+        states=states, rig=RIG.name,
+    )  # fmt: skip
+
+
+def test_a_film_is_a_gif_with_the_pictures_and_the_time_asked_for(tmp_path: Path):
+    film = animate_plate(RIG, heated(), frames=6, seconds=3)
+    film.save(tmp_path / "plate.gif", writer="pillow", dpi=40)
+    with Image.open(tmp_path / "plate.gif") as gif:
+        assert getattr(gif, "n_frames", 1) == 6
+        assert gif.info["duration"] == pytest.approx(500)
+
+
+def test_pictures_show_time_extremes_and_colours(tmp_path: Path):
+    film = animate_plate(RIG, heated(), frames=3)
+    above, duty = film._fig.axes[:2]  # pyright: ignore[reportAttributeAccessIssue]
+    colors = []
+    for number, (time, low) in enumerate([(0, 20.0), (50, 25.0), (100, 30.0)]):
+        film._func(number)  # pyright: ignore[reportAttributeAccessIssue]
+        assert above.get_title("left") == f"{time} s"
+        assert above.get_title("right") == f"{low:.1f} … {low + 5:.1f} °C"
+        assert duty.lines[-1].get_xdata()[0] == time
+        patches = above.patches[: len(ELEMENTS)]
+        colors.append([sum(to_rgb(patch.get_facecolor())) for patch in patches])
+    first, middle, last = np.array(colors)
+    assert np.all(first < middle)
+    assert np.all(middle < last)
+    assert np.argmax(first) == len(ELEMENTS) - 1
+    film.save(tmp_path / "plate.gif", writer="pillow", dpi=20)  # else matplotlib warns
+
+
+def test_a_film_shows_the_duty_of_each_cell(tmp_path: Path):
+    film = animate_plate(RIG, heated(), frames=2)
+    duty = film._fig.axes[1]  # pyright: ignore[reportAttributeAccessIssue]
+    np.testing.assert_array_equal(duty.lines[0].get_ydata()[[0, -1]], [50, 100])
+    np.testing.assert_array_equal(duty.lines[1].get_ydata()[[0, -1]], [25, 0])
+    film.save(tmp_path / "plate.gif", writer="pillow", dpi=20)
+
+
+def test_a_run_of_few_samples_has_a_picture_for_each(tmp_path: Path):
+    film = animate_plate(RIG, heated(4))
+    film.save(tmp_path / "plate.gif", writer="pillow", dpi=20)
+    with Image.open(tmp_path / "plate.gif") as gif:
+        assert getattr(gif, "n_frames", 1) == 4
+
+
+def test_runs_of_other_rigs_and_numbers_out_of_range_are_refused():
+    with pytest.raises(ParameterError, match="expected a run of single-cell, got one of dual-cell"):
+        animate_plate(load_rig("single-cell"), _with_other_nodes())
+    with pytest.raises(ParameterError, match="frames: expected a whole number of at least 2"):
+        animate_plate(RIG, heated(), frames=1)
+    with pytest.raises(ParameterError, match="seconds: expected more than 0, got -1"):
+        animate_plate(RIG, heated(), seconds=-1)
+
+
+def _with_other_nodes() -> Run:
+    run = heated(4)
+    return Run(
+        experiment=run.experiment, channels=(), temperatures=run.temperatures,
+        nodes=tuple(f"V{number}" for number in range(len(run.nodes))), states=run.states,
+        rig=run.rig,
+    )  # fmt: skip
