@@ -40,6 +40,7 @@ def run(twin: Twin, relay: Relay) -> ClosedLoopRun:
     )
 
 
+@pytest.mark.slow
 def test_the_oscillation_is_that_of_the_describing_function(twin: Twin, run: ClosedLoopRun):
     r"""$G(z) = -1 / N(a)$ with $N = 4 d / (\pi a) (\sqrt{1 - (\epsilon / a)^2} - j \epsilon / a)$,
     of the plant at the sample times. Switches come at whole samples, half a sample late on average;
@@ -68,6 +69,7 @@ def test_the_oscillation_is_that_of_the_describing_function(twin: Twin, run: Clo
     assert point.phase_deg == pytest.approx(np.degrees(np.angle(exact)) % -360, abs=3)
 
 
+@pytest.mark.slow
 def test_the_linear_loop_oscillates_alike(twin: Twin, relay: Relay, run: ClosedLoopRun):
     """The same relay about the discrete model, sample by sample."""
     model = jt.linearize(twin, temperatures=REFERENCE).discretise(1.0)
@@ -92,6 +94,7 @@ def test_the_linear_loop_oscillates_alike(twin: Twin, relay: Relay, run: ClosedL
     assert linear.gain == pytest.approx(point.gain, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_bias_moves_until_both_halves_are_alike(run: ClosedLoopRun):
     """It began 0.015 too high."""
     ups = 1 + np.flatnonzero(np.diff(run.duty[:, 0]) > AMPLITUDE)

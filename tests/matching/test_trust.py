@@ -200,6 +200,7 @@ def test_masked_spans_do_not_count(start: Twin):
     assert abs(fit.parameter("h_A").value - 20.0) < 4 * fit.parameter("h_A").standard_error
 
 
+@pytest.mark.slow
 def test_hubers_loss_forgives_what_plain_squares_do_not(start: Twin):
     clean = recording(2, False, "day 1")
     assert clean.temperatures is not None

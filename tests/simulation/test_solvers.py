@@ -94,6 +94,7 @@ def test_our_own_step_as_a_diffrax_solver_gives_the_same(dual_cell):
     assert difference < 1e-3
 
 
+@pytest.mark.slow
 def test_solver_without_an_error_estimate_takes_the_default_solver_s_steps(circuits, twins):
     """Explicit Euler, step by step by hand; a change of input at the last sample is not felt."""
     duty = np.vstack([STEPS.duty[:-1], [[0.0, 0.0]]])
