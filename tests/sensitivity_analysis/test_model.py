@@ -89,5 +89,5 @@ def test_what_does_not_go_with_a_model_is_refused(
 
 
 def test_several_twins_have_no_model(twin: Twin):
-    with pytest.raises(SimulationError, match="one twin or a fit beside a model"):
+    with pytest.raises(SimulationError, match="sensitivity: twin: expected a Twin"):
         jt.sensitivity([twin, twin], method="src", model=ishigami)

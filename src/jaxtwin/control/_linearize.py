@@ -14,10 +14,10 @@ from .._compilation import persistent_jit
 from .._errors import ControlError
 from .._jax_settings import is_traced, settings_for
 from ..matching import Fit
+from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ..simulation._check_values import check_values
 from ._linear_model import LinearModel
-from ._nominal_twin import nominal_twin
 from ._operating_point import (
     ZERO_CELSIUS,
     OperatingPoint,
@@ -81,7 +81,7 @@ def linearize(
     rest; `ParameterError` where a parameter has more than one value, or a resistance, a heat
     capacity, a lag or a delay is not above 0.
     """
-    twin = nominal_twin("linearize: twin", twin)
+    twin = nominal_twin("linearize: twin", twin, ControlError)
     if (duty is None) == (temperatures is None):
         raise ControlError(
             "linearize: expected either duty or temperatures, got "

@@ -11,11 +11,11 @@ from .._arguments import finite_number
 from .._errors import ControlError
 from .._waiting import announced
 from ..matching import Fit
+from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ._controller import checked_limits
 from ._linear_model import LinearModel
 from ._linearize import linearize
-from ._nominal_twin import nominal_twin
 from ._operating_point import OperatingPoint
 
 OF_MEAN = 10.0
@@ -66,7 +66,7 @@ def most_even_point(
     **Raises:** `ControlError` if no duty within the limits reaches the temperature.
     """
     where = "most_even_point"
-    plant = nominal_twin(f"{where}: twin", twin)
+    plant = nominal_twin(f"{where}: twin", twin, ControlError)
     mean = finite_number(f"{where}: temperature", temperature, ControlError)
     low, high = checked_limits(where, limits)
     elements = plant.wiring.elements

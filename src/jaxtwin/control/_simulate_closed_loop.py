@@ -18,6 +18,7 @@ from .._jax_settings import own_settings
 from .._waiting import announced
 from ..live import Faults
 from ..matching import Fit
+from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ..rig._problems import unknown
 from ..simulation import Precision, Reductions, Stepper
@@ -36,7 +37,6 @@ from ._controller import (
 )
 from ._disturbances import Disturbance, disturbance_tables
 from ._measures import MEASURES, Measure
-from ._nominal_twin import nominal_twin
 from ._reach import check_reach, check_sample_time
 from ._reading_errors import reading_errors
 from ._references import reference_samples, sample_times
@@ -133,7 +133,7 @@ def simulate_closed_loop(
     other, or a reference is out of reach; `ParameterError` where a parameter of the twin is wrong;
     `SimulationError` where the temperatures or the duty of a single loop do not stay finite.
     """
-    plant = nominal_twin("simulate_closed_loop: twin", twin)
+    plant = nominal_twin("simulate_closed_loop: twin", twin, ControlError)
     chosen = as_controller(
         "simulate_closed_loop: controller", controller, settings.pop("sample_time_s", None)
     )
@@ -214,7 +214,7 @@ def scenario(
     a sample time above the plant's time constants.
     """
     where = "scenario"
-    plant = nominal_twin(f"{where}: twin", twin)
+    plant = nominal_twin(f"{where}: twin", twin, ControlError)
     chosen = as_controller(f"{where}: controller", controller)
     interval = chosen.sample_time_s
     times = sample_times(where, duration_s, interval)

@@ -15,6 +15,7 @@ from .._errors import ControlError
 from .._jax_settings import own_settings
 from .._waiting import announced
 from ..matching import Fit
+from ..matching._nominal_twin import nominal_twin
 from ..matching._posterior_draws import posterior_draws
 from ..physics import Twin
 from ..simulation._check_values import check_values
@@ -23,7 +24,6 @@ from ._controller import AbstractController
 from ._controller_vector import ControllerVector
 from ._loop_slopes import LoopSlopes
 from ._measures import Measure
-from ._nominal_twin import nominal_twin
 from ._objective import Objective, checked_objective
 from ._sampled_loop import SampledLoops
 from ._search_box import SearchBox, search_box
@@ -144,7 +144,7 @@ def tuning_problem(
         raise ControlError(
             f"{where}: controller: expected a controller with parameters, got {controller!r}"
         )
-    plant = nominal_twin(f"{where}: twin", twin)
+    plant = nominal_twin(f"{where}: twin", twin, ControlError)
     if settings.get("quantised"):
         raise ControlError(
             f"{where}: quantised: expected False, because rounding has no derivative, got True"

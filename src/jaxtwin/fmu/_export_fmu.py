@@ -19,8 +19,8 @@ from .._arguments import path_of
 from .._errors import ControlError
 from .._whole_file import check_ending, write_whole_file
 from ..c_export._stepper_c import stepper_c
-from ..control._nominal_twin import nominal_twin
 from ..matching import Fit
+from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ..simulation import Stepper
 from ._fmi2_c import fmi2_c
@@ -88,7 +88,7 @@ def export_fmu(
     **Raises:** `ControlError` for another version or ending, and where the compiler is not found
     or fails; `SimulationError` and `ParameterError` as `Stepper` does.
     """
-    plant = nominal_twin("export_fmu: twin", twin)
+    plant = nominal_twin("export_fmu: twin", twin, ControlError)
     if version not in VERSIONS:
         raise ControlError(f"export_fmu: version: expected '2.0' or '3.0', got {version!r}")
     check_ending(path, [".fmu"], ControlError)

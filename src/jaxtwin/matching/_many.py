@@ -20,6 +20,7 @@ from ._fit import Fit
 from ._iterations import Iteration, make_iteration
 from ._make_fit import make_fit
 from ._match import checked_solver
+from ._nominal_twin import nominal_twin
 from ._problem import Events, MatchProblem, make_match_problem, named_recordings
 from ._reweighted_least_squares import Estimate, reweighted_least_squares
 from ._unknowns import choose_unknowns
@@ -71,7 +72,7 @@ def match_many(
     **Raises:** the errors of `match`, except that for temperatures that are not finite;
     `MatchError` also if there is no set, the sets differ in shape, or an executor fails.
     """
-    twin = twin.mean_twin if isinstance(twin, Fit) else twin
+    twin = nominal_twin("twin", twin, MatchError)
     whole_number("max_iterations", max_iterations, 1, MatchError)
     check_callable("on_progress", on_progress, MatchError)
     check_executor("match_many: executor", executor, MatchError)

@@ -20,6 +20,7 @@ from ._iterations import Iteration, make_iteration, make_optimum
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._make_fit import make_fit
 from ._masks_and_events import Span
+from ._nominal_twin import nominal_twin
 from ._objective import make_objective
 from ._problem import Events, MatchProblem, make_match_problem, named_groups, named_recordings
 from ._reweighted_least_squares import Estimate, reweighted_least_squares
@@ -102,7 +103,7 @@ def match(
     another rig.
     """
     began = time.perf_counter()
-    twin = twin.mean_twin if isinstance(twin, Fit) else twin
+    twin = nominal_twin("twin", twin, MatchError)
     recordings = named_recordings(
         twin, as_experiments("match: experiments", experiments, MatchError)
     )

@@ -12,6 +12,7 @@ from .._errors import SimulationError
 from .._executor import Executor
 from ..io import Experiment
 from ..matching import Fit
+from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ..simulation import simulate_batch
 from ..simulation._reductions import ReductionFunction
@@ -20,7 +21,7 @@ from ._global_sensitivity import GlobalSensitivity
 from ._input_choices import AskedInputs, chosen_inputs
 from ._inputs import Inputs
 from ._method import AbstractMethod, indices_of
-from ._model import Model, run_model, twin_of_model
+from ._model import Model, run_model
 from ._outputs import (
     AskedOutputs,
     Column,
@@ -58,7 +59,7 @@ def global_sensitivity(
     if model is None:
         twins, recordings = paired_twins("sensitivity", twin, experiments)
     else:
-        twins, recordings = [twin_of_model(twin)], []
+        twins, recordings = [nominal_twin("sensitivity: twin", twin, SimulationError)], []
         if method.needs_slopes:
             raise SimulationError(
                 "sensitivity: method: expected one that takes no derivatives beside a model, got "

@@ -7,8 +7,6 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from .._errors import SimulationError
-from ..matching import Fit
-from ..physics import Twin
 from ..simulation import REDUCTIONS, Reductions
 from ._outputs import Column, Output, columns_of_values
 
@@ -17,20 +15,6 @@ Model: TypeAlias = Callable[
 ]
 """From parameter -> values `(runs,)`, in the unit of the rig's table, to output -> values
 `(runs,)` or `(runs, ...)`, NaN where a run failed; or to `Reductions`."""
-
-
-def twin_of_model(twin: Any) -> Twin:
-    """What the parameters of a model are drawn around: a twin, or the mean one of a fit.
-
-    **Raises:** `SimulationError` for several twins.
-    """
-    if isinstance(twin, Fit):
-        return twin.mean_twin
-    if not isinstance(twin, Twin):
-        raise SimulationError(
-            f"sensitivity: twin: expected one twin or a fit beside a model, got {twin!r}"
-        )
-    return twin
 
 
 def run_model(model: Model, draws: dict[str, Float[np.ndarray, " runs"]]) -> list[Column]:

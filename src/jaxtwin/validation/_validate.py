@@ -22,6 +22,7 @@ from ..matching import (
     named_recordings,
 )
 from ..matching._match_group import NEW_GROUP, check_given, match_first_part, match_group
+from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ..simulation import Run, simulate
 from ._validation import Prediction, Validation
@@ -128,7 +129,7 @@ def validate_split(
     **Raises:** `MatchError` if the split leaves too few samples on either side; the errors of
     `match`.
     """
-    twin = twin.mean_twin if isinstance(twin, Fit) else twin
+    twin = nominal_twin("twin", twin, MatchError)
     at = finite_number("validate_split: at", at, MatchError)
     several = as_experiments("validate_split: experiments", experiments, MatchError)
     names = named_recordings(twin, several)
@@ -178,7 +179,7 @@ def leave_one_out(
 
     **Raises:** `MatchError` for fewer than two recordings; the errors of `match` and `validate`.
     """
-    twin = twin.mean_twin if isinstance(twin, Fit) else twin
+    twin = nominal_twin("twin", twin, MatchError)
     several = as_experiments("leave_one_out: experiments", experiments, MatchError)
     warm_up = finite_number("leave_one_out: warm_up", warm_up, MatchError)
     check_callable("leave_one_out: on_progress", on_progress, MatchError)
