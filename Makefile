@@ -21,7 +21,7 @@ NEWEST ?= $(firstword $(shell for python in python3.13 \
     "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/3.13.*/bin/python; do \
     "$$python" -c pass 2>/dev/null && echo "$$python"; done))
 
-.PHONY: help bench bench-gpu demo docs test test-slow test-all test-lowest test-newest lint types notebook notebook-check pictures wheel-check clean
+.PHONY: help bench bench-gpu demo docs test test-slow test-all test-lowest test-newest lint types lab notebook notebook-check pictures wheel-check clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
@@ -30,6 +30,7 @@ help:
 	@echo "make lint         ruff: rules and layout"
 	@echo "make types        pyright"
 	@echo "make notebook     run the notebooks again, in place; notebook-check only runs them"
+	@echo "make lab          open the notebooks in JupyterLab"
 	@echo "make docs         build the documentation site, build/site/index.html, and check its links"
 	@echo "make pictures     draw the pictures of the documentation again"
 	@echo "make wheel-check  build the wheel and use it from a fresh environment"
@@ -58,8 +59,13 @@ lint: $(INSTALLED_DEV)
 types: $(INSTALLED_DEV)
 	$(BIN)/pyright
 
+lab: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --editable '.[lab]'
+	$(BIN)/jupyter lab --LabApp.default_url=/lab/tree/notebooks
+
 notebook: $(INSTALLED_DEV)
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace notebooks/*.ipynb
+	$(BIN)/python docs/tidy_notebooks.py notebooks/*.ipynb
 
 notebook-check: $(INSTALLED_DEV)
 	set -e; made=$$(mktemp -d); trap 'rm -rf "$$made"' EXIT; \

@@ -14,6 +14,7 @@ PAGES = [
     *CHECKOUT.glob("*.md"),
     *(CHECKOUT / "docs").rglob("*.md"),
     *(CHECKOUT / "benchmarks").rglob("*.md"),
+    *(CHECKOUT / "notebooks").glob("*.md"),
 ]
 CODE = re.compile(r"^(`{3,}|~{3,}).*?^\1 *$|`[^`\n]+`", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^()\s]+)\)")

@@ -1,0 +1,58 @@
+"""Makes executed notebooks small, and the same wherever they were executed.
+
+    python docs/tidy_notebooks.py notebooks/*.ipynb
+
+Pictures get a palette of 128 colours, which takes a third of the bytes. Messages on how long
+something took, and when each cell was executed, are left out.
+"""
+
+import base64
+import io
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+COLORS = 128
+
+
+def with_few_colors(content: bytes) -> bytes:
+    """A .png file with a palette, if that is smaller."""
+    picture = Image.open(io.BytesIO(content))
+    if picture.mode == "P":
+        return content
+    small = io.BytesIO()
+    picture.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE).save(
+        small, "PNG", optimize=True
+    )
+    return min(small.getvalue(), content, key=len)
+
+
+def tidy(notebook: dict[str, Any]) -> dict[str, Any]:
+    """A notebook as it is kept; the same where it is already."""
+    for cell in notebook["cells"]:
+        cell["metadata"].pop("execution", None)
+        if "outputs" not in cell:
+            continue
+        cell["outputs"] = [each for each in cell["outputs"] if each.get("name") != "stderr"]
+        for output in cell["outputs"]:
+            data = output.get("data", {})
+            if "image/png" in data:
+                content = base64.b64decode("".join(data["image/png"]))
+                data["image/png"] = base64.b64encode(with_few_colors(content)).decode() + "\n"
+    return notebook
+
+
+def main() -> None:
+    """Tidies the files that are named."""
+    for name in sys.argv[1:]:
+        path = Path(name)
+        notebook = tidy(json.loads(path.read_text(encoding="utf-8")))
+        text = json.dumps(notebook, indent=1, ensure_ascii=False) + "\n"
+        path.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""The notebooks as they are kept: executed, small, without what differs between machines.
+
+`make notebook-check` executes them.
+"""
+
+import base64
+import copy
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from docs.tidy_notebooks import tidy, with_few_colors
+
+FOLDER = Path(__file__).parent.parent / "notebooks"
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+LARGEST = 400_000
+"""Bytes."""
+
+
+def test_a_picture_keeps_its_size_and_nearly_its_colours() -> None:
+    pixels = np.full((50, 80, 3), 255, np.uint8)
+    pixels[10:30, 20:60] = (0, 114, 178)
+    shaded = np.linspace(0, 255, 80).astype(np.uint8)
+    pixels[40:] = np.stack([shaded, shaded, shaded[::-1]], axis=-1)
+    content = io.BytesIO()
+    Image.fromarray(pixels).save(content, "PNG")
+    small = Image.open(io.BytesIO(with_few_colors(content.getvalue())))
+    assert small.size == (80, 50)
+    difference = np.asarray(small.convert("RGB")).astype(int) - pixels
+    assert np.abs(difference).max() <= 4
+    assert with_few_colors(with_few_colors(content.getvalue())) == with_few_colors(
+        content.getvalue()
+    )
+
+
+def test_messages_and_times_of_execution_are_left_out() -> None:
+    outputs = [{"name": "stderr", "text": "jaxtwin: 3 s"}, {"name": "stdout", "text": "fit"}]
+    cell = {"metadata": {"execution": {}, "tags": []}, "outputs": outputs}
+    words = {"metadata": {"execution": {}}, "source": "Words"}
+    found = tidy({"cells": [cell, words]})["cells"]
+    assert found[0] == {"metadata": {"tags": []}, "outputs": outputs[1:]}
+    assert found[1]["metadata"] == {}
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_are_executed_and_tidy(path: Path) -> None:
+    notebook = json.loads(path.read_text(encoding="utf-8"))
+    assert path.stat().st_size < LARGEST
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert all(cell["execution_count"] for cell in cells)
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    assert not [output for output in outputs if output["output_type"] == "error"]
+    pictures = [output["data"]["image/png"] for output in outputs if _is_picture(output)]
+    assert pictures
+    modes = {Image.open(io.BytesIO(base64.b64decode(picture))).mode for picture in pictures}
+    assert modes == {"P"}
+    assert tidy(copy.deepcopy(notebook)) == notebook
+
+
+def _is_picture(output: dict) -> bool:
+    return "image/png" in output.get("data", {})
+
+
+def test_the_index_names_every_notebook() -> None:
+    index = (FOLDER / "README.md").read_text(encoding="utf-8")
+    for path in NOTEBOOKS:
+        assert f"]({path.name})" in index
