@@ -2,15 +2,30 @@
 
 import contextlib
 import json
+import re
 from pathlib import Path
+from typing import Any
 
+import equinox as eqx
+import jax
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from jaxtwin import ControlError, JaxtwinError, Twin
-from jaxtwin.control import PID, DecoupledPI, FunctionController, read_controller, save_controller
+from jaxtwin.control import (
+    LQI,
+    MPC,
+    PID,
+    DecoupledPI,
+    FunctionController,
+    LinearModel,
+    OperatingPoint,
+    read_controller,
+    save_controller,
+)
+from jaxtwin.control._controller import with_parameters
 
 PID_FILE = """
 format = 1
@@ -69,7 +84,7 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin, controller):
     [
         ('rig = "dual-cell"', 'rig = "mine"', "rig: expected a controller for 'dual-cell', got "),
         ("format = 1", "format = 2", "format: expected 1, got 2"),
-        ('kind = "pid"', 'kind = "pit"', "kind: expected one of pid, decoupled-pi, got 'pit'"),
+        ('kind = "pid"', 'kind = "pit"', "kind: expected one of pid, decoupled-pi, lqi, mpc, got"),
         ('Kp = "0.1 1/K"', 'Kp = "0.1 1/s"', "Kp: expected a gain .* does not measure a gain"),
         ('Kp = "0.1 1/K"', "Kp = 0.1", "Kp: expected a gain of at least 0 such as"),
         ('Kp = "0.1 1/K"', 'Kp = "-1 1/K"', "Kp: expected a gain of at least 0"),
@@ -108,6 +123,179 @@ def test_no_value_of_a_field_ends_in_another_error(
         read_controller(path, twin.rig)
 
 
+def designed(twin: Twin, kind: type[LQI] | type[MPC], **settings: Any) -> Any:
+    """A controller of the rig's channels for a plate of two places, each with a cell."""
+    left = np.linspace(1, 0, len(twin.channels))
+    model = LinearModel(
+        np.array([[-0.03, 0.01], [0.008, -0.025]]),
+        np.array([[1.2, 0.1], [0.1, 1.0]]),
+        np.column_stack([left, 1 - left]),
+        np.zeros((len(left), 2)),
+        operating_point=OperatingPoint(
+            np.array([0.3, 0.1]), np.full(2, 36.6), 40.1 + left, np.asarray(16.0)
+        ),
+        output_names=twin.channels,
+        delay_s=1.5,
+        lag_s=2.0,
+    )
+    measured = [twin.channels[:3], twin.channels[-1]]
+    return kind(model.discretise(0.5), measured=measured, limits=(0, 0.9), **settings)
+
+
+def of_models(twin: Twin) -> list[Any]:
+    limited = {"T11": (10.1, 60), "T26": (-3, 41.7)}
+    return [
+        designed(twin, LQI, setpoint_weight=0.3, drift=0.2),
+        designed(twin, LQI, setpoint_weight=[0.3, 0.1]),
+        designed(twin, MPC, horizon=4, duty_deviation=[0.1, 0.2], reading_noise=0.03),
+        designed(twin, MPC, horizon=3, rate_limit=0.07, temperature_limits=limited),
+    ]
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, number: int):
+    """With the same numbers, but for the last digits of what is computed anew."""
+    path = tmp_path / "controller.toml"
+    controller = of_models(twin)[number]
+    save_controller(path, controller, twin.rig)
+    again = read_controller(path, twin.rig)
+    assert jax.tree.structure(again) == jax.tree.structure(controller)
+    for found, value in zip(jax.tree.leaves(again), jax.tree.leaves(controller), strict=True):
+        np.testing.assert_allclose(found, value, rtol=1e-9, atol=1e-12)
+    if isinstance(controller, LQI):
+        for name in ("Kx", "Ki", "Kt", "N"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(controller, name))
+    save_controller(tmp_path / "again.toml", again, twin.rig)
+    assert (tmp_path / "again.toml").read_text() == path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("number", "pattern", "new", "message"),
+    [
+        (0, r'rig = "dual-cell"', 'rig = "mine"', "rig: expected a controller for 'dual-cell'"),
+        (0, r"duty = .*", "duty = [0.1]", "duty: expected 2 numbers from -1 to 1"),
+        (
+            0,
+            r"outputs = .*",
+            'outputs = ["1 degC", "2 s"]',
+            r"outputs\[1\]: expected a temperature",
+        ),
+        (0, r"outputs = .*", "outputs = [1, 2]", r"outputs\[0\]: expected a temperature"),
+        (0, r'"1/\(K s\)"', '"1/K"', r"gains\.Ki\.unit: expected 1/\(K s\) or alike"),
+        (0, r"Kx = \[", "Kx = [\n    [0.1],", r"gains\.Kx: expected 2 x 10 finite numbers"),
+        (0, r"Kx = \[\n    \[", "Kx = [\n    [-9e9, ", r"gains\.Kx: expected 2 x 10 finite"),
+        (0, r"Ki = {", "Ko = {", r"gains\.Ko: unknown field 'Ko'"),
+        (0, r"\[gains\]", "[other]", "other: unknown field"),
+        (0, r'1/\(K s\)"', '1/(K hour)"', None),
+        (0, r'1/\(K s\)"', '1e3/(K s)"', "is not a known unit"),
+        (0, r'"1/K", rows = \[\n    \[', '"1/K", rows = [\n    [1e9, ', "gains.N: expected 2 x 2"),
+        (2, r"horizon = 4", "horizon = 0", "MPC: horizon: expected a whole number"),
+        (2, r"horizon = 4\n", "", "horizon: expected this field, got none"),
+        (2, r"\[model\]\nA = \[", "[model]\nA = 3\nQ = [", r"model\.Q: unknown field"),
+        (2, r"A = \[\n    \[", "A = [\n    [7, ", r"model\.A: expected any x any finite"),
+        (3, r'rate_limit = "', 'rate_limit = "-', "rate_limit: expected a rate of the duty above"),
+        (3, r"excess_deviation = .*", "", "excess_deviation: expected this field, got none"),
+        (3, r'_limits\."T11"', '_limits."T99"', r"temperature_limits\.T99: unknown channel"),
+        (3, r'lowest = "10.1', 'lowest = "70.1', "T11: expected the lowest and the highest"),
+        (3, r'lowest = "10.1 degC"', "", r"T11\.lowest: expected this field, got none"),
+    ],
+)
+def test_a_wrong_field_of_a_model_s_controller_is_named(
+    tmp_path: Path, twin: Twin, number: int, pattern: str, new: str, message: str | None
+):
+    path = tmp_path / "controller.toml"
+    save_controller(path, of_models(twin)[number], twin.rig)
+    text, count = re.subn(pattern, lambda _: new, path.read_text(), count=1)
+    assert count == 1
+    path.write_text(text)
+    if message is None:
+        read_controller(path, twin.rig)
+        return
+    with pytest.raises(ControlError, match=message) as error:
+        read_controller(path, twin.rig)
+    assert str(error.value).startswith(str(path))
+
+
+def test_gains_that_are_not_stable_are_neither_read_nor_written(tmp_path: Path, twin: Twin):
+    """Feedback of the wrong sign heats a hot plate."""
+    lqi = of_models(twin)[0]
+    path = tmp_path / "controller.toml"
+    for wrong, message in (
+        (with_parameters(lqi, {"Kx": -np.asarray(lqi.Kx)}), "gains: expected gains with which"),
+        (with_parameters(lqi, {"Ki": -np.asarray(lqi.Ki)}), "gains: expected gains with which"),
+        (eqx.tree_at(lambda c: c.kalman.L, lqi, -lqi.kalman.L), r"model\.L: expected a gain"),
+    ):
+        with pytest.raises(ControlError, match=message):
+            save_controller(path, wrong, twin.rig)
+        assert not path.exists()
+
+
+damages = st.lists(
+    st.tuples(
+        st.integers(0, 2**16),
+        st.sampled_from(["cut", "repeat", "flip", "zero", "huge", "sign", "text"]),
+    ),
+    min_size=1,
+    max_size=3,
+)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 3), damages)
+def test_a_damaged_file_is_refused_or_a_controller(
+    tmp_path_factory: pytest.TempPathFactory, twin: Twin, number: int, damage: list[tuple[int, str]]
+):
+    """Lines cut or repeated, bytes and numbers changed: a clear error, or what commands a duty
+    within its limits."""
+    folder = tmp_path_factory.mktemp("files")
+    path = folder / "controller.toml"
+    save_controller(path, of_models(twin)[number], twin.rig)
+    text = path.read_text()
+    for place, kind in damage:
+        text = damaged(text, place, kind)
+    path.write_text(text, encoding="utf-8")
+    try:
+        controller: Any = read_controller(path, twin.rig)
+    except ControlError as refusal:
+        said = str(refusal)
+        event("refused")
+    else:
+        check_it_starts(controller)
+        return
+    assert said.startswith(str(path))
+
+
+def check_it_starts(controller: Any):
+    """With a state of numbers, and a duty within the limits."""
+    with jax.enable_x64(True), jax.disable_jit():
+        rest = np.full(2, 20.0)
+        states = jax.tree.leaves(controller.init(np.zeros(2), rest))
+    assert all(np.isfinite(state).all() for state in states)
+    assert all(-1 <= limit <= 1 for limit in controller.limits)
+
+
+def damaged(text: str, place: int, kind: str) -> str:
+    """A file with a line or a number changed."""
+    if kind in ("cut", "repeat"):
+        lines = text.splitlines()
+        at = place % len(lines)
+        lines[at : at + 1] = [] if kind == "cut" else [lines[at]] * 2
+        return "\n".join(lines)
+    if kind == "flip":
+        at = place % len(text)
+        return text[:at] + chr(33 + place % 90) + text[at + 1 :]
+    found = list(re.finditer(r"-?\d+\.\d+(e-?\d+)?", text))
+    at = found[place % len(found)]
+    number = at.group()
+    new = {
+        "zero": "0.0",
+        "huge": "1e300",
+        "sign": number[1:] if number.startswith("-") else "-" + number,
+        "text": '"x"',
+    }[kind]
+    return text[: at.start()] + new + text[at.end() :]
+
+
 def test_a_function_has_no_file(tmp_path: Path, twin: Twin):
-    with pytest.raises(ControlError, match="expected a PID or a DecoupledPI"):
+    with pytest.raises(ControlError, match="expected a PID, a DecoupledPI, an LQI or an MPC"):
         save_controller(tmp_path / "c.toml", FunctionController(lambda t, r, y: 0.0), twin.rig)

@@ -88,6 +88,39 @@ def test_beyond_reach_it_comes_as_near_as_it_can_and_returns_at_once():
 
 
 @pytest.mark.slow
+def test_a_temperature_limit_is_kept_while_the_other_output_goes_on():
+    """The reference asks for more than the limit of one side; nothing tells the other."""
+    model = plate()
+    limits: Any = {"left": (-5, 10)}
+    mpc = MPC(model, measured=BOTH, horizon=10, temperature_limits=limits, excess_deviation=0.05)
+    outputs, _ = followed(mpc, model, np.tile([16.0, 13.0], (300, 1)), heat=0.05)
+    assert np.max(outputs[:, 0]) < 10.1
+    np.testing.assert_allclose(outputs[-1], [10.0, 13.0], atol=0.05)
+
+
+@pytest.mark.slow
+def test_a_start_beyond_a_temperature_limit_is_left_as_fast_as_the_duty_allows():
+    """Soft: there is a plan, although none keeps the limit."""
+    model = plate()
+    limits: Any = {"left": (-5, -1)}
+    mpc = MPC(model, measured=BOTH, horizon=10, limits=(-0.2, 0.2), temperature_limits=limits)
+    outputs, duty = followed(mpc, model, np.zeros((200, 2)))
+    assert duty[0, 0] == pytest.approx(-0.2, abs=1e-6)
+    np.testing.assert_allclose(outputs[-1], [-1.0, 0.0], atol=0.05)
+
+
+@pytest.mark.slow
+def test_a_temperature_limit_far_away_changes_nothing():
+    model = plate()
+    far: Any = {"left": (-500, 500), "right": (-500, 500)}
+    references = np.tile([6.0, 3.0], (40, 1))
+    _, without = followed(MPC(model, measured=BOTH, horizon=10), model, references)
+    mpc = MPC(model, measured=BOTH, horizon=10, temperature_limits=far)
+    _, duty = followed(mpc, model, references)
+    np.testing.assert_allclose(duty, without, rtol=0, atol=1e-6)
+
+
+@pytest.mark.slow
 def test_a_reference_that_is_known_before_is_met_before():
     """The horizon in place of the reference of now: the duty moves before the step does."""
     model = plate()
@@ -138,6 +171,9 @@ def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
         ({"horizon": 0}, "MPC: horizon: expected"),
         ({"rate_limit": 0}, "MPC: rate_limit: expected a number above 0"),
         ({"duty_change_deviation": -1.0}, "MPC: duty_change_deviation: expected a finite"),
+        ({"excess_deviation": 0}, "MPC: excess_deviation: expected a finite"),
+        ({"temperature_limits": {"top": (0, 1)}}, "MPC: temperature_limits: unknown channel 'top'"),
+        ({"temperature_limits": {"left": (2, 1)}}, "left: expected the lowest and the highest"),
         ({"measured": ["left"] * 3}, "MPC: measured: expected at most as many outputs"),
     ],
 )

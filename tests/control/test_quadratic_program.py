@@ -61,6 +61,47 @@ def test_limits_of_differences_are_those_of_scipy():
             assert np.all((M @ z - low > -1e-9) & (high - M @ z > -1e-9))
 
 
+def test_soft_limits_are_those_of_scipy_with_their_excess_as_unknowns():
+    """A hard box, and sums that are limited softly, some of them beyond what the box leaves."""
+    size, rows = 6, 4
+    for seed in range(4):
+        root, aim = random_program(size, 2, seed)
+        random = np.random.default_rng(seed)
+        H, M = root.T @ root, random.normal(size=(rows, size))
+        middle = 3 * random.normal(size=rows)
+        soft_low, soft_high = middle - 0.1, middle + 0.1
+        softness = 0.02 * np.arange(1.0, rows + 1)
+        low, high = np.r_[-np.ones(size), soft_low], np.r_[np.ones(size), soft_high]
+
+        def cost(both, H=H, aim=aim, softness=softness):
+            z, e = both[:size] - aim, both[size:]
+            return 0.5 * z @ H @ z + 0.5 * np.sum(e**2 / softness)
+
+        def slope(both, H=H, aim=aim, softness=softness):
+            return np.r_[H @ (both[:size] - aim), both[size:] / softness]
+
+        excess = np.hstack([M, np.eye(rows)]), np.hstack([-M, np.eye(rows)])
+        G, h = np.vstack(excess), np.r_[soft_low, -soft_high]
+        expected = minimize(
+            cost,
+            np.zeros(size + rows),
+            jac=slope,
+            method="SLSQP",
+            bounds=[(-1, 1)] * size + [(0, None)] * rows,
+            constraints={
+                "type": "ineq",
+                "fun": lambda both, G=G, h=h: G @ both - h,
+                "jac": lambda both, G=G: G,
+            },
+            options={"ftol": 1e-15, "maxiter": 500},
+        )
+        assert expected.x[size:].max() > 0.1
+        with jax.enable_x64(True):
+            parts = (H, -H @ aim, np.vstack([np.eye(size), M]), low, high)
+            program = QuadraticProgram(*map(jnp.asarray, (*parts, np.r_[np.zeros(size), softness])))
+            np.testing.assert_allclose(minimum(program), expected.x[:size], rtol=0, atol=1e-6)
+
+
 @pytest.mark.slow
 def test_derivatives_are_those_of_the_minimum():
     """Where a limit is active the unknown does not move; forwards, backwards and in batches."""

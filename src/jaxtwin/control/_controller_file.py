@@ -1,5 +1,8 @@
 """Controllers as files.
 
+A file of an `LQI` or an `MPC` is written by `save_controller`, see `_model_controller_file`; one of
+a `PID` may be written by hand:
+
 ```toml
 format = 1
 rig = "dual-cell"
@@ -14,24 +17,33 @@ Ki = "0.002 1/(K s)"
 
 import json
 import os
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NoReturn, TypeAlias
+from typing import Any, NoReturn
 
 import numpy as np
+from scipy.linalg import LinAlgError
 
 from .._errors import ControlError
 from .._whole_file import check_ending, write_whole_file
 from ..rig import Rig
-from ..rig._bundled import read_toml
+from ..rig._bundled import parse_toml, read_toml
 from ..rig._problems import refuse, unknown
-from ..rig._units import Kind, parse_quantity, range_problem
+from ..rig._units import Kind
 from ._controller import AbstractController
+from ._controller_fields import Refuse, as_quantity, groups, numbers, quantity
 from ._decoupled_pi import DecoupledPI
+from ._lqi import LQI
+from ._model_controller_file import (
+    FIELDS,
+    KINDS,
+    REQUIRED,
+    model_controller,
+    model_controller_lines,
+)
+from ._mpc import MPC
 from ._pid import PID
-
-Refuse: TypeAlias = Callable[[str, str], NoReturn]
-"""Of field and message."""
 
 FORMAT = 1
 
@@ -62,7 +74,19 @@ _FIELDS: dict[str, dict[str, Kind]] = {
 }
 """Kind of controller -> its parameters, as they are called in a file."""
 
-_REQUIRED = {"pid": ("Kp",), "decoupled-pi": tuple(_FIELDS["decoupled-pi"])[:4]}
+_NAMES = {PID: "pid", DecoupledPI: "decoupled-pi", **KINDS}
+
+_KNOWN = {
+    "pid": tuple(_FIELDS["pid"]),
+    "decoupled-pi": (*_FIELDS["decoupled-pi"], "decoupling"),
+    **FIELDS,
+}
+
+_REQUIRED = {
+    "pid": ("Kp",),
+    "decoupled-pi": ("measured", *tuple(_FIELDS["decoupled-pi"])[:4]),
+    **REQUIRED,
+}
 
 _COMMON = ("format", "rig", "kind", "sample_time", "measured", "limits")
 
@@ -81,61 +105,22 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
     **Raises:** `ControlError` that names the file, the field and what is allowed, where the file
     cannot be read, is for another rig, or holds what no controller of its kind has.
     """
-    data, source = read_toml(path, ControlError)
-
-    def no(field: str, message: str) -> NoReturn:
-        refuse(source, field, message, ControlError)
-
-    if data.get("format") != FORMAT:
-        no("format", f"expected {FORMAT}, got {data.get('format')!r}")
-    if data.get("rig") != rig.name:
-        no("rig", f"expected a controller for {rig.name!r}, got one for {data.get('rig')!r}")
-    kind = data.get("kind")
-    if not isinstance(kind, str) or kind not in _FIELDS:
-        no("kind", f"expected one of {', '.join(_FIELDS)}, got {kind!r}")
-    fields = _FIELDS[kind]
-    known = (*_COMMON, *fields, *(["decoupling"] if kind == "decoupled-pi" else []))
-    for name in data:
-        if name not in known:
-            no(name, unknown("field", name, known))
-    for name in ("sample_time", *_REQUIRED[kind], *(["measured"] if kind != "pid" else [])):
-        if name not in data:
-            no(name, "expected this field, got none")
-    arguments: dict[str, Any] = {
-        _ARGUMENTS.get(name, name): _quantity(data[name], name, unit, no)
-        for name, unit in fields.items()
-        if name in data
-    }
-    arguments["sample_time_s"] = float(_quantity(data["sample_time"], "sample_time", _INTERVAL, no))
-    if "limits" in data:
-        arguments["limits"] = _numbers(data["limits"], "limits", no)
-    if "decoupling" in data:
-        rows = data["decoupling"] if isinstance(data["decoupling"], list) else [data["decoupling"]]
-        arguments["decoupling"] = [_numbers(row, "decoupling", no) for row in rows]
-    if "measured" in data:
-        arguments["measured"] = _checked_measured(data["measured"], no)
-    try:
-        controller: AbstractController = (PID if kind == "pid" else DecoupledPI)(**arguments)
-        outputs = len(controller.output_weights([channel.name for channel in rig.channels]))
-    except (ControlError, TypeError, ValueError) as error:
-        no("", str(error))
-    if outputs not in (1, len(rig.cells)) or (kind != "pid" and outputs != len(rig.cells)):
-        no("measured", f"expected an output for each of the {len(rig.cells)} cells, got {outputs}")
-    _check_cells(arguments, fields, len(rig.cells), no)
-    return controller
+    return _controller(*read_toml(path, ControlError), rig)
 
 
 def save_controller(path: str | os.PathLike[str], controller: AbstractController, rig: Rig) -> None:
     """Writes a controller for a rig: as a whole or not at all.
 
-    **Raises:** `ControlError` where it is of a kind that has no file, the ending is another than
-    .toml, or the file cannot be written.
+    **Raises:** `ControlError` where it is of a kind that has no file, it is not for this rig or
+    `read_controller` would refuse it, the ending is another than .toml, or the file cannot be
+    written.
     """
     check_ending(path, [".toml"], ControlError)
-    kind = {PID: "pid", DecoupledPI: "decoupled-pi"}.get(type(controller))
+    kind = _NAMES.get(type(controller))
     if kind is None:
         raise ControlError(
-            f"save_controller: controller: expected a PID or a DecoupledPI, got {controller!r}"
+            "save_controller: controller: expected a PID, a DecoupledPI, an LQI or an MPC, got "
+            f"{controller!r}"
         )
     lines = [
         f"format = {FORMAT}",
@@ -147,48 +132,90 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
     if measured is not None:
         lines.append(f"measured = {json.dumps(measured)}")
     lines.append(f"limits = {json.dumps(getattr(controller, 'limits', (-1.0, 1.0)))}")
-    for name, unit in _FIELDS[kind].items():
-        value = getattr(controller, _ARGUMENTS.get(name, name))
-        if value is not None:
-            texts = [f"{number!r} {unit.unit}".strip() for number in np.ravel(value).tolist()]
-            lines.append(f"{name} = {json.dumps(texts[0] if np.ndim(value) == 0 else texts)}")
+    if isinstance(controller, LQI | MPC):
+        lines += model_controller_lines(controller)
+    else:
+        for name, unit in _FIELDS[kind].items():
+            value = getattr(controller, _ARGUMENTS.get(name, name))
+            if value is not None:
+                lines.append(f"{name} = {as_quantity(value, unit)}")
     if isinstance(controller, DecoupledPI):
         lines.append(f"decoupling = {json.dumps(np.asarray(controller.decoupling).tolist())}")
-    write_whole_file(Path(path), ("\n".join(lines) + "\n").encode(), ControlError)
+    content = ("\n".join(lines) + "\n").encode()
+    _controller(parse_toml(content, f"save_controller: {path}", ControlError), str(path), rig)
+    write_whole_file(Path(path), content, ControlError)
 
 
-def _quantity(found: Any, name: str, kind: Kind, no: Refuse) -> Any:
-    """A number with its unit, or a list with one for each cell; in SI units."""
-    if isinstance(found, list) and found:
-        return np.array([_quantity(part, f"{name}[{n}]", kind, no) for n, part in enumerate(found)])
-    if not isinstance(found, str):
-        no(name, f"expected {kind}, got {found!r}")
+def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractController:
+    """The controller of a file's tables.
+
+    **Arguments:**
+
+    - `source`: what the file is called in messages.
+    """
+
+    def no(field: str, message: str) -> NoReturn:
+        refuse(source, field, message, ControlError)
+
+    if data.get("format") != FORMAT:
+        no("format", f"expected {FORMAT}, got {data.get('format')!r}")
+    if data.get("rig") != rig.name:
+        no("rig", f"expected a controller for {rig.name!r}, got one for {data.get('rig')!r}")
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in _NAMES.values():
+        no("kind", f"expected one of {', '.join(_NAMES.values())}, got {kind!r}")
+    known = (*_COMMON, *_KNOWN[kind])
+    for name in data:
+        if name not in known:
+            no(name, unknown("field", name, known))
+    for name in ("sample_time", *_REQUIRED[kind]):
+        if name not in data:
+            no(name, "expected this field, got none")
+    arguments: dict[str, Any] = {
+        "sample_time_s": quantity(data["sample_time"], "sample_time", _INTERVAL, no, is_list=False)
+    }
+    if "limits" in data:
+        arguments["limits"] = numbers(data["limits"], "limits", no)
+    if "measured" in data:
+        arguments["measured"] = groups(data["measured"], no)
+    channels = [channel.name for channel in rig.channels]
     try:
-        number = parse_quantity(found, kind)
-    except ValueError as problem:
-        no(name, f"expected {kind}, got {found!r}, {problem}")
-    problem = range_problem(number, kind)
-    if problem:
-        no(name, f"expected {problem}, got {found!r}")
-    return number
+        if kind in FIELDS:
+            # What is too large or too small is found at the end, as numbers that are not finite.
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # LinAlgWarning is one
+                return model_controller(kind, data, arguments, rig, no)
+        return _pid(kind, data, arguments, rig, channels, no)
+    except (ArithmeticError, LinAlgError, TypeError, ValueError) as error:
+        no("", str(error))
 
 
-def _numbers(found: Any, name: str, no: Refuse) -> list[float]:
-    is_list = isinstance(found, list)
-    if not is_list or any(isinstance(n, bool) or not isinstance(n, int | float) for n in found):
-        no(name, f"expected a list of numbers, got {found!r}")
-    return [float(number) for number in found]
-
-
-def _checked_measured(found: Any, no: Refuse) -> list[Any]:
-    def is_names(part: Any) -> bool:
-        return isinstance(part, list) and bool(part) and all(isinstance(n, str) for n in part)
-
-    if not (
-        isinstance(found, list) and found and all(isinstance(p, str) or is_names(p) for p in found)
-    ):
-        no("measured", f"expected channels, or lists of channels, got {found!r}")
-    return found
+def _pid(
+    kind: str,
+    data: Mapping[str, Any],
+    arguments: dict[str, Any],
+    rig: Rig,
+    channels: Sequence[str],
+    no: Refuse,
+) -> AbstractController:
+    fields = _FIELDS[kind]
+    arguments |= {
+        _ARGUMENTS.get(name, name): quantity(data[name], name, unit, no)
+        for name, unit in fields.items()
+        if name in data
+    }
+    if "decoupling" in data:
+        rows = data["decoupling"] if isinstance(data["decoupling"], list) else [data["decoupling"]]
+        arguments["decoupling"] = [numbers(row, "decoupling", no) for row in rows]
+    try:
+        controller: AbstractController = (PID if kind == "pid" else DecoupledPI)(**arguments)
+        outputs = len(controller.output_weights(channels))
+    except ControlError as error:
+        no("", str(error))
+    if outputs not in (1, len(rig.cells)) or (kind != "pid" and outputs != len(rig.cells)):
+        no("measured", f"expected an output for each of the {len(rig.cells)} cells, got {outputs}")
+    _check_cells(arguments, fields, len(rig.cells), no)
+    return controller
 
 
 def _check_cells(

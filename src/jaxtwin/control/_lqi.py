@@ -30,7 +30,7 @@ from ._controller import (
 from ._discrete_model import DiscreteModel
 from ._kalman import KalmanFilter, kalman_filter
 from ._pid import Parameter, as_parameter
-from ._plant import plant_of
+from ._plant import Plant, plant_of
 from ._riccati import regulator
 
 
@@ -58,7 +58,7 @@ class LQI(AbstractChannelGroupController):
     **Arguments:** deviations and noises are single numbers, or one for each output or cell.
 
     - `model`: a model of the rig near its operating point, from `discretise`; delay and lag are
-      states.
+      states. (A controller file has a `Plant`, the model of the outputs alone.)
     - `measured`: the outputs, at most as many as cells, each a channel or a group of channels that
       is averaged; None for the mean over all channels.
     - `output_deviation`, K, `integral_deviation`, K s, `duty_deviation`: the accepted deviation of
@@ -91,7 +91,7 @@ class LQI(AbstractChannelGroupController):
 
     def __init__(
         self,
-        model: DiscreteModel,
+        model: DiscreteModel | Plant,
         *,
         measured: Sequence[str | Sequence[str]] | None = None,
         output_deviation: Numbers = 1.0,
@@ -107,7 +107,7 @@ class LQI(AbstractChannelGroupController):
         check_parameters("LQI", setpoint_weight=setpoint_weight)
         self.setpoint_weight = as_parameter(setpoint_weight)
         plant = plant_of("LQI", model, self.measured)
-        self.sample_time_s = h = model.sample_time_s
+        self.sample_time_s = h = plant.sample_time_s
         (states, cells), outputs = plant.B.shape, len(plant.C)
         y, q, u, w, v = (
             checked_deviations("LQI", name, value, size)

@@ -1,20 +1,23 @@
-r"""Model predictive control with hard limits of the duty and of its rate.
+r"""Model predictive control with hard limits of the duty and of its rate, and soft ones of
+temperatures.
 
 Each sample minimises, over the duty of the next $n$ samples,
 
 $$\sum_{k=1}^{n - 1} \left[\left(\frac{y_k - y^*_k}{\Delta y}\right)^2
 + \left(\frac{u_{k-1} - u^*_k}{\Delta u}\right)^2\right]
-+ \sum_{k=1}^{n} \left(\frac{u_{k-1} - u_{k-2}}{\delta u}\right)^2 + V(x_n, u_{n-1})$$
++ \sum_{k=1}^{n} \left(\frac{u_{k-1} - u_{k-2}}{\delta u}\right)^2 + V(x_n, u_{n-1})
++ \sum_{k=1}^{n} \sum_i \left(\frac{e_{i,k}}{\Delta e}\right)^2$$
 
-within the limits, and commands the first. $y^*_k$ and $u^*_k$ are where the plate comes to rest:
-the reference of sample $k - 1$ and its duty, under the disturbance that the Kalman filter finds, or
-the nearest that the limits leave. $V$ is the cost of going on for ever without limits: where no
-limit is active, this is the linear-quadratic regulator whatever the horizon (Rawlings, Mayne and
-Diehl, *Model Predictive Control*, 2017, chapters 1 and 2).
+within the limits, where $e_{i,k}$ is by how much channel i exceeds its limit, and commands the
+first. $y^*_k$ and $u^*_k$ are where the plate comes to rest: the reference of sample $k - 1$ and
+its duty, under the disturbance that the Kalman filter finds, or the nearest that the limits leave.
+$V$ is the cost of going on for ever without limits: where no limit is active, this is the
+linear-quadratic regulator whatever the horizon (Rawlings, Mayne and Diehl, *Model Predictive
+Control*, 2017, chapters 1 and 2).
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple, final
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -24,8 +27,9 @@ from jaxtyping import Array, Float, PyTree
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from .._arguments import finite_number, whole_number
+from .._arguments import finite_number, mapping_of, whole_number
 from .._errors import ControlError
+from ..rig._problems import unknown
 from ._controller import (
     AbstractChannelGroupController,
     Numbers,
@@ -57,6 +61,34 @@ class Condensed(NamedTuple):
     by_target: Float[Array | np.ndarray, "moves moves"]
 
 
+class Deviations(NamedTuple):
+    """The accepted deviations: of the outputs, K, of the duty, and of its change."""
+
+    output: Float[Array | np.ndarray, " outputs"]
+    duty: Float[Array | np.ndarray, " cells"]
+    change: Float[Array | np.ndarray, " cells"]
+
+
+class SoftLimits(NamedTuple):
+    """The temperatures of the watched channels in the samples of the horizon, `(samples, channels)`
+    in a row, as deviations from the operating point: by the states and by the moves, with their
+    limits.
+
+    - `at_rest`: of the channels, per unit of duty.
+    - `C`, `outputs`: of the channels, and what they read at the operating point, degC.
+    - `excess`: the accepted excess, K.
+    """
+
+    by_states: Float[Array | np.ndarray, "rows state"]
+    by_moves: Float[Array | np.ndarray, "rows moves"]
+    lowest: Float[Array | np.ndarray, " rows"]
+    highest: Float[Array | np.ndarray, " rows"]
+    at_rest: Float[Array | np.ndarray, "watched cells"]
+    C: Float[Array | np.ndarray, "watched state"]
+    outputs: Float[Array | np.ndarray, " watched"]
+    excess: Float[Array | np.ndarray, ""]
+
+
 @final
 class MPC(AbstractChannelGroupController):
     """Model predictive control, designed on a linear model.
@@ -78,19 +110,25 @@ class MPC(AbstractChannelGroupController):
     - `duty_change_deviation`: the accepted change of the duty from sample to sample.
     - `horizon`: the number of samples that are planned.
     - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none.
+    - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC. They may be
+      exceeded where the duty cannot do otherwise.
+    - `excess_deviation`: the accepted excess over a temperature limit, K. With a smaller value the
+      limit is stricter.
 
     **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
     deviation, a noise or the rate is not a finite positive number, the horizon is not a positive
-    whole number, or the limits are not within -1 to 1.
+    whole number, the limits are not within -1 to 1, or a temperature limit is not one.
     """
 
     condensed: Condensed
     kalman: KalmanFilter
     gain: Float[Array | np.ndarray, "outputs cells"]
     inverse: Float[Array | np.ndarray, "cells outputs"]
-    output_deviation: Float[Array | np.ndarray, " outputs"]
+    deviations: Deviations
+    soft: SoftLimits | None
     duty: Float[Array | np.ndarray, " cells"]
     outputs: Float[Array | np.ndarray, " outputs"]
+    temperature_limits: tuple[tuple[str, float, float], ...] = eqx.field(static=True)
     horizon: int = eqx.field(static=True)
     rate_limit: float | None = eqx.field(static=True)
     limits: tuple[float, float] = eqx.field(static=True)
@@ -99,7 +137,7 @@ class MPC(AbstractChannelGroupController):
 
     def __init__(
         self,
-        model: DiscreteModel,
+        model: DiscreteModel | Plant,
         *,
         measured: Sequence[str | Sequence[str]] | None = None,
         horizon: int = 20,
@@ -110,13 +148,17 @@ class MPC(AbstractChannelGroupController):
         reading_noise: Numbers = 0.1,
         limits: Sequence[float | int] = (-1.0, 1.0),
         rate_limit: float | int | None = None,
+        temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
+        excess_deviation: float | int = 0.1,
     ):
         self.limits = checked_limits("MPC", limits)
         self.measured = checked_measured("MPC", measured)
         self.horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
         self.rate_limit = None if rate_limit is None else _checked_rate(rate_limit)
-        plant = plant_of("MPC", model, self.measured)
-        self.sample_time_s = model.sample_time_s
+        self.temperature_limits = _checked_temperature_limits(temperature_limits, model)
+        watched = [name for name, *_ in self.temperature_limits]
+        plant = plant_of("MPC", model, self.measured, watched)
+        self.sample_time_s = plant.sample_time_s
         cells, outputs = plant.B.shape[1], len(plant.C)
         y, u, change, w, v = (
             checked_deviations("MPC", name, value, size)
@@ -128,9 +170,14 @@ class MPC(AbstractChannelGroupController):
                 ("reading_noise", reading_noise, outputs),
             )
         )
-        self.condensed = _condensed(plant, self.horizon, y, u, change)
+        predicted = _predicted(plant, self.horizon)
+        self.deviations = Deviations(y, u, change)
+        self.condensed = _condensed(plant, predicted, self.deviations)
+        (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
+        limits_of = np.array([limit for _, *limit in self.temperature_limits])
+        self.soft = _soft_limits(plant, predicted, limits_of, excess) if watched else None
         self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
-        self.gain, self.inverse, self.output_deviation = plant.gain, plant.inverse, y
+        self.gain, self.inverse = plant.gain, plant.inverse
         self.duty, self.outputs = plant.duty, plant.outputs
 
     def init(
@@ -169,7 +216,9 @@ class MPC(AbstractChannelGroupController):
         states = self.kalman.correct(state.states, measurement - self.outputs)
         outputs, cells = self.gain.shape
         missing = reference - self.outputs - states[-outputs:]
-        target = self._target(missing) if missing.ndim == 1 else jax.vmap(self._target)(missing)
+        heat = jnp.asarray(self.inverse) @ states[-outputs:]
+        aim = jax.vmap(self._target, (0, None)) if missing.ndim == 2 else self._target
+        target = aim(missing, heat)
         targets = jnp.broadcast_to(target, (self.horizon, cells)).reshape(-1)
         cost = self.condensed
         slope = jnp.asarray(cost.by_states) @ states + jnp.asarray(cost.by_last) @ state.duty
@@ -183,25 +232,55 @@ class MPC(AbstractChannelGroupController):
             matrix = jnp.concatenate([matrix, changes])
             low = jnp.concatenate([low, last - reach])
             high = jnp.concatenate([high, last + reach])
-        program = QuadraticProgram(jnp.asarray(cost.hessian), slope, matrix, low, high)
+        softness: Any = 0.0
+        if self.soft is not None:
+            coming = jnp.asarray(self.soft.by_states) @ states
+            softness = self._softness(low, coming)
+            matrix = jnp.concatenate([matrix, jnp.asarray(self.soft.by_moves)])
+            low = jnp.concatenate([low, self.soft.lowest - coming])
+            high = jnp.concatenate([high, self.soft.highest - coming])
+        program = QuadraticProgram(jnp.asarray(cost.hessian), slope, matrix, low, high, softness)
         return states, minimised(program).reshape(self.horizon, cells)
 
-    def _target(self, missing: Float[Array, " outputs"]) -> Float[Array, " cells"]:
+    def _target(
+        self, missing: Float[Array, " outputs"], heat: Float[Array, " cells"]
+    ) -> Float[Array, " cells"]:
         """The smallest duty that changes the outputs at rest by this; if the limits exclude it, the
-        duty that comes nearest, measured in the accepted deviations."""
+        duty that comes nearest, measured in the accepted deviations.
+
+        **Arguments:**
+
+        - `heat`: the disturbance, as a duty.
+        """
         gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
-        scaled = gain / self.output_deviation[:, None]
+        accepted = jnp.asarray(self.deviations.output)
+        scaled = gain / accepted[:, None]
         size = jnp.sum(scaled**2) / len(gain)
         unseen = jnp.eye(len(self.duty), dtype=gain.dtype) - inverse @ gain
         low, high = (limit - jnp.asarray(self.duty) for limit in self.limits)
+        matrix, softness = jnp.eye(len(low), dtype=gain.dtype), 0.0
+        if self.soft is not None:
+            soft, rows = self.soft, len(self.soft.at_rest)
+            coming = jnp.asarray(soft.at_rest) @ heat
+            matrix = jnp.concatenate([matrix, jnp.asarray(soft.at_rest)])
+            softness = self._softness(low, coming)
+            low = jnp.concatenate([low, soft.lowest[:rows] - coming])
+            high = jnp.concatenate([high, soft.highest[:rows] - coming])
         program = QuadraticProgram(
             scaled.T @ scaled + size * unseen,
-            -scaled.T @ (missing / self.output_deviation),
-            jnp.eye(len(low), dtype=gain.dtype),
+            -scaled.T @ (missing / accepted),
+            matrix,
             low,
             high,
+            softness,
         )
         return minimised(program)
+
+    def _softness(self, hard: Array, soft: Array) -> Array:
+        """Of hard and soft limits."""
+        assert self.soft is not None
+        accepted = jnp.asarray(self.soft.excess, soft.dtype) ** 2
+        return jnp.concatenate([jnp.zeros_like(hard), jnp.full_like(soft, accepted)])
 
     def __repr__(self) -> str:
         outputs, cells = self.gain.shape
@@ -211,9 +290,29 @@ class MPC(AbstractChannelGroupController):
         )
 
 
-def _condensed(
-    plant: Plant, horizon: int, y: np.ndarray, u: np.ndarray, change: np.ndarray
-) -> Condensed:
+class Predicted(NamedTuple):
+    """The states of sample 1 to the horizon: by the states and disturbances now, and by the
+    moves."""
+
+    by_states: Float[np.ndarray, "samples n state"]
+    by_moves: Float[np.ndarray, "samples n moves"]
+
+
+def _predicted(plant: Plant, horizon: int) -> Predicted:
+    (n, cells), outputs = plant.B.shape, len(plant.C)
+    by_disturbance = plant.B @ plant.inverse @ np.eye(outputs, n + outputs, n)
+    state, moved = np.eye(n, n + outputs), np.zeros((n, horizon * cells))
+    by_states, by_moves = [], []
+    for sample in range(horizon):
+        this = np.eye(cells, horizon * cells, sample * cells)
+        state = plant.A @ state + by_disturbance
+        moved = plant.A @ moved + plant.B @ this
+        by_states.append(state)
+        by_moves.append(moved)
+    return Predicted(np.array(by_states), np.array(by_moves))
+
+
+def _condensed(plant: Plant, predicted: Predicted, deviations: Deviations) -> Condensed:
     r"""Condenses the cost to a function of the duty.
 
     With $\xi = (x, u_{-1})$, deviations from the point where the plate comes to rest, and the input
@@ -223,37 +322,73 @@ def _condensed(
     **Raises:** `ControlError` if the plant has no stable design.
     """
     (n, cells), outputs = plant.B.shape, len(plant.C)
+    horizon, _, moves = predicted.by_moves.shape
+    y, u, change = (np.asarray(deviation) for deviation in deviations)
     unit = np.eye(cells)
     A = np.block([[plant.A, plant.B], [np.zeros((cells, n)), unit]])
     B = np.vstack([plant.B, unit])
     Q = np.asarray(block_diag(plant.C.T @ np.diag(y**-2.0) @ plant.C, np.diag(u**-2.0)))
     _, P = regulator("MPC", A, B, Q, np.diag(change**-2.0))
-    moves, by_disturbance = horizon * cells, plant.B @ plant.inverse
     # Row k of each: (x_k, u_{k-1}) for k = 1 to the horizon, by the states and by the moves.
-    state = np.eye(n, n + outputs)
+    duty = np.eye(moves).reshape(horizon, cells, moves)
+    no_states = np.zeros((horizon, cells, n + outputs))
+    by_states = np.concatenate([predicted.by_states, no_states], axis=1).reshape(-1, n + outputs)
+    E = np.concatenate([predicted.by_moves, duty], axis=1).reshape(-1, moves)
+    W = block_diag(*[Q] * (horizon - 1), P)
     disturbance = np.eye(outputs, n + outputs, n)
-    moved = np.zeros((n, moves))
-    by_states, by_moves, weights = [], [], []
-    for sample in range(horizon):
-        this = np.eye(cells, moves, sample * cells)
-        state = plant.A @ state + by_disturbance @ disturbance
-        moved = plant.A @ moved + plant.B @ this
-        by_states.append(np.vstack([state, np.zeros((cells, n + outputs))]))
-        by_moves.append(np.vstack([moved, this]))
-        weights.append(P if sample == horizon - 1 else Q)
     aim = np.vstack([plant.rest, unit])  # (x, u) at rest per duty
-    at_rest = np.vstack([plant.rest @ plant.inverse @ disturbance, np.zeros_like(by_states[0][n:])])
-    E, W = np.vstack(by_moves), block_diag(*weights)
+    at_rest = np.vstack([plant.rest @ plant.inverse @ disturbance, no_states[0]])
     differences = np.eye(moves) - np.eye(moves, k=-cells)
     S = np.diag(np.tile(change**-2.0, horizon))
     first = np.eye(moves, cells)
     hessian = E.T @ W @ E + differences.T @ S @ differences
     return Condensed(
         hessian=(hessian + hessian.T) / 2,
-        by_states=E.T @ W @ (np.vstack(by_states) - np.tile(at_rest, (horizon, 1))),
+        by_states=E.T @ W @ (by_states - np.tile(at_rest, (horizon, 1))),
         by_last=-differences.T @ S @ first,
         by_target=-E.T @ W @ block_diag(*[aim] * horizon),
     )
+
+
+def _soft_limits(
+    plant: Plant, predicted: Predicted, limits: Float[np.ndarray, "watched 2"], excess: float
+) -> SoftLimits:
+    C, (horizon, _, states) = plant.watched, predicted.by_states.shape
+    lowest, highest = np.tile((limits - plant.watched_outputs[:, None]).T, horizon)
+    return SoftLimits(
+        by_states=(C @ predicted.by_states).reshape(-1, states),
+        by_moves=(C @ predicted.by_moves).reshape(len(lowest), -1),
+        lowest=lowest,
+        highest=highest,
+        at_rest=C @ plant.rest,
+        C=C,
+        outputs=plant.watched_outputs,
+        excess=np.asarray(excess),
+    )
+
+
+def _checked_temperature_limits(limits: Any, model: Any) -> tuple[tuple[str, float, float], ...]:
+    """**Raises:** `ControlError` where they are not name -> (lowest, highest) of channels."""
+    where = "MPC: temperature_limits"
+    if limits is None:
+        return ()
+    mapping_of(where, limits, "name -> (lowest, highest)", ControlError)
+    found = []
+    for name, pair in limits.items():
+        known = model.output_names if isinstance(model, DiscreteModel) else tuple(limits)
+        if name not in known:
+            raise ControlError(f"{where}: {unknown('channel', name, known)}")
+        try:
+            lowest, highest = (float(limit) for limit in pair)
+            if not -np.inf < lowest < highest < np.inf:
+                raise ValueError
+        except (TypeError, ValueError):
+            raise ControlError(
+                f"{where}: {name}: expected the lowest and the highest temperature, degC, got "
+                f"{pair!r}"
+            ) from None
+        found.append((name, lowest, highest))
+    return tuple(found)
 
 
 def _checked_rate(rate_limit: float | int) -> float:

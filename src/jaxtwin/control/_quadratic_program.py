@@ -1,6 +1,11 @@
 r"""Small convex quadratic programs with limits on both sides, inside JAX.
 
-$$\min_z \tfrac12 z^T H z + f^T z, \quad a \le M z \le b$$
+$$\min_{z, e} \tfrac12 z^T H z + f^T z + \tfrac12 \sum_i e_i^2 / s_i, \quad
+a - e \le M z \le b + e$$
+
+A limit with a softness $s_i$ of 0 is hard; beyond a soft limit the cost grows with the square of
+the excess $e_i$, which is $s_i$ times the multiplier of the limit and therefore no unknown of its
+own.
 
 The method is a primal-dual interior point method with a single factorisation in each step (Nocedal
 and Wright, *Numerical Optimization*, 2006, chapter 16.6). It needs 8 to 20 steps. First-order
@@ -27,13 +32,17 @@ TO_BOUNDARY = 0.99
 
 
 class QuadraticProgram(NamedTuple):
-    """A quadratic program whose limits leave room: `lowest` is below `highest`."""
+    """A quadratic program whose limits leave room: `lowest` is below `highest`.
+
+    - `softness`: of each limit; a single 0 where all are hard.
+    """
 
     hessian: Float[Array, "n n"]
     slope: Float[Array, " n"]
     matrix: Float[Array, "m n"]
     lowest: Float[Array, " m"]
     highest: Float[Array, " m"]
+    softness: Float[Array, " #m"] | float = 0.0
 
 
 class _Point(NamedTuple):
@@ -49,7 +58,11 @@ def minimised(program: QuadraticProgram) -> Float[Array, " n"]:
     Newton step, and not through the steps before."""
     # Scaled to a Hessian of about 1, so that slacks and multipliers are of one size.
     scale = jnp.max(jnp.abs(jnp.diag(program.hessian)))
-    program = program._replace(hessian=program.hessian / scale, slope=program.slope / scale)
+    program = program._replace(
+        hessian=program.hessian / scale,
+        slope=program.slope / scale,
+        softness=program.softness * scale,
+    )
     held = jax.lax.stop_gradient(program)
     limit = 1e-4 * jnp.finfo(program.slope.dtype).eps ** 0.5
 
@@ -90,18 +103,21 @@ def _step(
     gap = slack @ multiplier / count
     aim = slack * multiplier if is_last else CENTERING * gap
     by_z = program.hessian @ z + program.slope + _transposed(program, multiplier)
-    by_limit = slack - _room(program, z)
+    softness = jnp.broadcast_to(program.softness, program.lowest.shape)
+    softness = jnp.concatenate([softness, softness])
+    by_limit = slack - _room(program, z) - softness * multiplier
     by_product = slack * multiplier - aim
-    weight = multiplier / slack
+    stiffness = slack + multiplier * softness
+    weight = multiplier / stiffness
     half = len(program.lowest)
     both = weight[:half] + weight[half:]
     matrix = fixed.hessian + fixed.matrix.T @ (both[:, None] * fixed.matrix)
-    rest = (multiplier * by_limit - by_product) / slack
+    rest = (multiplier * by_limit - by_product) / stiffness
     right = -by_z - _transposed(program, rest)
     dz = solve(matrix, right) if is_last else solve_definite(matrix, right[:, None])[:, 0]
     moved = program.matrix @ dz
-    dslack = -by_limit - jnp.concatenate([moved, -moved])
-    dmultiplier = -(by_product + multiplier * dslack) / slack
+    dmultiplier = weight * jnp.concatenate([moved, -moved]) + rest
+    dslack = softness * dmultiplier - by_limit - jnp.concatenate([moved, -moved])
     length = 1.0 if is_last else jnp.minimum(_reach(slack, dslack), _reach(multiplier, dmultiplier))
     return _Point(z + length * dz, slack + length * dslack, multiplier + length * dmultiplier)
 

@@ -1,0 +1,103 @@
+"""Values of the fields of a controller file: numbers with units, lists, matrices."""
+
+import json
+from collections.abc import Callable
+from typing import Any, NoReturn, TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+
+from ..rig._units import Kind, parse_quantity, range_problem, unit_scale
+
+Refuse: TypeAlias = Callable[[str, str], NoReturn]
+"""Of field and message."""
+
+
+def quantity(found: Any, name: str, kind: Kind, no: Refuse, *, is_list: bool = True) -> Any:
+    """A number with its unit, or a list with one for each cell or output; in SI units.
+
+    **Arguments:**
+
+    - `is_list`: whether it may be a list.
+    """
+    if is_list and isinstance(found, list) and found:
+        parts = enumerate(found)
+        return np.array([quantity(p, f"{name}[{n}]", kind, no, is_list=False) for n, p in parts])
+    if not isinstance(found, str):
+        no(name, f"expected {kind}, got {found!r}")
+    try:
+        number = parse_quantity(found, kind)
+    except ValueError as problem:
+        no(name, f"expected {kind}, got {found!r}, {problem}")
+    problem = range_problem(number, kind)
+    if problem:
+        no(name, f"expected {problem}, got {found!r}")
+    return number
+
+
+def numbers(found: Any, name: str, no: Refuse) -> list[float]:
+    """A list of numbers without units."""
+    is_list = isinstance(found, list)
+    if not is_list or any(isinstance(n, bool) or not isinstance(n, int | float) for n in found):
+        no(name, f"expected a list of numbers, got {found!r}")
+    try:
+        return [float(number) for number in found]
+    except OverflowError:
+        no(name, f"expected a list of numbers, got {found!r}")
+
+
+def matrix(
+    found: Any, name: str, kind: Kind, shape: tuple[int | None, int | None], no: Refuse
+) -> Float[np.ndarray, "rows columns"]:
+    """Rows of numbers; with a unit they are a table of `unit` and `rows`.
+
+    **Arguments:**
+
+    - `kind`: what the numbers measure; with the unit "" they are plain rows.
+    - `shape`: None for what may be any.
+    """
+    scale, rows = 1.0, found
+    if kind.unit:
+        example = f'{{ unit = "{kind.unit}", rows = [[1.0, 2.0]] }}'
+        if not isinstance(found, dict) or set(found) != {"unit", "rows"}:
+            no(name, f"expected unit and rows, such as {example}, got {found!r}")
+        try:
+            scale, _ = unit_scale(str(found["unit"]), kind)
+        except ValueError as problem:
+            no(f"{name}.unit", f"expected {kind.unit} or alike, got {found['unit']!r}, {problem}")
+        rows = found["rows"]
+    rows = rows if isinstance(rows, list) else [rows]
+    lists = [numbers(row, name, no) for row in rows]
+    lengths = sorted({len(row) for row in lists})
+    array = scale * np.array(lists) if len(lengths) == 1 else np.zeros((0, 0))
+    fits = all(size in (None, has) for size, has in zip(shape, array.shape, strict=True))
+    if not (fits and array.size and np.isfinite(array).all()):
+        expected = " x ".join("any" if size is None else str(size) for size in shape)
+        no(name, f"expected {expected} finite numbers, got {len(lists)} rows of {lengths} numbers")
+    return array
+
+
+def groups(found: Any, no: Refuse) -> list[Any]:
+    """The outputs of a controller: channels, or lists of channels."""
+
+    def is_names(part: Any) -> bool:
+        return isinstance(part, list) and bool(part) and all(isinstance(n, str) for n in part)
+
+    if not (
+        isinstance(found, list) and found and all(isinstance(p, str) or is_names(p) for p in found)
+    ):
+        no("measured", f"expected channels, or lists of channels, got {found!r}")
+    return found
+
+
+def as_quantity(value: Any, kind: Kind) -> str:
+    """The text of a number, or of one for each cell or output, in SI units."""
+    texts = [f"{number!r} {kind.unit}".strip() for number in np.ravel(value).tolist()]
+    return json.dumps(texts[0] if np.ndim(value) == 0 else texts)
+
+
+def as_matrix(value: Any, kind: Kind) -> str:
+    """The text of rows, one a line."""
+    rows = ",\n    ".join(json.dumps(row) for row in np.asarray(value, float).tolist())
+    text = f"[\n    {rows},\n]"
+    return f'{{ unit = "{kind.unit}", rows = {text} }}' if kind.unit else text
