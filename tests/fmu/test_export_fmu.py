@@ -69,6 +69,44 @@ def test_ten_minutes_are_those_of_simulate(twin: Twin, fmu: FMU):
     np.testing.assert_allclose(found["node.P1.TC"], expected.node("P1.TC"), rtol=0, atol=2e-2)
 
 
+@pytest.mark.slow
+def test_model_exchange_is_simulate_under_a_solver_from_outside(twin: Twin, fmu: FMU):
+    """CVODE integrates the states; duty cycles change each minute, and arrive a delay later."""
+    from fmpy import simulate_fmu
+
+    names = [f"duty.{cell.name}" for cell in twin.netlist.cells]
+    levels = np.random.default_rng(1).uniform(-0.5, 1.0, (5, len(names)))
+    rows = np.zeros(10, dtype=[("time", float), *((name, float) for name in names)])
+    rows["time"] = np.repeat(60.0 * np.arange(6), 2)[1:-1]  # each change is two rows at a time
+    for column, name in enumerate(names):
+        rows[name] = np.repeat(levels[:, column], 2)
+    found = simulate_fmu(
+        str(fmu.path),
+        fmi_type="ModelExchange",
+        input=rows,
+        stop_time=300.0,
+        output_interval=1.0,
+        relative_tolerance=1e-7,
+        output=[*fmu.outputs, "node.P1.TC", "der(node.P1.TC)"],
+    )
+    _, last = np.unique(found["time"][::-1], return_index=True)
+    found = found[::-1][last]  # after the events
+    times = np.arange(301.0)
+    found = found[np.isin(found["time"], times)]
+    duty = levels[np.minimum((times // 60).astype(int), 4)]
+    expected = simulate(twin, Experiment(times, duty))
+    for number, channel in enumerate(twin.channels):
+        np.testing.assert_allclose(
+            found[channel], expected.temperatures[:, number], rtol=0, atol=2e-3, err_msg=channel
+        )
+    side = found["node.P1.TC"]
+    np.testing.assert_allclose(side, expected.node("P1.TC"), rtol=0, atol=5e-3)
+    # Derivatives are those of what they are named after, where nothing arrives.
+    calm = slice(20, 55)
+    slope = (side[2:] - side[:-2])[calm] / 2
+    np.testing.assert_allclose(found["der(node.P1.TC)"][1:-1][calm], slope, rtol=0, atol=1e-3)
+
+
 def test_nodes_can_be_set_before_the_start_and_the_room_at_any_time(twin: Twin, fmu: FMU):
     """A plate as warm as the room stays so."""
     start = {f"node.{node.name}": 30.0 for node in twin.netlist.nodes}

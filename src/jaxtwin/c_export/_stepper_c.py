@@ -18,19 +18,34 @@ from ..simulation._stepper import ZERO_CELSIUS
 from ._text import Code, comment_block, number, tables_c
 
 
-def stepper_c(stepper: Stepper, name: str, precision: str, origin: str) -> Code:
+def stepper_c(
+    stepper: Stepper, name: str, precision: str, origin: str, *, with_slopes: bool = False
+) -> Code:
     """Header and source.
+
+    **Arguments:**
+
+    - `with_slopes`: whether a function for the slopes of the nodes' temperatures is written too,
+      for a solver from outside.
 
     **Raises:** `ControlError` where a number of the twin is not finite in this precision.
     """
     with own_settings():
         sizes = _Sizes(stepper)
-        constants, coefficients = tables_c(_tables(stepper, sizes, name), precision)
+        tables = _tables(stepper, sizes, name)
+        if with_slopes:
+            rates = np.asarray(stepper.field.modes.rates, float)
+            tables[f"{name}_rate"] = (rates, "by which the modes decay, 1/s")
+        constants, coefficients = tables_c(tables, precision)
         scalars, count = _scalars(stepper, name, precision)
         source = f'#include <math.h>\n\n#include "{name}.h"\n\n{scalars}\n{constants}'
         source += _functions(sizes, name, precision)
         states = sizes.modes + sizes.cells * (1 + sizes.queue)
         header = _header(stepper, sizes, name, precision, origin)
+        if with_slopes:
+            source += _slopes(sizes, name, precision)
+            end = "#ifdef __cplusplus\n}"
+            header = header.replace(end, _declared_slopes(name, precision) + end)
         return Code(header, source, coefficients + count, states)
 
 
@@ -477,6 +492,47 @@ void {name}_nodes(const {name}_state *state, {real} nodes[{sizes.nodes}])
             sum += {name}_shape[i][m] * state->z[m];
         }}
         nodes[i] = sum + ({name}_T0 - {celsius});
+    }}
+}}
+"""
+
+
+def _declared_slopes(name: str, real: str) -> str:
+    upper = name.upper()
+    return f"""/* How fast the temperatures of the nodes change, K/s; the duty is what reaches
+   the cells, the ambient in degC. */
+void {name}_slopes(const {real} nodes[{upper}_NODES], const {real} duty[{upper}_CELLS],
+                   {real} ambient, {real} slopes[{upper}_NODES]);
+
+"""
+
+
+def _slopes(sizes: _Sizes, name: str, real: str) -> str:
+    n, zero, celsius = sizes.modes, number(0.0, real), number(ZERO_CELSIUS, real)
+    steady = f"    {name}_losses(state.z, deviation, first);\n"
+    if not sizes.has_loss:
+        steady = f"""    for (m = 0; m < {n}; ++m) {{
+        first[m] = {name}_surroundings[m] * deviation;
+    }}
+"""
+    return f"""
+void {name}_slopes(const {real} nodes[{sizes.nodes}], const {real} duty[{sizes.cells}],
+                   {real} ambient, {real} slopes[{sizes.nodes}])
+{{
+    const {real} deviation = ambient + {celsius} - {name}_T0;
+    {real} first[{n}], force[{n}];
+    {name}_state state;
+    int i, m;
+    {name}_init(&state, nodes, duty);
+{steady}    {name}_force(state.z, duty, first, force);
+    for (m = 0; m < {n}; ++m) {{
+        force[m] -= {name}_rate[m] * state.z[m];
+    }}
+    for (i = 0; i < {sizes.nodes}; ++i) {{
+        slopes[i] = {zero};
+        for (m = 0; m < {n}; ++m) {{
+            slopes[i] += {name}_shape[i][m] * force[m];
+        }}
     }}
 }}
 """

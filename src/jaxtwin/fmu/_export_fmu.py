@@ -61,7 +61,7 @@ def export_fmu(
     compiler: str | None = "cc",
     origin: str = "",
 ) -> FMU:
-    """Writes a twin as an FMU for co-simulation, which other simulators run.
+    """Writes a twin as an FMU for model exchange and co-simulation, which other simulators run.
 
     ```python
     jt.export_fmu(jt.Twin("dual-cell"), "dual-cell.fmu")
@@ -69,15 +69,18 @@ def export_fmu(
 
     The FMU is the nonlinear twin of `Stepper`, as C. Inputs are the duty cycles (`duty.P1`, -1 to
     1) and the ambient, outputs the channels, both temperatures in degC; the temperatures of the
-    nodes (`node.V11`) can be read, and set before the start. It takes its own steps of `step_size`
-    under the inputs at their beginning, whatever the steps of the simulator; outputs are those of
-    the last of them.
+    nodes (`node.V11`) can be read, and set before the start.
+
+    In co-simulation it takes its own steps of `step_size` under the inputs at their beginning,
+    whatever the steps of the simulator; outputs are those of the last of them. In model exchange
+    the simulator's solver integrates the temperatures of the nodes and the driver's lag; its delay
+    is events in time.
 
     **Arguments:**
 
     - `twin`: rig and parameters; or a fit, whose nominal twin counts.
     - `path`: of the file, .fmu; replaced where it exists.
-    - `step_size`: s.
+    - `step_size`: of co-simulation, s.
     - `version`: of FMI.
     - `compiler`: of C, for the binary, called like cc or gcc; None: sources alone, for simulators
       that compile them.
@@ -127,9 +130,12 @@ def export_fmu(
 
 def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str, str]:
     """File -> text, with a place for the token."""
-    code = stepper_c(stepper, name, "double", origin)
+    code = stepper_c(stepper, name, "double", origin, with_slopes=True)
+    delay, lag = (
+        0.0 if time is None else float(time) for time in (stepper.system.delay, stepper.system.lag)
+    )
     start = ", ".join(repr(number) for number in np.asarray(stepper.start().nodes).tolist())
-    begin = instance_c(name, "@TOKEN@").replace(
+    begin = instance_c(name, "@TOKEN@", delay, lag).replace(
         "static void reset(",
         f"static const double {name}_start[] = {{{start}}};\n\nstatic void reset(",
     )

@@ -1,4 +1,4 @@
-"""The functions of FMI 2.0 for co-simulation, as C.
+"""The functions of FMI 2.0 for model exchange and co-simulation, as C.
 
 They are declared here as the standard has them, so that the sources need no header but those of C.
 """
@@ -19,6 +19,11 @@ typedef int status_t; /* 0 OK, 1 warning, 2 discard, 3 error, 4 fatal */
 
 #define OK 0
 #define ERROR 3
+
+typedef struct {
+    bool_t is_needed_again, terminate, nominals_changed, states_changed, is_next;
+    double next;
+} event_t;
 
 """
 
@@ -41,7 +46,7 @@ EXPORTED status_t fmi2SetDebugLogging(component_t c, bool_t on, size_t n, const 
     return OK;
 }
 
-/* Of the two types of FMUs, 1 is for co-simulation. */
+/* Of the two types of FMUs, 0 is for model exchange, 1 for co-simulation. */
 EXPORTED component_t fmi2Instantiate(const char *name, int type, const char *guid,
                                      const char *resources, const void *callbacks, bool_t visible,
                                      bool_t logging)
@@ -51,7 +56,7 @@ EXPORTED component_t fmi2Instantiate(const char *name, int type, const char *gui
     (void)callbacks;
     (void)visible;
     (void)logging;
-    return type == 1 ? instantiate(guid) : NULL;
+    return type == 0 || type == 1 ? instantiate(guid, type == 0) : NULL;
 }
 
 EXPORTED void fmi2FreeInstance(component_t c)
@@ -110,6 +115,61 @@ EXPORTED status_t fmi2DoStep(component_t c, double time, double size, bool_t is_
     (void)is_final;
     return advance(c, time, size) ? OK : ERROR;
 }
+
+EXPORTED status_t fmi2EnterEventMode(component_t c)
+{
+    (void)c;
+    return OK;
+}
+
+EXPORTED status_t fmi2NewDiscreteStates(component_t c, event_t *event)
+{
+    event->is_needed_again = event->terminate = 0;
+    event->nominals_changed = event->states_changed = 0;
+    return update(c, &event->is_next, &event->next) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi2EnterContinuousTimeMode(component_t c)
+{
+    (void)c;
+    return OK;
+}
+
+EXPORTED status_t fmi2CompletedIntegratorStep(component_t c, bool_t never_back,
+                                              bool_t *enter_events, bool_t *terminate)
+{
+    (void)c;
+    (void)never_back;
+    *enter_events = *terminate = 0;
+    return OK;
+}
+
+EXPORTED status_t fmi2SetTime(component_t c, double time)
+{
+    ((instance_t *)c)->time = time;
+    return isfinite(time) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi2SetContinuousStates(component_t c, const double values[], size_t n)
+{
+    return set_states(c, values, n) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi2GetContinuousStates(component_t c, double values[], size_t n)
+{
+    return get_states(c, values, n) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi2GetDerivatives(component_t c, double values[], size_t n)
+{
+    return get_slopes(c, values, n) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi2GetNominalsOfContinuousStates(component_t c, double values[], size_t n)
+{
+    (void)c;
+    return get_nominals(values, n) ? OK : ERROR;
+}
 """
 
 
@@ -126,6 +186,7 @@ def _refused() -> Iterator[str]:
         ("fmi2GetRealOutputDerivatives", "double values[]"),
     ):
         yield refused(name, f"{_SOME}, const int order[], {values}", NOTHING_AT_ALL)
+    yield refused("fmi2GetEventIndicators", "double values[], size_t n", NOTHING_AT_ALL)
     yield refused("fmi2CancelStep", "", "ERROR")
     for kind, value in (
         ("", "int"),

@@ -1,4 +1,5 @@
-"""The functions of FMI 3.0 for co-simulation, as C; those that a twin has no use for are refused.
+"""The functions of FMI 3.0 for model exchange and co-simulation, as C; those that a twin has no
+use for are refused.
 
 They are declared here as the standard has them, so that the sources need no header but those of C.
 """
@@ -43,13 +44,12 @@ EXPORTED component_t fmi3InstantiateModelExchange(const char *name, const char *
                                                   void (*message)(void))
 {
     (void)name;
-    (void)given;
     (void)resources;
     (void)visible;
     (void)logging;
     (void)environment;
     (void)message;
-    return NULL;
+    return instantiate(given, 1);
 }
 
 EXPORTED component_t fmi3InstantiateScheduledExecution(const char *name, const char *given,
@@ -59,11 +59,17 @@ EXPORTED component_t fmi3InstantiateScheduledExecution(const char *name, const c
                                                        void (*update)(void), void (*lock)(void),
                                                        void (*unlock)(void))
 {
+    (void)name;
+    (void)given;
+    (void)resources;
+    (void)visible;
+    (void)logging;
+    (void)environment;
+    (void)message;
     (void)update;
     (void)lock;
     (void)unlock;
-    return fmi3InstantiateModelExchange(name, given, resources, visible, logging, environment,
-                                        message);
+    return NULL;
 }
 
 EXPORTED component_t fmi3InstantiateCoSimulation(
@@ -82,7 +88,7 @@ EXPORTED component_t fmi3InstantiateCoSimulation(
     (void)environment;
     (void)message;
     (void)update;
-    return instantiate(given);
+    return instantiate(given, 0);
 }
 
 EXPORTED void fmi3FreeInstance(component_t c)
@@ -151,6 +157,77 @@ EXPORTED status_t fmi3DoStep(component_t c, double time, double size, bool never
     *last = time + size;
     return OK;
 }
+
+EXPORTED status_t fmi3EnterEventMode(component_t c)
+{
+    return ((instance_t *)c)->is_exchange ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3UpdateDiscreteStates(component_t c, bool *is_needed_again, bool *terminate,
+                                           bool *nominals_changed, bool *states_changed,
+                                           bool *is_next, double *next)
+{
+    int found = 0;
+    const int is_updated = update(c, &found, next);
+    *is_needed_again = *terminate = *nominals_changed = *states_changed = false;
+    *is_next = found != 0;
+    return is_updated ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3EnterContinuousTimeMode(component_t c)
+{
+    return ((instance_t *)c)->is_exchange ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3CompletedIntegratorStep(component_t c, bool never_back, bool *enter_events,
+                                              bool *terminate)
+{
+    (void)c;
+    (void)never_back;
+    *enter_events = *terminate = false;
+    return OK;
+}
+
+EXPORTED status_t fmi3SetTime(component_t c, double time)
+{
+    ((instance_t *)c)->time = time;
+    return isfinite(time) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3SetContinuousStates(component_t c, const double values[], size_t n)
+{
+    return set_states(c, values, n) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3GetContinuousStates(component_t c, double values[], size_t n)
+{
+    return get_states(c, values, n) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3GetContinuousStateDerivatives(component_t c, double values[], size_t n)
+{
+    return get_slopes(c, values, n) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3GetNominalsOfContinuousStates(component_t c, double values[], size_t n)
+{
+    (void)c;
+    return get_nominals(values, n) ? OK : ERROR;
+}
+
+EXPORTED status_t fmi3GetNumberOfContinuousStates(component_t c, size_t *n)
+{
+    (void)c;
+    *n = STATES;
+    return OK;
+}
+
+EXPORTED status_t fmi3GetNumberOfEventIndicators(component_t c, size_t *n)
+{
+    (void)c;
+    *n = 0;
+    return OK;
+}
 """
 
 _KINDS = {
@@ -171,7 +248,6 @@ _KINDS = {
 _SOME = "const uint32_t v[], size_t n"
 
 _OTHERS = {
-    "fmi3EnterEventMode": "",
     "fmi3GetNumberOfVariableDependencies": "uint32_t v, size_t *a",
     "fmi3GetVariableDependencies": (
         "uint32_t v, size_t a[], uint32_t b[], size_t d[], int e[], size_t n"
@@ -196,21 +272,10 @@ _OTHERS = {
     "fmi3SetShiftDecimal": f"{_SOME}, const double a[]",
     "fmi3SetShiftFraction": f"{_SOME}, const uint64_t a[], const uint64_t b[]",
     "fmi3EvaluateDiscreteStates": "",
-    "fmi3UpdateDiscreteStates": "bool *a, bool *b, bool *d, bool *e, bool *f, double *g",
-    "fmi3EnterContinuousTimeMode": "",
-    "fmi3CompletedIntegratorStep": "bool a, bool *b, bool *d",
-    "fmi3SetTime": "double a",
-    "fmi3SetContinuousStates": "const double a[], size_t n",
-    "fmi3GetContinuousStateDerivatives": "double a[], size_t n",
-    "fmi3GetEventIndicators": "double a[], size_t n",
-    "fmi3GetContinuousStates": "double a[], size_t n",
-    "fmi3GetNominalsOfContinuousStates": "double a[], size_t n",
-    "fmi3GetNumberOfEventIndicators": "size_t *a",
-    "fmi3GetNumberOfContinuousStates": "size_t *a",
     "fmi3GetOutputDerivatives": f"{_SOME}, const int32_t a[], double b[], size_t d",
     "fmi3ActivateModelPartition": "uint32_t v, double a",
 }
-"""Functions for clocks, events, derivatives and states, none of which a twin here has."""
+"""Functions for clocks, for derivatives other than those of the states, and for states as bytes."""
 
 
 def _refused() -> Iterator[str]:
@@ -228,5 +293,6 @@ def _refused() -> Iterator[str]:
     yield refused("fmi3SetBinary", given, NOTHING_AT_ALL)
     yield refused("fmi3GetClock", f"{_SOME}, bool values[]", NOTHING_AT_ALL)
     yield refused("fmi3SetClock", f"{_SOME}, const bool values[]", NOTHING_AT_ALL)
+    yield refused("fmi3GetEventIndicators", "double values[], size_t n", NOTHING_AT_ALL)
     for name, arguments in _OTHERS.items():
         yield refused(name, arguments, "ERROR")

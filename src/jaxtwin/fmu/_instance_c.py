@@ -1,11 +1,19 @@
 """What the two versions of FMI have in common, as C: an instance, its values and its clock.
 
-The value references are those of `_variables`: time, duty cycles, ambient, channels, nodes.
+The value references are those of `_variables`: time, duty cycles, ambient, channels, states and
+their derivatives. In co-simulation the twin takes its own steps. In model exchange a solver from
+outside integrates the states; a command that changes is put into a queue at the event, and leaves
+it at another event, a delay later.
 """
 
 
-def instance_c(name: str, token: str) -> str:
-    """The beginning of the source that is compiled beside the twin's."""
+def instance_c(name: str, token: str, delay_s: float, lag_s: float) -> str:
+    """The beginning of the source that is compiled beside the twin's.
+
+    **Arguments:**
+
+    - `delay_s`, `lag_s`: of the driver, 0 for none.
+    """
     upper = name.upper()
     return f"""#include <math.h>
 #include <stddef.h>
@@ -30,56 +38,100 @@ static const char token[] = "{token}";
 #define AMBIENT (DUTY + {upper}_CELLS)
 #define CHANNEL (AMBIENT + 1)
 #define NODE (CHANNEL + {upper}_CHANNELS)
-#define VARIABLES (NODE + {upper}_NODES)
+#define LAGGED (NODE + {upper}_NODES)
+#define STATES ({upper}_NODES + (LAG_S > 0.0 ? {upper}_CELLS : 0))
+#define SLOPE (NODE + STATES)
+#define VARIABLES (SLOPE + STATES)
+
+/* Of the driver. */
+#define DELAY_S {delay_s!r}
+#define LAG_S {lag_s!r}
+
+/* Commands that can be on their way in model exchange. */
+#define QUEUE 1024
 
 typedef struct {{
     {name}_state state;
     double start, time, ambient;
     double duty[{upper}_CELLS], nodes[{upper}_NODES];
+    double lagged[{upper}_CELLS]; /* duty behind the lag */
     double steps; /* that have been taken */
-    int is_running;
+    int is_running, is_exchange;
+    /* Of model exchange: the last command, that which has arrived, and those between. */
+    double seen[{upper}_CELLS], arrived[{upper}_CELLS];
+    double due[QUEUE], late[QUEUE][{upper}_CELLS];
+    int waiting;
 }} instance_t;
 
 static void reset(instance_t *self)
 {{
+    const int is_exchange = self->is_exchange;
     int i;
     memset(self, 0, sizeof *self);
+    self->is_exchange = is_exchange;
     self->ambient = {upper}_AMBIENT;
     for (i = 0; i < {upper}_NODES; ++i) {{
         self->nodes[i] = {name}_start[i];
     }}
 }}
 
-static instance_t *instantiate(const char *given)
+static instance_t *instantiate(const char *given, int is_exchange)
 {{
     instance_t *self = NULL;
     if (given != NULL && strcmp(given, token) == 0) {{
         self = malloc(sizeof *self);
     }}
     if (self != NULL) {{
+        self->is_exchange = is_exchange;
         reset(self);
     }}
     return self;
 }}
 
-static void initialize(instance_t *self)
+/* The twin's own state, from temperatures of the nodes; no command was given before. */
+static void begin(const instance_t *self, {name}_state *state)
 {{
     static const double off[{upper}_CELLS] = {{0.0}};
-    {name}_init(&self->state, self->nodes, off);
+    int i;
+    {name}_init(state, self->nodes, off);
+    for (i = 0; i < {upper}_CELLS; ++i) {{
+        state->duty[i] = self->lagged[i];
+    }}
+}}
+
+static void initialize(instance_t *self)
+{{
+    begin(self, &self->state);
     self->is_running = 1;
+}}
+
+/* The derivatives of the states, under the duty that has passed the delay. */
+static void slopes(const instance_t *self, const double *nodes, const double *lagged,
+                   const double *arriving, double *values)
+{{
+    int i;
+    {name}_slopes(nodes, LAG_S > 0.0 ? lagged : arriving, self->ambient, values);
+    for (i = {upper}_NODES; i < STATES; ++i) {{
+        values[i] = (arriving[i - {upper}_NODES] - lagged[i - {upper}_NODES]) / LAG_S;
+    }}
+}}
+
+static const double *arriving(const instance_t *self)
+{{
+    return DELAY_S > 0.0 ? self->arrived : self->duty;
 }}
 
 static int get(const instance_t *self, const uint32_t *numbers, size_t count, double *values)
 {{
-    double channels[{upper}_CHANNELS], nodes[{upper}_NODES];
+    double channels[{upper}_CHANNELS], nodes[{upper}_NODES], changes[STATES];
     {name}_state state = self->state;
     size_t k;
-    if (!self->is_running) {{
-        static const double off[{upper}_CELLS] = {{0.0}};
-        {name}_init(&state, self->nodes, off);
+    if (!self->is_running || self->is_exchange) {{
+        begin(self, &state);
     }}
     {name}_output(&state, self->ambient, channels);
     {name}_nodes(&state, nodes);
+    slopes(self, nodes, state.duty, self->is_exchange ? arriving(self) : self->duty, changes);
     for (k = 0; k < count; ++k) {{
         const uint32_t number = numbers[k];
         if (number == 0) {{
@@ -90,8 +142,12 @@ static int get(const instance_t *self, const uint32_t *numbers, size_t count, do
             values[k] = self->ambient;
         }} else if (number < NODE) {{
             values[k] = channels[number - CHANNEL];
-        }} else if (number < VARIABLES) {{
+        }} else if (number < LAGGED) {{
             values[k] = nodes[number - NODE];
+        }} else if (number < SLOPE) {{
+            values[k] = state.duty[number - LAGGED];
+        }} else if (number < VARIABLES) {{
+            values[k] = changes[number - SLOPE];
         }} else {{
             return 0;
         }}
@@ -115,8 +171,13 @@ static int set(instance_t *self, const uint32_t *numbers, size_t count, const do
             self->duty[number - DUTY] = values[k];
         }} else if (number == AMBIENT) {{
             self->ambient = values[k];
-        }} else if (number >= NODE && number < VARIABLES && !self->is_running) {{
+        }} else if (number >= NODE && number < LAGGED && !self->is_running) {{
             self->nodes[number - NODE] = values[k];
+        }} else if (number >= LAGGED && number < SLOPE && !self->is_running) {{
+            if (values[k] < -1.0 || values[k] > 1.0) {{
+                return 0;
+            }}
+            self->lagged[number - LAGGED] = values[k];
         }} else {{
             return 0;
         }}
@@ -128,7 +189,10 @@ static int set(instance_t *self, const uint32_t *numbers, size_t count, const do
 static int advance(instance_t *self, double time, double size)
 {{
     double until;
-    if (!self->is_running || !isfinite(time) || !isfinite(size) || size < 0.0) {{
+    if (!self->is_running || self->is_exchange) {{
+        return 0;
+    }}
+    if (!isfinite(time) || !isfinite(size) || size < 0.0) {{
         return 0;
     }}
     until = floor((time + size - self->start) / {upper}_SAMPLE_TIME_S + 1e-6);
@@ -137,6 +201,82 @@ static int advance(instance_t *self, double time, double size)
         self->steps += 1.0;
     }}
     self->time = time + size;
+    return 1;
+}}
+
+/* The states as the solver from outside has them. */
+static int get_states(const instance_t *self, double *values, size_t count)
+{{
+    if (count != STATES) {{
+        return 0;
+    }}
+    memcpy(values, self->nodes, sizeof self->nodes);
+    memcpy(values + {upper}_NODES, self->lagged, (STATES - {upper}_NODES) * sizeof(double));
+    return 1;
+}}
+
+static int set_states(instance_t *self, const double *values, size_t count)
+{{
+    if (count != STATES || !self->is_exchange) {{
+        return 0;
+    }}
+    memcpy(self->nodes, values, sizeof self->nodes);
+    memcpy(self->lagged, values + {upper}_NODES, (STATES - {upper}_NODES) * sizeof(double));
+    return 1;
+}}
+
+static int get_slopes(const instance_t *self, double *values, size_t count)
+{{
+    if (count != STATES) {{
+        return 0;
+    }}
+    slopes(self, self->nodes, self->lagged, arriving(self), values);
+    return 1;
+}}
+
+static int get_nominals(double *values, size_t count)
+{{
+    size_t k;
+    if (count != STATES) {{
+        return 0;
+    }}
+    for (k = 0; k < count; ++k) {{
+        values[k] = k < {upper}_NODES ? 10.0 : 1.0;
+    }}
+    return 1;
+}}
+
+/* What happens at an event: a new command is put into the queue, and those that are due arrive.
+   Refused where too many are on their way. */
+static int update(instance_t *self, int *is_next, double *next)
+{{
+    const double now = self->time + 1e-9 * (1.0 + fabs(self->time));
+    int left = 0;
+    *is_next = 0;
+    *next = 0.0;
+    if (!(DELAY_S > 0.0)) {{
+        return 1;
+    }}
+    if (memcmp(self->seen, self->duty, sizeof self->seen) != 0) {{
+        if (self->waiting == QUEUE) {{
+            return 0;
+        }}
+        self->due[self->waiting] = self->time + DELAY_S;
+        memcpy(self->late[self->waiting], self->duty, sizeof self->duty);
+        memcpy(self->seen, self->duty, sizeof self->seen);
+        ++self->waiting;
+    }}
+    while (left < self->waiting && self->due[left] <= now) {{
+        memcpy(self->arrived, self->late[left], sizeof self->arrived);
+        ++left;
+    }}
+    self->waiting -= left;
+    memmove(self->due, self->due + left, (size_t)self->waiting * sizeof self->due[0]);
+    memmove(self->late, self->late + left, (size_t)self->waiting * sizeof self->late[0]);
+    if (self->waiting > 0) {{
+        *is_next = 1;
+        *next = self->due[0];
+    }}
     return 1;
 }}
 

@@ -17,7 +17,7 @@ def model_description(
     generator: str,
     sources: Sequence[str],
 ) -> bytes:
-    """The description of a twin for co-simulation.
+    """The description of a twin for model exchange and co-simulation.
 
     **Arguments:**
 
@@ -40,21 +40,29 @@ def model_description(
             "variableNamingConvention": "flat",
         },
     )
-    simulation = ET.SubElement(
-        root,
-        "CoSimulation",
-        {
-            "modelIdentifier": identifier,
-            "canHandleVariableCommunicationStepSize": "true",
-            "canGetAndSetFMUstate" if is_2 else "canGetAndSetFMUState": "true",
-        },
-    )
     if is_2:
-        files = ET.SubElement(simulation, "SourceFiles")
-        for name in sources:
-            ET.SubElement(files, "File", {"name": name})
+        root.set("numberOfEventIndicators", "0")
+    common = {
+        "modelIdentifier": identifier,
+        "canGetAndSetFMUstate" if is_2 else "canGetAndSetFMUState": "true",
+    }
+    of_kind = {
+        "ModelExchange": common,
+        "CoSimulation": {**common, "canHandleVariableCommunicationStepSize": "true"},
+    }
+    for kind, attributes in of_kind.items():
+        interface = ET.SubElement(root, kind, attributes)
+        if is_2:
+            files = ET.SubElement(interface, "SourceFiles")
+            for name in sources:
+                ET.SubElement(files, "File", {"name": name})
     units = ET.SubElement(root, "UnitDefinitions")
-    for name, base in (("s", {"s": "1"}), ("degC", {"K": "1", "offset": "273.15"})):
+    for name, base in (
+        ("s", {"s": "1"}),
+        ("1/s", {"s": "-1"}),
+        ("degC", {"K": "1", "offset": "273.15"}),
+        ("K/s", {"K": "1", "s": "-1"}),
+    ):
         ET.SubElement(ET.SubElement(units, "Unit", {"name": name}), "BaseUnit", base)
     ET.SubElement(root, "DefaultExperiment", {"startTime": "0", "stepSize": repr(step_size)})
     listed = ET.SubElement(root, "ModelVariables")
@@ -65,14 +73,17 @@ def model_description(
             _float64(listed, variable)
     structure = ET.SubElement(root, "ModelStructure")
     outputs = [variable.reference for variable in variables if variable.causality == "output"]
+    slopes = [variable.reference for variable in variables if variable.state is not None]
+    groups = {"Outputs": outputs, "Derivatives": slopes, "InitialUnknowns": outputs + slopes}
     if is_2:
-        for kind in ("Outputs", "InitialUnknowns"):
+        for kind, references in groups.items():
             group = ET.SubElement(structure, kind)
-            for reference in outputs:
+            for reference in references:
                 ET.SubElement(group, "Unknown", {"index": str(reference + 1)})
     else:
-        for kind in ("Output", "InitialUnknown"):
-            for reference in outputs:
+        names = ("Output", "ContinuousStateDerivative", "InitialUnknown")
+        for kind, references in zip(names, groups.values(), strict=True):
+            for reference in references:
                 ET.SubElement(structure, kind, {"valueReference": str(reference)})
     return _text(root)
 
@@ -92,13 +103,16 @@ def _scalar_variable(listed: ET.Element, variable: Variable) -> None:
         "name": variable.name,
         "valueReference": str(variable.reference),
         "causality": variable.causality,
-        "variability": "continuous",
+        "variability": "discrete" if variable.is_discrete else "continuous",
         "description": variable.description,
     }
-    if variable.causality == "local":
+    if variable.causality == "local" and variable.state is None:
         attributes["initial"] = "exact"
     row = ET.SubElement(listed, "ScalarVariable", attributes)
-    ET.SubElement(row, "Real", _numbers(variable))
+    numbers = _numbers(variable)
+    if variable.state is not None:
+        numbers["derivative"] = str(variable.state + 1)
+    ET.SubElement(row, "Real", numbers)
 
 
 def _float64(listed: ET.Element, variable: Variable) -> None:
@@ -106,11 +120,13 @@ def _float64(listed: ET.Element, variable: Variable) -> None:
         "name": variable.name,
         "valueReference": str(variable.reference),
         "causality": variable.causality,
-        "variability": "continuous",
+        "variability": "discrete" if variable.is_discrete else "continuous",
         "description": variable.description,
     }
-    if variable.causality == "local":
+    if variable.causality == "local" and variable.state is None:
         attributes["initial"] = "exact"
+    if variable.state is not None:
+        attributes["derivative"] = str(variable.state)
     ET.SubElement(listed, "Float64", attributes | _numbers(variable))
 
 

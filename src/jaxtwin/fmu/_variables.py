@@ -15,6 +15,8 @@ class Variable(NamedTuple):
     - `reference`: its number, from 0 on in the order of the variables.
     - `unit`: "degC", "s", or "" for none.
     - `start`: None for what is computed.
+    - `is_discrete`: whether it changes at events alone.
+    - `state`: the number of the state whose derivative it is, None for what is none.
     """
 
     name: str
@@ -24,35 +26,69 @@ class Variable(NamedTuple):
     start: float | None
     limits: tuple[float, float] | None
     description: str
+    is_discrete: bool = False
+    state: int | None = None
 
 
 def variables_of(stepper: Stepper) -> list[Variable]:
-    """Time, duty cycles, ambient, channels, and the temperatures of the nodes, which can be set
-    before the start."""
-    wiring, start = stepper.system.wiring, np.asarray(stepper.start().nodes, float)
-    nodes = zip(wiring.netlist.nodes, start.tolist(), strict=True)
-    rows: list[tuple[str, Causality, str, float | None]] = [
-        ("time", "independent", "s", None),
-        *((f"duty.{cell.name}", "input", "", 0.0) for cell in wiring.netlist.cells),
-        ("ambient", "input", "degC", float(stepper.ambient)),
-        *((channel, "output", "degC", None) for channel in wiring.channels),
-        *((f"node.{node.name}", "local", "degC", temperature) for node, temperature in nodes),
-    ]
-    words = {
-        "independent": "Time",
-        "output": "What the channel reads",
-        "local": "Temperature of a node of the twin; the start can be set",
-    }
-    return [
+    """Time, duty cycles, ambient, channels, the states, which can be set before the start, and
+    their derivatives.
+
+    The states are the temperatures of the nodes and, where the driver lags, the duty cycles behind
+    its lag.
+    """
+    system = stepper.system
+    wiring, start = system.wiring, np.asarray(stepper.start().nodes, float)
+    cells = [cell.name for cell in wiring.netlist.cells]
+    rows = [
+        Variable("time", 0, "independent", "s", None, None, "Time"),
+        *(
+            Variable(
+                f"duty.{cell}",
+                0,
+                "input",
+                "",
+                0.0,
+                (-1.0, 1.0),
+                "Duty cycle, positive heats the plate",
+                is_discrete=system.delay is not None,
+            )
+            for cell in cells
+        ),
         Variable(
-            name,
-            reference,
-            causality,
-            unit,
-            start,
-            (-1.0, 1.0) if name.startswith("duty.") and causality == "input" else None,
-            words.get(causality)
-            or ("Ambient temperature" if unit else "Duty cycle, positive heats the plate"),
+            "ambient", 0, "input", "degC", float(stepper.ambient), None, "Ambient temperature"
+        ),
+        *(
+            Variable(channel, 0, "output", "degC", None, None, "What the channel reads")
+            for channel in wiring.channels
+        ),
+    ]
+    text = "Temperature of a node of the twin; the start can be set"
+    states = [
+        Variable(f"node.{node.name}", 0, "local", "degC", temperature, None, text)
+        for node, temperature in zip(wiring.netlist.nodes, start.tolist(), strict=True)
+    ]
+    if system.lag is not None:
+        text = "Duty cycle behind the driver's lag; the start can be set"
+        states += [
+            Variable(f"lagged_duty.{cell}", 0, "local", "", 0.0, (-1.0, 1.0), text)
+            for cell in cells
+        ]
+    first = len(rows)
+    slopes = [
+        Variable(
+            f"der({state.name})",
+            0,
+            "local",
+            "K/s" if state.unit else "1/s",
+            None,
+            None,
+            "How fast it changes",
+            state=first + number,
         )
-        for reference, (name, causality, unit, start) in enumerate(rows)
+        for number, state in enumerate(states)
+    ]
+    return [
+        variable._replace(reference=number)
+        for number, variable in enumerate([*rows, *states, *slopes])
     ]
