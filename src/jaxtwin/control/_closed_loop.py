@@ -172,7 +172,8 @@ def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenari
             if scenario.sensor_delay_steps:
                 late = jnp.concatenate([outputs(plant, ambient)[None], late[:-1]])
             applied = duty if system.lag is None else plant.duty
-            return (advance(stepper, plant, duty, ambient, heat), late), (plant.amplitudes, applied)
+            later = advance(stepper, plant, duty, ambient, heat, jnp.float32)
+            return (later, late), (plant.amplitudes, applied)
 
         steps = ambient, heat, conductance
         if len(ambient) == 1:  # without a loop in the loop

@@ -259,10 +259,11 @@ def _table(
     """A table; with all of these fields and no other, if they are given."""
     if not isinstance(found, dict):
         no(name, f"expected a table, got {found!r}")
-    for key in found if fields is not None else ():
-        if key not in fields:
-            no(f"{name}.{key}", unknown("field", key, fields))
-    for key in fields or ():
+    known = found if fields is None else fields
+    for key in found:
+        if key not in known:
+            no(f"{name}.{key}", unknown("field", key, known))
+    for key in known:
         if key not in found:
             no(f"{name}.{key}", "expected this field, got none")
     return found

@@ -323,7 +323,7 @@ def _condensed(plant: Plant, predicted: Predicted, deviations: Deviations) -> Co
     """
     (n, cells), outputs = plant.B.shape, len(plant.C)
     horizon, _, moves = predicted.by_moves.shape
-    y, u, change = (np.asarray(deviation) for deviation in deviations)
+    y, u, change = (np.asarray(deviation, float) for deviation in deviations)
     unit = np.eye(cells)
     A = np.block([[plant.A, plant.B], [np.zeros((cells, n)), unit]])
     B = np.vstack([plant.B, unit])
@@ -334,7 +334,7 @@ def _condensed(plant: Plant, predicted: Predicted, deviations: Deviations) -> Co
     no_states = np.zeros((horizon, cells, n + outputs))
     by_states = np.concatenate([predicted.by_states, no_states], axis=1).reshape(-1, n + outputs)
     E = np.concatenate([predicted.by_moves, duty], axis=1).reshape(-1, moves)
-    W = block_diag(*[Q] * (horizon - 1), P)
+    W = np.asarray(block_diag(*[Q] * (horizon - 1), P))
     disturbance = np.eye(outputs, n + outputs, n)
     aim = np.vstack([plant.rest, unit])  # (x, u) at rest per duty
     at_rest = np.vstack([plant.rest @ plant.inverse @ disturbance, no_states[0]])
@@ -346,7 +346,7 @@ def _condensed(plant: Plant, predicted: Predicted, deviations: Deviations) -> Co
         hessian=(hessian + hessian.T) / 2,
         by_states=E.T @ W @ (by_states - np.tile(at_rest, (horizon, 1))),
         by_last=-differences.T @ S @ first,
-        by_target=-E.T @ W @ block_diag(*[aim] * horizon),
+        by_target=-E.T @ W @ np.asarray(block_diag(*[aim] * horizon)),
     )
 
 
