@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 import jaxtwin as jt
 from jaxtwin import plots
 from jaxtwin.control import PID
+from jaxtwin.data import synthetic_recordings
 
 FOLDER = Path(__file__).parent / "images"
 TIMES = (120.0, 480.0, 980.0)
@@ -30,10 +31,17 @@ def main() -> None:
         "network": plots.plot_netlist(jt.Twin("dual-cell")),
         "example-rigs": draw_example_rigs(),
     }
+    synthetic = [jt.read_recording(path) for path in synthetic_recordings()]
+    for style in ("grey", "dark"):
+        with plots.style(style):
+            pictures[f"style-{style}"] = plots.plot_recordings(synthetic)
     FOLDER.mkdir(exist_ok=True)
     for name, picture in pictures.items():
         (FOLDER / f"{name}.png").write_bytes(plots.to_png(picture, dpi=110))
         print(FOLDER / f"{name}.png")
+    run = fit.mean_twin.simulate("0:0.5,500:0.78", duration=1000)
+    film = plots.animate_plate(fit.twin.rig, run, frames=25, seconds=5)
+    film.save(FOLDER / "plate.gif", dpi=60)
 
 
 @plots.styled

@@ -28,7 +28,7 @@ SMALLER = {
     "1_000_000": "300",
     "10_000": "300",
     "draws=1000": "draws=300",
-    "draws=4096": "draws=8",
+    "draws=4096": "draws=16",
     "moment.time > 600": "moment.time > 3",
 }
 ADDRESS = "127.0.0.1:7000"

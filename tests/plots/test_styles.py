@@ -1,6 +1,7 @@
 """Styles of pictures: for a column of a journal, print without colours, a dark notebook."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -10,7 +11,7 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from jaxtwin import Experiment, ParameterError, ThermoelectricModule, Twin, load_rig
+from jaxtwin import Experiment, ParameterError, ThermoelectricModule, Twin, load_rig, plots
 from jaxtwin.plots import (
     plot_dc_sweep,
     plot_netlist,
@@ -173,3 +174,9 @@ def test_widths_that_have_no_meaning_are_refused():
         style("grey", width=3).__enter__()
     with pytest.raises(ParameterError, match=r"expected 1 inch at least, got 0\.5"):
         style("paper", width=0.5).__enter__()
+
+
+def test_the_page_of_pictures_names_every_function():
+    page = (Path(__file__).parents[2] / "docs/pictures.md").read_text(encoding="utf-8")
+    for name in plots.__all__:
+        assert name == "styled" or name in page
