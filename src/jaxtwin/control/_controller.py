@@ -9,18 +9,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 from jax.core import Tracer
-from jaxtyping import Array, Float, PyTree
-from numpy.typing import ArrayLike
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from .._arguments import check_callable, finite_number
 from .._errors import ControlError
 from ..rig._problems import unknown
 
-Numbers: TypeAlias = ArrayLike | float | int
+Numbers: TypeAlias = npt.ArrayLike | float | int
 """A parameter: a number or an array."""
 
-ControlFunction: TypeAlias = Callable[[Array, Array, Array], ArrayLike]
+ControlFunction: TypeAlias = Callable[[Array, Array, Array], npt.ArrayLike]
 """`(time_s, reference, measurement) -> duty`, the temperatures those of every channel, degC."""
 
 

@@ -14,8 +14,8 @@ from typing import NamedTuple, final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
-from numpy.typing import ArrayLike
+import numpy.typing as npt
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from .._errors import ControlError
 from ._controller import (
@@ -151,7 +151,7 @@ class DecoupledPI(AbstractChannelGroupController):
         return inverse(jnp.asarray(self.decoupling, duty.dtype)) @ duty
 
 
-def decoupling_of(gain: ArrayLike) -> Float[np.ndarray, "cells cells"]:
+def decoupling_of(gain: npt.ArrayLike) -> Float[np.ndarray, "cells cells"]:
     """Computes the decoupling with which a plate responds as if its cells did not warm each other.
 
     D = g G⁻¹, where G is the steady gain from duty to outputs, K, and g is the change of the mean

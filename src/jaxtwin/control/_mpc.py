@@ -23,8 +23,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
-from numpy.typing import ArrayLike
+from jaxtyping import Array, ArrayLike, Float, PyTree
 from scipy.linalg import block_diag
 
 from .._arguments import finite_number, mapping_of, whole_number

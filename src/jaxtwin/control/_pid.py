@@ -18,8 +18,7 @@ from typing import NamedTuple, TypeAlias, final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
-from numpy.typing import ArrayLike
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ._controller import (
     AbstractChannelGroupController,

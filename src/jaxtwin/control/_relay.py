@@ -12,8 +12,7 @@ from typing import NamedTuple, final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, PyTree
-from numpy.typing import ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
 from .._arguments import finite_number
 from .._errors import ControlError
