@@ -6,9 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from small_rigs import CAMERA, small_rig_file, zone
 
-from jaxtwin import Experiment, Fit, MatchError, RigError, Twin, load_rig, match, simulate, validate
+from jaxtwin import (
+    Experiment,
+    Fit,
+    MatchError,
+    RigError,
+    Twin,
+    load_rig,
+    match,
+    match_many,
+    plots,
+    simulate,
+    validate,
+)
 from jaxtwin.matching import prediction_band
 from jaxtwin.matching._group_values import new_group_values
 from jaxtwin.matching._linear_prior import LinearPrior
@@ -172,6 +185,41 @@ def test_the_row_of_a_groups_parameter_is_what_all_groups_share(both: Fit):
     assert (row.prior_spread, row.group_spread) == (1.0, 1.0)
     # One over three is the variance that the spreads leave, the rest is that of the values.
     assert math.sqrt(1 / 3) < row.relative_standard_error < math.sqrt(1 / 3) + 0.1
+
+
+@pytest.mark.slow
+def test_many_sets_have_values_for_each_group(rig: Rig, monday, friday, both: Fit):
+    """The same as a match of the set by itself; a group that is missing in a set is refused."""
+    days = ["monday", "monday", "friday", "friday"]
+    fits = match_many(Twin(rig), [[*monday, *friday], [*monday, *friday[::-1]]], groups=days)
+    for fit in fits:
+        assert fit is not None
+        for day in TRUTH:
+            assert fit.group_values[day] == pytest.approx(both.group_values[day], rel=1e-3)
+    with pytest.raises(MatchError, match=r"grouped alike .* \(0, 1, 1\) in set 1 and \(0, 0, 1\)"):
+        match_many(Twin(rig), [[*monday, friday[0]], [monday[0], *friday]])
+
+
+@pytest.mark.slow
+def test_a_picture_shows_the_values_of_each_group(both: Fit, first: Fit):
+    """With their intervals, beside that of the value that the groups share."""
+    contact, shift = plots.plot_group_values(both).axes[:2]
+    values = [both.group_values[day]["R_pc"] for day in TRUTH]
+    np.testing.assert_allclose(np.asarray(contact.lines[0].get_ydata(), float), values)
+    (band,) = (patch for patch in contact.patches if patch.get_gid() == "shared")
+    path = band.get_path().transformed(band.get_patch_transform())
+    heights = np.asarray(path.vertices, float)[:, 1]
+    assert (heights.min(), heights.max()) == pytest.approx(both["R_pc"].interval)
+    error = both.uncertainty.standard_errors["d_x[monday]"]
+    (ends, _) = (np.asarray(path.vertices)[:, 1] for path in shift.collections[0].get_paths())
+    assert float(np.ptp(ends)) == pytest.approx(2 * 1.96 * error, rel=1e-3)
+    alone = plots.plot_group_values({"a": first, "b": both}, ["k"]).axes
+    assert [axes.get_title(loc="left") for axes in alone] == ["k, W/(m K)"]
+    with pytest.raises(MatchError, match="expected a match of several groups"):
+        plots.plot_group_values(first)
+    with pytest.raises(MatchError, match=r"names among R_pc, d_x, .* got 'k'"):
+        plots.plot_group_values(both, ["k"])
+    pyplot.close("all")
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from ._iterations import Iteration, make_iteration
 from ._make_fit import make_fit
 from ._match import checked_solver
 from ._nominal_twin import nominal_twin
-from ._problem import Events, MatchProblem, make_match_problem, named_recordings
+from ._problem import Events, MatchProblem, make_match_problem, named_groups, named_recordings
 from ._reweighted_least_squares import Estimate, reweighted_least_squares
 from ._unknowns import choose_unknowns
 
@@ -38,6 +38,7 @@ def match_many(
     fixed: Iterable[str] = (),
     shared: Iterable[str] = (),
     per_recording: Iterable[str] = (),
+    groups: Sequence[str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     events: Events | None = None,
     robust: float | None = None,
@@ -59,6 +60,8 @@ def match_many(
       same number of channels, and all or none with a recorded ambient temperature. The numbers of
       samples and of changes of the inputs, from which the solver's steps follow, may differ by an
       eighth, or freely where they are small.
+    - `groups`: the name of each recording's group in every set, as in `match`; by default the
+      groups that the recordings name. The recordings of all sets must be grouped alike.
     - `executor`: who matches the sets in place of this process, four at a time; see
       `simulate_batch`. A fit is the same for any number of workers, and up to rounding the same as
       without an executor.
@@ -82,9 +85,18 @@ def match_many(
     if not listed:
         raise MatchError("sets: expected one or several sets of recordings, got none")
     recordings = [named_recordings(twin, members) for members in listed]
+    grouped = [named_groups(members, groups) for members in recordings]
+    (_, places), *others = grouped
+    for number, (_, found) in enumerate(others, start=1):
+        if len(found) == len(places) and found != places:
+            raise MatchError(
+                "sets: expected recordings that are grouped alike in all sets, got the groups "
+                f"{found} in set {number} and {places} in set 0; pass groups=[...], a name for "
+                "each recording"
+            )
     unknowns = choose_unknowns(
         twin,
-        (0,) * len(recordings[0]),
+        places,
         free=free,
         fixed=fixed,
         shared=shared,
@@ -92,8 +104,8 @@ def match_many(
         bounds=bounds,
     )
     problems = [
-        make_match_problem(twin, members, unknowns, events=events, robust=robust)
-        for members in recordings
+        make_match_problem(twin, members, unknowns, events=events, robust=robust, groups=names)
+        for members, (names, _) in zip(recordings, grouped, strict=True)
     ]
 
     def report(iteration: Iteration) -> None:

@@ -17,6 +17,7 @@ from ._dc_sweep import plot_dc_curves, plot_dc_sweep
 from ._design import plot_design
 from ._distributions import plot_distributions
 from ._frontier import plot_frontier
+from ._group_values import plot_group_values
 from ._history import plot_history
 from ._index_bars import plot_index_bars
 from ._indices_over_time import plot_indices_over_time
@@ -51,6 +52,7 @@ __all__ = [
     "plot_design",
     "plot_distributions",
     "plot_frontier",
+    "plot_group_values",
     "plot_history",
     "plot_index_bars",
     "plot_indices_over_time",
