@@ -13,7 +13,7 @@ from .._errors import MatchError
 from ..matching import Fit
 from ..matching._fitted_parameters import interval_95
 from ..rig import Parameter
-from ._style import INK, SKY, VERMILION, styled, symbol
+from ._style import palette, styled, symbol
 
 COLUMNS = 4
 
@@ -111,13 +111,13 @@ def _of_several(fits: Mapping[str, Fit]) -> dict[str, _Row]:
 def _draw(axes: Axes, groups: Sequence[str], row: _Row) -> None:
     places = np.arange(len(groups))
     if row.shared is not None and np.isfinite(row.shared).all():
-        axes.axhspan(*row.shared, color=SKY, alpha=0.25, lw=0, gid="shared")
+        axes.axhspan(*row.shared, color=palette().sky, alpha=0.25, lw=0, gid="shared")
     lower, upper = np.array(row.intervals).T
-    axes.vlines(places, lower, upper, color=VERMILION, lw=3, alpha=0.45, gid="interval")
-    axes.plot(places, row.values, "o", color=VERMILION, ms=6)
+    axes.vlines(places, lower, upper, color=palette().vermilion, lw=3, alpha=0.45, gid="interval")
+    axes.plot(places, row.values, "o", color=palette().vermilion, ms=6)
     if row.parameter.is_logarithmic:
         axes.set_yscale("log")
     axes.set_xticks(places, groups, rotation=30, ha="right")
     axes.set_xlim(-0.5, len(groups) - 0.5)
     unit = row.parameter.unit.replace("degC", "°C").replace("ohm", "Ω")
-    axes.set_title(symbol(row.parameter.name) + (f", {unit}" if unit else ""), color=INK)
+    axes.set_title(symbol(row.parameter.name) + (f", {unit}" if unit else ""))
