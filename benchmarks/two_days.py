@@ -245,7 +245,7 @@ def table(done: Sequence[Study]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--studies", type=int, default=200)
     parser.add_argument("--plant", choices=("twin", "finer"), default="twin")
     parser.add_argument("--minutes", type=float, default=np.inf, help="ends after this time")
