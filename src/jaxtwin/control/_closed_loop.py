@@ -132,12 +132,24 @@ def closed_loop(twin: Twin, controller: AbstractController, scenario: Scenario) 
 
 
 @persistent_jit
-def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenario) -> ClosedLoop:
-    """The same on a twin that is prepared for stepping, in its precision."""
+def run_loop(
+    stepper: Stepper,
+    controller: AbstractController,
+    scenario: Scenario,
+    single_precision_losses: bool = False,
+) -> ClosedLoop:
+    """The same on a twin that is prepared for stepping, in its precision.
+
+    **Arguments:**
+
+    - `single_precision_losses`: whether the losses of the plate that are not linear are computed in
+      float32, whatever the precision of the rest.
+    """
     dtype = stepper.reference.dtype
     controller, scenario = in_precision((controller, scenario), dtype)
     system, wiring = stepper.system, stepper.system.wiring
     cells, channels = len(wiring.cold), len(wiring.channels)
+    loss_dtype = jnp.float32 if single_precision_losses else None
     weights = jnp.asarray(scenario.output_weights)
     interval = controller.sample_time_s
 
@@ -172,7 +184,7 @@ def run_loop(stepper: Stepper, controller: AbstractController, scenario: Scenari
             if scenario.sensor_delay_steps:
                 late = jnp.concatenate([outputs(plant, ambient)[None], late[:-1]])
             applied = duty if system.lag is None else plant.duty
-            later = advance(stepper, plant, duty, ambient, heat, jnp.float32)
+            later = advance(stepper, plant, duty, ambient, heat, loss_dtype)
             return (later, late), (plant.amplitudes, applied)
 
         steps = ambient, heat, conductance

@@ -122,7 +122,8 @@ def simulate_closed_loop(
     - `controller_draws`: parameter of the controller, such as `"Kp"` -> values `(draws, ...)`.
     - `measures`: of many loops, what to keep of each: names of `jaxtwin.control.MEASURES`, or name
       -> a pure JAX function of a `ClosedLoop`. None: all measures that have a name.
-    - `precision`: of many loops.
+    - `precision`: of many loops. Losses of the plate that are not linear are computed in float32 in
+      both, which costs less than a microkelvin.
     - `workers`: threads that work on many loops, by default one a core.
     - `settings`: the further keywords of `jaxtwin.control.scenario`: disturbances, noise, faults,
       delays.
@@ -478,7 +479,7 @@ def _measured(
 
     def of_draw(stepper: Stepper, values: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
         changed = with_parameters(controller, values)
-        loop: ClosedLoop = run_loop(stepper, changed, happens)
+        loop: ClosedLoop = run_loop(stepper, changed, happens, single_precision_losses=True)
         found = {name: jnp.asarray(function(loop)) for name, function in measures}
         is_finite = loop.stays_finite
         found = {

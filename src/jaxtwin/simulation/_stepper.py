@@ -342,8 +342,10 @@ def advance(
         times = begin + size * _stages(size)
         flow = modal_heat if line is None else line.first + times[:, None] * line.slope
         inputs, duty = _inputs(system, duty, arriving[number], size, surroundings, flow)
-        is_known = line is not None and len(stepper.sizes) == 1
-        force = line.force if is_known else stepper.field.force(amplitudes, inputs.at(0))
+        if line is not None and len(stepper.sizes) == 1:
+            force = line.force
+        else:
+            force = stepper.field.force(amplitudes, inputs.at(0))
         amplitudes, _ = exponential_step(amplitudes, force, factors, stepper.field, inputs)
         begin = begin + size
     return ModalState(amplitudes, duty, commands)
