@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 import xarray
 from small_results import fit, recordings
 
@@ -519,3 +520,14 @@ def test_compiled_programs_are_kept_unless_one_says_no(tmp_path):
         assert result.returncode == 0, result.stderr
         assert folder.exists() == kept
     assert any(folder.iterdir())
+
+
+def test_what_takes_long_or_much_room_is_left_out_unless_asked_for():
+    commands = typer.main.get_command(app).commands  # pyright: ignore[reportAttributeAccessIssue]
+    defaults = {
+        name: {option.name: option.default for option in command.params}
+        for name, command in commands.items()
+    }
+    assert defaults["report"]["draws"] == 0
+    for option in ("append", "frames", "daily"):
+        assert defaults["record"][option] is False

@@ -19,6 +19,7 @@ import jaxtwin as jt
 from jaxtwin.control import PID, ClosedLoopRun, Frontier, Tuning, frontier
 from jaxtwin.physics import DCSweep
 from jaxtwin.simulation import Reductions
+from jaxtwin.validation import Prediction
 
 DRAWS = {"R_E": np.array([1.9, 2.0, 2.1])}
 
@@ -224,3 +225,17 @@ def test_own_quantities_with_several_values_are_columns_and_add_no_rows():
     assert table.loc[(0, "T11"), ["ends[0]", "ends[1]", "ends[2]"]].tolist() == [1.0, 2.0, 3.0]
     assert table.loc[(1, "TAM"), "grid[1, 0]"] == 6.0
     assert Reductions(channels, failed, own={"ends": own["ends"]}).to_dataframe().shape == (4, 4)
+
+
+def test_distributions_of_a_number_for_each_draw_have_a_single_row():
+    values = np.array([1.0, 2.0, 4.0])
+    reduced = Reductions(("T",), np.zeros(3, bool), own={"hottest": values})
+    (axes,) = reduced.plot().axes
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [2.0])
+
+
+def test_the_table_of_a_validation_is_named_by_it():
+    run = fit().runs["synthetic-A"]
+    made = Prediction("synthetic-A", run, fit().twin, {}, (), fit())
+    html = jt.Validation("made", "predicted", (made,))._repr_html_()
+    assert html.startswith("<table><caption>&lt;Validation")

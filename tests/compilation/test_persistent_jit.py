@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,7 +16,13 @@ import numpy as np
 import pytest
 from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
-from jaxtwin._compilation import _fingerprint, _persistent_jit, clear_programs, persistent_jit
+from jaxtwin._compilation import (
+    _fingerprint,
+    _persistent_jit,
+    clear_programs,
+    compiling_seconds,
+    persistent_jit,
+)
 
 traced: list[str] = []
 """Which functions were traced; a program that is loaded leaves nothing here."""
@@ -175,3 +182,11 @@ def test_a_loaded_program_finds_lapack(tmp_path):
         for _ in range(2)
     ]
     assert printed == [["traced", "3.0"], ["3.0"]]
+
+
+def test_the_clock_of_compilation_runs_while_something_is_compiled():
+    before = compiling_seconds()
+    with _persistent_jit._clock:
+        time.sleep(0.01)
+        assert compiling_seconds() >= before + 0.01
+    assert compiling_seconds() >= before + 0.01

@@ -34,6 +34,7 @@ from jaxtwin import (
 )
 from jaxtwin._compilation import compiling_seconds
 from jaxtwin.cli import run
+from jaxtwin.experiment_design._experiment_design import PlannedSchedule
 
 TRUTH = {"C_load": 24.0, "R_loss": 6.0, "R_Th": 1.7, "T_amb": 20.0, "T_start": 18.5}
 FREE = list(TRUTH)
@@ -287,3 +288,12 @@ def test_the_command_writes_a_plan_a_table_and_a_picture(
     assert Path("plan.png").read_bytes().startswith(b"\x89PNG")
     assert run([*command, "--bounds", "low"]) == 2
     assert "--bounds: expected LOW:HIGH" in capsys.readouterr().err
+
+
+def test_the_text_of_a_schedule_has_each_of_its_duty_cycles():
+    """Also where the duty changes at every sample."""
+    drive = Experiment([0.0, 1.0, 2.0, 3.0], [[0.1], [0.2], [-0.3], [-0.3]], channels=("T",))
+    counts = np.array([[26], [51], [-77]])
+    planned = PlannedSchedule("designed", drive, counts, {}, 1.0, 30.0, 40.0, True)
+    found = ExperimentDesign("made", "D", (), (), (), {}, planned, {}, 1.0, ())
+    assert found.text == "0:0.1,1:0.2,2:-0.3"

@@ -9,8 +9,9 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from jaxtwin import ControlError, Experiment, Twin, export_fmu, simulate
+from jaxtwin import ControlError, Experiment, Stepper, Twin, export_fmu, simulate
 from jaxtwin.fmu import FMU
+from jaxtwin.fmu._variables import variables_of
 
 VERSIONS: tuple[Literal["2.0", "3.0"], ...] = ("2.0", "3.0")
 
@@ -207,3 +208,9 @@ def test_what_cannot_be_written_is_refused(twin: Twin, tmp_path: Path):
     alone = export_fmu(twin, tmp_path / "sources.fmu", compiler=None)
     assert alone.binary is None
     assert not any("binaries" in name for name in zipfile.ZipFile(alone.path).namelist())
+
+
+def test_a_duty_cycle_is_between_full_cooling_and_full_heating(twin: Twin):
+    rows = variables_of(Stepper(twin, 1.0))
+    limits = {row.name: row.limits for row in rows if row.causality == "input"}
+    assert limits == {"duty.P1": (-1.0, 1.0), "duty.P2": (-1.0, 1.0), "ambient": None}

@@ -8,10 +8,10 @@ import threading
 
 import pytest
 import serial
-from hand_clock import HandClock, ScriptedTransport
+from hand_clock import HandClock, ScriptedTransport, stepped_bench
 from serial.rfc2217 import PortManager
 
-from jaxtwin import JaxtwinError
+from jaxtwin import JaxtwinError, Rig
 from jaxtwin.live import LinkChange, LinkState, PtyServer, opener
 from jaxtwin.live._link import FIRST_RETRY, LONGEST_RETRY, Arrived, Inbox, Link
 from jaxtwin.live._transport import SocketTransport
@@ -214,3 +214,11 @@ def test_closing_ends_the_thread_even_when_nobody_takes_what_it_read(clock: Hand
     assert isinstance(inbox.get(timeout=10), Arrived)
     link.close()
     assert not [t for t in threading.enumerate() if t.name == "link link"]
+
+
+def test_a_device_that_does_not_greet_is_asked_once_a_second(rig: Rig, clock: HandClock) -> None:
+    silent = ScriptedTransport()
+    bench = stepped_bench(rig, {"rig": lambda: silent}, clock, step=0.25)
+    for _ in range(18):  # 4.5 s
+        bench.poll()
+    assert len(silent.written) == 4

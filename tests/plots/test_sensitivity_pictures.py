@@ -136,3 +136,9 @@ def test_a_method_without_a_first_part_has_no_convergence(method: MethodName):
 def test_convergence_is_of_an_index_of_single_parameters():
     with pytest.raises(ParameterError, match="expected one of S1"):
         analysis("sobol").plot_convergence(index="mu")
+
+
+def test_lines_of_the_grid_stand_at_values_and_not_at_parameters():
+    axes = analysis("sobol").plot()
+    assert axes.xaxis.get_gridlines()[0].get_visible()
+    assert not axes.yaxis.get_gridlines()[0].get_visible()

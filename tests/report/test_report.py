@@ -14,8 +14,10 @@ from jaxtwin import Experiment, Fit, JaxtwinError, MatchError, Twin, load_rig, m
 from jaxtwin.cli import app
 from jaxtwin.io import write_recording
 from jaxtwin.report._agreement import residuals_section
-from jaxtwin.report._blocks import Picture, Table
+from jaxtwin.report._blocks import Picture, Table, Text
+from jaxtwin.report._demo_match import _deviation
 from jaxtwin.report._parameters import own_values_table, parameter_table
+from jaxtwin.report._rig import rig_section
 from jaxtwin.report._uniformity import _seen_together, uniformity_section
 
 SECTIONS = (
@@ -160,3 +162,17 @@ def strip(folder: Path) -> Path:
         free = true
         """,
     )
+
+
+def test_the_words_of_the_rig_are_its_description_or_else_its_title():
+    twin = Twin("paper-2024")
+    section, _ = rig_section(twin, "The rig")
+    assert section.blocks[0] == Text(" ".join(twin.rig.description.split()))
+    nameless = replace(twin, rig=replace(twin.rig, description=" "))
+    section, _ = rig_section(nameless, "The rig")
+    assert section.blocks[0] == Text(twin.rig.title)
+
+
+def test_deviations_are_in_standard_errors_on_the_scale_of_the_match():
+    row = replace(fit()["T_amb"], value=20.0, standard_error=0.5, is_logarithmic=False)
+    assert _deviation(row, 19.0) == pytest.approx(2.0)

@@ -5,6 +5,7 @@ import datetime
 import tomllib
 from collections.abc import Callable
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -126,3 +127,8 @@ def test_a_damaged_file_loads_or_is_refused(tmp_path_factory, name, place, patch
     path = tmp_path_factory.mktemp("rig") / "damaged.toml"
     path.write_bytes(text[:place] + patch + rest)
     check_loads_or_refuses(lambda: load_rig(path), str(path))
+
+
+def test_a_file_that_cannot_be_read_is_refused_with_the_systems_reason(tmp_path: Path):
+    with pytest.raises(RigError, match="which cannot be read: Is a directory"):
+        load_rig(tmp_path)

@@ -85,3 +85,8 @@ def test_gradients_flow_through_evaluation(exponent):
     value = Value(3.0, (("x", exponent),))
     slope = jax.grad(lambda x: value.evaluate({"x": x}))(jnp.asarray(2.0))
     assert float(slope) == pytest.approx(3 * exponent * 2.0 ** (exponent - 1), rel=1e-6)
+
+
+def test_a_number_divides_the_factor():
+    half = Value(3.0, (("k", 1.0),)) / 2
+    assert half == Value(1.5, (("k", 1.0),))
