@@ -114,6 +114,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--packages", nargs="*", help="only what is drawn of these")
+    parser.add_argument("--slow", action="store_true", help="survivors again, with slow tests")
     parser.add_argument("--all-tests", action="store_true", help="not only the package's own")
     parser.add_argument("--tests-pass", action="store_true", help="known: do not try them first")
     parser.add_argument("--workers", type=int, default=2, help="processes that share the tests")
@@ -133,6 +134,14 @@ def main() -> None:
         return
     outcomes = read_outcomes(arguments.out)
     left = [mutation for mutation in mutations if str(mutation) not in outcomes]
+    if arguments.slow:
+        left = [
+            mutation
+            for mutation in mutations
+            if (outcome := outcomes.get(str(mutation)))
+            and not outcome.failure
+            and not outcome.equivalent
+        ]
     end = time.monotonic() + 60 * arguments.minutes
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "jaxtwin"
@@ -148,7 +157,7 @@ def main() -> None:
                 sys.exit(f"expected tests that pass without a mutation, got {failure}")
             if arguments.all_tests:
                 tests = [*tests, "tests"]
-            outcome = outcome_of(copy, mutation, tests, arguments.workers)
+            outcome = outcome_of(copy, mutation, tests, arguments.workers, arguments.slow)
             outcomes[outcome.mutation] = outcome
             write_outcomes(arguments.out, outcomes)
             said = outcome.failure or "NOT CAUGHT"
@@ -167,23 +176,33 @@ def copy_of_checkout(copy: Path) -> None:
             shutil.copy2(part, copy)
 
 
-def outcome_of(copy: Path, mutation: Mutation, tests: list[str], workers: int) -> Outcome:
-    """Which test fails with the mutation."""
+def outcome_of(
+    copy: Path, mutation: Mutation, tests: list[str], workers: int, slow: bool
+) -> Outcome:
+    """Which test fails with the mutation; `slow`: of those that take long too, where no other
+    does."""
     file = copy / mutation.file
     source = file.read_bytes()
     start = time.perf_counter()
     file.write_bytes(mutation.applied(source))
     try:
         failure = first_failure(copy, tests, workers)
+        if slow and not failure:
+            failure = first_failure(copy, tests, workers, "slow")
     finally:
         file.write_bytes(source)
     package = package_of(mutation.file.relative_to(SOURCE))
     return Outcome(str(mutation), package, failure, round(time.perf_counter() - start, 1))
 
 
-def first_failure(copy: Path, tests: list[str], workers: int) -> str:
-    """The first failing test's name, or what else pytest ended with; empty if all pass."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", *tests]
+def first_failure(copy: Path, tests: list[str], workers: int, which: str = "not slow") -> str:
+    """The first failing test's name, or what else pytest ended with; empty if all pass.
+
+    **Arguments:**
+
+    - `which`: pytest's expression for the marks of the tests that run.
+    """
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", which, *tests]
     if workers > 1:
         command += ["-n", str(workers), "--dist=loadfile"]
     environment = {"PYTHONPATH": str(copy / "src")}
@@ -199,7 +218,7 @@ def first_failure(copy: Path, tests: list[str], workers: int) -> str:
         )
     except subprocess.TimeoutExpired:
         return f"no end within {LONGEST} s"
-    if run.returncode == 0:
+    if run.returncode in (0, 5):  # 5: no test has these marks
         return ""
     lines = run.stdout.splitlines()
     names = [line for line in lines if line.startswith(("FAILED", "ERROR"))]

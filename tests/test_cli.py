@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import io
 import json
 import math
 import os
@@ -34,6 +35,7 @@ from jaxtwin import (
 )
 from jaxtwin.cli import app, run
 from jaxtwin.commands import _rigs
+from jaxtwin.commands._output import say
 from jaxtwin.commands._sources import find_recording, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
 from jaxtwin.matching import FittedParameters
@@ -531,3 +533,13 @@ def test_what_takes_long_or_much_room_is_left_out_unless_asked_for():
     assert defaults["report"]["draws"] == 0
     for option in ("append", "frames", "daily"):
         assert defaults["record"][option] is False
+
+
+def test_a_line_is_seen_at_once_by_a_program_that_reads_it(monkeypatch):
+    """A pipe keeps what is not flushed until it is full."""
+    lines = io.StringIO()
+    flushed = []
+    monkeypatch.setattr(lines, "flush", lambda: flushed.append(lines.getvalue()))
+    monkeypatch.setattr("sys.stdout", lines)
+    say("recording")
+    assert flushed == ["recording\n"]

@@ -186,3 +186,13 @@ def test_a_solution_with_a_large_error_estimate_is_solved_again_with_shorter_ste
 
 def compiled(caplog) -> list[str]:
     return [record.message for record in caplog.records if "Compiling" in record.message]
+
+
+@pytest.mark.slow
+def test_a_recorded_room_is_the_same_to_another_solver(twins):
+    """Also where its temperature rises by 4 K in half a minute and starts away from the rig's."""
+    room = np.where(TIME < 30, 21.0, 25.0)
+    drive = Experiment(TIME, STEPS.duty, ambient=room)
+    other = twins["startup"].simulate(drive, solver=diffrax.Kvaerno5())
+    ours = twins["startup"].simulate(drive)
+    np.testing.assert_allclose(ours.temperatures, other.temperatures, rtol=0, atol=1e-3)

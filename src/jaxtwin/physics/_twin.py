@@ -135,7 +135,7 @@ class Twin(eqx.Module):
         self,
         experiment: "Experiment | str",
         *,
-        duration: float | None = None,
+        duration: float | int | None = None,
         initial: "Initial" = None,
         solver: "diffrax.AbstractSolver | None" = None,
         stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
