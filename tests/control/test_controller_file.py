@@ -240,17 +240,30 @@ damages = st.lists(
 )
 
 
-@settings(deadline=None)
+@pytest.fixture(scope="module")
+def texts(tmp_path_factory: pytest.TempPathFactory, twin: Twin) -> list[str]:
+    """The files of some controllers."""
+    path = tmp_path_factory.mktemp("files") / "controller.toml"
+    made = []
+    for controller in of_models(twin)[:4]:
+        save_controller(path, controller, twin.rig)
+        made.append(path.read_text(encoding="utf-8"))
+    return made
+
+
+@settings(deadline=None, max_examples=50)
 @given(st.integers(0, 3), damages)
 def test_a_damaged_file_is_refused_or_a_controller(
-    tmp_path_factory: pytest.TempPathFactory, twin: Twin, number: int, damage: list[tuple[int, str]]
+    tmp_path_factory: pytest.TempPathFactory,
+    twin: Twin,
+    texts: list[str],
+    number: int,
+    damage: list[tuple[int, str]],
 ):
     """Lines cut or repeated, bytes and numbers changed: a clear error, or what commands a duty
     within its limits."""
-    folder = tmp_path_factory.mktemp("files")
-    path = folder / "controller.toml"
-    save_controller(path, of_models(twin)[number], twin.rig)
-    text = path.read_text()
+    path = tmp_path_factory.mktemp("files") / "controller.toml"
+    text = texts[number]
     for place, kind in damage:
         text = damaged(text, place, kind)
     path.write_text(text, encoding="utf-8")

@@ -74,9 +74,9 @@ def dashes(line: Line2D) -> str:
 def test_letters_and_lines_stand_out_from_every_ground():
     """WCAG 2 asks for 4.5 for text, and 3 for graphics."""
     for colors in (Palette(), GREY, DARK):
-        assert contrast(colors.ink, colors.paper) > 7
-        assert contrast(colors.muted, colors.paper) > 4
-        assert min(contrast(c, colors.paper) for c in (colors.blue, colors.vermilion)) > 3
+        assert contrast(colors.ink, colors.ground) > 7
+        assert contrast(colors.muted, colors.ground) > 4
+        assert min(contrast(c, colors.ground) for c in (colors.blue, colors.vermilion)) > 3
 
 
 def test_grey_has_no_colours_and_no_two_lines_alike():
@@ -94,9 +94,9 @@ def test_grey_has_no_colours_and_no_two_lines_alike():
 def test_a_dark_notebook_has_a_dark_ground_and_light_letters():
     with style("dark"):
         figure = recording()
-    assert to_hex(figure.get_facecolor()) == DARK.paper
+    assert to_hex(figure.get_facecolor()) == DARK.ground
     for axes in figure.axes:
-        assert to_hex(axes.get_facecolor()) == DARK.paper
+        assert to_hex(axes.get_facecolor()) == DARK.ground
         labels = [axes.xaxis.label, *axes.get_xticklabels()]
         assert {to_hex(label.get_color()) for label in labels} == {DARK.ink}
 

@@ -109,7 +109,7 @@ def _draw_datasheet(heat: Axes, sheet: Datasheet) -> None:
             words, (sheet.maximum_current, pumped), xytext=(-9, 0), textcoords="offset points",
             ha="right", va="bottom" if pumped == 0 else "center", zorder=4,
             color=palette().vermilion, fontsize=points(8.5), fontweight="bold",
-            path_effects=[withStroke(linewidth=3, foreground=palette().paper)],
+            path_effects=[withStroke(linewidth=3, foreground=palette().ground)],
         )  # fmt: skip
     heat.set_ylim(top=max(heat.get_ylim()[1], 1.13 * max(pumped for pumped, _ in stated)))
 
@@ -133,7 +133,7 @@ def _colors(sweep: DCSweep) -> np.ndarray:
 
 def _mark(axes, current: float, value: float, color) -> None:
     axes.plot(
-        [current], [value], "o", color=color, mec=palette().paper, mew=1.2, ms=7, clip_on=True
+        [current], [value], "o", color=color, mec=palette().ground, mew=1.2, ms=7, clip_on=True
     )
 
 

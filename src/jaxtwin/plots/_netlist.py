@@ -125,7 +125,7 @@ def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color, narro
     left, right, top, bottom = (100 * edge for edge in plate.extent(element))
     ax.add_patch(
         Rectangle(
-            (left, top), right - left, bottom - top, fc=color, ec=palette().paper, lw=1.5, zorder=1
+            (left, top), right - left, bottom - top, fc=color, ec=palette().ground, lw=1.5, zorder=1
         )
     )
     # Beside the links, which run through the middle; upright where the element is too narrow.
@@ -159,7 +159,7 @@ def _draw_conduction(ax: Axes, twin: Twin, values: Mapping[str, float]) -> list[
             "o",
             color=palette().ink,
             ms=5,
-            mec=palette().paper,
+            mec=palette().ground,
             mew=1,
             zorder=5,
         )
@@ -189,7 +189,7 @@ def _draw_air(ax: Axes, twin: Twin, values: Mapping[str, float]) -> list[Line2D]
             x + reach,
             y + reach,
             "o",
-            mfc=palette().paper,
+            mfc=palette().ground,
             mec=palette().blue,
             mew=1.3,
             ms=5.5,

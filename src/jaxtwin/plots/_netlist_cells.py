@@ -21,7 +21,7 @@ NAMED = 4
 
 def outlined(width: float) -> list[AbstractPathEffect]:
     """A rim for a line of this width, over colours that it could be lost on."""
-    return [withStroke(linewidth=width + 1.6, foreground=palette().paper, alpha=0.75)]
+    return [withStroke(linewidth=width + 1.6, foreground=palette().ground, alpha=0.75)]
 
 
 def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Layout) -> None:
@@ -61,7 +61,7 @@ def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Lay
                 "o",
                 color=palette().vermilion,
                 ms=6,
-                mec=palette().paper,
+                mec=palette().ground,
                 mew=1.2,
                 zorder=5,
             )
@@ -115,7 +115,7 @@ def _draw_column(
     R_E = cell.electrical_resistance.evaluate(values)
     begin = top - 0.24 * inch
     ax.plot([x, x], [begin, top], color=palette().vermilion, lw=2, zorder=2)
-    ax.plot(x, begin, "o", color=palette().vermilion, ms=6, mec=palette().paper, mew=1.2, zorder=5)
+    ax.plot(x, begin, "o", color=palette().vermilion, ms=6, mec=palette().ground, mew=1.2, zorder=5)
     _note(ax, x + 0.12 * inch, begin, _contact_names(twin, cell))
     beside = (x - (BOX / 2 + 0.12) * inch, top + BOX_HEIGHT / 2 * inch)
     look: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center"}
@@ -141,7 +141,7 @@ def _draw_column(
         resistance = f"{float(link.resistance(values)):.3g} K/W"
         _note(ax, x + 0.12 * inch, y + (BOX_HEIGHT + 0.45 * GAP) * inch, resistance)
         node, y = link.b, below
-    ax.plot(x, y, "o", mfc=palette().paper, mec=palette().blue, mew=1.6, ms=8, zorder=4)
+    ax.plot(x, y, "o", mfc=palette().ground, mec=palette().blue, mew=1.6, ms=8, zorder=4)
     ambient = twin.rig.ambient_temperature.evaluate(values) - 273.15
     _note(ax, x + 0.17 * inch, y + 0.03 * inch, f"air, {ambient:.3g} °C")
     return y
@@ -159,7 +159,7 @@ def _box(ax: Axes, x: float, y: float, inch: float, name: str, text: str) -> Non
     style = f"round,pad=0,rounding_size={rounding}"
     look = {
         "boxstyle": style,
-        "fc": palette().paper,
+        "fc": palette().ground,
         "ec": palette().vermilion,
         "lw": 1.3,
         "zorder": 3,

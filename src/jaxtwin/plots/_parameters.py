@@ -42,11 +42,11 @@ def plot_parameters(fit: Fit) -> Figure:
                 solid_capstyle="butt",
                 zorder=2.5, gid="interval",
             )  # fmt: skip
-        scale.plot(ends[0], place, "o", mfc=palette().paper, mec=palette().ink, ms=6, zorder=3)
+        scale.plot(ends[0], place, "o", mfc=palette().ground, mec=palette().ink, ms=6, zorder=3)
         if parameter.published is not None:
             at = _position(parameter.published, parameter)
             scale.plot(
-                at, place, "D", mfc=palette().paper, mec=palette().blue, mew=1.4, ms=5.5, zorder=4
+                at, place, "D", mfc=palette().ground, mec=palette().blue, mew=1.4, ms=5.5, zorder=4
             )
         scale.plot(ends[1], place, "o", color=palette().vermilion, ms=7, zorder=5)
         color = palette().vermilion if parameter.at_bound else palette().ink
@@ -60,9 +60,9 @@ def plot_parameters(fit: Fit) -> Figure:
         )
     scale.set_axis_off()
     handles = [
-        scale.plot([], [], "o", mfc=palette().paper, mec=palette().ink, ms=6, label="initial")[0],
+        scale.plot([], [], "o", mfc=palette().ground, mec=palette().ink, ms=6, label="initial")[0],
         scale.plot(
-            [], [], "D", mfc=palette().paper, mec=palette().blue, mew=1.4, ms=5.5, label="published"
+            [], [], "D", mfc=palette().ground, mec=palette().blue, mew=1.4, ms=5.5, label="published"
         )[0],
         scale.plot([], [], "o", color=palette().vermilion, ms=7, label="matched")[0],
         scale.plot(

@@ -44,13 +44,13 @@ Dashes = tuple[float, tuple[float, ...]]
 class Palette:
     """The colours of a style.
 
-    - `paper`: the ground. `ink`: text. `muted`: what stands back: axes, notes, what was recorded.
+    - `ground`: behind everything. `ink`: text. `muted`: what stands back: axes, notes, what was recorded.
       `faint`: grid lines, empty bars.
     - The others have the names that they have in the usual style.
     - `dashes`: of solid lines in a colour that is not distinct enough by itself.
     """
 
-    paper: str = "#ffffff"
+    ground: str = "#ffffff"
     ink: str = INK
     muted: str = "#66727f"
     faint: str = "#dfe4e8"
@@ -87,7 +87,7 @@ GREY = Palette(
 )
 
 DARK = Palette(
-    paper="#16191d",
+    ground="#16191d",
     ink="#e8ebee",
     muted="#9aa5b1",
     faint="#343b43",
@@ -172,7 +172,7 @@ def _settings(look: _Look) -> dict[str, Any]:
     return {
         "axes.axisbelow": True,
         "axes.edgecolor": colors.muted,
-        "axes.facecolor": colors.paper,
+        "axes.facecolor": colors.ground,
         "axes.grid": True,
         "axes.labelcolor": colors.ink,
         "axes.prop_cycle": cycler(color=colors.cycle),
@@ -183,7 +183,7 @@ def _settings(look: _Look) -> dict[str, Any]:
         "axes.titlesize": 11 * look.scale,
         "axes.titleweight": "bold",
         "figure.constrained_layout.wspace": 0.05,  # between the last tick of a panel and the next
-        "figure.facecolor": colors.paper,
+        "figure.facecolor": colors.ground,
         "figure.titlesize": 13 * look.scale,
         "figure.titleweight": "bold",
         "font.size": 10 * look.scale,
