@@ -1,5 +1,6 @@
 """The package's face: what `import jaxtwin` offers and what it leaves alone."""
 
+import importlib
 import pkgutil
 import subprocess
 import sys
@@ -21,6 +22,13 @@ def test_every_public_name_resolves_to_something_of_its_own():
     assert "JaxtwinError" in names
     assert set(names) <= set(dir(jaxtwin))
     assert not [name for name in names if isinstance(getattr(jaxtwin, name), ModuleType)]
+
+
+def test_every_module_can_be_imported():
+    """Types of arguments too are made from what the libraries of the day offer."""
+    for module in pkgutil.walk_packages(jaxtwin.__path__, "jaxtwin."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
 
 
 def test_unknown_name_is_an_attribute_error():

@@ -6,6 +6,7 @@ import socket
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,8 @@ def test_what_was_written_is_read_by_others_while_recording_goes_on(rig: Rig, fi
                 assert row == (128, -3)
             recorder.write([sample(2)])
             assert reader.database.execute("SELECT count(*) FROM samples").fetchone() == (2,)
-        pixels = sqlite3.connect(file).execute("SELECT pixels FROM frames").fetchone()[0]
+        with closing(sqlite3.connect(file)) as database:
+            pixels = database.execute("SELECT pixels FROM frames").fetchone()[0]
         assert pixels == np.full(4800, 1, "<u2").tobytes()
 
 
