@@ -62,7 +62,14 @@ def plot_parameters(fit: Fit) -> Figure:
     handles = [
         scale.plot([], [], "o", mfc=palette().ground, mec=palette().ink, ms=6, label="initial")[0],
         scale.plot(
-            [], [], "D", mfc=palette().ground, mec=palette().blue, mew=1.4, ms=5.5, label="published"
+            [],
+            [],
+            "D",
+            mfc=palette().ground,
+            mec=palette().blue,
+            mew=1.4,
+            ms=5.5,
+            label="published",
         )[0],
         scale.plot([], [], "o", color=palette().vermilion, ms=7, label="matched")[0],
         scale.plot(

@@ -44,8 +44,8 @@ Dashes = tuple[float, tuple[float, ...]]
 class Palette:
     """The colours of a style.
 
-    - `ground`: behind everything. `ink`: text. `muted`: what stands back: axes, notes, what was recorded.
-      `faint`: grid lines, empty bars.
+    - `ground`: behind everything. `ink`: text. `muted`: what stands back: axes, notes, what was
+      recorded. `faint`: grid lines, empty bars.
     - The others have the names that they have in the usual style.
     - `dashes`: of solid lines in a colour that is not distinct enough by itself.
     """
