@@ -99,6 +99,8 @@ class Outcome:
     - `failure`: the test that failed, empty if none did.
     - `seconds`: until it failed, or all had passed.
     - `equivalent`: why no test can notice it, written by hand; empty otherwise.
+    - `is_own_test`: whether the test was written because nothing else noticed this mutation, set by
+      hand.
     """
 
     mutation: str
@@ -106,6 +108,7 @@ class Outcome:
     failure: str
     seconds: float
     equivalent: str = ""
+    is_own_test: bool = False
 
 
 def main() -> None:
@@ -262,19 +265,23 @@ def table(outcomes: list[Outcome]) -> str:
         "# Mutations",
         "",
         "Written by `python -m benchmarks.mutations`. Equivalent mutations change nothing that a",
-        "test could notice; the share is that of all others.",
+        "test could notice; the shares are those of all others. A mutation that nothing noticed at",
+        "first got a test of its own, which is counted under `caught now`.",
         "",
-        "| package | mutations | equivalent | caught | share |",
-        "|---|---|---|---|---|",
+        "| package | mutations | equivalent | caught at first | share | caught now | share |",
+        "|---|---|---|---|---|---|---|",
     ]
     packages = sorted({outcome.package for outcome in outcomes})
     for package in (*packages, "all"):
         rows = [row for row in outcomes if package in (row.package, "all")]
         equivalent = sum(bool(row.equivalent) for row in rows)
         caught = sum(bool(row.failure) for row in rows)
+        at_first = sum(bool(row.failure) and not row.is_own_test for row in rows)
         others = len(rows) - equivalent
-        share = f"{caught / others:.0%}" if others else ""
-        lines.append(f"| {package} | {len(rows)} | {equivalent} | {caught} | {share} |")
+        first, now = (f"{n / others:.0%}" if others else "" for n in (at_first, caught))
+        lines.append(
+            f"| {package} | {len(rows)} | {equivalent} | {at_first} | {first} | {caught} | {now} |"
+        )
     lines += ["", "| not caught | why |", "|---|---|"]
     for row in outcomes:
         if not row.failure:

@@ -4,10 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zarr
 
 from jaxtwin import SimulationError, open_sweep
 from jaxtwin.sensitivity_analysis import normal_draws
 from jaxtwin.sweeps import sweep
+from jaxtwin.sweeps._open import count_failed
 
 ASKED: dict[str, Any] = {
     "draws": 20,
@@ -67,3 +69,10 @@ def test_only_what_is_looked_at_is_read(tmp_path, twin, experiment, engine):
 def test_a_folder_without_a_sweep_is_refused(tmp_path):
     with pytest.raises(SimulationError, match="expected the folder of a sweep"):
         open_sweep(tmp_path)
+
+
+def test_failed_draws_are_counted_in_the_chunks_that_are_done(tmp_path):
+    failed = zarr.open_group(tmp_path, mode="w").create_array("failed", shape=6, dtype=bool)
+    failed[:] = np.array([False, True, True, True, False, False])
+    assert count_failed(tmp_path, np.array([True, False, True]), 2) == 1
+    assert count_failed(tmp_path, np.array([False, True, True]), 2) == 2
