@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from .._arguments import names_of, of_kind
 from .._errors import MatchError
@@ -65,6 +66,8 @@ def plot_group_values(fits: Fit | Mapping[str, Fit], names: Sequence[str] | None
     panels = figure.subplots(height, columns, squeeze=False, sharex=True).ravel()
     for axes, row in zip(panels, rows.values(), strict=False):
         _draw(axes, groups, row)
+    for axes in panels[max(0, len(rows) - columns) : len(rows)]:
+        axes.tick_params(labelbottom=True)  # the lowest panel of each column
     for axes in panels[len(rows) :]:
         axes.set_axis_off()
     return figure
@@ -117,6 +120,9 @@ def _draw(axes: Axes, groups: Sequence[str], row: _Row) -> None:
     axes.plot(places, row.values, "o", color=palette().vermilion, ms=6)
     if row.parameter.is_logarithmic:
         axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xticks(places, groups, rotation=30, ha="right")
     axes.set_xlim(-0.5, len(groups) - 0.5)
     unit = row.parameter.unit.replace("degC", "°C").replace("ohm", "Ω")
