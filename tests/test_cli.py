@@ -366,7 +366,9 @@ def test_simulate_says_whose_values_a_fit_gave_it(minute, tmp_path, capsys):
     rooms = [values["T_amb"] for values in fit().recording_values.values()]
     command = ["simulate", "paper-2024", "--parameters", "fit.toml", "--out", "r.nc"]
     assert run([*command, "--recording", minute, "--json", "r.json"]) == 0
-    assert f"T_amb = {rooms[0]:.4g}: as matched for synthetic-A" in printed(capsys)
+    said = printed(capsys)
+    assert f"T_amb = {rooms[0]:.4g}: as matched for synthetic-A" in said
+    assert re.search(r"^mean fit \d+\.\d %, RMSE \d\.\d+ K$", said, re.MULTILINE)
     assert json.loads(Path("r.json").read_text())["own_values"] == {"T_amb": rooms[0]}
     assert run([*command, "--duty", "0:0.5", "--duration", "10"]) == 0
     said = f"T_amb = {np.mean(rooms):.4g}: means of synthetic-A, synthetic-B"

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib import pyplot
+from small_results import fit
 from small_rigs import CAMERA, small_rig_file, zone
 
 from jaxtwin import (
@@ -25,6 +26,7 @@ from jaxtwin import (
 from jaxtwin.matching import prediction_band
 from jaxtwin.matching._group_values import new_group_values
 from jaxtwin.matching._linear_prior import LinearPrior
+from jaxtwin.matching._match_group import check_given
 from jaxtwin.matching._unknowns import Unknowns
 from jaxtwin.rig import Parameter, Rig
 from jaxtwin.validation._validate import _beyond_given
@@ -360,3 +362,8 @@ def test_a_scope_and_a_spread_between_groups_belong_together(tmp_path, old: str,
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(RigError, match=r"between_groups: expected .* got (1|none) with scope = "):
         load_rig(path)
+
+
+def test_what_is_given_is_of_a_single_group():
+    with pytest.raises(MatchError, match="recordings of a single group, got friday, sunday; name"):
+        check_given(fit(), ["sunday", "friday"])
