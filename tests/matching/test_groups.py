@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import small_results
 from matplotlib import pyplot
-from small_results import fit
 from small_rigs import CAMERA, small_rig_file, zone
 
 from jaxtwin import (
@@ -366,4 +366,4 @@ def test_a_scope_and_a_spread_between_groups_belong_together(tmp_path, old: str,
 
 def test_what_is_given_is_of_a_single_group():
     with pytest.raises(MatchError, match="recordings of a single group, got friday, sunday; name"):
-        check_given(fit(), ["sunday", "friday"])
+        check_given(small_results.fit(), ["sunday", "friday"])
