@@ -125,6 +125,7 @@ noise = "0.1 K"
 name = "T1"
 x = "1 cm"
 y = "1 cm"
+lag = "5 s"
 [ambient]
 temperature = "20 degC"
 [initial]

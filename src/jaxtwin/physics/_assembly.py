@@ -6,6 +6,7 @@ from ..rig import Rig
 from ..rig._plate import AMBIENT
 from ._netlist import Link, Loss, Netlist, Node, ThermoelectricElement
 from ._plate import circuit_links, element_capacitance, exposed_area, finite_volume_links
+from ._sensors import lagging_sensors
 
 
 def build_netlist(rig: Rig) -> Netlist:
@@ -13,6 +14,7 @@ def build_netlist(rig: Rig) -> Netlist:
 
     A cell adds a plate side `<cell>.TC`, a far side `<cell>.TH` and, where the rig gives one, a
     sink `<cell>.SINK`, with the links plate - TC - TH - (SINK -) ambient of Fig. 9b and 13a.
+    A channel whose sensor has a lag adds the sensor, `<channel>.SENSOR`.
     """
     of_kind("build_netlist: rig", rig, Rig, "a Rig, as load_rig reads it", RigError)
     plate = rig.plate
@@ -50,7 +52,8 @@ def build_netlist(rig: Rig) -> Netlist:
                 thermal_resistance=cell.thermal_resistance,
             )
         )
-    return Netlist(tuple(nodes), tuple(links), tuple(cells), _loss(rig))
+    sensors, sensor_links = lagging_sensors(rig, capacitances)
+    return Netlist((*nodes, *sensors), (*links, *sensor_links), tuple(cells), _loss(rig))
 
 
 def _loss(rig: Rig) -> Loss | None:

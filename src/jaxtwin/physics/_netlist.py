@@ -9,7 +9,7 @@ from typing import Literal, final
 from ..rig import Rig, Value
 from ..rig._plate import AMBIENT
 
-NodeKind = Literal["plate", "cell", "sink"]
+NodeKind = Literal["plate", "cell", "sink", "sensor"]
 
 
 @final
@@ -20,7 +20,7 @@ class Node:
     **Arguments:**
 
     - `name`: unique in the netlist.
-    - `kind`: where it belongs: the plate, a side of a cell, or a sink.
+    - `kind`: where it belongs: the plate, a side of a cell, a sink, or a sensor with a lag.
     - `capacitance`: J/K.
     - `initial_temperature`: at the start of a run, K.
     """
@@ -40,13 +40,14 @@ class Link:
 
     - `a`, `b`: names of nodes; `b` may be `"ambient"`.
     - `resistances`: in series, K/W; conduction and convection of eq. (6), for example.
-    - `role`: what it stands for: `"conduction"`, `"film"`, `"contact"`, `"module"` or `"sink"`.
+    - `role`: what it stands for: `"conduction"`, `"film"`, `"contact"`, `"module"`, `"sink"` or
+      `"sensor"`.
     """
 
     a: str
     b: str
     resistances: tuple[Value, ...]
-    role: Literal["conduction", "film", "contact", "module", "sink"]
+    role: Literal["conduction", "film", "contact", "module", "sink", "sensor"]
 
     def resistance(self, parameters_si: Mapping[str, float]) -> float:
         """The whole resistance for given parameters in SI units, K/W."""

@@ -16,12 +16,12 @@ from .._errors import RigError
 from ..rig import Rig, Value
 from ..rig._plate import AMBIENT
 from ._assembly import build_netlist
-from ._camera import channel_weights
 from ._expressions import Expressions
 from ._link_sums import LARGEST_TABLE, LinkSums
 from ._lumping import lump
 from ._netlist import Netlist
 from ._registration import RegisteredZones
+from ._sensors import node_weights
 
 MOST_ELEMENTS = 4000
 """The modes of so many take a minute, and tables of pairs of them a gigabyte."""
@@ -50,7 +50,13 @@ class Wiring:
       `rig_elements`, the same for the plate's elements, which come first.
     """
 
-    def __init__(self, rig: Rig, netlist: Netlist, position: Int[np.ndarray, " rig_nodes"]):
+    def __init__(
+        self,
+        rig: Rig,
+        netlist: Netlist,
+        position: Int[np.ndarray, " rig_nodes"],
+        weights: Float[np.ndarray, "channels rig_nodes"],
+    ):
         self.netlist = netlist
         self.position = position
         self.averaging: Literal["voltage", "on-off"] = rig.driver.averaging
@@ -111,11 +117,9 @@ class Wiring:
             ]
             self.film_sums = LinkSums(self.elements, films, len(links))
 
-        elements = channel_weights(rig)
-        self.rig_elements = position[: elements.shape[1]]
+        self.rig_elements = position[: len(rig.plate.element_names)]
         self.channel_weights = np.zeros((len(rig.channels), len(nodes)))
-        for element in range(elements.shape[1]):
-            self.channel_weights[:, position[element]] += elements[:, element]
+        np.add.at(self.channel_weights.T, position, weights.T)
 
         registration = None if rig.camera is None else rig.camera.registration
         self.zones = None if registration is None else RegisteredZones(rig, registration)
@@ -162,6 +166,7 @@ def wiring_of(rig: Rig, lumped: bool = False) -> Wiring:
             f"{elements}; make the grid coarser"
         )
     netlist = build_netlist(rig)
+    weights = node_weights(rig, netlist)
     if lumped:
-        return Wiring(rig, *lump(netlist))
-    return Wiring(rig, netlist, np.arange(len(netlist.nodes), dtype=np.int32))
+        return Wiring(rig, *lump(netlist), weights)
+    return Wiring(rig, netlist, np.arange(len(netlist.nodes), dtype=np.int32), weights)

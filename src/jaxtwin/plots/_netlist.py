@@ -19,6 +19,7 @@ from ..rig import Plate
 from ..rig._plate import AMBIENT
 from ._netlist_cells import draw_cells, draw_contacts, outlined
 from ._netlist_layout import LEGEND, netlist_layout
+from ._netlist_sensors import draw_sensors
 from ._style import INK, OF_FIXED_SIZE, palette, points, styled
 
 _WIDEST = {"conduction": 6.0, "film": 4.5}  # line of the largest conductance of a kind, points
@@ -34,8 +35,8 @@ def plot_netlist(
     Plate elements are drawn at their true size. Lines between their centres are links, a stub with
     a ring at its end stands for all links from an element to the air; both are as wide as they
     conduct, each on a separate scale that the legend gives. A stub with a dot and a cell's name
-    is that cell's contact; below the plate stands what is behind each cell, with the resistances
-    between.
+    is that cell's contact, one with a square and a channel's name a sensor with a lag; below the
+    plate stands what is behind each cell, with the resistances between.
 
     **Arguments:**
 
@@ -89,6 +90,7 @@ def plot_netlist(
     handles: list[Artist] = [*_draw_conduction(ax, twin, values), *_draw_air(ax, twin, values)]
     texts = {node.name: text.format(value) + unit for node, value in zip(nodes, shown, strict=True)}
     draw_contacts(ax, twin, values, layout)
+    draw_sensors(ax, twin, values)
     lowest = draw_cells(ax, twin, values, texts, layout)
     margin = 0.1 * layout.inch
     ax.set_xlim(layout.left - margin, layout.left + layout.width + margin)

@@ -155,11 +155,12 @@ def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
             f"got {table.name!r}",
         )
     gain = fields.value(f"{at}.gain", table.gain, FACTOR)
+    lag = None if table.lag is None else fields.value(f"{at}.lag", table.lag, DURATION)
     if table.nodes is not None and table.x is None and table.y is None:
         for node in table.nodes:
             fields.check_element(f"{at}.nodes", node, plate.element_names)
         fields.check_unique(f"{at}.nodes", table.nodes)
-        return Channel(table.name, tuple(table.nodes), None, None, gain)
+        return Channel(table.name, tuple(table.nodes), None, None, gain, lag)
     if table.nodes is not None or table.x is None or table.y is None:
         fields.refuse(at, "expected either nodes or x with y; give one of them")
     if len(table.x) != len(table.y):
@@ -167,10 +168,10 @@ def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
     if len(table.x) == 1:
         place = _place(f"{at}.x", table.x[0], plate.width, fields)
         element = _element_at(plate, place, _place(f"{at}.y", table.y[0], plate.height, fields))
-        return Channel(table.name, (element,), None, None, gain)
+        return Channel(table.name, (element,), None, None, gain, lag)
     x = _range(f"{at}.x", table.x, plate.width, fields)
     y = _range(f"{at}.y", table.y, plate.height, fields)
-    return Channel(table.name, (), x, y, gain)
+    return Channel(table.name, (), x, y, gain, lag)
 
 
 def _place(field: str, text: str, size: float, fields: Fields) -> float:

@@ -73,5 +73,12 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
                     "expected ranges x and y, because a [camera.registration] moves what channels "
                     "look at, got named elements",
                 )
+    if rig.camera is not None:
+        for channel in rig.channels:
+            if channel.lag is not None:
+                fields.refuse(
+                    f"channels[{channel.name}].lag",
+                    "expected [sensors] beside a lag, got a [camera], which sees the plate at once",
+                )
     fields.check_all_used()
     return rig

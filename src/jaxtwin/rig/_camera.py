@@ -100,6 +100,7 @@ class Channel:
     - `nodes`: T is the plain mean of these plate elements, or, where there are none,
     - `x`, `y`: T is the mean over this rectangle of the plate, by area, m.
     - `gain`: dimensionless. Below 1 where the surface reflects part of the room (bare metal).
+    - `lag`: time constant with which the sensor follows T, s; None where it is T at once.
     """
 
     name: str
@@ -107,6 +108,7 @@ class Channel:
     x: tuple[float, float] | None
     y: tuple[float, float] | None
     gain: Value
+    lag: Value | None = None
 
 
 def is_channel_name(name: str) -> bool:

@@ -90,8 +90,10 @@ class Rig:
             name: part for name, part in parts.items() if name not in (*words, "parameter_sets")
         }
         units = {name: (row.scale, row.offset) for name, row in self.parameters.items()}
-        # Cameras without a registration have the text that they had before there was any.
-        text = repr((equations, units)).replace(", registration=None)", ")")
+        # What lacks a part has the text that it had before there was any such part.
+        text = repr((equations, units))
+        for missing in (", registration=None)", ", lag=None)"):
+            text = text.replace(missing, ")")
         return hashlib.sha256(text.encode()).hexdigest()
 
     def __hash__(self) -> int:

@@ -158,6 +158,7 @@ class ChannelTable(Table):
     x: Place = None
     y: Place = None
     gain: Quantity = "1"
+    lag: Quantity | None = None
 
 
 class AmbientTable(Table):

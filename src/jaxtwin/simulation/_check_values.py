@@ -23,7 +23,8 @@ def check_values(twin: Twin) -> None:
 def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
     """Each distinct value of a rig that must be above 0, and what it is."""
     netlist = build_netlist(rig)
-    named = [(f"capacitance of {node.name}", node.capacitance) for node in netlist.nodes]
+    named = [(f"lag of {c.name}", c.lag) for c in rig.channels if c.lag is not None]
+    named += [(f"capacitance of {node.name}", node.capacitance) for node in netlist.nodes]
     for link in netlist.links:
         named += [(f"resistance {link.a} - {link.b}", value) for value in link.resistances]
     named += [

@@ -1,0 +1,71 @@
+r"""Sensors on the plate: how they follow what they touch, and which nodes the channels read.
+
+A thermistor or thermocouple with a time constant $\tau$ (its lag) reads $T_s$, which follows the
+mean $T$ of the elements that its channel names:
+
+$$\tau \dot T_s = T - T_s$$
+
+In the network it is a node of heat capacity $C_s$ with a link of $\tau / (w_i C_s)$ to each
+element, which counts as $w_i$ in the mean. The plate must not feel it, so that $C_s$ is `SHARE` of
+the heat capacity of an element: what it takes from the plate changes temperatures by about that
+part.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from ..rig import Rig, Value
+from ._camera import channel_weights
+from ._netlist import Link, Netlist, Node
+
+SHARE = 1e-6
+"""Of an element's heat capacity that a sensor has."""
+
+
+def lagging_sensors(rig: Rig, capacitances: Mapping[str, Value]) -> tuple[list[Node], list[Link]]:
+    """The nodes of sensors that have a lag, and their links to the plate.
+
+    **Arguments:**
+
+    - `rig`: has the channels.
+    - `capacitances`: of the plate's elements, J/K.
+    """
+    nodes, links = [], []
+    if all(channel.lag is None for channel in rig.channels):
+        return nodes, links
+    for channel, weights in zip(rig.channels, channel_weights(rig), strict=True):
+        if channel.lag is None:
+            continue
+        touched = {
+            element: float(weight)
+            for element, weight in zip(rig.plate.element_names, weights, strict=True)
+            if weight > 0
+        }
+        name = sensor_name(channel.name)
+        capacitance = capacitances[next(iter(touched))] * SHARE
+        nodes.append(Node(name, "sensor", capacitance, rig.initial_temperature))
+        links += [
+            Link(element, name, (channel.lag / (capacitance * weight),), "sensor")
+            for element, weight in touched.items()
+        ]
+    return nodes, links
+
+
+def node_weights(rig: Rig, netlist: Netlist) -> Float[np.ndarray, "channels nodes"]:
+    """How much each node counts in each channel: the plate's elements, or the sensor of a channel
+    with a lag. Every row sums to 1."""
+    elements = channel_weights(rig)
+    weights = np.zeros((len(rig.channels), len(netlist.nodes)))
+    weights[:, : elements.shape[1]] = elements
+    for row, channel in zip(weights, rig.channels, strict=True):
+        if channel.lag is not None:
+            row[:] = 0.0
+            row[netlist.index[sensor_name(channel.name)]] = 1.0
+    return weights
+
+
+def sensor_name(channel: str) -> str:
+    """The node of a channel's sensor."""
+    return f"{channel}.SENSOR"
