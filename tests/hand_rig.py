@@ -1,13 +1,13 @@
 """A rig so small that its equations are written down by hand: two elements and a heater."""
 
-from pathlib import Path
+import tomllib
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import expm
 
-from jaxtwin import load_rig
 from jaxtwin.rig import Rig
+from jaxtwin.rig._build import build_rig
 
 NODES = ["V11", "V12", "P1.TC", "P1.TH"]
 CAPACITANCE = 30.0, 30.0, 10.0, 10.0
@@ -70,7 +70,6 @@ temperature = "20 degC"
 
 
 def hand_rig(
-    folder: Path,
     *,
     seebeck: str = "0 V/K",
     averaging: str = "on-off",
@@ -81,8 +80,7 @@ def hand_rig(
     sensors: str = '[sensors]\nnoise = "0.1 K"',
     more: str = "",
 ) -> Rig:
-    """The rig, with keys added to some of its tables, and with more tables."""
-    path = folder / "hand.toml"
+    """The rig of the file `hand.toml`, with keys added to some of its tables, and more tables."""
     parts = {
         "seebeck": seebeck,
         "averaging": averaging,
@@ -93,8 +91,18 @@ def hand_rig(
         "sensors": sensors,
         "more": more,
     }
-    path.write_text(TEXT.format(**parts), encoding="utf-8")
-    return load_rig(path)
+    return build_rig(tomllib.loads(TEXT.format(**parts)), "hand.toml")
+
+
+def rig_of_many_parts(averaging: str) -> Rig:
+    """A thermoelectric cell with a current limit, and a sensor with a lag."""
+    return hand_rig(
+        seebeck="0.05 V/K",
+        averaging=averaging,
+        read='["V11", "V12"]',
+        driver='current_limit = "3 A"',
+        channel='lag = "4 s"',
+    )
 
 
 def heater_power(duty: float) -> float:

@@ -61,6 +61,7 @@ sink_initial_temperature = "20 degC"
 supply_voltage = "12 V"
 supply_resistance = "0.2 ohm"
 on_resistance = "0.1 ohm"
+current_limit = "4 A"
 lag = "5 s"
 delay = "2 s"
 counts = 255

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import pytest
 from compiled_c import compiled, ran
+from hand_rig import rig_of_many_parts
 
 from jaxtwin import ControlError, Experiment, Stepper, Twin, simulate
 from jaxtwin.c_export import export_c
@@ -59,6 +60,8 @@ TWINS = {
     "a delay of no whole steps": Twin("dual-cell", {"t_delay": 1.37}),
     "mean voltage, no lag, no delay": Twin("paper-2024"),
     "a single cell": Twin("single-cell"),
+    "many parts": Twin(rig_of_many_parts("on-off")),
+    "many parts, mean voltage": Twin(rig_of_many_parts("voltage")),
 }
 
 PRECISIONS: tuple[Literal["double", "float"], ...] = ("double", "float")

@@ -79,7 +79,7 @@ def test_where_words_are_chosen_from_all_of_them_are_named(heading: str, model: 
 
 @pytest.mark.slow
 def test_the_example_is_a_rig_that_runs(tmp_path):
-    (example,) = re.findall(r"```toml\n(.+?)```", PAGE, re.DOTALL)
+    example = re.findall(r"```toml\n(.+?)```", PAGE, re.DOTALL)[0]
     file = tmp_path / "small.toml"
     file.write_text(example, encoding="utf-8")
     rig = load_rig(file)

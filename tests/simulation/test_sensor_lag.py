@@ -40,24 +40,24 @@ def by_hand(weights: list[float], lag: float, time: float) -> float:
 @pytest.mark.parametrize(
     ("read", "weights"), [('["V12"]', [0.0, 1.0]), ('["V11", "V12"]', [0.5, 0.5])]
 )
-def test_a_sensor_follows_the_mean_of_its_elements_as_by_hand(tmp_path, read, weights):
+def test_a_sensor_follows_the_mean_of_its_elements_as_by_hand(read, weights):
     """Within 0.1 mK: a millionth of an element's heat capacity flows into it."""
-    rig = hand_rig(tmp_path, read=read, channel=f'lag = "{LAG} s"')
+    rig = hand_rig(read=read, channel=f'lag = "{LAG} s"')
     run = simulate(Twin(rig), EXPERIMENT)
     for time in (3, 10, 40, 100):
         assert run.channel("T1")[time] == pytest.approx(by_hand(weights, LAG, time), abs=1e-4)
 
 
-def test_the_plate_does_not_feel_the_sensor(tmp_path):
-    without = simulate(Twin(hand_rig(tmp_path)), EXPERIMENT)
-    lagging = simulate(Twin(hand_rig(tmp_path, channel='lag = "2 s"')), EXPERIMENT)
+def test_the_plate_does_not_feel_the_sensor():
+    without = simulate(Twin(hand_rig()), EXPERIMENT)
+    lagging = simulate(Twin(hand_rig(channel='lag = "2 s"')), EXPERIMENT)
     assert lagging.nodes == (*without.nodes, "T1.SENSOR")
     assert np.abs(lagging.states[:, :-1] - without.states).max() < 1e-4
 
 
-def test_steps_of_a_stepper_and_draws_of_a_batch_have_the_lag(tmp_path):
+def test_steps_of_a_stepper_and_draws_of_a_batch_have_the_lag():
     """Both against the hand calculation, each draw with its own time constant."""
-    rig = hand_rig(tmp_path, channel='lag = "tau"', more=LAG_PARAMETER)
+    rig = hand_rig(channel='lag = "tau"', more=LAG_PARAMETER)
     stepper = Stepper(Twin(rig))
     state = stepper.step(stepper.start(), [DUTY], steps=40)
     assert float(stepper.channels(state)[0]) == pytest.approx(by_hand([0, 1], LAG, 40), abs=1e-4)
@@ -67,9 +67,9 @@ def test_steps_of_a_stepper_and_draws_of_a_batch_have_the_lag(tmp_path):
         assert readings[40, 0] == pytest.approx(by_hand([0, 1], lag, 40), abs=1e-4)
 
 
-def test_a_match_finds_the_lag(tmp_path):
+def test_a_match_finds_the_lag():
     """A recording made by hand, with nothing but the time constant unknown."""
-    rig = hand_rig(tmp_path, channel='lag = "tau"', more=LAG_PARAMETER)
+    rig = hand_rig(channel='lag = "tau"', more=LAG_PARAMETER)
     readings = [[by_hand([0, 1], 11.0, time)] for time in range(101)]
     recording = Experiment(
         EXPERIMENT.time, EXPERIMENT.duty, channels=["T1"], temperatures=np.array(readings),
@@ -79,8 +79,8 @@ def test_a_match_finds_the_lag(tmp_path):
     assert fit["tau"].value == pytest.approx(11.0, rel=1e-4)
 
 
-def test_at_rest_it_reads_the_plate(tmp_path):
-    rig = hand_rig(tmp_path, channel='lag = "5 s"')
+def test_at_rest_it_reads_the_plate():
+    rig = hand_rig(channel='lag = "5 s"')
     point = jt.linearize(Twin(rig), duty=0.5).operating_point
     assert float(point.nodes[-1]) == pytest.approx(float(point.nodes[1]), abs=1e-9)
 
@@ -94,12 +94,12 @@ def test_at_rest_it_reads_the_plate(tmp_path):
         ("tau", "unknown parameter 'tau'"),
     ],
 )
-def test_a_lag_that_is_none_is_refused_by_its_field(tmp_path, text, words):
-    with pytest.raises(RigError, match=rf"hand\.toml: channels\[T1\]\.lag: .*{words}"):
-        hand_rig(tmp_path, channel=f'lag = "{text}"')
+def test_a_lag_that_is_none_is_refused_by_its_field(text, words):
+    with pytest.raises(RigError, match=rf"^hand\.toml: channels\[T1\]\.lag: .*{words}"):
+        hand_rig(channel=f'lag = "{text}"')
 
 
-def test_a_camera_has_no_lag(tmp_path):
+def test_a_camera_has_no_lag():
     camera = """
     [camera]
     resolution = [80, 60]
@@ -107,10 +107,10 @@ def test_a_camera_has_no_lag(tmp_path):
     view = { x = [0, 80], y = [10, 50] }
     """
     with pytest.raises(RigError, match=r"channels\[T1\]\.lag: expected \[sensors\] beside a lag"):
-        hand_rig(tmp_path, channel='lag = "5 s"', sensors=camera)
+        hand_rig(channel='lag = "5 s"', sensors=camera)
 
 
-def test_a_draw_that_takes_the_lag_below_zero_is_refused(tmp_path):
-    rig = hand_rig(tmp_path, channel='lag = "tau"', more=LAG_PARAMETER)
+def test_a_draw_that_takes_the_lag_below_zero_is_refused():
+    rig = hand_rig(channel='lag = "tau"', more=LAG_PARAMETER)
     with pytest.raises(ParameterError, match=r"lag of T1 \(tau\): expected a value above 0"):
         simulate(Twin(rig, {"tau": -1.0}), EXPERIMENT)

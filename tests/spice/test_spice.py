@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hand_rig import rig_of_many_parts
 from small_results import fit, recordings
 
 from jaxtwin import ParameterError, SimulationError, load_rig
@@ -78,6 +79,15 @@ def test_twin_agrees_with_ngspice_on_an_open_off_phase(make_rig, tmp_path):
     rig = make_rig(["3 cm", "2 cm"], ["3 cm"], [{"V11": "0.2 K/W"}], off_phase="open")
     experiment = Experiment.schedule("0:0.3,100:-0.7,200:0", duration=300.0, cells=1)
     assert largest_difference(Twin(rig), experiment, tmp_path) < 2e-3
+
+
+@pytest.mark.ngspice
+@pytest.mark.parametrize("averaging", ["on-off", "voltage"])
+def test_twin_agrees_with_ngspice_on_a_rig_of_many_parts(averaging, tmp_path):
+    """In both directions, with the limit reached and not."""
+    experiment = Experiment.schedule("0:0.3,40:-0.8,80:1", duration=120.0, cells=1)
+    twin = Twin(rig_of_many_parts(averaging))
+    assert largest_difference(twin, experiment, tmp_path) < 2e-3
 
 
 @pytest.mark.ngspice

@@ -62,6 +62,7 @@ class _Sizes:
         self.has_delay, self.has_lag = system.delay is not None, system.lag is not None
         self.has_loss = stepper.plate is not None
         self.averaging, self.off_phase = system.bridge.averaging, system.bridge.off_phase
+        self.is_limited = system.bridge.current_limit is not None
         self.queue = int(stepper.delay_steps) + self.parts - 1 if self.has_delay else 0
         self.sides = [*system.wiring.cold.tolist(), *system.wiring.hot.tolist()]
 
@@ -142,6 +143,8 @@ def _scalars(stepper: Stepper, name: str, real: str) -> tuple[str, int]:
         "Rs": (bridge.supply_resistance, "of the supply, ohm"),
         "Ron": (bridge.on_resistance, "of the switches, ohm"),
     }
+    if bridge.current_limit is not None:
+        values["Imax"] = (bridge.current_limit, "through a connected cell, A")
     if stepper.plate is not None and loss is not None:
         values["half_exponent"] = (float(np.asarray(loss.exponent)) / 2, "of the film")
     lines = []
@@ -230,17 +233,23 @@ def _functions(sizes: _Sizes, name: str, real: str) -> str:
 def _heat(sizes: _Sizes, name: str, real: str) -> str:
     """The heat flows of a cell, as `Bridge.heat` has them."""
     zero, half, one = (number(value, real) for value in (0.0, 0.5, 1.0))
-    absolute = "fabsf" if real == "float" else "fabs"
+    suffix = "f" if real == "float" else ""
+
+    def limited(current: str) -> str:
+        if not sizes.is_limited:
+            return current
+        return f"fmin{suffix}(fmax{suffix}({current}, -{name}_Imax), {name}_Imax)"
+
     if sizes.averaging == "voltage":
         current = f"""    const {real} drive = -duty * {name}_Vs;
-    const {real} current = (drive - emf) / (loop + share * {name}_Rs);
+    const {real} current = {limited(f"(drive - emf) / (loop + share * {name}_Rs)")};
     const {real} square = current * current;
 """
     else:
         off = "-emf / loop" if sizes.off_phase == "brake" else zero
         current = f"""    const {real} cools = duty < {zero} ? {name}_Vs : {zero};
     const {real} drive = duty > {zero} ? -{name}_Vs : cools;
-    const {real} on = (drive - emf) / (loop + {name}_Rs), off = {off};
+    const {real} on = {limited(f"(drive - emf) / (loop + {name}_Rs)")}, off = {off};
     const {real} current = share * on + ({one} - share) * off;
     const {real} square = share * on * on + ({one} - share) * off * off;
 """
@@ -250,7 +259,7 @@ def _heat(sizes: _Sizes, name: str, real: str) -> str:
 static void {name}_heat(int cell, {real} duty, {real} cold, {real} hot, {real} flow[2])
 {{
     const {real} loop = {name}_R[cell] + {name}_Ron;
-    const {real} emf = {name}_alpha[cell] * (hot - cold), share = {absolute}(duty);
+    const {real} emf = {name}_alpha[cell] * (hot - cold), share = fabs{suffix}(duty);
 {current}    const {real} peltier = {name}_alpha[cell] * current;
     const {real} joule = {half} * {name}_R[cell] * square;
     flow[0] = joule - peltier * cold;

@@ -41,11 +41,16 @@ class Bridge(eqx.Module):
     The two differ: at half duty the mean voltage makes a quarter of the full Joule heat, on/off
     switching half of it.
 
+    A controller with a current limit $I_{max}$ lowers the voltage until no more than that flows, in
+    either direction: with on/off switching while the cell is connected (what flows through one that
+    is shorted is out of its reach), with the mean voltage always.
+
     **Arguments:**
 
     - `supply_voltage`: $V_s$, V.
     - `supply_resistance`: $R_s$, of supply and leads, in series while connected, ohm.
     - `on_resistance`: $R_{on}$, ohm.
+    - `current_limit`: $I_{max}$, A; None for no limit.
     """
 
     supply_voltage: Float[ArrayLike, ""]
@@ -53,6 +58,7 @@ class Bridge(eqx.Module):
     on_resistance: Float[ArrayLike, ""]
     averaging: Literal["voltage", "on-off"] = eqx.field(static=True)
     off_phase: Literal["brake", "open"] = eqx.field(static=True)
+    current_limit: Float[ArrayLike, ""] | None = None
 
     def heat(
         self,
@@ -74,11 +80,11 @@ class Bridge(eqx.Module):
         share = jnp.abs(duty)
         if self.averaging == "voltage":
             drive = -duty * self.supply_voltage
-            current = (drive - emf) / (loop + share * self.supply_resistance)
+            current = self._limited((drive - emf) / (loop + share * self.supply_resistance))
             square = current**2
         else:
             drive = -jnp.sign(duty) * self.supply_voltage
-            on = (drive - emf) / (loop + self.supply_resistance)
+            on = self._limited((drive - emf) / (loop + self.supply_resistance))
             off = -emf / loop if self.off_phase == "brake" else jnp.zeros_like(emf)
             current = share * on + (1 - share) * off
             square = share * on**2 + (1 - share) * off**2
@@ -95,7 +101,8 @@ class Bridge(eqx.Module):
         """Mean power that each cell's bridge draws from the supply, W.
 
         It is that of the cell, and what supply, leads and switches turn into heat; below 0 where a
-        cell that is hot enough drives its current back.
+        cell that is hot enough drives its current back. A controller that limits the current
+        wastes nothing: the supply then gives what the lowered voltage takes.
 
         **Arguments:** those of `heat`.
         """
@@ -104,6 +111,25 @@ class Bridge(eqx.Module):
         share = jnp.abs(duty)
         if self.averaging == "voltage":
             drive = -duty * self.supply_voltage
-            return drive * (drive - emf) / (loop + share * self.supply_resistance)
+            resistance = loop + share * self.supply_resistance
+            return self._power(drive, emf, resistance)
         drive = -jnp.sign(duty) * self.supply_voltage
-        return share * drive * (drive - emf) / (loop + self.supply_resistance)
+        return share * self._power(drive, emf, loop + self.supply_resistance)
+
+    def _limited(self, current: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """What the controller lets through of the current of a connected cell, A."""
+        if self.current_limit is None:
+            return current
+        return jnp.clip(current, -self.current_limit, self.current_limit)
+
+    def _power(
+        self,
+        drive: Float[Array, "*shape"],
+        emf: Float[Array, "*shape"],
+        resistance: Float[ArrayLike, "*#shape"],
+    ) -> Float[Array, "*shape"]:
+        """What a connected cell draws through a resistance, with the drive or less, W."""
+        if self.current_limit is None:
+            return drive * (drive - emf) / resistance
+        current = self._limited((drive - emf) / resistance)
+        return current * (emf + current * resistance)

@@ -70,19 +70,19 @@ class System(eqx.Module):
         ambient = wiring.ambient_sums(conductances)
         seebeck, electrical, thermal = wiring.module_constants(parameters_si).reshape(3, -1)
         voltage, supply, on = wiring.bridge_constants(parameters_si)
-        lag, delay, drift = (
+        lag, delay, drift, limit = (
             part and part(parameters_si)[0]
-            for part in (wiring.lag, wiring.delay, wiring.ambient_drift)
+            for part in (wiring.lag, wiring.delay, wiring.ambient_drift, wiring.current_limit)
         )
         capacitance = wiring.capacitances(parameters_si)
         positive = [resistances, capacitance, electrical, thermal, supply + on + electrical]
-        positive += [part for part in (lag, delay) if part is not None]
+        positive += [part for part in (lag, delay, limit) if part is not None]
         return cls(
             capacitance=capacitance,
             conductance=_conductance_matrix(wiring, parameters_si, conductances, ambient),
             ambient_conductance=ambient,
             module=ThermoelectricModule(seebeck, electrical, thermal),
-            bridge=Bridge(voltage, supply, on, wiring.averaging, wiring.off_phase),
+            bridge=Bridge(voltage, supply, on, wiring.averaging, wiring.off_phase, limit),
             ambient_temperature=wiring.ambient(parameters_si)[0],
             ambient_drift=drift,
             initial_temperature=wiring.initial(parameters_si),

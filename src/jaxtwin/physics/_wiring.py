@@ -45,7 +45,8 @@ class Wiring:
     - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_sums`:
       over the links that are each element's film; all None where losses are linear.
     - `gain_parameters`: names of parameters that act on gains of channels alone.
-    - `lag`, `delay` of the command and `ambient_drift` as `Expressions`, or None.
+    - `lag` and `delay` of the command, the cells' `current_limit` and `ambient_drift` as
+      `Expressions`, or None.
     - `position` (nodes of the rig,): which node here stands for each node of the rig, and
       `rig_elements`, the same for the plate's elements, which come first.
     """
@@ -83,6 +84,8 @@ class Wiring:
 
         self.lag = None if driver.lag is None else Expressions([[driver.lag]])
         self.delay = None if driver.delay is None else Expressions([[driver.delay]])
+        limit = driver.current_limit
+        self.current_limit = None if limit is None else Expressions([[limit]])
 
         index = netlist.index
         self.cold = np.array([index[cell.cold] for cell in cells], dtype=np.int32)

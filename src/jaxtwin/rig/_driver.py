@@ -23,6 +23,8 @@ class Driver:
     - `polarity`: +1 where positive commands heat the plate, -1 where they cool it.
     - `averaging`: `"voltage"` puts the mean voltage on the cell, `"on-off"` averages the heat flows
       of the connected and the disconnected part of a PWM period.
+    - `current_limit`: the largest current that the controller lets through a connected cell, A;
+      None for any.
     - `off_phase`: what the bridge does with the cell in the rest of a period: `"brake"` shorts it,
       `"open"` leaves it open.
     """
@@ -36,3 +38,4 @@ class Driver:
     off_phase: Literal["brake", "open"] = "brake"
     lag: Value | None = None
     delay: Value | None = None
+    current_limit: Value | None = None

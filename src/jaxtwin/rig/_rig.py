@@ -92,7 +92,7 @@ class Rig:
         units = {name: (row.scale, row.offset) for name, row in self.parameters.items()}
         # What lacks a part has the text that it had before there was any such part.
         text = repr((equations, units))
-        for missing in (", registration=None)", ", lag=None)"):
+        for missing in (", registration=None)", ", lag=None)", ", current_limit=None)"):
             text = text.replace(missing, ")")
         return hashlib.sha256(text.encode()).hexdigest()
 

@@ -109,6 +109,7 @@ class DriverTable(Table):
     supply_voltage: Quantity
     supply_resistance: Quantity = "0 ohm"
     on_resistance: Quantity
+    current_limit: Quantity | None = None
     lag: Quantity | None = None
     delay: Quantity | None = None
     counts: Annotated[int, Field(ge=1, le=2**31)]

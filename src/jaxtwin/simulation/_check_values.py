@@ -33,7 +33,11 @@ def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
     driver = rig.driver
     named += [
         (f"{what} of the driver", value)
-        for what, value in (("lag", driver.lag), ("delay", driver.delay))
+        for what, value in (
+            ("lag", driver.lag),
+            ("delay", driver.delay),
+            ("current limit", driver.current_limit),
+        )
         if value is not None
     ]
     first: dict[Value, str] = {}

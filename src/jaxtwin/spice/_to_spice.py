@@ -99,7 +99,7 @@ def _head(twin: Twin, experiment: Experiment, values: Mapping[str, float]) -> li
 
 
 def _constants(rig: Rig, reference: float, values: Mapping[str, float]) -> list[str]:
-    driver = rig.driver
+    driver, limit = rig.driver, rig.driver.current_limit
     return [
         "*",
         "* Surroundings at the start, K; supply, V; its resistance and that of the bridge, ohm",
@@ -107,6 +107,7 @@ def _constants(rig: Rig, reference: float, values: Mapping[str, float]) -> list[
         f".param V_s={_number(driver.supply_voltage, values)}",
         f".param R_s={_number(driver.supply_resistance, values)}",
         f".param R_on={_number(driver.on_resistance, values)}",
+        *([] if limit is None else [f".param I_max={_number(limit, values)}"]),
     ]
 
 
@@ -208,7 +209,10 @@ def _heat(
         drive = f"-sgn({duty})*V_s"
         loop = f"R_E_{number}+R_on+R_s"
         phases = {"on": f"abs({duty})*", "off": f"(1-abs({duty}))*"}
-    lines.append(f"Bon_{number} on_{number} 0 V=({drive}-{emf})/({loop})")
+    current = f"({drive}-{emf})/({loop})"
+    if rig.driver.current_limit is not None:
+        current = f"max(min({current},I_max),-I_max)"
+    lines.append(f"Bon_{number} on_{number} 0 V={current}")
     if "off" in phases:
         off = f"-{emf}/(R_E_{number}+R_on)" if rig.driver.off_phase == "brake" else "0"
         lines.append(f"Boff_{number} off_{number} 0 V={off}")
