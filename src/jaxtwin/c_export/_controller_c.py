@@ -1,18 +1,19 @@
 """A controller as C, with what the closed loop of Python does about readings that do not come.
 
-The controllers differ in their law, `_pid_c`, `_decoupled_pi_c` and `_lqi_c`; what is around it is
-here. In `float` the integral is a compensated sum (Kahan 1965), since a few millikelvin for a tenth
-of a second change a duty by less than `float` can add to it.
+The controllers differ in their law, `_pid_c`, `_decoupled_pi_c`, `_lqi_c` and `_mpc_c`; what is
+around it is here. In `float` an integral is a compensated sum (Kahan 1965), since a few millikelvin
+for a tenth of a second change a duty by less than `float` can add to it.
 """
 
 import numpy as np
 
 from .._errors import ControlError
-from ..control import LQI, PID, DecoupledPI
+from ..control import LQI, MPC, PID, DecoupledPI
 from ..rig import Rig
 from ._decoupled_pi_c import decoupled_pi_law
 from ._law import Law
 from ._lqi_c import lqi_law
+from ._mpc_c import mpc_law
 from ._pid_c import pid_law
 from ._text import Code, comment_block, number, tables_c
 
@@ -21,7 +22,7 @@ SILENCE_S = 3.0
 
 
 def controller_c(
-    controller: PID | DecoupledPI | LQI, rig: Rig, name: str, precision: str, origin: str
+    controller: PID | DecoupledPI | LQI | MPC, rig: Rig, name: str, precision: str, origin: str
 ) -> Code:
     """Header and source.
 
@@ -30,7 +31,7 @@ def controller_c(
     """
     weights = controller.output_weights([channel.name for channel in rig.channels])
     cells, outputs = len(rig.cells), len(weights)
-    is_free = isinstance(controller, LQI) or (outputs == 1 and isinstance(controller, PID))
+    is_free = isinstance(controller, LQI | MPC) or (outputs == 1 and isinstance(controller, PID))
     if outputs != cells and not is_free:
         raise ControlError(
             f"export_c: measured: expected an output for each of the {cells} cells of {rig.name}, "
@@ -40,12 +41,16 @@ def controller_c(
         law = pid_law(controller, cells, outputs, name, precision)
     elif isinstance(controller, LQI):
         law = lqi_law(controller, cells, name, precision)
+    elif isinstance(controller, MPC):
+        law = mpc_law(controller, cells, name, precision)
     else:
         law = decoupled_pi_law(controller, name, precision)
     tables, coefficients = tables_c(law.tables, precision)
-    fields = {"integral": law.integrals, **law.fields, "seen": outputs}
-    if precision == "float":
-        fields["lost"] = law.integrals
+    fields = {**law.fields, "seen": outputs}
+    if law.integrals:
+        fields = {"integral": law.integrals, **fields}
+        if precision == "float":
+            fields["lost"] = law.integrals
     source = f"""#include <math.h>
 
 #include "{name}.h"
@@ -60,7 +65,7 @@ def controller_c(
 
 
 def _header(
-    controller: PID | DecoupledPI | LQI,
+    controller: PID | DecoupledPI | LQI | MPC,
     rig: Rig,
     weights: np.ndarray,
     law: Law,
@@ -90,6 +95,18 @@ def _header(
             f"{upper}_SILENCE_S then. Whoever calls must switch off where calls stop (a watchdog).",
         ]
     )
+    horizon = ahead = ""
+    if law.horizon:
+        horizon = f"#define {upper}_HORIZON {law.horizon}\n"
+        parameters = [
+            f"const {real} references[{upper}_HORIZON * {upper}_OUTPUTS]",
+            f"const {real} measurement[{upper}_OUTPUTS]",
+            f"{real} duty[{upper}_CELLS]",
+        ]
+        ahead = f"""
+/* The same with the references of this sample and of the next ones, {upper}_OUTPUTS each. */
+{_begin(f"void {name}_step_ahead", f"{name}_state *state", *parameters)};
+"""
     struct = "".join(f"    {real} {field}[{size}];\n" for field, size in fields.items())
     return f"""{about}#ifndef {upper}_H
 #define {upper}_H
@@ -104,7 +121,7 @@ extern "C" {{
 #endif
 #define {upper}_OUTPUTS {len(weights)}
 #define {upper}_CELLS {len(rig.cells)}
-
+{horizon}
 typedef struct {{
 {struct}    {real} missing_s; /* since the last measurement */
 }} {name}_state;
@@ -116,7 +133,7 @@ void {name}_init({name}_state *state, const {real} duty[{upper}_CELLS],
 /* The duty cycles until the next sample. */
 void {name}_step({name}_state *state, const {real} reference[{upper}_OUTPUTS],
                  const {real} measurement[{upper}_OUTPUTS], {real} duty[{upper}_CELLS]);
-
+{ahead}
 #ifdef __cplusplus
 }}
 #endif
@@ -125,11 +142,12 @@ void {name}_step({name}_state *state, const {real} reference[{upper}_OUTPUTS],
 """
 
 
-def _functions(controller: PID | DecoupledPI | LQI, law: Law, name: str, real: str) -> str:
+def _functions(controller: PID | DecoupledPI | LQI | MPC, law: Law, name: str, real: str) -> str:
     upper = name.upper()
     zero = number(0.0, real)
     lowest, highest = (number(limit, real) for limit in controller.limits)
-    if real == "float":
+    add = forget = ""
+    if law.integrals and real == "float":
         add = """    const float rest = change - state->lost[i];
     const float sum = state->integral[i] + rest;
     state->lost[i] = (sum - state->integral[i]) - rest;
@@ -139,8 +157,33 @@ def _functions(controller: PID | DecoupledPI | LQI, law: Law, name: str, real: s
         state->lost[i] = 0.0f;
     }}
 """
-    else:
-        add, forget = "    state->integral[i] += change;\n", ""
+    elif law.integrals:
+        add = "    state->integral[i] += change;\n"
+    if add:
+        add = f"""static void {name}_integrate({name}_state *state, int i, {real} change)
+{{
+{add}}}
+
+"""
+    reading, cells = f"const {real} measurement[{upper}_OUTPUTS]", f"{real} duty[{upper}_CELLS]"
+    state, now = f"{name}_state *state", f"const {real} reference[{upper}_OUTPUTS]"
+    step, wanted, public = f"void {name}_step", now, ""
+    samples, passed, many = [], "", ""
+    if law.horizon:
+        step, wanted = f"static void {name}_sample", f"const {real} *reference"
+        samples, passed, many = ["int samples"], ", samples", "samples * "
+        coming = f"const {real} references[{upper}_HORIZON * {upper}_OUTPUTS]"
+        public = f"""
+{_begin(f"void {name}_step", state, now, reading, cells)}
+{{
+    {name}_sample(state, reference, 1, measurement, duty);
+}}
+
+{_begin(f"void {name}_step_ahead", state, coming, reading, cells)}
+{{
+    {name}_sample(state, references, {upper}_HORIZON, measurement, duty);
+}}
+"""
     return f"""static int {name}_all_finite(const {real} *values, int count)
 {{
     int i;
@@ -160,17 +203,12 @@ static {real} {name}_limited({real} duty)
     return duty > {highest} ? {highest} : duty;
 }}
 
-static void {name}_integrate({name}_state *state, int i, {real} change)
-{{
-{add}}}
-
-static void {name}_stop({name}_state *state)
+{add}static void {name}_stop({name}_state *state)
 {{
     state->missing_s = {upper}_SILENCE_S + {upper}_SAMPLE_TIME_S;
 }}
 
-void {name}_init({name}_state *state, const {real} duty[{upper}_CELLS],
-{" " * len(f"void {name}_init(")}const {real} measurement[{upper}_OUTPUTS])
+{law.functions}{_begin(f"void {name}_init", state, f"const {cells}", reading)}
 {{
     int i;
     for (i = 0; i < {upper}_OUTPUTS; ++i) {{
@@ -183,14 +221,11 @@ void {name}_init({name}_state *state, const {real} duty[{upper}_CELLS],
     }}
 }}
 
-static void {name}_law({name}_state *state, const {real} reference[{upper}_OUTPUTS],
-{" " * len(f"static void {name}_law(")}{real} duty[{upper}_CELLS])
+{_begin(f"static void {name}_law", state, wanted, *samples, cells)}
 {{
 {law.step}}}
 
-void {name}_step({name}_state *state, const {real} reference[{upper}_OUTPUTS],
-{" " * len(f"void {name}_step(")}const {real} measurement[{upper}_OUTPUTS],
-{" " * len(f"void {name}_step(")}{real} duty[{upper}_CELLS])
+{_begin(step, state, wanted, *samples, reading, cells)}
 {{
     int i;
     if (state->missing_s <= {upper}_SILENCE_S) {{
@@ -204,8 +239,8 @@ void {name}_step({name}_state *state, const {real} reference[{upper}_OUTPUTS],
         }}
     }}
     if (state->missing_s <= {upper}_SILENCE_S) {{
-        {name}_law(state, reference, duty);
-        if ({name}_all_finite(reference, {upper}_OUTPUTS)
+        {name}_law(state, reference{passed}, duty);
+        if ({name}_all_finite(reference, {many}{upper}_OUTPUTS)
             && {name}_all_finite(duty, {upper}_CELLS)) {{
             return;
         }}
@@ -215,4 +250,9 @@ void {name}_step({name}_state *state, const {real} reference[{upper}_OUTPUTS],
         duty[i] = {zero};
     }}
 }}
-"""
+{public}"""
+
+
+def _begin(function: str, *parameters: str) -> str:
+    """A function's type, name and parameters."""
+    return f"{function}(" + (",\n" + " " * (len(function) + 1)).join(parameters) + ")"

@@ -8,7 +8,7 @@ from typing import Literal, final
 
 from .._arguments import of_kind, path_of
 from .._errors import ControlError
-from ..control import LQI, PID, DecoupledPI, DiscreteModel
+from ..control import LQI, MPC, PID, DecoupledPI, DiscreteModel
 from ..rig import Rig
 from ..simulation import Stepper
 from ._controller_c import controller_c
@@ -34,7 +34,7 @@ class CSources:
 
 
 def export_c(
-    model: DiscreteModel | Stepper | PID | DecoupledPI | LQI,
+    model: DiscreteModel | Stepper | PID | DecoupledPI | LQI | MPC,
     folder: str | os.PathLike[str],
     *,
     rig: Rig | None = None,
@@ -77,6 +77,9 @@ def export_c(
     }
     ```
 
+    An `MPC` also has `mpc_step_ahead`, which takes the references of the whole horizon. Its
+    quadratic programs are solved by the steps of Python; their memory is part of the state.
+
     **Arguments:**
 
     - `model`: a model at sample times, from `LinearModel.discretise` (reduce it first where memory
@@ -99,7 +102,7 @@ def export_c(
     if precision not in PRECISIONS:
         raise ControlError(f"export_c: precision: expected 'double' or 'float', got {precision!r}")
     target = path_of("export_c: folder", folder, ControlError)
-    if isinstance(model, PID | DecoupledPI | LQI):
+    if isinstance(model, PID | DecoupledPI | LQI | MPC):
         of_rig = of_kind("export_c: rig", rig, Rig, "the controller's, as twin.rig", ControlError)
         code = controller_c(model, of_rig, name, precision, origin)
     else:
@@ -110,7 +113,7 @@ def export_c(
         else:
             expected = (
                 "a DiscreteModel, as LinearModel.discretise makes it, a Stepper, a PID, a "
-                "DecoupledPI or an LQI"
+                "DecoupledPI, an LQI or an MPC"
             )
             of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
             code = discrete_model_c(model, name, precision, origin)

@@ -14,11 +14,13 @@ class Law(NamedTuple):
     """A control law as C.
 
     - `kind`: what it is, for the header. `parameters`: with units, a line each.
-    - `integrals`: how many integrals there are.
+    - `integrals`: how many integrals there are; 0 for none.
     - `fields`: of the state beside them and what was seen, name -> length.
     - `tables`: constants, name -> values and comment.
     - `init`: what sets the state, from `duty` and `measurement`; `i` is declared.
-    - `step`: body of the function from `state` and `reference` to `duty`.
+    - `step`: body of the function from `state` and `reference` to `duty`; with a horizon, from
+      `samples` references in a row.
+    - `functions`: what `step` calls. `horizon`: how many references `step` takes; 0 for one alone.
     """
 
     kind: str
@@ -28,6 +30,8 @@ class Law(NamedTuple):
     tables: Mapping[str, tuple[np.ndarray, str]]
     init: str
     step: str
+    functions: str = ""
+    horizon: int = 0
 
 
 def of_cells(name: str, value: Numbers, cells: int) -> Float[np.ndarray, " cells"]:
