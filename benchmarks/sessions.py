@@ -19,6 +19,7 @@ import numpy as np
 
 from jaxtwin import Experiment, Fit, Twin, leave_one_out, match, match_many, plots, read_recording
 from jaxtwin.matching._descent import descend
+from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._match import default_solver
 from jaxtwin.matching._objective import make_objective
 from jaxtwin.rig._build import build_rig
@@ -40,10 +41,11 @@ def with_values_for_each_session() -> Twin:
 def falls_of_cost(fit: Fit) -> np.ndarray:
     """By how much the cost falls if a shared parameter differs in a recording, `(shared,
     recordings)`."""
-    problem = fit.problem
-    objective = make_objective(problem, fit.noise_model)
+    solution = solution_of(fit)
+    problem = solution.problem
+    objective = make_objective(problem, solution.noise_model)
     space = problem.unknowns.search_space()
-    (result,) = descend([objective], default_solver(problem), [fit.vector], space, 0)
+    (result,) = descend([objective], default_solver(problem), [solution.vector], space, 0)
     with_priors = result.jacobian()
     size = with_priors.shape[1]
     slopes = with_priors[: len(with_priors) - size - len(problem.linear_prior.values)]
@@ -89,7 +91,7 @@ def main() -> None:
     print(together.summary())
     falls = falls_of_cost(together)
     print(f"\n| parameter | {' | '.join(names)} |\n|---|{'---:|' * len(names)}")
-    for parameter, row in zip(together.problem.unknowns.shared, falls, strict=True):
+    for parameter, row in zip(solution_of(together).problem.unknowns.shared, falls, strict=True):
         print(f"| `{parameter.name}` | {' | '.join(f'{fall:.1f}' for fall in row)} |", flush=True)
     print(leave_one_out(twin, sessions).summary(), flush=True)
     alone = match_many(twin, [[session] for session in sessions])
@@ -104,9 +106,10 @@ def _print(alone: dict[str, Fit], fit: Fit, sessions: list[Experiment]) -> None:
     print(f"hierarchical: mean fit {fit.mean_fit_percent:.2f} %, cost {fit.cost:.1f}")
     print({name: round(value, 2) for (name, _), value in fit.fit_percent.items()})
     errors = fit.uncertainty.standard_errors
-    for name in fit.group_values[fit.problem.groups[0]]:
+    groups = list(dict.fromkeys(fit.groups.values()))
+    for name in fit.group_values[groups[0]]:
         cells = []
-        for group in fit.problem.groups:
+        for group in groups:
             value = fit.group_values[group][name]
             by_itself = alone[group][name].value if group in alone else np.nan
             cells.append(f"{value:.3g} ± {errors[f'{name}[{group}]']:.2g} ({by_itself:.3g})")

@@ -33,6 +33,10 @@ COMPILED = Path(__file__).parent.parent / ".jax_cache"
 LARGEST_CACHE = 4e9
 """Bytes of compiled programs beyond which they are thrown away and the cache begins anew."""
 
+QUICK_COMPILATION = "JAX_DISABLE_MOST_OPTIMIZATIONS"
+"""JAX's setting that leaves out most of XLA's optimisations. Runs without the slow tests set it,
+unless the environment already says 0 or 1."""
+
 MOST_MEMORY_MAPS = 20_000
 """Every compiled program maps memory, and Linux ends a process that has 65 530 maps."""
 
@@ -56,6 +60,10 @@ def pytest_configure(config: pytest.Config) -> None:
             os.link(file, folder / name)
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+    if "not slow" in config.option.markexpr and QUICK_COMPILATION not in os.environ:
+        # Most of the time of the quick tests is compilation. Processes that they start do the same.
+        os.environ[QUICK_COMPILATION] = "1"
+        jax.config.update("jax_disable_most_optimizations", True)
 
 
 @pytest.fixture(scope="module", autouse=True)

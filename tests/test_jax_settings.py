@@ -67,7 +67,9 @@ CALLS: dict[str, Callable[[Twin], np.ndarray | None]] = {
     "reductions": lambda twin: (
         simulate_batch(twin, recording(twin), draws(twin), reductions=["cost", "plate_range"]).cost
     ),
-    "match": lambda twin: match(twin, recording(twin), free=["R_pc"]).vector,
+    "match": lambda twin: (
+        match(twin, recording(twin), free=["R_pc"]).to_xarray()["value"].to_numpy()
+    ),
     "sensitivity": lambda twin: sensitivity(twin, recording(twin), draws=4).cost,
 }
 

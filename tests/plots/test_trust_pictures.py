@@ -15,6 +15,7 @@ from small_results import fit
 from jaxtwin import Experiment, Fit, SimulationError, plate_map, plots
 from jaxtwin._residual_statistics import autocorrelation
 from jaxtwin.matching import CameraError, Comparison
+from jaxtwin.matching._fit import solution_of
 
 
 @pytest.fixture(autouse=True)
@@ -50,8 +51,10 @@ def disturbed() -> Fit:
         weight[30:40] = 0.0
         weight[50:, 1] = 0.5
         weights.append(weight)
-    noise_model = replace(fit().noise_model, channel_weights=tuple(weights))
-    return replace(fit(), comparisons=tuple(comparisons), noise_model=noise_model)
+    solution = solution_of(fit())
+    noise_model = replace(solution.noise_model, channel_weights=tuple(weights))
+    solution = replace(solution, noise_model=noise_model)
+    return replace(fit(), comparisons=tuple(comparisons), _solution=solution)
 
 
 def test_the_cameras_error_is_shown_and_taken_away():

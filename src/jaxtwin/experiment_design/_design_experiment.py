@@ -13,6 +13,7 @@ from .._waiting import announced
 from ..io import Experiment
 from ..live._operating_limits import SOLDER
 from ..matching import Fit
+from ..matching._fit import solution_of
 from ..physics import Twin
 from ..physics._twin import check_twin
 from ..rig._problems import nearest
@@ -86,7 +87,7 @@ def design_experiment(
     check_callable("design_experiment: on_progress", on_progress, MatchError)
     if isinstance(twin, Fit):
         prior, recordings = PriorInformation.of_fit(twin, group), _recordings(twin)
-        events = twin.noise_model.events
+        events = tuple(twin.events.values())
     else:
         check_twin("design_experiment: twin", twin, MatchError)
         if group is not None:
@@ -283,7 +284,7 @@ def _places(
 
 def _recordings(fit: Fit) -> dict[str, Experiment]:
     """The recordings of a fit; none where it was loaded without them."""
-    return dict(zip(fit.recordings, fit.problem.experiments, strict=False))
+    return dict(zip(fit.recordings, solution_of(fit).problem.experiments, strict=False))
 
 
 def _recorded_bounds(recordings: Mapping[str, Experiment]) -> tuple[float, float]:

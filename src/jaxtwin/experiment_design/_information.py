@@ -19,6 +19,7 @@ from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..matching import Fit, Noise
 from ..matching._camera_error import camera_shapes, count_shapes
+from ..matching._fit import solution_of
 from ..matching._jacobian import reading_jacobian
 from ..matching._noise_model import INITIAL_NOISE
 from ..matching._residual_weights import ResidualWeights, residual_weights
@@ -46,7 +47,7 @@ class NoisePrediction(NamedTuple):
     def of(cls, twin: Twin | Fit) -> "NoisePrediction":
         """That of a fit, or what a match assumes in its first round."""
         if isinstance(twin, Fit):
-            model = twin.noise_model
+            model = solution_of(twin).noise_model
             return cls(twin.noise, (model.channel.effective, model.common_mode.effective))
         assumed = INITIAL_NOISE.effective
         return cls((INITIAL_NOISE, INITIAL_NOISE), (assumed, assumed))

@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 
 from .._errors import MatchError
 from ..matching import Fit
+from ..matching._fit import solution_of
 from ..matching._group_values import new_group_values
 from ..matching._uncertainty import inverse_of_normal
 from ..matching._unknowns import Unknowns, choose_unknowns
@@ -70,7 +71,8 @@ class PriorInformation:
 
         **Raises:** `MatchError` for a group that the match does not have.
         """
-        matched, groups = fit.problem.unknowns, fit.problem.groups
+        problem = solution_of(fit).problem
+        matched, groups = problem.unknowns, problem.groups
         if group is not None and group not in groups:
             raise MatchError(
                 f"design_experiment: group: expected one of {', '.join(groups)}, or None for a new "
@@ -151,7 +153,8 @@ def _with_new_group(
 ) -> tuple[Float[np.ndarray, "all all"], Float[np.ndarray, "all all"], Int[np.ndarray, " rows"]]:
     """The entries of the match and of a group that it has not seen, whose values follow from those
     of the groups that it has."""
-    expected = new_group_values(fit.problem.unknowns, fit.vector)
+    solution = solution_of(fit)
+    expected = new_group_values(solution.problem.unknowns, solution.vector)
     rows = len(expected.rows)
     difference = np.concatenate([-expected.lift[:, inside], np.eye(rows)], axis=1)
     prior = difference.T @ (difference / expected.variance[:, None])

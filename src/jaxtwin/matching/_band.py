@@ -29,7 +29,7 @@ from ..io._experiment import as_experiments
 from ..physics import Twin
 from ..rig import Parameter
 from ..simulation import Run, response, simulate
-from ._fit import Fit
+from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
 from ._match_group import NEW_GROUP, check_given, match_first_part, match_group
@@ -176,10 +176,8 @@ def prediction_band(
         start = estimate_initial_conditions(fit, experiment, warm_up, group=group)
         twin, (rows, known) = start.twin, _known_of_unseen(fit, group, start)
     else:
-        unknowns, covariance = (
-            fit.problem.unknowns,
-            np.nan_to_num(fit.uncertainty.vector_covariance),
-        )
+        unknowns = solution_of(fit).problem.unknowns
+        covariance = np.nan_to_num(fit.uncertainty.vector_covariance)
         rows = unknowns.shared + unknowns.per_group + unknowns.per_recording
         number = 0 if recording is None else fit.recordings.index(recording)
         experiment = fit.experiments[number] if experiment is None else experiment
@@ -197,9 +195,10 @@ def _known_of_unseen(
     fit: Fit, group: str, start: InitialConditions
 ) -> tuple[tuple[Parameter, ...], Float[np.ndarray, "rows rows"]]:
     """The uncertain values of a recording that was not matched, and their covariance."""
-    groups = fit.problem.groups
+    solution = solution_of(fit)
+    groups = solution.problem.groups
     number = groups.index(group) if group in groups else None
-    match = group_and_shared_values(fit.problem.unknowns, fit.vector, number)
+    match = group_and_shared_values(solution.problem.unknowns, solution.vector, number)
     between = np.diag(fit.uncertainty.between_recordings**2)
     covariance = match.covariance(fit.uncertainty.vector_covariance + between)
     # What was estimated in the recording itself is known from there.

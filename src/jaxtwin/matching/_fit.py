@@ -35,6 +35,24 @@ if TYPE_CHECKING:
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A match problem with its solution, from which profiles, bands and draws are computed.
+
+    **Arguments:**
+
+    - `problem`: the problem that was solved. Its `experiments` are empty if the fit was loaded
+      without its recordings.
+    - `noise_model`: the noise model of the last round.
+    - `vector`: the optimiser's vector at the optimum.
+    """
+
+    problem: MatchProblem
+    noise_model: NoiseModel
+    vector: Float[np.ndarray, " unknowns"]
+
+
+@final
 @dataclass(frozen=True, repr=False, eq=False)
 class Fit:
     """A twin matched to recordings.
@@ -63,8 +81,6 @@ class Fit:
       the number of channels.
     - `uncertainty`: covariance, correlations and identifiability.
     - `cost`: half the sum of squared weighted residuals and priors.
-    - `problem`, `noise_model`, `vector`: the problem that was solved, the noise model of the last
-      round, and the optimiser's vector.
     - `date`: the end of the match, UTC, ISO 8601. `versions`: of jaxtwin and jax.
     - `comparisons`: of the fitted twin with each recording; None without the recordings.
     """
@@ -87,12 +103,10 @@ class Fit:
     noise: tuple[Noise, Noise]
     uncertainty: Uncertainty
     cost: float
-    problem: MatchProblem
-    noise_model: NoiseModel
-    vector: Float[np.ndarray, " unknowns"]
     date: str
     versions: Mapping[str, str]
     comparisons: tuple[Comparison, ...] | None
+    _solution: Solution
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
@@ -101,7 +115,7 @@ class Fit:
         **Raises:** `MatchError` where the fit was loaded without them.
         """
         self._compared()
-        return self.problem.experiments
+        return self._solution.problem.experiments
 
     @property
     def runs(self) -> dict[str, Run]:
@@ -122,9 +136,15 @@ class Fit:
         return ByRecording({name: comparison.camera for name, comparison in pairs})
 
     @property
+    def events(self) -> dict[str, tuple[float, ...]]:
+        """Recording -> times of the camera's corrections, s."""
+        events = self._solution.noise_model.events
+        return ByRecording(dict(zip(self.recordings, events, strict=True)))
+
+    @property
     def weights(self) -> dict[str, Float[np.ndarray, "times channels"]]:
         """Recording -> the weight of each sample, 0 to 1, `(times, channels)`."""
-        known = self.noise_model
+        known = self._solution.noise_model
         parts = zip(self.recordings, known.channel_weights, known.common_mode_weights, strict=True)
         return ByRecording({name: weight * moment[:, None] for name, weight, moment in parts})
 
@@ -155,13 +175,14 @@ class Fit:
     @property
     def groups(self) -> dict[str, str]:
         """Recording -> name of its group; a single name if the match had no groups."""
-        numbers = zip(self.recordings, self.problem.unknowns.groups, strict=True)
-        return {name: self.problem.groups[number] for name, number in numbers}
+        problem = self._solution.problem
+        numbers = zip(self.recordings, problem.unknowns.groups, strict=True)
+        return {name: problem.groups[number] for name, number in numbers}
 
     @property
     def group_values(self) -> dict[str, dict[str, float]]:
         """Group -> name -> value, for parameters with a value for each group."""
-        rows, _ = self.problem.unknowns.rows_of_groups()
+        rows, _ = self._solution.problem.unknowns.rows_of_groups()
         return {
             group: {row.name: float(self.twins[name].parameters[row.name]) for row in rows}
             for name, group in reversed(self.groups.items())
@@ -181,9 +202,10 @@ class Fit:
         For a group that was not matched these are the values expected of any group, which follow
         from those of the matched groups. See `docs/matching.md`.
         """
-        if group in self.problem.groups:
+        problem = self._solution.problem
+        if group in problem.groups:
             return self.mean_twin.with_parameters(self.group_values[group])
-        expected = new_group_values(self.problem.unknowns, self.vector)
+        expected = new_group_values(problem.unknowns, self._solution.vector)
         return self.mean_twin.with_parameters(expected.values)
 
     def twin_for(self, experiment: Experiment) -> Twin:
@@ -436,6 +458,12 @@ class Fit:
             f"<Fit of {self.twin.rig.name} to {len(self.recordings)} recordings: "
             f"{self.mean_fit_percent:.2f} %, RMSE {self.rmse:.3f} K, {self.status}>"
         )
+
+
+def solution_of(fit: Fit) -> Solution:
+    """The solved problem behind a fit, for the other modules of the package. Users have the
+    properties of `Fit`."""
+    return fit._solution
 
 
 def fitted_table(

@@ -30,7 +30,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..rig import bundled_rigs
-from ._fit import Fit
+from ._fit import Fit, solution_of
 from ._fitted_parameters import FittedParameter
 from ._iterations import Iteration, Optimum
 from ._noise import Noise
@@ -142,7 +142,7 @@ class StoredFit:
 
 def fit_tables(fit: Fit) -> str:
     """The table [fit] with all that belongs to it, as TOML."""
-    rig, known = fit.twin.rig, fit.uncertainty
+    rig, known, solution = fit.twin.rig, fit.uncertainty, solution_of(fit)
     head = {
         "format": FORMAT,
         "rig": rig.name,
@@ -158,8 +158,8 @@ def fit_tables(fit: Fit) -> str:
         "solver_gap": fit.solver_gap,
         "camera_error": fit.camera_error,
         "noise": fit.noise,
-        "assumed_noise": (fit.noise_model.channel, fit.noise_model.common_mode),
-        "robust": fit.problem.robust,
+        "assumed_noise": (solution.noise_model.channel, solution.noise_model.common_mode),
+        "robust": solution.problem.robust,
         "history": fit.history,
         "optima": fit.optima,
     }
@@ -201,16 +201,17 @@ def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarra
 
 
 def _recording(fit: Fit, number: int) -> dict[str, Any]:
-    name, noise_model = fit.recordings[number], fit.noise_model
+    name, solution = fit.recordings[number], solution_of(fit)
+    noise_model = solution.noise_model
     percent = {c: value for (recording, c), value in fit.fit_percent.items() if recording == name}
     return {
         "fingerprint": fit.fingerprints[number],
         "channels": fit.channels[number],
         "samples": len(noise_model.common_mode_weights[number]),
-        "events": noise_model.events[number],
+        "events": fit.events[name],
         "group": fit.groups[name],
         "fit_percent": percent,
-        "sample_weights": _stretches(fit.problem.sample_weights[number]),
+        "sample_weights": _stretches(solution.problem.sample_weights[number]),
         "channel_weights": _stretches(noise_model.channel_weights[number]),
         "common_mode_weights": _stretches(noise_model.common_mode_weights[number][:, None]),
     }

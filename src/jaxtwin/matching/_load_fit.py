@@ -23,7 +23,7 @@ from ..rig._bundled import read_toml
 from ..rig._problems import refuse
 from ..simulation import simulate
 from ._comparison import CameraError, Comparison
-from ._fit import Fit
+from ._fit import Fit, Solution, solution_of
 from ._fit_file import FORMAT, StoredFit, StoredRecording, rig_to_load, unrolled
 from ._fitted_parameters import FittedParameters
 from ._linear_prior import LinearPrior
@@ -126,12 +126,10 @@ def load_fit(
         noise=stored.noise,
         uncertainty=known,
         cost=stored.cost,
-        problem=problem,
-        noise_model=noise_model,
-        vector=vector,
         date=stored.date,
         versions=stored.versions,
         comparisons=None,
+        _solution=Solution(problem, noise_model, vector),
     )
     if matched is None:
         return fit
@@ -334,14 +332,16 @@ def _recordings(
 
 def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Comparison:
     run = simulate(twin, experiment)
-    count = shapes_needed(fit.problem, fit.noise_model)
-    weights = recording_weights(fit.problem, fit.noise_model, number, count)
+    solution = solution_of(fit)
+    problem, noise_model = solution.problem, solution.noise_model
+    count = shapes_needed(problem, noise_model)
+    weights = recording_weights(problem, noise_model, number, count)
     with jax.enable_x64(True):
         # A sample that is missing has no weight.
         difference = np.nan_to_num(run.temperatures - np.asarray(experiment.temperatures))
         sizes = weights.split(jnp.asarray(difference)).sizes
         error = np.asarray(weights.shapes) @ np.asarray(sizes)
-    return Comparison(run, CameraError(fit.noise_model.events[number], error))
+    return Comparison(run, CameraError(noise_model.events[number], error))
 
 
 def _refuse(source: str, field: str, message: str) -> NoReturn:

@@ -10,7 +10,7 @@ from .. import __version__
 from ..simulation import simulate
 from ._comparison import CameraError, Comparison
 from ._estimate_uncertainty import estimate_uncertainty
-from ._fit import Fit
+from ._fit import Fit, Solution
 from ._fitted_parameters import fitted_parameters
 from ._iterations import Optimum, make_iteration
 from ._problem import MatchProblem
@@ -83,10 +83,8 @@ def make_fit(
         noise=noise,
         uncertainty=uncertainty,
         cost=result.cost,
-        problem=problem,
-        noise_model=noise_model,
-        vector=result.vector,
         date=datetime.now(UTC).isoformat(timespec="seconds"),
         versions={"jaxtwin": __version__, "jax": jax.__version__},
         comparisons=comparisons,
+        _solution=Solution(problem, noise_model, result.vector),
     )

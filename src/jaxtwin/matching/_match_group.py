@@ -21,7 +21,7 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter
 from ._descent import descend
-from ._fit import Fit
+from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
 from ._iterations import make_optimum
@@ -67,9 +67,10 @@ def match_group(
 
     **Raises:** `MatchError` if the twin gives no finite temperatures; the errors of `match`.
     """
-    before, twin = fit.problem.unknowns, fit.twin_of_group(group)
+    solution, twin = solution_of(fit), fit.twin_of_group(group)
+    before = solution.problem.unknowns
     recordings = named_recordings(twin, experiments)
-    known = group_and_shared_values(before, fit.vector, None)
+    known = group_and_shared_values(before, solution.vector, None)
 
     def started(row: Parameter) -> Parameter:
         return replace(row, value=float(twin.parameters[row.name]))
@@ -94,7 +95,7 @@ def match_group(
     prior = LinearPrior.normal(mean, covariance)
     problem = replace(problem, prior_weights=weights, linear_prior=prior)
     began = time.perf_counter()
-    estimate = _descend(problem, fit.noise_model, max_iterations)
+    estimate = _descend(problem, solution.noise_model, max_iterations)
     if not np.isfinite(estimate.result.cost):
         raise MatchError(f"{twin.rig.name}: {group}: the twin gives no finite temperatures")
     optima = (make_optimum(problem, estimate.result, 0, estimate.result),)
@@ -112,7 +113,7 @@ def check_given(fit: Twin | Fit, groups: Sequence[str]) -> Fit:
             "given: expected beside a Fit, which knows what is expected of a group of recordings, "
             "got beside a Twin"
         )
-    if known := sorted({*groups} & {*fit.problem.groups}):
+    if known := sorted({*groups} & {*solution_of(fit).problem.groups}):
         raise MatchError(
             "given: expected for a group that the fit does not know, got for the group "
             f"{known[0]!r}, which it knows; name another with group=..., or leave given out"

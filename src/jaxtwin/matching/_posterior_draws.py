@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from .._arguments import of_kind, whole_number
 from .._errors import MatchError
-from ._fit import Fit
+from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 
 
@@ -38,13 +38,14 @@ def posterior_draws(
     """
     of_kind("posterior_draws: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     count = whole_number("posterior_draws: draws", draws, 1, MatchError)
-    groups = fit.problem.groups
+    solution = solution_of(fit)
+    groups = solution.problem.groups
     if group is not None and group not in groups:
         raise MatchError(
             f"posterior_draws: group: expected one of {', '.join(groups)}, or None, got {group!r}"
         )
     number = 0 if len(groups) == 1 else None if group is None else groups.index(group)
-    known = group_and_shared_values(fit.problem.unknowns, fit.vector, number)
+    known = group_and_shared_values(solution.problem.unknowns, solution.vector, number)
     between = np.diag(fit.uncertainty.between_recordings**2)
     covariance = known.covariance(fit.uncertainty.vector_covariance + between)
     # By eigenvectors: a covariance with directions of no width has no Cholesky factor.

@@ -33,7 +33,7 @@ from .._number_text import short_number
 from .._waiting import announced
 from ._descent import descend
 from ._descent_result import DescentStep
-from ._fit import Fit
+from ._fit import Fit, solution_of
 from ._iterations import Iteration, make_iteration
 from ._match import default_solver
 from ._objective import make_objective
@@ -136,8 +136,9 @@ def profile(
     the bounds, fewer than 3 points, or a fit that was loaded without its recordings.
     """
     of_kind("profile: fit", fit, Fit, "a Fit, as match gives it", MatchError)
-    unknowns = fit.problem.unknowns
-    problem = replace(fit.problem, experiments=fit.experiments)  # not those of a bare file
+    solution = solution_of(fit)
+    unknowns = solution.problem.unknowns
+    problem = replace(solution.problem, experiments=fit.experiments)  # not those of a bare file
     shared = [row.name for row in unknowns.shared]
     if name not in shared:
         raise ParameterError(
@@ -153,7 +154,7 @@ def profile(
         deviation = float(np.sqrt(fit.uncertainty.vector_covariance[entry, entry]))
         if not np.isfinite(deviation) or deviation == 0:
             deviation = float(unknowns.default_scales()[entry])
-        at = fit.vector[entry] + np.linspace(-3, 3, points) * deviation
+        at = solution.vector[entry] + np.linspace(-3, 3, points) * deviation
         at = np.unique(np.clip(at, lower, upper))
     else:
         given = np.sort(np.asarray(values, dtype=float))
@@ -163,7 +164,7 @@ def profile(
                 f"{row.unit}, got {given.tolist()}"
             )
         at = np.log(given) if row.is_logarithmic else given
-    objective = make_objective(problem, fit.noise_model)
+    objective = make_objective(problem, solution.noise_model)
     objectives, starts = [], []
     for value in at:
         means, weights = np.array(objective.prior_means), np.array(objective.prior_weights)
@@ -171,7 +172,7 @@ def profile(
         objectives.append(
             eqx.tree_at(lambda o: (o.prior_means, o.prior_weights), objective, (means, weights))
         )
-        start = fit.vector.copy()
+        start = solution.vector.copy()
         start[entry] = value
         starts.append(start)
 
@@ -203,7 +204,8 @@ def _adjustment(fit: Fit, entry: int) -> float:
         return float(known.inverse_hessian[entry, entry]) / variance
     # A value at a bound, or an undetermined one, has no covariance: all residuals by their
     # size and correlation, the stronger of their two kinds for both.
-    pairs = zip(fit.noise, (fit.noise_model.channel, fit.noise_model.common_mode), strict=True)
+    assumed = solution_of(fit).noise_model
+    pairs = zip(fit.noise, (assumed.channel, assumed.common_mode), strict=True)
     stronger = max(found.effective / counted.effective for found, counted in pairs)
     return stronger**-2 if stronger > 0 else 1.0
 

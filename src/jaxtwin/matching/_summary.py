@@ -85,7 +85,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
             continue
         text = ", ".join(f"{key} = {value:.4g}" for key, value in values.items())
         lines.append(f"{name}: {text}")
-    for name, events in zip(fit.recordings, fit.noise_model.events, strict=True):
+    for name, events in fit.events.items():
         if events:
             times = ", ".join(f"{event:g}" for event in events)
             lines.append(f"{name}: corrections of the camera at {times} s")

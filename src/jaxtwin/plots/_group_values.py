@@ -12,6 +12,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from .._arguments import names_of, of_kind
 from .._errors import MatchError
 from ..matching import Fit
+from ..matching._fit import solution_of
 from ..matching._fitted_parameters import interval_95
 from ..rig import Parameter
 from ._style import palette, styled, symbol
@@ -48,7 +49,7 @@ def plot_group_values(fits: Fit | Mapping[str, Fit], names: Sequence[str] | None
     for each group.
     """
     if isinstance(fits, Fit):
-        groups, rows = list(fits.problem.groups), _of_one_match(fits)
+        groups, rows = list(dict.fromkeys(fits.groups.values())), _of_one_match(fits)
     else:
         groups, rows = list(fits), _of_several(fits)
     if names is not None:
@@ -74,8 +75,9 @@ def plot_group_values(fits: Fit | Mapping[str, Fit], names: Sequence[str] | None
 
 
 def _of_one_match(fit: Fit) -> dict[str, _Row]:
-    parameters, _ = fit.problem.unknowns.rows_of_groups()
-    if len(fit.problem.groups) < 2 or not parameters:
+    problem = solution_of(fit).problem
+    parameters, _ = problem.unknowns.rows_of_groups()
+    if len(problem.groups) < 2 or not parameters:
         raise MatchError(
             "plot_group_values: expected a match of several groups with parameters of scope group, "
             f"got {fit!r}; pass groups=[...] to match, or a fit of each group"
@@ -84,7 +86,7 @@ def _of_one_match(fit: Fit) -> dict[str, _Row]:
     rows = {}
     for parameter in parameters:
         name, found, intervals = parameter.name, [], []
-        for group in fit.problem.groups:
+        for group in problem.groups:
             value, error = values[group][name], errors[f"{name}[{group}]"]
             logarithmic = parameter.is_logarithmic
             relative = error / value if logarithmic else error

@@ -9,6 +9,7 @@ import numpy as np
 from .._arguments import mapping_of
 from .._errors import ParameterError
 from ..matching import Fit
+from ..matching._fit import solution_of
 from ..physics import Twin
 from ..rig import Parameter
 from ..rig._problems import nearest
@@ -115,7 +116,7 @@ def _posterior(origin: object, parameters: Iterable[str] | None) -> Inputs:
         raise ParameterError(
             'sensitivity: inputs "posterior": expected a fit, got a twin; pass the fit itself'
         )
-    rows = origin.problem.unknowns.shared
+    rows = solution_of(origin).problem.unknowns.shared
     variances = np.diag(origin.uncertainty.vector_covariance)[: len(rows)]
     known = [row.name for row, square in zip(rows, variances, strict=True) if square > 0]
     where = f'{origin.twin.rig.name}: inputs "posterior"'
