@@ -69,7 +69,12 @@ temperature = "20 degC"
 """
 
 
-def hand_rig(
+def hand_rig(**parts: str) -> Rig:
+    """The rig of the file `hand.toml`, with keys and tables added: see `hand_text`."""
+    return build_rig(tomllib.loads(hand_text(**parts)), "hand.toml")
+
+
+def hand_text(
     *,
     seebeck: str = "0 V/K",
     averaging: str = "on-off",
@@ -79,30 +84,62 @@ def hand_rig(
     channel: str = "",
     sensors: str = '[sensors]\nnoise = "0.1 K"',
     more: str = "",
-) -> Rig:
-    """The rig of the file `hand.toml`, with keys added to some of its tables, and more tables."""
-    parts = {
-        "seebeck": seebeck,
-        "averaging": averaging,
-        "read": read,
-        "cell": cell,
-        "driver": driver,
-        "channel": channel,
-        "sensors": sensors,
-        "more": more,
-    }
-    return build_rig(tomllib.loads(TEXT.format(**parts)), "hand.toml")
+) -> str:
+    """The text of the file, with keys added to some of its tables, and more tables."""
+    return TEXT.format(
+        seebeck=seebeck,
+        averaging=averaging,
+        read=read,
+        cell=cell,
+        driver=driver,
+        channel=channel,
+        sensors=sensors,
+        more=more,
+    )
+
+
+BODIES = """
+[[bodies]]
+name = "block"
+capacitance = "80 J/K"
+initial_temperature = "18 degC"
+
+[[bodies]]
+name = "water"
+temperature = "12 degC"
+
+[[bodies]]
+name = "pipe"
+capacitance = "5 J/K"
+
+[[links]]
+resistance = "0.3 K/W"
+between = ["block-water", "block-pipe"]
+
+[[links]]
+resistance = "0.4 K/W"
+factor = 2.0
+between = ["V12-pipe"]
+"""
+
+
+def text_of_many_parts(averaging: str) -> str:
+    """The file of a thermoelectric cell with a current limit on a water-cooled block, a heat pipe
+    from there to the plate, and a sensor with a lag."""
+    return hand_text(
+        seebeck="0.05 V/K",
+        averaging=averaging,
+        read='["V11", "pipe"]',
+        cell='sink = "block"',
+        driver='current_limit = "3 A"',
+        channel='lag = "4 s"',
+        more=BODIES,
+    )
 
 
 def rig_of_many_parts(averaging: str) -> Rig:
-    """A thermoelectric cell with a current limit, and a sensor with a lag."""
-    return hand_rig(
-        seebeck="0.05 V/K",
-        averaging=averaging,
-        read='["V11", "V12"]',
-        driver='current_limit = "3 A"',
-        channel='lag = "4 s"',
-    )
+    """The rig of that file."""
+    return build_rig(tomllib.loads(text_of_many_parts(averaging)), "hand.toml")
 
 
 def heater_power(duty: float) -> float:

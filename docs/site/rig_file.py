@@ -114,6 +114,17 @@ module = "TEC1-12706"
 side_capacitance = "17 J/K"
 contacts = { V11 = "0.6 K/W" }
 sink_resistance = "0.5 K/W"
+sink = "block"
+[[bodies]]
+name = "block"
+capacitance = "100 J/K"
+initial_temperature = "20 degC"
+[[bodies]]
+name = "water"
+temperature = "15 degC"
+[[links]]
+resistance = "0.1 K/W"
+between = ["block-water"]
 [driver]
 supply_voltage = "12 V"
 on_resistance = "0.1 ohm"

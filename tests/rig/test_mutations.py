@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hand_rig import text_of_many_parts
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,6 +21,7 @@ TEXTS = {
     name: (files("jaxtwin") / "data" / "rigs" / f"{name}.toml").read_bytes()
     for name in ("paper-2024", "dual-cell")
 }
+TEXTS["many parts"] = text_of_many_parts("on-off").encode()
 RIGS = {name: tomllib.loads(text.decode()) for name, text in TEXTS.items()}
 
 quantities = st.builds(
@@ -29,7 +31,9 @@ quantities = st.builds(
         ["m", "cm", "kg", "K", "degC", "degF", "ohm", "K/W", "J/K", "W/(m^2 K)", "", "1/K", "dB"]
     ),
 )
-names = st.sampled_from(["R_E", "R_ph", "T_amb", "C_esp", "V11", "V38", "ambient", "P1", "T11"])
+names = st.sampled_from(
+    ["R_E", "R_ph", "T_amb", "C_esp", "V11", "V38", "ambient", "P1", "T11", "pipe"]
+)
 scalars = (
     st.none().map(lambda _: datetime.date(2024, 4, 1))
     | st.booleans()
@@ -110,7 +114,7 @@ def test_a_mutated_rig_loads_or_is_refused(data):
 
 
 @settings(max_examples=200)
-@given(st.dictionaries(st.sampled_from([*RIGS["paper-2024"], "x"]), anything))
+@given(st.dictionaries(st.sampled_from([*RIGS["many parts"], "camera", "limits", "x"]), anything))
 def test_tables_with_anything_in_them_load_or_are_refused(data):
     check_loads_or_refuses(lambda: build_rig(data, "mutated.toml"), "mutated.toml")
 

@@ -61,6 +61,7 @@ class _Sizes:
         self.parts = len(stepper.sizes)
         self.has_delay, self.has_lag = system.delay is not None, system.lag is not None
         self.has_loss = stepper.plate is not None
+        self.has_reservoirs = system.reservoirs is not None
         self.averaging, self.off_phase = system.bridge.averaging, system.bridge.off_phase
         self.is_limited = system.bridge.current_limit is not None
         self.queue = int(stepper.delay_steps) + self.parts - 1 if self.has_delay else 0
@@ -97,6 +98,11 @@ def _tables(stepper: Stepper, sizes: _Sizes, name: str) -> dict[str, tuple[np.nd
         f"{name}_air": (1 - gain * on_plate, "and by the ambient"),
         f"{name}_capacitance": (np.asarray(modes.capacitance, float), "of the nodes, J/K"),
         f"{name}_surroundings": (np.asarray(field.surroundings, float), "forces by the ambient"),
+        **(
+            {}
+            if field.held is None
+            else {f"{name}_held": (np.asarray(field.held, float), "forces by coolant and the like")}
+        ),
         f"{name}_taken": (
             np.asarray(modes.linearised_conductance, float),
             "heat flows out of the sides of the cells that are in the modes, W/K",
@@ -319,7 +325,7 @@ static void {name}_losses(const {real} z[{sizes.modes}], {real} ambient,
     const {real} room = {name}_T0 + ambient;
     int i, m;
     for (m = 0; m < {sizes.modes}; ++m) {{
-        force[m] = {name}_surroundings[m] * ambient;
+        force[m] = {name}_surroundings[m] * ambient{_held(sizes, name)};
     }}
     for (i = 0; i < {sizes.elements}; ++i) {{
         {real} at = {zero}, rise, hot, film, left;
@@ -338,6 +344,11 @@ static void {name}_losses(const {real} z[{sizes.modes}], {real} ambient,
 }}
 
 """
+
+
+def _held(sizes: _Sizes, name: str) -> str:
+    """What adds the forces by reservoirs, where there are any."""
+    return f" + {name}_held[m]" if sizes.has_reservoirs else ""
 
 
 def _part(sizes: _Sizes, name: str, real: str) -> str:
@@ -446,7 +457,7 @@ def _public(sizes: _Sizes, name: str, real: str) -> str:
         declared, last = f"{real} first[{n}], slope[{n}], b[{n}];", "first, slope"
     else:
         steady = f"""    for (m = 0; m < {n}; ++m) {{
-        first[m] = {name}_surroundings[m] * deviation;
+        first[m] = {name}_surroundings[m] * deviation{_held(sizes, name)};
     }}
 """
         declared, last = f"{real} first[{n}];", "first"
@@ -521,7 +532,7 @@ def _slopes(sizes: _Sizes, name: str, real: str) -> str:
     steady = f"    {name}_losses(state.z, deviation, first);\n"
     if not sizes.has_loss:
         steady = f"""    for (m = 0; m < {n}; ++m) {{
-        first[m] = {name}_surroundings[m] * deviation;
+        first[m] = {name}_surroundings[m] * deviation{_held(sizes, name)};
     }}
 """
     return f"""

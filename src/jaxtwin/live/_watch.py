@@ -138,7 +138,8 @@ def _channel_map(plate: Plate, channels: Sequence[Channel]) -> np.ndarray:
         if channel.x is not None and channel.y is not None:
             boxes.append((*channel.x, *channel.y, number))
         else:
-            boxes += [(*plate.extent(node), number) for node in channel.nodes]
+            on_plate = [node for node in channel.nodes if node in plate.element_names]
+            boxes += [(*plate.extent(node), number) for node in on_plate]
     for x0, x1, y0, y1, number in sorted(
         boxes, key=lambda box: (box[1] - box[0]) * (box[3] - box[2]), reverse=True
     ):

@@ -107,4 +107,5 @@ def _sinks(rig: Rig) -> frozenset[str]:
     starts = [
         value for c in rig.cells for value in (c.initial_temperature, c.sink_initial_temperature)
     ]
+    starts += [body.initial_temperature for body in rig.bodies]
     return names_in(*starts) - room_parameters(rig) - _plate(rig)

@@ -4,7 +4,7 @@ from .._arguments import of_kind
 from .._errors import RigError
 from ..rig import Rig
 from ..rig._plate import AMBIENT
-from ._netlist import Link, Loss, Netlist, Node, ThermoelectricElement
+from ._netlist import Link, Loss, Netlist, Node, Reservoir, ThermoelectricElement
 from ._plate import circuit_links, element_capacitance, exposed_area, finite_volume_links
 from ._sensors import lagging_sensors
 
@@ -14,6 +14,7 @@ def build_netlist(rig: Rig) -> Netlist:
 
     A cell adds a plate side `<cell>.TC`, a far side `<cell>.TH` and, where the rig gives one, a
     sink `<cell>.SINK`, with the links plate - TC - TH - (SINK -) ambient of Fig. 9b and 13a.
+    Then come the bodies that have a heat capacity; what is held at a temperature is a reservoir.
     A channel whose sensor has a lag adds the sensor, `<channel>.SENSOR`.
     """
     of_kind("build_netlist: rig", rig, Rig, "a Rig, as load_rig reads it", RigError)
@@ -25,18 +26,23 @@ def build_netlist(rig: Rig) -> Netlist:
         capacitances = {name: element_capacitance(plate, name) for name in plate.element_names}
         links = finite_volume_links(plate, _covered_faces(rig))
     start = rig.initial_temperature
+    at_start = {
+        body.name: body.temperature or body.initial_temperature or start for body in rig.bodies
+    }
     nodes = [Node(name, "plate", capacitance, start) for name, capacitance in capacitances.items()]
     cells = []
     for cell in rig.cells:
         cold, hot = f"{cell.name}.TC", f"{cell.name}.TH"
         behind = cell.sink_initial_temperature or start
+        if cell.sink is not None:
+            behind = at_start[cell.sink]
         for side, beside in ((cold, start), (hot, behind)):
             initial = cell.initial_temperature or beside
             nodes.append(Node(side, "cell", cell.side_capacitance, initial))
         links += [Link(element, cold, (value,), "contact") for element, value in cell.contacts]
         links.append(Link(cold, hot, (cell.thermal_resistance,), "module"))
         if cell.sink_capacitance is None or cell.sink_air_resistance is None:
-            links.append(Link(hot, AMBIENT, (cell.sink_resistance,), "sink"))
+            links.append(Link(hot, cell.sink or AMBIENT, (cell.sink_resistance,), "sink"))
         else:
             sink = f"{cell.name}.SINK"
             nodes.append(Node(sink, "sink", cell.sink_capacitance, behind))
@@ -52,8 +58,25 @@ def build_netlist(rig: Rig) -> Netlist:
                 thermal_resistance=cell.thermal_resistance,
             )
         )
+    for body in rig.bodies:
+        if body.capacitance is not None:
+            nodes.append(Node(body.name, "body", body.capacitance, at_start[body.name]))
+            capacitances[body.name] = body.capacitance
+    reservoirs = tuple(
+        Reservoir(body.name, body.temperature)
+        for body in rig.bodies
+        if body.temperature is not None
+    )
+    held = {AMBIENT, *(reservoir.name for reservoir in reservoirs)}
+    links += [
+        Link(*((b, a) if a in held else (a, b)), (link.resistance * link.factor,), "body")
+        for link in rig.links
+        for a, b in link.between
+    ]
     sensors, sensor_links = lagging_sensors(rig, capacitances)
-    return Netlist((*nodes, *sensors), (*links, *sensor_links), tuple(cells), _loss(rig))
+    return Netlist(
+        (*nodes, *sensors), (*links, *sensor_links), tuple(cells), _loss(rig), reservoirs
+    )
 
 
 def _loss(rig: Rig) -> Loss | None:

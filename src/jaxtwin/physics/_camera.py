@@ -9,16 +9,19 @@ from ..rig import Camera, Channel, Plate, Rig
 
 
 def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
-    """How much each plate element counts in each channel; every row sums to 1.
+    """How much each plate element counts in each channel; every row sums to 1, less the part of
+    bodies beside the plate.
 
     A channel given by named nodes takes their plain mean, one given by a rectangle the mean by
     overlapping area.
     """
     weights = np.zeros((len(rig.channels), len(rig.plate.element_names)))
+    bodies = {body.name for body in rig.bodies}
+    beside = np.array([[len(bodies.intersection(channel.nodes))] for channel in rig.channels])
     for row, channel in enumerate(rig.channels):
         for column, element in enumerate(rig.plate.element_names):
             weights[row, column] = _overlap(channel, rig.plate, element)
-    return weights / weights.sum(axis=1, keepdims=True)
+    return weights / (weights.sum(axis=1, keepdims=True) + beside)
 
 
 def frame_to_channels(

@@ -31,11 +31,12 @@ def lump(netlist: Netlist) -> tuple[Netlist, Int[np.ndarray, " nodes"]]:
         for c in range(len(sizes))
     )
     name = {node.name: nodes[c].name for node, c in zip(netlist.nodes, classes, strict=True)}
-    name[AMBIENT] = AMBIENT
+    held = {AMBIENT, *(reservoir.name for reservoir in netlist.reservoirs)}
+    name |= {end: end for end in held}
     parallel: Counter[Link] = Counter()
     for link in netlist.links:
         a, b = name[link.a], name[link.b]
-        if b != AMBIENT and a > b:
+        if b not in held and a > b:
             a, b = b, a
         # No heat flows between equal nodes.
         if a != b:
@@ -44,7 +45,8 @@ def lump(netlist: Netlist) -> tuple[Netlist, Int[np.ndarray, " nodes"]]:
         replace(link, resistances=tuple(value / count for value in link.resistances))
         for link, count in parallel.items()
     )
-    lumped = Netlist(nodes, links, netlist.cells, _lumped_loss(netlist, name))
+    loss = _lumped_loss(netlist, name)
+    lumped = Netlist(nodes, links, netlist.cells, loss, netlist.reservoirs)
     return lumped, np.array(classes, dtype=np.int32)
 
 
@@ -66,10 +68,12 @@ def _equal_nodes(netlist: Netlist) -> list[int]:
     for every value of the parameters.
     """
     index = netlist.index
+    held = {AMBIENT: len(index)}
+    held |= {r.name: len(index) + 1 + number for number, r in enumerate(netlist.reservoirs)}
     resistances = _numbered([link.resistances for link in netlist.links])
-    ends = np.array([(index[link.a], index.get(link.b, -1)) for link in netlist.links]).T
-    inner = ends[1] >= 0
-    # Each link is seen from both of its ends; the surroundings from one.
+    ends = np.array([(index[x.a], (index if x.b in index else held)[x.b]) for x in netlist.links]).T
+    inner = ends[1] < len(index)
+    # Each link is seen from both of its ends; what is held at a temperature from one.
     of_link = np.concatenate([resistances, np.array(resistances, dtype=int)[inner]])
     node = np.concatenate([ends[0], ends[1][inner]])
     other = np.concatenate([ends[1], ends[0][inner]])
@@ -80,6 +84,7 @@ def _equal_nodes(netlist: Netlist) -> list[int]:
     colours = _numbered(
         [
             (
+                node.kind,
                 node.capacitance,
                 node.initial_temperature,
                 radiating.get(node.name),
@@ -90,8 +95,8 @@ def _equal_nodes(netlist: Netlist) -> list[int]:
     )
     while True:
         # A number for each pair of a resistance and what is behind it, in the nodes' order.
-        behind = np.append(colours, -1)[other]
-        pairs = of_link * (len(colours) + 1) + behind + 1
+        behind = np.append(colours, list(held.values()))[other]
+        pairs = of_link * (len(colours) + len(held)) + behind
         seen = pairs[np.lexsort((pairs, node))]
         refined = _numbered(
             [

@@ -9,7 +9,7 @@ from typing import Literal, final
 from ..rig import Rig, Value
 from ..rig._plate import AMBIENT
 
-NodeKind = Literal["plate", "cell", "sink", "sensor"]
+NodeKind = Literal["plate", "cell", "sink", "body", "sensor"]
 
 
 @final
@@ -20,7 +20,8 @@ class Node:
     **Arguments:**
 
     - `name`: unique in the netlist.
-    - `kind`: where it belongs: the plate, a side of a cell, a sink, or a sensor with a lag.
+    - `kind`: where it belongs: the plate, a side of a cell, a sink, a body, or a
+      sensor with a lag.
     - `capacitance`: J/K.
     - `initial_temperature`: at the start of a run, K.
     """
@@ -33,21 +34,36 @@ class Node:
 
 @final
 @dataclass(frozen=True)
-class Link:
-    """A thermal resistance between two nodes, or between a node and the surroundings.
+class Reservoir:
+    """What is held at a temperature, whatever heat flows into it: coolant, an ice bath.
 
     **Arguments:**
 
-    - `a`, `b`: names of nodes; `b` may be `"ambient"`.
+    - `name`: unique in the netlist.
+    - `temperature`: K.
+    """
+
+    name: str
+    temperature: Value
+
+
+@final
+@dataclass(frozen=True)
+class Link:
+    """A thermal resistance between two nodes, or between a node and what is held at a temperature.
+
+    **Arguments:**
+
+    - `a`, `b`: names of nodes; `b` may be `"ambient"` or a reservoir.
     - `resistances`: in series, K/W; conduction and convection of eq. (6), for example.
-    - `role`: what it stands for: `"conduction"`, `"film"`, `"contact"`, `"module"`, `"sink"` or
-      `"sensor"`.
+    - `role`: what it stands for: `"conduction"`, `"film"`, `"contact"`, `"module"`, `"sink"`,
+      `"body"` or `"sensor"`.
     """
 
     a: str
     b: str
     resistances: tuple[Value, ...]
-    role: Literal["conduction", "film", "contact", "module", "sink", "sensor"]
+    role: Literal["conduction", "film", "contact", "module", "sink", "body", "sensor"]
 
     def resistance(self, parameters_si: Mapping[str, float]) -> float:
         """The whole resistance for given parameters in SI units, K/W."""
@@ -102,12 +118,14 @@ class Netlist:
 
     - `nodes`, `links`, `cells`: in the order in which all arrays hold them.
     - `loss`: what makes losses nonlinear, None for nothing.
+    - `reservoirs`: what is held at temperatures of its own, beside the surroundings.
     """
 
     nodes: tuple[Node, ...]
     links: tuple[Link, ...]
     cells: tuple[ThermoelectricElement, ...]
     loss: Loss | None = None
+    reservoirs: tuple[Reservoir, ...] = ()
 
     @cached_property
     def index(self) -> dict[str, int]:
@@ -137,7 +155,7 @@ class Netlist:
     @cached_property
     def fingerprint(self) -> str:
         """Changes with the contents."""
-        contents = repr((self.nodes, self.links, self.cells, self.loss))
+        contents = repr((self.nodes, self.links, self.cells, self.loss, self.reservoirs))
         return hashlib.sha256(contents.encode()).hexdigest()
 
     def __eq__(self, other: object) -> bool:

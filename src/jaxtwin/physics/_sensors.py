@@ -16,7 +16,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from ..rig import Rig, Value
+from ..rig import Channel, Rig, Value
 from ._camera import channel_weights
 from ._netlist import Link, Netlist, Node
 
@@ -25,41 +25,41 @@ SHARE = 1e-6
 
 
 def lagging_sensors(rig: Rig, capacitances: Mapping[str, Value]) -> tuple[list[Node], list[Link]]:
-    """The nodes of sensors that have a lag, and their links to the plate.
+    """The nodes of sensors that have a lag, and their links to what they touch.
 
     **Arguments:**
 
     - `rig`: has the channels.
-    - `capacitances`: of the plate's elements, J/K.
+    - `capacitances`: of the plate's elements and of the bodies, J/K.
     """
     nodes, links = [], []
     if all(channel.lag is None for channel in rig.channels):
         return nodes, links
-    for channel, weights in zip(rig.channels, channel_weights(rig), strict=True):
+    for channel, elements in zip(rig.channels, channel_weights(rig), strict=True):
         if channel.lag is None:
             continue
-        touched = {
-            element: float(weight)
-            for element, weight in zip(rig.plate.element_names, weights, strict=True)
-            if weight > 0
-        }
+        touched = dict(zip(rig.plate.element_names, elements.tolist(), strict=True))
+        touched |= _weights_of_bodies(rig, channel)
+        touched = {node: weight for node, weight in touched.items() if weight > 0}
         name = sensor_name(channel.name)
         capacitance = capacitances[next(iter(touched))] * SHARE
         nodes.append(Node(name, "sensor", capacitance, rig.initial_temperature))
         links += [
-            Link(element, name, (channel.lag / (capacitance * weight),), "sensor")
-            for element, weight in touched.items()
+            Link(node, name, (channel.lag / (capacitance * weight),), "sensor")
+            for node, weight in touched.items()
         ]
     return nodes, links
 
 
 def node_weights(rig: Rig, netlist: Netlist) -> Float[np.ndarray, "channels nodes"]:
-    """How much each node counts in each channel: the plate's elements, or the sensor of a channel
-    with a lag. Every row sums to 1."""
+    """How much each node counts in each channel: the plate's elements and the bodies, or the
+    sensor of a channel with a lag. Every row sums to 1."""
     elements = channel_weights(rig)
     weights = np.zeros((len(rig.channels), len(netlist.nodes)))
     weights[:, : elements.shape[1]] = elements
     for row, channel in zip(weights, rig.channels, strict=True):
+        for body, weight in _weights_of_bodies(rig, channel).items():
+            row[netlist.index[body]] = weight
         if channel.lag is not None:
             row[:] = 0.0
             row[netlist.index[sensor_name(channel.name)]] = 1.0
@@ -69,3 +69,8 @@ def node_weights(rig: Rig, netlist: Netlist) -> Float[np.ndarray, "channels node
 def sensor_name(channel: str) -> str:
     """The node of a channel's sensor."""
     return f"{channel}.SENSOR"
+
+
+def _weights_of_bodies(rig: Rig, channel: Channel) -> dict[str, float]:
+    bodies = {body.name for body in rig.bodies}
+    return {node: 1 / len(channel.nodes) for node in channel.nodes if node in bodies}

@@ -6,8 +6,8 @@ ambient temperature at the start), $u$ the duty cycles and $a$ the ambient's own
 $$C \dot x = -G x + g_{amb} a + q(x, u, a)$$
 
 $G$ is the conductance matrix of the network, $q$ the heat that the cells move (eq. 9 of the
-paper), which acts on the two sides of each cell alone, and what the plate loses beyond $G$ where
-the rig's losses are nonlinear.
+paper), which acts on the two sides of each cell alone, what the plate loses beyond $G$ where the
+rig's losses are nonlinear, and the constant heat of what is held at a temperature of its own.
 Deviations instead of temperatures near 300 K keep float32 usable.
 """
 
@@ -27,13 +27,32 @@ from ._wiring import Wiring
 
 
 @final
+class Reservoirs(eqx.Module):
+    """What is held at temperatures of its own, beside the surroundings: coolant, an ice bath.
+
+    **Arguments:**
+
+    - `conductance`: from each node to each of them, W/K.
+    - `temperature`: of each, absolute, K.
+    """
+
+    conductance: Float[Array, "reservoirs nodes"]
+    temperature: Float[Array, " reservoirs"]
+
+    def heat(self, reference: Float[Array, ""]) -> Float[Array, " nodes"]:
+        """What would flow from them into nodes at the reference temperature (K), W."""
+        return (self.temperature - reference) @ self.conductance
+
+
+@final
 class System(eqx.Module):
     """The network of a twin for one set of parameter values, all in SI units.
 
     **Arguments:**
 
     - `capacitance`: of the nodes, J/K.
-    - `conductance`: $G$, symmetric, with the links to the surroundings on its diagonal, W/K.
+    - `conductance`: $G$, symmetric, with the links to the surroundings and to reservoirs on its
+      diagonal, W/K.
     - `ambient_conductance`: of each node to the surroundings, W/K.
     - `module`: constants of the cells.
     - `bridge`: supply and switches.
@@ -42,6 +61,7 @@ class System(eqx.Module):
     - `gain`: of the channels. `moved_weights`: of the nodes in the channels, where the camera's
       registration says; None where they are the wiring's.
     - `loss`: what the plate loses beyond the network's links, None for nothing.
+    - `reservoirs`: what is held at temperatures of its own, None for nothing.
     - `lag`, `delay`: of the duty cycle that reaches the cells behind the command, s, or None.
     - `is_valid`: whether all resistances and capacitances are above 0.
     """
@@ -57,6 +77,7 @@ class System(eqx.Module):
     gain: Float[Array, " channels"]
     moved_weights: Float[Array, "channels nodes"] | None
     loss: NonlinearLoss | None
+    reservoirs: Reservoirs | None
     lag: Float[Array, ""] | None
     delay: Float[Array, ""] | None
     is_valid: Bool[Array, ""]
@@ -79,7 +100,7 @@ class System(eqx.Module):
         positive += [part for part in (lag, delay, limit) if part is not None]
         return cls(
             capacitance=capacitance,
-            conductance=_conductance_matrix(wiring, parameters_si, conductances, ambient),
+            conductance=_conductance_matrix(wiring, parameters_si, conductances),
             ambient_conductance=ambient,
             module=ThermoelectricModule(seebeck, electrical, thermal),
             bridge=Bridge(voltage, supply, on, wiring.averaging, wiring.off_phase, limit),
@@ -89,6 +110,7 @@ class System(eqx.Module):
             gain=wiring.gains(parameters_si),
             moved_weights=wiring.moved_weights(parameters_si),
             loss=_loss(wiring, parameters_si, conductances),
+            reservoirs=_reservoirs(wiring, parameters_si, conductances),
             lag=lag,
             delay=delay,
             is_valid=jnp.stack([jnp.all(values > 0) for values in positive]).all(),
@@ -115,11 +137,13 @@ class System(eqx.Module):
         reference: Float[Array, ""],
         ambient_deviation: Float[Array, ""] | float = 0.0,
     ) -> Float[Array, " nodes"]:
-        """The right-hand side $-G x + g_{amb} a + q(x, u, a)$, W."""
+        """The right-hand side $-G x + g_{amb} a + q(x, u, a)$, with the heat of reservoirs, W."""
         wiring = self.wiring
         sides = np.concatenate([wiring.cold, wiring.hot])
         heat = self.cell_heat(deviation[sides] + reference, duty)
         linear = -self.conductance @ deviation + self.ambient_conductance * ambient_deviation
+        if self.reservoirs is not None:
+            linear = linear + self.reservoirs.heat(reference)
         if self.loss is not None:
             plate = slice(wiring.elements)
             rise = deviation[plate] - ambient_deviation
@@ -174,25 +198,45 @@ def conductance_entries(
     diagonal, with their sign turned, for `wiring.pairs`, and the diagonal, W/K."""
     conductances = 1 / wiring.resistances(parameters_si)
     pairs, (a, b) = wiring.pair_sums(conductances), wiring.pairs
-    return pairs, wiring.ambient_sums(conductances).at[a].add(pairs).at[b].add(pairs)
+    return pairs, _to_held(wiring, conductances).at[a].add(pairs).at[b].add(pairs)
 
 
 def _conductance_matrix(
     wiring: Wiring,
     parameters_si: dict[str, Float[Array, ""]],
     conductances: Float[Array, " links"],
-    ambient: Float[Array, " nodes"],
 ) -> Float[Array, "nodes nodes"]:
     if wiring.pair_of is not None:
         pairs = wiring.pair_sums(conductances)
         between = jnp.append(pairs, jnp.zeros((), pairs.dtype))[wiring.pair_of]
-        return jnp.diag(between.sum(axis=1) + ambient) - between
+        return jnp.diag(between.sum(axis=1) + _to_held(wiring, conductances)) - between
     pairs, diagonal = conductance_entries(wiring, parameters_si)
     (a, b), nodes = wiring.pairs, np.arange(diagonal.size)
     rows, columns = np.concatenate([a, b, nodes]), np.concatenate([b, a, nodes])
     matrix = jnp.zeros((nodes.size, nodes.size), pairs.dtype)
     # At once: each assignment may copy the matrix.
     return matrix.at[rows, columns].set(jnp.concatenate([-pairs, -pairs, diagonal]))
+
+
+def _to_held(wiring: Wiring, conductances: Float[Array, " links"]) -> Float[Array, " nodes"]:
+    """From each node to what is held at a temperature, the surroundings among it, W/K."""
+    to_ambient = wiring.ambient_sums(conductances)
+    if wiring.reservoir_sums is None:
+        return to_ambient
+    to_reservoirs = wiring.reservoir_sums(conductances).reshape(-1, to_ambient.size)
+    return to_ambient + to_reservoirs.sum(axis=0)
+
+
+def _reservoirs(
+    wiring: Wiring,
+    parameters_si: dict[str, Float[Array, ""]],
+    conductances: Float[Array, " links"],
+) -> Reservoirs | None:
+    if wiring.reservoirs is None or wiring.reservoir_sums is None:
+        return None
+    temperature = wiring.reservoirs(parameters_si)
+    sums = wiring.reservoir_sums(conductances)
+    return Reservoirs(sums.reshape(temperature.size, -1), temperature)
 
 
 def _loss(

@@ -38,6 +38,9 @@ class Wiring:
       (2, pairs), the nodes. `pair_of` (nodes, nodes): the pair of two nodes, or the number of pairs
       where they are none; None in a large network.
     - `ambient_sums`: over the links that lead from each node to the surroundings.
+    - `reservoirs`: temperatures of what is held at one, as `Expressions`, and `reservoir_sums`:
+      over the links from each node to the first of them, then to the second, and so on; both None
+      where there are none.
     - `cold`, `hot` (cells,): the nodes of the cells' two sides.
     - `channel_weights` (channels, nodes), and the `zones` that move them where the rig's camera has
       a registration, else None.
@@ -93,7 +96,7 @@ class Wiring:
         inner = [
             (number, *sorted((index[link.a], index[link.b])))
             for number, link in enumerate(links)
-            if link.b != AMBIENT
+            if link.b in index
         ]
         pairs = {pair: number for number, pair in enumerate(dict.fromkeys(p[1:] for p in inner))}
         between = [(pairs[a, b], number) for number, a, b in inner]
@@ -105,6 +108,16 @@ class Wiring:
             self.pair_of[*self.pairs] = self.pair_of[*self.pairs[::-1]] = np.arange(len(pairs))
         outer = [(index[link.a], number) for number, link in enumerate(links) if link.b == AMBIENT]
         self.ambient_sums = LinkSums(len(nodes), outer, len(links))
+        self.reservoirs = self.reservoir_sums = None
+        if netlist.reservoirs:
+            self.reservoirs = Expressions([[held.temperature] for held in netlist.reservoirs])
+            first = {held.name: len(nodes) * n for n, held in enumerate(netlist.reservoirs)}
+            held = [
+                (first[link.b] + index[link.a], number)
+                for number, link in enumerate(links)
+                if link.b in first
+            ]
+            self.reservoir_sums = LinkSums(len(first) * len(nodes), held, len(links))
 
         self.elements = sum(node.kind == "plate" for node in nodes)
         self.exponent = self.radiating = self.film_sums = None

@@ -17,6 +17,7 @@ from ..physics import Twin
 from ..physics._netlist import network_counts, network_text
 from ..rig import Plate
 from ..rig._plate import AMBIENT
+from ._netlist_bodies import draw_bodies, draw_links_on_plate
 from ._netlist_cells import draw_cells, draw_contacts, outlined
 from ._netlist_layout import LEGEND, netlist_layout
 from ._netlist_sensors import draw_sensors
@@ -36,7 +37,8 @@ def plot_netlist(
     a ring at its end stands for all links from an element to the air; both are as wide as they
     conduct, each on a separate scale that the legend gives. A stub with a dot and a cell's name
     is that cell's contact, one with a square and a channel's name a sensor with a lag; below the
-    plate stands what is behind each cell, with the resistances between.
+    plate stands what is behind each cell, with the resistances between,
+    and the bodies with what they are linked to.
 
     **Arguments:**
 
@@ -91,7 +93,9 @@ def plot_netlist(
     texts = {node.name: text.format(value) + unit for node, value in zip(nodes, shown, strict=True)}
     draw_contacts(ax, twin, values, layout)
     draw_sensors(ax, twin, values)
+    draw_links_on_plate(ax, twin, values)
     lowest = draw_cells(ax, twin, values, texts, layout)
+    lowest = draw_bodies(ax, twin, values, texts, layout, lowest)
     margin = 0.1 * layout.inch
     ax.set_xlim(layout.left - margin, layout.left + layout.width + margin)
     ax.set_ylim(lowest + 1.5 * margin, -margin)

@@ -111,12 +111,13 @@ def _draw_column(
 ) -> float:
     """From the contacts down to the surroundings; returns where it ends, cm."""
     kinds = {cell.cold: "plate side", cell.hot: "far side"}
+    own = {cell.cold, cell.hot, f"{cell.name}.SINK"}
     alpha = cell.seebeck_coefficient.evaluate(values)
     R_E = cell.electrical_resistance.evaluate(values)
     begin = top - 0.24 * inch
     ax.plot([x, x], [begin, top], color=palette().vermilion, lw=2, zorder=2)
     ax.plot(x, begin, "o", color=palette().vermilion, ms=6, mec=palette().ground, mew=1.2, zorder=5)
-    _note(ax, x + 0.12 * inch, begin, _contact_names(twin, cell))
+    draw_note(ax, x + 0.12 * inch, begin, _contact_names(twin, cell))
     beside = (x - (BOX / 2 + 0.12) * inch, top + BOX_HEIGHT / 2 * inch)
     look: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "center"}
     ax.annotate(
@@ -133,17 +134,18 @@ def _draw_column(
     )
     ax.annotate(f"{R_E:.3g} Ω", beside, (0, -19), fontsize=points(8), color=palette().muted, **look)
     node, y = cell.cold, top
-    while node != AMBIENT:
-        _box(ax, x, y, inch, node, f"{kinds.get(node, 'sink')}, {texts[node]}")
+    while node in own:
+        draw_box(ax, x, y, inch, node, f"{kinds.get(node, 'sink')}, {texts[node]}")
         link = next(link for link in twin.netlist.links if link.a == node)
         below = y + (BOX_HEIGHT + GAP) * inch
         ax.plot([x, x], [y + BOX_HEIGHT * inch, below], color=palette().vermilion, lw=2, zorder=2)
         resistance = f"{float(link.resistance(values)):.3g} K/W"
-        _note(ax, x + 0.12 * inch, y + (BOX_HEIGHT + 0.45 * GAP) * inch, resistance)
+        draw_note(ax, x + 0.12 * inch, y + (BOX_HEIGHT + 0.45 * GAP) * inch, resistance)
         node, y = link.b, below
     ax.plot(x, y, "o", mfc=palette().ground, mec=palette().blue, mew=1.6, ms=8, zorder=4)
     ambient = twin.rig.ambient_temperature.evaluate(values) - 273.15
-    _note(ax, x + 0.17 * inch, y + 0.03 * inch, f"air, {ambient:.3g} °C")
+    end = f"air, {ambient:.3g} °C" if node == AMBIENT else node
+    draw_note(ax, x + 0.17 * inch, y + 0.03 * inch, end)
     return y
 
 
@@ -154,7 +156,8 @@ def _contact_names(twin: Twin, cell: ThermoelectricElement) -> str:
     return f"on {', '.join(names)}"
 
 
-def _box(ax: Axes, x: float, y: float, inch: float, name: str, text: str) -> None:
+def draw_box(ax: Axes, x: float, y: float, inch: float, name: str, text: str) -> None:
+    """Draws a node behind the plate: a box whose upper edge has its middle at x and y, cm."""
     corner, rounding = (x - BOX / 2 * inch, y), 0.07 * inch
     style = f"round,pad=0,rounding_size={rounding}"
     look = {
@@ -179,7 +182,8 @@ def _box(ax: Axes, x: float, y: float, inch: float, name: str, text: str) -> Non
     ax.annotate(text, (x, middle), (0, -5.5), fontsize=points(8.5), color=palette().ink, **look)
 
 
-def _note(ax: Axes, x: float, y: float, text: str) -> None:
+def draw_note(ax: Axes, x: float, y: float, text: str) -> None:
+    """Writes a note to the right of a point, cm."""
     ax.annotate(
         text, (x, y), ha="left", va="center", fontsize=points(8), color=palette().muted, zorder=4
     )

@@ -16,6 +16,8 @@ DIRECTIONS = ((-1.0, 1.0), (0.0, 1.0), (-1.0, 0.0))
 def draw_sensors(ax: Axes, twin: Twin, values: Mapping[str, float]) -> None:
     """Draws a stub from each element to each sensor with a lag that touches it, with the lag.
 
+    Sensors on bodies are named there: see `draw_bodies`.
+
     **Arguments:**
 
     - `ax`: its unit is 1 cm, the plate's top left corner is at 0, 0.
@@ -25,7 +27,7 @@ def draw_sensors(ax: Axes, twin: Twin, values: Mapping[str, float]) -> None:
     lags = {sensor_name(c.name): (c.name, c.lag) for c in rig.channels if c.lag is not None}
     drawn = dict.fromkeys(rig.plate.element_names, 0)
     for link in twin.netlist.links:
-        if link.b not in lags:
+        if link.b not in lags or link.a not in drawn:
             continue
         channel, lag = lags[link.b]
         left, right, top, bottom = (100 * edge for edge in rig.plate.extent(link.a))

@@ -106,7 +106,8 @@ def _draw_channels(axes: Axes, rig: Rig) -> None:
         look = {"fc": palette().vermilion, "alpha": 0.25, "lw": 0}
         _draw_cell(axes, rig.plate, cell, palette().vermilion, palette().faint, **look)
     for channel in rig.channels:
-        _name_channel(axes, rig.plate, channel)
+        if places(channel, rig.plate):
+            _name_channel(axes, rig.plate, channel)
     axes.set_title("channels and cells")
 
 
@@ -146,10 +147,10 @@ def _draw_cell(axes: Axes, plate: Plate, cell: Cell, color: str, rim: str, **loo
 
 
 def places(channel: Channel, plate: Plate) -> list[tuple[float, float, float, float]]:
-    """Where a channel is read: left, right, top and bottom of each rectangle, m."""
+    """Where on the plate a channel is read: left, right, top and bottom of each rectangle, m."""
     if channel.x is not None and channel.y is not None:
         return [(*channel.x, *channel.y)]
-    return [plate.extent(node) for node in channel.nodes]
+    return [plate.extent(node) for node in channel.nodes if node in plate.element_names]
 
 
 def rectangle(extent: tuple[float, float, float, float], **look) -> Rectangle:

@@ -1,5 +1,6 @@
 """Rigs: plate, cells, driver, camera and parameters, read from rig files and checked."""
 
+from ._body import Body
 from ._bundled import bundled_materials, bundled_modules, bundled_rigs
 from ._camera import Camera, Channel, CommonError, Registration, Sensors
 from ._cell import Cell
@@ -17,6 +18,7 @@ from ._rig import Rig
 from ._value import Value
 
 __all__ = [
+    "Body",
     "Camera",
     "Cell",
     "CellPlace",

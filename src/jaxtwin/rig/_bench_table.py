@@ -1,5 +1,8 @@
 """Tables around the plate: `[driver]`, `[camera]`, `[[channels]]`, `[limits]` of a rig file."""
 
+from collections.abc import Sequence
+
+from ._body import Body
 from ._camera import Camera, Channel, CommonError, Registration, is_channel_name
 from ._driver import Driver
 from ._fields import Fields
@@ -146,8 +149,10 @@ def _common_error(table: CommonErrorTable, fields: Fields) -> CommonError:
     )
 
 
-def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
-    """A channel, over named elements, over a rectangle of the plate or at one place on it.
+def build_channel(
+    table: ChannelTable, plate: Plate, bodies: Sequence[Body], fields: Fields
+) -> Channel:
+    """A channel: over named elements and bodies, over a rectangle of the plate, or at one place.
 
     **Raises:** `RigError` where it has both or neither, or is not on the plate.
     """
@@ -163,7 +168,8 @@ def build_channel(table: ChannelTable, plate: Plate, fields: Fields) -> Channel:
     lag = None if table.lag is None else fields.value(f"{at}.lag", table.lag, DURATION)
     if table.nodes is not None and table.x is None and table.y is None:
         for node in table.nodes:
-            fields.check_element(f"{at}.nodes", node, plate.element_names)
+            free = [body.name for body in bodies if body.temperature is None]
+            fields.check_element(f"{at}.nodes", node, plate.element_names, free)
         fields.check_unique(f"{at}.nodes", table.nodes)
         return Channel(table.name, tuple(table.nodes), None, None, gain, lag)
     if table.nodes is not None or table.x is None or table.y is None:

@@ -3,6 +3,7 @@
 from typing import Any
 
 from ._bench_table import build_camera, build_channel, build_driver, build_limits
+from ._body_table import build_bodies, build_links, check_bodies_grounded
 from ._camera import Sensors
 from ._cell_table import build_cell
 from ._circuit_table import build_circuit
@@ -35,6 +36,10 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         found = "neither a camera nor sensors" if table.camera is None else "both"
         fields.refuse("camera", f"expected either [camera] or [sensors], got {found}")
     plate = build_plate(table.plate, table.circuit is not None, fields)
+    bodies = build_bodies(table.bodies, plate, fields)
+    links = build_links(table.links, plate, bodies, fields)
+    cells = tuple(build_cell(cell, plate, bodies, fields) for cell in table.cells)
+    check_bodies_grounded(bodies, links, table.cells, fields)
     ambient, initial = (
         fields.value(f"{name}.temperature", text, TEMPERATURE)
         for name, text in (
@@ -48,11 +53,14 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         description=table.description.strip(),
         references=tuple(table.references),
         plate=plate,
-        circuit=table.circuit and build_circuit(table.circuit, plate, table.cells, fields),
-        cells=tuple(build_cell(cell, plate, fields) for cell in table.cells),
+        circuit=table.circuit
+        and build_circuit(table.circuit, plate, table.cells, bodies, links, fields),
+        cells=cells,
+        bodies=bodies,
+        links=links,
         driver=build_driver(table.driver, fields),
         camera=table.camera and build_camera(table.camera, fields),
-        channels=tuple(build_channel(channel, plate, fields) for channel in table.channels),
+        channels=tuple(build_channel(channel, plate, bodies, fields) for channel in table.channels),
         ambient_temperature=ambient,
         initial_temperature=initial,
         parameters=parameters,
@@ -75,6 +83,13 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
                 )
     if rig.camera is not None:
         for channel in rig.channels:
+            for node in channel.nodes:
+                if node not in plate.element_names:
+                    fields.refuse(
+                        f"channels[{channel.name}].nodes",
+                        f"expected elements of the plate, which the [camera] sees, got the body "
+                        f"{node!r}",
+                    )
             if channel.lag is not None:
                 fields.refuse(
                     f"channels[{channel.name}].lag",

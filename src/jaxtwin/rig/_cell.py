@@ -20,6 +20,7 @@ class Cell:
     - `side_capacitance`: of each side, J/K.
     - `contacts`: pairs (plate element, contact resistance to the plate side in K/W).
     - `sink_resistance`: far side to the surroundings, or to the sink's mass where it has one, K/W.
+    - `sink`: the body that takes the place of the surroundings there, None for them.
     - `sink_capacitance`, `sink_air_resistance`: the sink's mass (J/K) and its resistance to the
       surroundings (K/W); both or neither.
     - `initial_temperature`: of both sides, K; None means that of what each side touches: the plate,
@@ -38,3 +39,4 @@ class Cell:
     sink_air_resistance: Value | None = None
     initial_temperature: Value | None = None
     sink_initial_temperature: Value | None = None
+    sink: str | None = None

@@ -1,5 +1,8 @@
 """`[[cells]]` of a rig file -> `Cell`."""
 
+from collections.abc import Sequence
+
+from ._body import Body
 from ._bundled import bundled_modules
 from ._cell import Cell
 from ._datasheet import load_module
@@ -19,16 +22,24 @@ from ._units import (
 from ._value import Value
 
 
-def build_cell(table: CellTable, plate: Plate, fields: Fields) -> Cell:
+def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: Fields) -> Cell:
     """A cell; constants that the file does not give come from the datasheet of its module.
 
-    **Raises:** `RigError` where a value is wrong or missing, or a contact is on no element.
+    **Raises:** `RigError` where a value is wrong or missing, a contact is on no element, or the
+    sink is none of the bodies.
     """
     at = f"cells[{table.name}]"
     if table.module is not None:
         fields.check_known(f"{at}.module", "module", table.module, bundled_modules())
     for element in table.contacts:
         fields.check_element(f"{at}.contacts", element, plate.element_names)
+    if table.sink is not None:
+        fields.check_known(f"{at}.sink", "body", table.sink, [body.name for body in bodies])
+        for name in ("sink_capacitance", "sink_initial_temperature"):
+            if getattr(table, name) is not None:
+                fields.refuse(
+                    f"{at}.{name}", "expected none beside a sink; give it to the body instead"
+                )
     if (table.sink_capacitance is None) != (table.sink_air_resistance is None):
         fields.refuse(
             at, "expected both or neither of sink_capacitance and sink_air_resistance, got one"
@@ -63,6 +74,7 @@ def build_cell(table: CellTable, plate: Plate, fields: Fields) -> Cell:
         sink_air_resistance=optional("sink_air_resistance", THERMAL_RESISTANCE),
         initial_temperature=optional("initial_temperature", TEMPERATURE),
         sink_initial_temperature=optional("sink_initial_temperature", TEMPERATURE),
+        sink=table.sink,
     )
 
 

@@ -15,8 +15,8 @@ class CircuitLink:
 
     - `resistance`: K/W.
     - `factor`: each link has factor times the resistance.
-    - `between`: pairs of node names (plate elements or "ambient"). A pair may stand more than
-      once: an edge element can lose heat to the surroundings in several ways.
+    - `between`: pairs of node names (plate elements, bodies or "ambient"). A pair may stand more
+      than once: an edge element can lose heat to the surroundings in several ways.
     """
 
     resistance: Value

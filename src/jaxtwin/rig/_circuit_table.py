@@ -1,5 +1,8 @@
 """`[circuit]` of a rig file -> `Circuit`."""
 
+from collections.abc import Sequence
+
+from ._body import Body
 from ._circuit import Circuit, CircuitLink
 from ._fields import Fields
 from ._plate import AMBIENT, Plate
@@ -8,9 +11,18 @@ from ._units import HEAT_CAPACITY, THERMAL_RESISTANCE
 
 
 def build_circuit(
-    table: CircuitTable, plate: Plate, cells: list[CellTable], fields: Fields
+    table: CircuitTable,
+    plate: Plate,
+    cells: list[CellTable],
+    bodies: Sequence[Body],
+    body_links: Sequence[CircuitLink],
+    fields: Fields,
 ) -> Circuit:
     """The circuit that a file gives link by link.
+
+    **Arguments:**
+
+    - `cells`, `bodies`, `body_links`: what else heat may leave the plate by.
 
     **Raises:** `RigError` where a link has an unknown end or the same end twice, or where an
     element of the plate has no path to the surroundings.
@@ -21,24 +33,49 @@ def build_circuit(
         field = f"circuit.links[{link.resistance}]"
         resistance = fields.value(f"{field}.resistance", link.resistance, THERMAL_RESISTANCE)
         pairs = tuple(
-            _ends(f"{field}.between", text, plate.element_names, fields) for text in link.between
+            link_ends(f"{field}.between", text, plate.element_names, fields)
+            for text in link.between
         )
         links.append(CircuitLink(resistance, link.factor, pairs))
     capacitance = fields.value("circuit.capacitance", table.capacitance, HEAT_CAPACITY)
-    # A cell is a path to the surroundings, through its sink.
-    paths = [(element, AMBIENT) for cell in cells for element in cell.contacts if element in nodes]
-    _check_grounded(paths + [pair for link in links for pair in link.between], nodes, fields)
+    # A cell is a path to the surroundings, through its sink; what is held is as good as they are.
+    held = {body.name: AMBIENT for body in bodies if body.temperature is not None}
+    paths = [
+        (element, cell.sink or AMBIENT)
+        for cell in cells
+        for element in cell.contacts
+        if element in nodes
+    ]
+    paths += [pair for link in (*links, *body_links) for pair in link.between]
+    paths = [(held.get(a, a), held.get(b, b)) for a, b in paths]
+    free = tuple(body.name for body in bodies if body.temperature is None)
+    _check_grounded(paths, (*nodes, *free), fields)
     return Circuit(capacitance, tuple(links))
 
 
-def _ends(field: str, text: str, elements: tuple[str, ...], fields: Fields) -> tuple[str, str]:
+def link_ends(
+    field: str,
+    text: str,
+    elements: tuple[str, ...],
+    fields: Fields,
+    others: Sequence[str] = (AMBIENT,),
+) -> tuple[str, str]:
+    """The two ends of a link such as "V11-V12".
+
+    **Arguments:**
+
+    - `field`, `text`: where it stands, and what stands there.
+    - `elements`: of the plate. `others`: what else an end may be.
+
+    **Raises:** `RigError` where it has not two ends that differ and are known.
+    """
     ends = text.split("-")
     if len(ends) != 2:
         fields.refuse(field, f'expected two nodes such as "V11-V12", got {text!r}')
     first, second = (end.strip() for end in ends)
     for end in (first, second):
-        if end != AMBIENT:
-            fields.check_element(field, end, elements)
+        if end not in others:
+            fields.check_element(field, end, elements, [o for o in others if o != AMBIENT])
     if first == second:
         fields.refuse(field, f"expected two different nodes, got {text!r}")
     return first, second

@@ -1,7 +1,7 @@
 """Fields of one rig file: text -> `Value`, with the checks that need the parameter table."""
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import final
 
 from ._parameter import Parameter
@@ -75,14 +75,15 @@ class Fields:
         if name not in known:
             self.refuse(field, unknown(what, name, known))
 
-    def check_element(self, field: str, name: str, elements: tuple[str, ...]) -> None:
-        """Refuses a name that is no element of the plate."""
-        if name not in elements:
-            self.refuse(
-                field,
-                f"expected one of the plate's elements {elements[0]} to {elements[-1]}, got "
-                f"{name!r}",
-            )
+    def check_element(
+        self, field: str, name: str, elements: tuple[str, ...], bodies: Sequence[str] = ()
+    ) -> None:
+        """Refuses a name that is no element of the plate, and none of some bodies."""
+        if name not in elements and name not in bodies:
+            known = f"one of the plate's elements {elements[0]} to {elements[-1]}"
+            if bodies:
+                known += f", or one of the bodies {', '.join(bodies)}"
+            self.refuse(field, f"expected {known}, got {name!r}")
 
     def check_unique(self, field: str, names: list[str]) -> None:
         """Refuses a name that stands twice."""

@@ -7,9 +7,10 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import final
 
+from ._body import Body
 from ._camera import Camera, Channel, CommonError, Sensors
 from ._cell import Cell
-from ._circuit import Circuit
+from ._circuit import Circuit, CircuitLink
 from ._driver import Driver
 from ._limits import Limits
 from ._parameter import Parameter
@@ -35,6 +36,7 @@ class Rig:
     - `source`: the file that it was read from.
     - `limits`: beyond which driving stops. `None`: never to be driven.
     - `sensors`: point sensors that read the channels, or `None` where a camera does.
+    - `bodies`, `links`: what there is beside plate and cells, and what connects it.
     - `ambient_drift`: how fast the surroundings change from the first sample on, K/s. `None`: they
       do not.
     """
@@ -57,6 +59,8 @@ class Rig:
     limits: Limits | None = None
     ambient_drift: Value | None = None
     sensors: Sensors | None = None
+    bodies: tuple[Body, ...] = ()
+    links: tuple[CircuitLink, ...] = ()
 
     @property
     def common_error(self) -> CommonError | None:
@@ -87,13 +91,16 @@ class Rig:
         }
         parts["maximum_temperature"] = self.maximum_temperature
         equations = {
-            name: part for name, part in parts.items() if name not in (*words, "parameter_sets")
+            name: part
+            for name, part in parts.items()
+            if name not in (*words, "parameter_sets")
+            and (part != () or name not in ("bodies", "links"))
         }
         units = {name: (row.scale, row.offset) for name, row in self.parameters.items()}
         # What lacks a part has the text that it had before there was any such part.
         text = repr((equations, units))
-        for missing in (", registration=None)", ", lag=None)", ", current_limit=None)"):
-            text = text.replace(missing, ")")
+        for missing in ("registration", "lag", "current_limit", "sink"):
+            text = text.replace(f", {missing}=None)", ")")
         return hashlib.sha256(text.encode()).hexdigest()
 
     def __hash__(self) -> int:
@@ -128,6 +135,7 @@ def _parts(rig: Rig) -> dict[str, str]:
             f"{cell.name} on {' '.join(element for element, _ in cell.contacts)}"
             for cell in rig.cells
         ),
+        **({"bodies": ", ".join(body.name for body in rig.bodies)} if rig.bodies else {}),
         "driver": f"{rig.driver.averaging} averaging, {rig.driver.counts} counts",
         "channels": " ".join(channel.name for channel in rig.channels),
         "parameters": f"{len(rig.parameters)}, {free} of them free",

@@ -88,6 +88,17 @@ class CircuitTable(Table):
     links: Annotated[list[LinkTable], Field(min_length=1)]
 
 
+class BodyTable(Table):
+    name: Text
+    capacitance: Quantity | None = None
+    initial_temperature: Quantity | None = None
+    temperature: Quantity | None = None
+
+
+class BodyLinkTable(LinkTable):
+    pass
+
+
 class CellTable(Table):
     name: Text
     module: Text | None = None
@@ -99,6 +110,7 @@ class CellTable(Table):
     side_capacitance: Quantity | None = None
     contacts: Annotated[dict[str, Quantity], Field(min_length=1)]
     sink_resistance: Quantity
+    sink: Text | None = None
     sink_capacitance: Quantity | None = None
     sink_air_resistance: Quantity | None = None
     initial_temperature: Quantity | None = None
@@ -206,6 +218,8 @@ class RigTable(Table):
     plate: PlateTable
     circuit: CircuitTable | None = None
     cells: Annotated[list[CellTable], Field(min_length=1)]
+    bodies: list[BodyTable] = []
+    links: list[BodyLinkTable] = []
     driver: DriverTable
     camera: CameraTable | None = None
     sensors: SensorsTable | None = None

@@ -55,7 +55,8 @@ class Inputs(eqx.Module):
 class ModalField(eqx.Module):
     """The vector field of a network in its modes.
 
-    `surroundings` is V^T g_amb, the force per kelvin of the ambient's deviation.
+    `surroundings` is V^T g_amb, the force per kelvin of the ambient's deviation, and `held` the
+    constant force by what is held at a temperature of its own, None for none.
     `stiffness` and `mass` are V^T (G - G0) V and V^T (C - C0) V, with G0 and C0 what the modes
     were made of: zero in value, but not in their derivatives.
     """
@@ -64,6 +65,7 @@ class ModalField(eqx.Module):
     modes: Modes
     reference: Float[Array, ""]
     surroundings: Float[Array, " modes"]
+    held: Float[Array, " modes"] | None
     stiffness: Float[Array, "modes modes"]
     mass: Float[Array, "modes modes"]
 
@@ -78,6 +80,7 @@ class ModalField(eqx.Module):
             modes=modes,
             reference=reference,
             surroundings=V.T @ system.ambient_conductance,
+            held=None if system.reservoirs is None else V.T @ system.reservoirs.heat(reference),
             stiffness=V.T @ conductance @ V,
             mass=V.T * capacitance @ V,
         )
@@ -89,6 +92,8 @@ class ModalField(eqx.Module):
         heat = system.cell_heat(deviation + self.reference, inputs.duty)
         flow = jnp.concatenate([-heat.cold, heat.hot]) + modes.linearised_conductance @ deviation
         force = modes.sides.T @ flow + self.surroundings * inputs.ambient
+        if self.held is not None:
+            force = force + self.held
         if inputs.heat is not None:
             force = force + inputs.heat
         linearised = modes.linearised_loss

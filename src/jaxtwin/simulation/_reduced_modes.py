@@ -101,6 +101,8 @@ def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResul
     point, start = _linearised(system, grid, initial, solved)
     linear = scipy.sparse.csc_array(network + _added(system, point))
     inputs = [at_sides, np.asarray(system.ambient_conductance)[:, None]]
+    if system.reservoirs is not None:
+        inputs.append(np.asarray(system.reservoirs.conductance).T)
     if np.any(start):
         inputs.append((capacitance * np.asarray(start))[:, None])
     driving = np.concatenate(inputs, axis=1)

@@ -121,6 +121,10 @@ def _network(
         capacitance = _number(node.capacitance, values)
         lines.append(f"C_{name} {name} 0 {capacitance} ; {node.kind}: {node.capacitance}")
         lines.append(f".ic v({name})={start!r}")
+    for held in netlist.reservoirs:
+        name = names[held.name]
+        above = float(held.temperature.evaluate(values) - reference)
+        lines.append(f"Vheld_{name} {name} 0 {above!r} ; {held.temperature}")
     lines += ["*", "* Links"]
     used: set[str] = set()
     for link in netlist.links:
@@ -275,7 +279,7 @@ def _held(time: Float[np.ndarray, " times"], values: Float[np.ndarray, " times"]
 
 def _node_names(netlist: Netlist) -> dict[str, str]:
     used = {"ambient"}
-    names = {node.name: _unique(node.name, used) for node in netlist.nodes}
+    names = {part.name: _unique(part.name, used) for part in (*netlist.nodes, *netlist.reservoirs)}
     return names | {AMBIENT: "ambient"}
 
 

@@ -1,0 +1,93 @@
+"""Bodies beside plate and cells in the picture of a network, and the links between elements."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from matplotlib.axes import Axes
+
+from ..physics import Twin
+from ..physics._sensors import sensor_name
+from ..rig._plate import AMBIENT
+from ._netlist_cells import ABOVE, draw_box, draw_note, outlined
+from ._netlist_layout import BOX, BOX_HEIGHT, Layout
+from ._style import INK, palette, points
+
+PITCH = 2.0
+"""Between two bodies, inches."""
+
+LINE = 0.17
+"""Between two of the notes below a body, inches."""
+
+
+def draw_bodies(
+    ax: Axes,
+    twin: Twin,
+    values: Mapping[str, float],
+    texts: Mapping[str, str],
+    layout: Layout,
+    top: float,
+) -> float:
+    """Draws each body as a box below the cells, and below it what it is linked to, with the K/W:
+    wires between boxes that stand anywhere could not be told apart.
+
+    **Arguments:**
+
+    - `ax`: its unit is 1 cm, the plate's top left corner is at 0, 0.
+    - `twin`: has the bodies. `values`: of its parameters, SI.
+    - `texts`: what is written into the box of each node. `layout`: of the picture.
+    - `top`: where what stands above ends, cm.
+
+    **Returns:** where the lowest of them ends, cm.
+    """
+    lags = {
+        sensor_name(channel.name): float(channel.lag.evaluate(values))
+        for channel in twin.rig.channels
+        if channel.lag is not None
+    }
+    lowest = top
+    layout = replace(layout, columns=max(1, int(layout.width / (PITCH * layout.inch))))
+    for number, body in enumerate(twin.rig.bodies):
+        if number % layout.columns == 0:
+            top = lowest + ABOVE / 2 * layout.inch
+        x = layout.cell_centre(number, len(twin.rig.bodies))
+        if body.temperature is None:
+            text = f"body, {texts[body.name]}"
+        else:
+            text = f"held at {body.temperature.evaluate(values) - 273.15:.3g} °C"
+        draw_box(ax, x, top, layout.inch, body.name, text)
+        y = top + BOX_HEIGHT * layout.inch
+        for link in twin.netlist.links:
+            if body.name not in (link.a, link.b):
+                continue
+            y += LINE * layout.inch
+            other = link.a if link.b == body.name else link.b
+            other = "air" if other == AMBIENT else other
+            note = f"{float(link.resistance(values)):.3g} K/W to {other}"
+            if other in lags:
+                note = f"{other.removesuffix('.SENSOR')}, {lags[other]:.3g} s behind"
+            draw_note(ax, x - (BOX / 2 - 0.1) * layout.inch, y, note)
+        lowest = max(lowest, y)
+    return lowest
+
+
+def draw_links_on_plate(ax: Axes, twin: Twin, values: Mapping[str, float]) -> None:
+    """Draws the links that the file gives between two elements of the plate, such as heat pipes.
+
+    **Arguments:** as those of `draw_bodies`.
+    """
+    plate = twin.rig.plate
+    elements = set(plate.element_names)
+    for link in twin.netlist.links:
+        if link.role != "body" or not elements.issuperset((link.a, link.b)):
+            continue
+        places = [100 * sum(plate.extent(end)[k] for k in (0, 1)) / 2 for end in (link.a, link.b)]
+        heights = [100 * sum(plate.extent(end)[k] for k in (2, 3)) / 2 for end in (link.a, link.b)]
+        ax.plot(
+            places, heights, color=palette().purple, lw=2, ls=(0, (3, 1.5)), zorder=4,
+            path_effects=outlined(2.0),
+        )  # fmt: skip
+        ax.annotate(
+            f"{float(link.resistance(values)):.3g} K/W",
+            (sum(places) / 2, sum(heights) / 2), (0, 5), textcoords="offset points", ha="center",
+            va="bottom", color=INK, fontsize=points(7.5), zorder=6,
+        )  # fmt: skip
