@@ -55,6 +55,7 @@ contacts = { V11 = "0.6 K/W" }
 sink_resistance = "0.5 K/W"
 sink_capacitance = "200 J/K"
 sink_air_resistance = "0.3 K/W"
+fan = { speed = "1" }
 initial_temperature = "20 degC"
 sink_initial_temperature = "20 degC"
 [driver]
@@ -125,6 +126,7 @@ temperature = "15 degC"
 [[links]]
 resistance = "0.1 K/W"
 between = ["block-water"]
+fan = { speed = "1" }
 [driver]
 supply_voltage = "12 V"
 on_resistance = "0.1 ohm"
@@ -167,7 +169,11 @@ def write(page: Path) -> None:
 def tables() -> Iterator[tuple[str, type[schema.Table]]]:
     """Every table of a rig file with its heading, in the order of the schema."""
     yield "top level", schema.RigTable
-    yield from _inside(schema.RigTable, "")
+    found = set()
+    for heading, table in _inside(schema.RigTable, ""):
+        if table not in found:  # links have fans as cells do
+            yield heading, table
+        found.add(table)
 
 
 def kinds() -> dict[str, tuple[str, Kind]]:
@@ -294,6 +300,7 @@ def _default(field: Any) -> str:
 def _anchor(heading: str) -> str:
     """Of the section for people."""
     shown = {"top level": "`top level`", "prior": "`prior` of a parameter"}
+    shown["[cells.fan]"] = "`fan` of a cell or a link"
     ending = shown.get(heading, f"`{heading}`")
     titles = re.findall(r"^## (.+)$", PEOPLE.read_text(encoding="utf-8"), re.MULTILINE)
     (title,) = [title for title in titles if title.endswith(ending)]

@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
+from hand_rig import rig_of_many_parts
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -108,6 +109,14 @@ def test_square_plates_can_be_read_too(name, tmp_path):
     width, height = figure_of(axes).get_size_inches()
     assert 5 < width < 13
     assert 5 < height < 15
+
+
+def test_sensors_and_bodies_can_be_read_with_their_numbers():
+    axes = plot_netlist(Twin(rig_of_many_parts("on-off")))
+    assert_legible(axes)
+    written = {text.get_text() for text in texts(axes)}
+    assert {"block", "water", "pipe", "held at 12 °C", "body, 80 J/K"} <= written
+    assert {"T1\n4 s", "T1, 4 s behind", "0.3 K/W to water", "0.8 K/W to V12"} <= written
 
 
 def assert_legible(axes: Axes) -> None:

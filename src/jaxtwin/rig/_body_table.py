@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from ._body import Body
 from ._circuit import CircuitLink
 from ._circuit_table import link_ends
+from ._fan_table import blown
 from ._fields import Fields
 from ._plate import AMBIENT, Plate
 from ._schema import BodyLinkTable, BodyTable, CellTable
@@ -63,6 +64,7 @@ def build_links(
     for table in tables:
         at = f"links[{table.resistance}]"
         resistance = fields.value(f"{at}.resistance", table.resistance, THERMAL_RESISTANCE)
+        resistance = blown(resistance, table.fan, at, fields)
         pairs = []
         for text in table.between:
             ends = link_ends(f"{at}.between", text, plate.element_names, fields, others)

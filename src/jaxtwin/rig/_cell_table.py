@@ -6,6 +6,7 @@ from ._body import Body
 from ._bundled import bundled_modules
 from ._cell import Cell
 from ._datasheet import load_module
+from ._fan_table import blown
 from ._fields import Fields
 from ._plate import Plate
 from ._schema import CellTable
@@ -35,14 +36,21 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
         fields.check_element(f"{at}.contacts", element, plate.element_names)
     if table.sink is not None:
         fields.check_known(f"{at}.sink", "body", table.sink, [body.name for body in bodies])
-        for name in ("sink_capacitance", "sink_initial_temperature"):
+        for name in ("sink_capacitance", "sink_initial_temperature", "fan"):
             if getattr(table, name) is not None:
                 fields.refuse(
-                    f"{at}.{name}", "expected none beside a sink; give it to the body instead"
+                    f"{at}.{name}",
+                    "expected none beside a sink; give it to the body or its link instead",
                 )
     if (table.sink_capacitance is None) != (table.sink_air_resistance is None):
         fields.refuse(
             at, "expected both or neither of sink_capacitance and sink_air_resistance, got one"
+        )
+
+    if table.fan is not None and table.sink_air_resistance is None:
+        fields.refuse(
+            f"{at}.fan",
+            "expected a sink_air_resistance beside a fan, got none; give it, which the fan lowers",
         )
 
     def optional(name: str, kind: Kind) -> Value | None:
@@ -57,6 +65,7 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
             fields.refuse(f"{at}.{name}", "expected a value, got none; give it, or name a module")
         return Value(getattr(load_module(table.module), name))
 
+    to_air = optional("sink_air_resistance", THERMAL_RESISTANCE)
     return Cell(
         name=table.name,
         seebeck_coefficient=constant("seebeck_coefficient", SEEBECK_COEFFICIENT),
@@ -71,7 +80,7 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
             f"{at}.sink_resistance", table.sink_resistance, THERMAL_RESISTANCE
         ),
         sink_capacitance=optional("sink_capacitance", HEAT_CAPACITY),
-        sink_air_resistance=optional("sink_air_resistance", THERMAL_RESISTANCE),
+        sink_air_resistance=to_air and blown(to_air, table.fan, at, fields),
         initial_temperature=optional("initial_temperature", TEMPERATURE),
         sink_initial_temperature=optional("sink_initial_temperature", TEMPERATURE),
         sink=table.sink,

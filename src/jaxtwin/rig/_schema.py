@@ -95,8 +95,13 @@ class BodyTable(Table):
     temperature: Quantity | None = None
 
 
+class FanTable(Table):
+    speed: Quantity
+    exponent: Annotated[float, Field(gt=0, le=2)] = 0.5
+
+
 class BodyLinkTable(LinkTable):
-    pass
+    fan: FanTable | None = None
 
 
 class CellTable(Table):
@@ -113,6 +118,7 @@ class CellTable(Table):
     sink: Text | None = None
     sink_capacitance: Quantity | None = None
     sink_air_resistance: Quantity | None = None
+    fan: FanTable | None = None
     initial_temperature: Quantity | None = None
     sink_initial_temperature: Quantity | None = None
 

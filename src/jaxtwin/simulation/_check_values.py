@@ -12,7 +12,8 @@ def check_values(twin: Twin) -> None:
     values = twin.numbers_si
     for what, value in _positive_values(twin.rig):
         found = value.evaluate(values)
-        if found <= 0:
+        # Powers of what is below 0, such as a fan's speed, are not real.
+        if isinstance(found, complex) or found <= 0:
             raise ParameterError(
                 f"{twin.rig.name}: {what} ({value}): expected a value above 0, got {found:g} in "
                 "SI units"

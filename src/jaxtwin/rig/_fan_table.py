@@ -1,0 +1,26 @@
+"""`fan` of a cell or of a link in a rig file: a thermal resistance that falls with its speed."""
+
+from ._fields import Fields
+from ._schema import FanTable
+from ._units import FACTOR
+from ._value import Value
+
+
+def blown(resistance: Value, fan: FanTable | None, at: str, fields: Fields) -> Value:
+    r"""A resistance to air that a fan moves, $R n^{-m}$, K/W.
+
+    The fan's speed $n$ is counted in that for which the resistance $R$ is given. Air moves in
+    proportion to it, and heat transfer to air that flows along a surface rises with its velocity
+    to the power of $m$ = 1/2 where the flow is laminar (Pohlhausen), of 4/5 where it is turbulent.
+
+    **Arguments:**
+
+    - `resistance`: $R$, K/W. `fan`: None where there is none.
+    - `at`: where the table `fan` stands, for messages.
+
+    **Raises:** `RigError` where the speed is no number above 0.
+    """
+    if fan is None:
+        return resistance
+    speed = fields.value(f"{at}.fan.speed", fan.speed, FACTOR)
+    return resistance * speed**-fan.exponent
