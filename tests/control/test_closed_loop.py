@@ -186,6 +186,7 @@ def test_power_is_what_the_supply_gives(twin: Twin):
         current = (12 + emf) / (values["R_E"] + 0.1 + values["R_supply"])
         np.testing.assert_allclose(power, 12 * duty * current, rtol=1e-3)
     assert run.energy[-1] == pytest.approx(run.measures().loc["energy", "value"])
+    np.testing.assert_allclose(run.run.power, run.power, rtol=0, atol=1e-3 * run.power.max())
 
 
 @pytest.mark.slow

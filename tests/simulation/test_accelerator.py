@@ -62,7 +62,7 @@ def test_all_steps_of_all_draws_are_one_loop_of_one_program(chunk):
     """Nothing goes to the host and back in between."""
     twin, grid, _, prepared = chunk
     columns = np.arange(len(twin.channels))
-    program = lowered(lambda prepared: step_chunk(prepared, grid, columns, False), prepared)
+    program = lowered(lambda prepared: step_chunk(prepared, grid, columns, False, False), prepared)
     # Beside it a lagging driver has a small loop of its own for what reaches the cells.
     loops = re.findall(r"= stablehlo.while\(.*", program)
     amplitudes = f"tensor<{DRAWS}x{prepared.modes.rates.shape[-1]}xf64>"

@@ -46,7 +46,8 @@ def sensitivity(
         list[str],
         typer.Option(
             help="What is looked at, beside another method than correlations: cost, final, "
-            "minimum, maximum, plate_range, plate_std, uniformity or temperature; may be repeated."
+            "minimum, maximum, plate_range, plate_std, energy, peak_power, uniformity or "
+            "temperature; may be repeated."
         ),
     ] = ["cost"],  # noqa: B006 - read only
     second_order: Annotated[

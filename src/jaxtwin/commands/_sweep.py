@@ -51,8 +51,8 @@ def sweep(
         str | None,
         typer.Option(
             metavar="NAMES",
-            help="What to keep: cost,final,minimum,maximum,plate_range,plate_std. Default: final, "
-            "and cost with recordings.",
+            help="What to keep: cost,final,minimum,maximum,plate_range,plate_std,energy,"
+            "peak_power. Default: final, and cost with recordings.",
         ),
     ] = None,
     precision: Annotated[

@@ -112,8 +112,8 @@ def sensitivity(
       fit leaves open, correlated; or name -> `Normal`, `Uniform` or `LogNormal` of
       `jaxtwin.sensitivity_analysis`.
     - `outputs`: some of "cost", "final", "minimum", "maximum", "plate_range", "plate_std",
-      "uniformity", "temperature"; or a mapping of names to JAX functions of a trajectory, as
-      `simulate_batch` takes it. All come from the same runs.
+      "energy", "peak_power", "uniformity", "temperature"; or a mapping of names to JAX functions of
+      a trajectory, as `simulate_batch` takes it. All come from the same runs.
     - `times`: of "temperature", s; None for 25 times that divide each experiment evenly.
     - `samples`: "random", "latin-hypercube" or "sobol"; None for the method's usual ones. Morris's
       and Shapley's method have their own.

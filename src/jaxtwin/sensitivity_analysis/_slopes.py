@@ -14,6 +14,7 @@ from ..io import Experiment
 from ..physics import Twin
 from ..simulation import Reductions, TimeGrid
 from ..simulation._padding import padded, padded_time_grid
+from ..simulation._power import power_of_states
 from ..simulation._reductions import AskedReductions, Reduction, checked_reductions
 from ..simulation._refinement import needs_shorter_steps
 from ..simulation._simulate import _run_exponential, checked_channels
@@ -56,7 +57,15 @@ def slopes_of(
         values = np.column_stack(list(chunk.values()))
         with own_settings():
             slopes, number, error = _slopes_of_chunk(
-                twin, grid, tuple(chunk), values, wanted, columns, len(experiment.time), target
+                twin,
+                grid,
+                tuple(chunk),
+                values,
+                wanted,
+                columns,
+                len(experiment.time),
+                target,
+                padded(experiment.duty),
             )
             is_refused = needs_shorter_steps(number, error, 0) | np.isnan(number)
             return {**slopes, "failed": is_refused}
@@ -81,6 +90,7 @@ def _slopes_of_chunk(
     columns: Int[np.ndarray | Array, " channels"],
     count: int,
     recorded: Float[np.ndarray | Array, "filled channels"] | None,
+    commands: Float[np.ndarray | Array, "filled cells"],
 ) -> tuple[dict[str, Array], Float[Array, " draws"], Float[Array, " draws"]]:
     """By the name of the reduction `(draws, ..., parameters)`; stability numbers; error estimates
     of the solutions, K."""
@@ -89,13 +99,16 @@ def _slopes_of_chunk(
         vector: Float[Array, " parameters"],
     ) -> tuple[dict[str, Array], tuple[Float[Array, ""], Float[Array, ""]]]:
         drawn = twin.with_parameters(dict(zip(names, vector, strict=True)))
-        _, readings, number, error = _run_exponential(drawn, grid, None)
+        states, readings, number, error = _run_exponential(drawn, grid, None)
         trajectory = readings[:, columns] - 273.15
         parts = {
             "trajectory": trajectory[:count],
             "padded_trajectory": trajectory,
             "end": trajectory[-1],
         }
+        if any(reduction.reads in ("energy", "peak_power") for reduction in reductions.values()):
+            drawn_power = power_of_states(drawn, states, grid.times, commands, grid.steady_start)
+            parts |= {"energy": drawn_power.energy[-1], "peak_power": drawn_power.peak}
         found = {}
         for name, reduction in reductions.items():
             more = (recorded,) if reduction.needs_recording else ()

@@ -18,6 +18,7 @@ from ..physics import Twin
 from ._diffeqsolve import DiffraxMethod, solve_with_diffrax
 from ._initial import CheckedInitial, keeps_symmetry
 from ._modes import run_modes
+from ._power import SupplyPower, power_of_states
 from ._refinement import stability_number
 from ._time_grid import TimeGrid
 
@@ -44,18 +45,23 @@ def diffrax_chunk(
     initial: CheckedInitial,
     experiment: Experiment,
     method: DiffraxMethod,
+    with_power: bool,
 ) -> tuple[
-    Float[Array, "chunk times channels"], Float[Array, "chunk elements"], Bool[Array, " chunk"]
+    Float[Array, "chunk times channels"],
+    Float[Array, "chunk elements"],
+    SupplyPower | None,
+    Bool[Array, " chunk"],
 ]:
     """Runs draws by a diffrax solver.
 
     **Returns:** temperatures of all channels at the samples and of the plate's elements at the
-    last one, degC, NaN where the draw failed, and whether it did.
+    last one, degC, and power and energy of the cells where they are asked for, all NaN where the
+    draw failed; and whether it did.
     """
 
     def solve_draw(
         values: Mapping[str, Float[Array | np.ndarray, ""]],
-    ) -> tuple[Array, Array, Array]:
+    ) -> tuple[Array, Array, SupplyPower | None, Array]:
         system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
         is_resolved = ~jnp.isnan(stability_number(system, run_modes(system, grid), grid))
         states, readings, result = solve_with_diffrax(system, experiment, initial, method)
@@ -65,6 +71,16 @@ def diffrax_chunk(
         temperatures, plate = (
             jnp.where(failed, jnp.nan, kelvin - 273.15) for kelvin in (readings, plate)
         )
-        return temperatures, plate, failed
+        drawn = None
+        if with_power:
+            drawn = power_of_states(
+                twin.with_parameters(values),
+                states,
+                experiment.time,
+                experiment.duty,
+                isinstance(initial, str),
+            )
+            drawn = jax.tree.map(lambda rows: jnp.where(failed, jnp.nan, rows), drawn)
+        return temperatures, plate, drawn, failed
 
     return jax.vmap(solve_draw)(draws)

@@ -25,6 +25,7 @@ from ._kernels import (
     prepare_chunk,
     sample_chunk,
     sample_plate_end,
+    sample_power,
     step_chunk,
 )
 from ._padding import padded, padded_time_grid
@@ -95,7 +96,9 @@ class DrawSolver:
                 if self.precision == "float32":
                     prepared = _as_float32(prepared)
             with own_settings(float64=self.precision == "float64"):
-                stepped = step_chunk(prepared, grid, self.columns, self._reads_plate())
+                stepped = step_chunk(
+                    prepared, grid, self.columns, self._reads("plate_end"), self._reads_power()
+                )
                 # Neither shorter steps nor another solver help an invalid draw.
                 is_valid = prepared.system.is_valid
                 return {
@@ -129,13 +132,21 @@ class DrawSolver:
 
         def work(chunk: Draws) -> dict[str, Array | np.ndarray]:
             with own_settings():
-                temperatures, plate, failed = diffrax_chunk(
-                    self.twin, chunk, grid, self.initial, self.experiment, method
+                temperatures, plate, drawn, failed = diffrax_chunk(
+                    self.twin,
+                    chunk,
+                    grid,
+                    self.initial,
+                    self.experiment,
+                    method,
+                    self._reads_power(),
                 )
                 temperatures = np.asarray(temperatures)[:, :, self.columns]
                 if self.reductions is None:
                     return {"failed": failed, "temperatures": temperatures}
-                readings = Readings(temperatures, temperatures, temperatures[:, -1], plate)
+                energy, peak = (None, None) if drawn is None else (drawn.energy[:, -1], drawn.peak)
+                end = temperatures[:, -1]
+                readings = Readings(temperatures, temperatures, end, plate, energy, peak)
                 return {"failed": failed, **reduce_readings(self.reductions, readings, recorded)}
 
         # On a CPU, the linear systems of two chunks at once would wait for each other (`_lapack`).
@@ -161,9 +172,13 @@ class DrawSolver:
         recorded = self.experiment.temperatures
         return None if drifts or recorded is None else compress(grid, recorded)
 
-    def _reads_plate(self) -> bool:
+    def _reads(self, *readings: str) -> bool:
+        """Whether a reduction reads one of these."""
         reductions = {} if self.reductions is None else self.reductions
-        return any(reduction.reads == "plate_end" for reduction in reductions.values())
+        return any(reduction.reads in readings for reduction in reductions.values())
+
+    def _reads_power(self) -> bool:
+        return self._reads("energy", "peak_power")
 
     def _reduced(
         self,
@@ -197,6 +212,9 @@ class DrawSolver:
             readings["end"] = end[:, 0]
         if "plate_end" in reads:
             readings["plate_end"] = sample_plate_end(prepared, stepped, grid)
+        if self._reads_power():
+            drawn = sample_power(prepared, stepped, grid, padded(self.experiment.duty))
+            readings |= {"energy": drawn.energy[:, -1], "peak_power": drawn.peak}
         recorded = self.experiment.temperatures
         recorded = None if recorded is None else padded(recorded, np.nan)
         return {**results, **reduce_readings(reductions, Readings(**readings), recorded)}

@@ -5,6 +5,7 @@ makes once for every use in the next, and copy the modes into another order at e
 """
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import final
 
 import equinox as eqx
@@ -21,6 +22,7 @@ from ._drive import Drive
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, integrate
 from ._modes import Modes, run_modes
+from ._power import SupplyPower, supply_power
 from ._refinement import stability_number
 from ._time_grid import TimeGrid, reference_temperature
 
@@ -48,10 +50,12 @@ class Prepared(eqx.Module):
 
 @final
 class Stepped(eqx.Module):
-    """What was read from the channels' places and from the plate's elements at all steps."""
+    """What was read at all steps from the channels' places and, where they are asked for, from the
+    plate's elements and from the cells' sides."""
 
     channels: StepReadings
     elements: StepReadings | None
+    sides: StepReadings | None
     failed: Bool[Array, "*chunk"]
 
 
@@ -92,23 +96,35 @@ def step_chunk(
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " channels"],
     with_plate: bool,
+    with_sides: bool,
 ) -> Stepped:
     """Solves all steps."""
     wiring = prepared.system.wiring
     # Every element of the rig's plate counts, also where one node stands for two.
-    plate = np.eye(len(wiring.netlist.nodes))[wiring.rig_elements]
+    elements = wiring.rig_elements if with_plate else []
+    sides = np.concatenate([wiring.cold, wiring.hot]) if with_sides else []
+    nodes = np.array([*elements, *sides], int)
 
     def step_draw(draw: Prepared) -> Stepped:
         readout = jnp.asarray(draw.system.channel_weights)[columns]
-        if with_plate:
-            readout = jnp.concatenate([readout, jnp.asarray(plate, readout.dtype)])
+        if len(nodes):
+            alone = np.eye(len(wiring.netlist.nodes))[nodes]
+            readout = jnp.concatenate([readout, jnp.asarray(alone, readout.dtype)])
         read = integrate(draw.system, draw.drive(grid), draw.modes, draw.start, readout)
-        channels, elements = (
-            StepReadings(read.values[:, part], read.slopes[:, part], read.error_estimate)
-            for part in (slice(len(columns)), slice(len(columns), None))
+        ends = np.cumsum([0, len(columns), len(elements), len(sides)])
+        of_channels, of_elements, of_sides = (
+            StepReadings(
+                read.values[:, first:last], read.slopes[:, first:last], read.error_estimate
+            )
+            for first, last in pairwise(ends)
         )
         failed = ~(draw.system.is_valid & jnp.all(jnp.isfinite(read.values)))
-        return Stepped(channels, elements if with_plate else None, failed)
+        return Stepped(
+            of_channels,
+            of_elements if with_plate else None,
+            of_sides if with_sides else None,
+            failed,
+        )
 
     return jax.vmap(step_draw)(prepared)
 
@@ -146,6 +162,30 @@ def sample_plate_end(
         assert stepped.elements is not None
         elements = stepped.elements.at_samples(draw.drive(grid).grid, slice(-1, None))[0]
         return jnp.where(stepped.failed, jnp.nan, elements)
+
+    return jax.vmap(sample_draw)(prepared, stepped)
+
+
+@persistent_jit
+def sample_power(
+    prepared: Prepared,
+    stepped: Stepped,
+    grid: TimeGrid,
+    commands: Float[Array | np.ndarray, "times cells"],
+) -> SupplyPower:
+    """Power and energy of the cells; NaN where the draw failed.
+
+    **Arguments:**
+
+    - `commands`: duty cycles from each sample on, -1 to 1.
+    """
+
+    def sample_draw(draw: Prepared, stepped: Stepped) -> SupplyPower:
+        assert stepped.sides is not None
+        drive = draw.drive(grid)
+        sides = stepped.sides.at_samples(drive.grid) + drive.reference
+        found = supply_power(draw.system, sides, grid.times, commands, grid.steady_start)
+        return jax.tree.map(lambda values: jnp.where(stepped.failed, jnp.nan, values), found)
 
     return jax.vmap(sample_draw)(prepared, stepped)
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ReductionName: TypeAlias = Literal[
-    "cost", "final", "minimum", "maximum", "plate_range", "plate_std"
+    "cost", "final", "minimum", "maximum", "plate_range", "plate_std", "energy", "peak_power"
 ]
 """Of a reduction that `simulate_batch` knows; `Reductions` says what each is."""
 
@@ -53,7 +53,7 @@ class Reduction:
     - `unit`: of its result.
     """
 
-    reads: Literal["trajectory", "padded_trajectory", "end", "plate_end"]
+    reads: Literal["trajectory", "padded_trajectory", "end", "plate_end", "energy", "peak_power"]
     function: Callable[..., Array]
     dimension: Literal["channel", "recording", "unknown"] = "unknown"
     unit: str = ""
@@ -68,12 +68,15 @@ class Readings(NamedTuple):
       share compiled code.
     - `end`: temperatures of the channels at the last sample, degC.
     - `plate_end`: temperatures of the plate's elements at the last sample, from any zero, K.
+    - `energy`, `peak_power`: what the cells together draw from the supply, J and W.
     """
 
     trajectory: Float[Array | np.ndarray, "draws times channels"] | None = None
     padded_trajectory: Float[Array | np.ndarray, "draws filled channels"] | None = None
     end: Float[Array | np.ndarray, "draws channels"] | None = None
     plate_end: Float[Array | np.ndarray, "draws elements"] | None = None
+    energy: Float[Array | np.ndarray, " draws"] | None = None
+    peak_power: Float[Array | np.ndarray, " draws"] | None = None
 
 
 def mean_squared_error(
@@ -87,8 +90,8 @@ def mean_squared_error(
     return jnp.sum(errors**2, axis=0) / jnp.sum(is_sampled, axis=0)
 
 
-def _end(temperatures: Array) -> Array:
-    return temperatures
+def _as_read(values: Array) -> Array:
+    return values
 
 
 def _minimum(trajectory: Array) -> Array:
@@ -109,11 +112,13 @@ def _std(temperatures: Array) -> Array:
 
 REDUCTIONS: dict[ReductionName, Reduction] = {
     "cost": Reduction("padded_trajectory", mean_squared_error, "channel", "K2", True),
-    "final": Reduction("end", _end, "channel", "degC"),
+    "final": Reduction("end", _as_read, "channel", "degC"),
     "minimum": Reduction("padded_trajectory", _minimum, "channel", "degC"),
     "maximum": Reduction("padded_trajectory", _maximum, "channel", "degC"),
     "plate_range": Reduction("plate_end", _range, "recording", "K"),
     "plate_std": Reduction("plate_end", _std, "recording", "K"),
+    "energy": Reduction("energy", _as_read, "recording", "J"),
+    "peak_power": Reduction("peak_power", _as_read, "recording", "W"),
 }
 """The reductions that have a name; see `Reductions`."""
 
@@ -136,6 +141,8 @@ class Reductions:
       `(draws,)`, K.
     - `plate_std`: standard deviation of the temperatures of the plate's elements at the end,
       `(draws,)`, K.
+    - `energy`: drawn from the supply by all cells together, `(draws,)`, J.
+    - `peak_power`: the largest power that they draw together at any time, `(draws,)`, W.
     - `own`: results of a user's own functions by name, `(draws, ...)`; those of failed draws are
       what the function makes of a trajectory of NaN.
     """
@@ -148,6 +155,8 @@ class Reductions:
     maximum: Float[np.ndarray, "draws channels"] | None = None
     plate_range: Float[np.ndarray, " draws"] | None = None
     plate_std: Float[np.ndarray, " draws"] | None = None
+    energy: Float[np.ndarray, " draws"] | None = None
+    peak_power: Float[np.ndarray, " draws"] | None = None
     own: Mapping[str, Shaped[np.ndarray, "draws ..."]] = field(default_factory=dict)
 
     @classmethod
@@ -162,9 +171,7 @@ class Reductions:
 
         **Raises:** `SimulationError` where it was not asked for.
         """
-        found = self.own.get(name)
-        if name in REDUCTIONS:
-            found = getattr(self, name)
+        found = self.own.get(name, getattr(self, name) if name in REDUCTIONS else None)
         if found is None:
             present = [known for known in REDUCTIONS if getattr(self, known) is not None]
             raise SimulationError(

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -10,9 +11,13 @@ from jaxtyping import Float
 
 from .._display import html_table, picture
 from .._errors import RecordingError, SimulationError
+from .._jax_settings import own_settings
 from .._measures import fit_percent, fit_text, rmse
 from .._whole_file import check_ending
 from ..io import Experiment
+from ..physics import Twin
+from ._padding import padded
+from ._power import SupplyPower, power_of_states
 from ._uniformity import Uniformity, uniformity
 
 if TYPE_CHECKING:
@@ -34,6 +39,9 @@ class Run:
     - `nodes`: names of the network's nodes.
     - `states`: their temperatures, `(times, nodes)`, degC.
     - `rig`: name of the rig.
+    - `twin`: what was run; None where power and energy are not known, as of a part of a run.
+    - `is_steady_start`: whether the first duty had been held for ever, which a driver that lags
+      remembers.
     """
 
     experiment: Experiment
@@ -42,6 +50,8 @@ class Run:
     nodes: tuple[str, ...]
     states: Float[np.ndarray, "times nodes"]
     rig: str
+    twin: Twin | None = None
+    is_steady_start: bool = False
 
     @property
     def time(self) -> Float[np.ndarray, " times"]:
@@ -76,6 +86,43 @@ class Run:
     def rmse(self) -> float:
         """Over all samples of all recorded channels, K."""
         return rmse(self._recorded, self.temperatures)
+
+    @property
+    def power(self) -> Float[np.ndarray, "times cells"]:
+        """The power that each cell's bridge draws from the supply from each time on, W; below 0
+        where a cell drives its current back. It is computed when it is first asked for.
+
+        **Raises:** `SimulationError` where the run has no twin.
+        """
+        return np.asarray(self._supply.power)
+
+    @property
+    def energy(self) -> Float[np.ndarray, " times"]:
+        """The energy that all cells together have drawn from the supply up to each time, J.
+
+        **Raises:** `SimulationError` where the run has no twin.
+        """
+        return np.asarray(self._supply.energy)
+
+    @cached_property
+    def _supply(self) -> SupplyPower:
+        if self.twin is None:
+            raise SimulationError(
+                "power: expected the run of a twin from its start, got one without a twin; "
+                "simulate the whole experiment"
+            )
+        with own_settings():
+            found = power_of_states(
+                self.twin,
+                padded(self.states + 273.15),
+                padded(self.time),
+                padded(self.experiment.duty),
+                self.is_steady_start,
+            )
+        count = len(self.time)
+        return SupplyPower(
+            np.asarray(found.power)[:count], np.asarray(found.energy)[:count], found.peak
+        )
 
     @property
     def uniformity(self) -> Uniformity:

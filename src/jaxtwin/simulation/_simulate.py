@@ -138,6 +138,8 @@ def simulate(
         nodes=tuple(node.name for node in twin.netlist.nodes),
         states=states - 273.15,
         rig=twin.rig.name,
+        twin=twin,
+        is_steady_start=isinstance(start, str),
     )
 
 

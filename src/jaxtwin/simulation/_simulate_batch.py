@@ -98,10 +98,11 @@ def simulate_batch(
     - `experiment`: the inputs; with recorded temperatures where the cost is asked for.
     - `parameters`: name -> draws `(draws,)` in the unit of the rig's table.
     - `reductions`: what to keep instead of the trajectories, computed where the draws are: some of
-      "cost", "final", "minimum", "maximum", "plate_range", "plate_std" (see `Reductions`), or a
-      mapping from names to pure JAX functions of a trajectory `(times, channels)` in degC, such as
-      `{"hottest": lambda trajectory: trajectory.max()}`. Such a mapping may hold `"cost": "cost"`
-      and the like beside them. Each function is compiled once: define it outside of loops.
+      "cost", "final", "minimum", "maximum", "plate_range", "plate_std", "energy", "peak_power"
+      (see `Reductions`), or a mapping from names to pure JAX functions of a trajectory
+      `(times, channels)` in degC, such as `{"hottest": lambda trajectory: trajectory.max()}`. Such
+      a mapping may hold `"cost": "cost"` and the like beside them. Each function is compiled once:
+      define it outside of loops.
     - `initial`: as in `simulate`.
     - `precision`: of the default solver. Deviations from ambient keep float32 to about a
       millikelvin.
