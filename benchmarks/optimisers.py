@@ -26,6 +26,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtwin import Experiment, Twin, match, read_recording
 from jaxtwin.matching import BoundedLevenbergMarquardt
 from jaxtwin.matching._descent import descend
+from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._jacobian import residual_jacobian
 from jaxtwin.matching._objective import Objective, make_objective
 from jaxtwin.matching._problem import MatchProblem
@@ -139,16 +140,17 @@ WAYS: dict[str, Callable[[Objective, MatchProblem], Result]] = {
 def compare(rig: str, experiments: list[Experiment]) -> list[str]:
     """Rows of a table for one rig."""
     fit = match(Twin(rig), experiments)
-    objective = make_objective(fit.problem, fit.noise_model)
+    problem = solution_of(fit).problem
+    objective = make_objective(problem, solution_of(fit).noise_model)
     rows = []
     with jax.enable_x64(True):
         for name, way in WAYS.items():
-            way(objective, fit.problem)  # compiles
+            way(objective, problem)  # compiles
             began = time.process_time()
-            vector, counted, jacobians = way(objective, fit.problem)
+            vector, counted, jacobians = way(objective, problem)
             used = time.process_time() - began
             cost = 0.5 * float(jnp.sum(_residuals(jnp.asarray(vector), objective) ** 2))
-            lower, upper = fit.problem.unknowns.lower(), fit.problem.unknowns.upper()
+            lower, upper = problem.unknowns.lower(), problem.unknowns.upper()
             outside = int(np.sum((vector < lower - 1e-9) | (vector > upper + 1e-9)))
             counts = f"{jacobians} | {counted}"
             rows.append(f"| {rig} | {name} | {cost:.5g} | {counts} | {used:.1f} | {outside} |")

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from jaxtwin import Experiment, Fit, Run, Twin, match, read_recording
+from jaxtwin.matching._fit import solution_of
 from jaxtwin.rig._build import build_rig
 from jaxtwin.simulation import fit_percent
 
@@ -123,6 +124,7 @@ DIGITS = (1, 2, 2, 0, 0, 0, 0, 0)
 
 def matched(name: str, twin: Twin, experiments: list[Experiment]) -> str:
     fit = match(twin, experiments)
+    solution = solution_of(fit)
     tail = {
         e: [(float(experiment.time[experiment.time > HALF][0]), float(experiment.time[-1]))]
         for e, experiment in zip(fit.recordings, experiments, strict=True)
@@ -134,9 +136,9 @@ def matched(name: str, twin: Twin, experiments: list[Experiment]) -> str:
         + int(np.ceil(np.ptp(experiment.time) / error.drift_time) + 1)
         + len(error.relaxation) * len(c)
         for experiment, c in zip(experiments, (c.events for c in fit.camera.values()), strict=True)
-        if (error := fit.problem.common_error) is not None
+        if (error := solution.problem.common_error) is not None
     )
-    n, k = samples / CORRELATED, len(fit.vector) + shapes
+    n, k = samples / CORRELATED, len(solution.vector) + shapes
     deviance = n * np.log(fit.rmse**2)
     values = (
         fit.mean_fit_percent,
