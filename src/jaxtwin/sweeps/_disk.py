@@ -1,4 +1,4 @@
-"""Files that are on the disk for good, and claims on them that end with their process."""
+"""Files that survive a power cut, and locks that end with the process that holds them."""
 
 import os
 from collections.abc import Iterator
@@ -15,9 +15,9 @@ except ImportError:  # not on Windows: two processes may then do the same work, 
 
 
 def put(file: Path, content: bytes) -> None:
-    """Writes a file so that it is there as a whole or not at all, also after a power cut.
+    """Writes a file completely or not at all, even if the power fails meanwhile.
 
-    One process at a time may do this to a file.
+    Only one process at a time may write a given file.
     """
     part = file.with_name(f".{file.name}.part")
     part.write_bytes(content)
@@ -27,13 +27,14 @@ def put(file: Path, content: bytes) -> None:
 
 
 def to_disk(file: Path) -> None:
-    """Forces a file to the disk, and its name in the folder."""
+    """Forces a file and its entry in the folder to the disk."""
     _sync(file)
     _sync(file.parent)
 
 
 def lock(file: IO[bytes], byte: int) -> bool:
-    """Locks one byte of an open file until it is closed; False where another process has it."""
+    """Locks one byte of an open file until it is closed. Returns False if another process holds the
+    lock."""
     if fcntl is None:
         return True
     try:
@@ -47,9 +48,9 @@ def lock(file: IO[bytes], byte: int) -> bool:
 
 @contextmanager
 def disk_errors(folder: Path) -> Iterator[None]:
-    """Turns errors of the disk, or of a missing library, into one line about a folder.
+    """Turns an error of the disk, or a missing library, into an error that names the folder.
 
-    **Raises:** `SimulationError`.
+    **Raises:** `SimulationError` for any of them.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""The results of a sweep as an xarray data set, read when they are looked at."""
+"""The results of a sweep as an xarray dataset, which reads them when they are used."""
 
 import os
 from pathlib import Path
@@ -17,21 +17,22 @@ if TYPE_CHECKING:
 
 
 def open_sweep(folder: str | os.PathLike[str]) -> "xarray.Dataset":
-    """The draws of a sweep that are done so far.
+    """Opens the finished draws of a sweep as a dataset.
 
-    Nothing is read or made before it is asked for: `open_sweep(...).cost.isel(draw=slice(100))`
-    reads one chunk, `.load()` everything. `.chunk()` makes dask arrays where dask is installed.
+    The dataset is lazy: `open_sweep(...).cost.isel(draw=slice(100))` reads one chunk, `.load()`
+    reads everything. If dask is installed, `.chunk()` makes dask arrays.
 
     **Arguments:**
 
-    - `folder`: of the sweep, which may still be running.
+    - `folder`: the folder of the sweep, which may still be running.
 
-    **Returns:** dims draw, channel, recording, parameter. `sample` are the parameters of each
-    draw, made again from the seed; `value` is what they are drawn around; `failed` says which
-    draws gave no finite temperatures; the rest is what the sweep kept. The coordinate `draw` is a
-    draw's number. The attributes count the draws that were asked for, are done, and failed.
+    **Returns:** a dataset with the dimensions draw, channel, recording and parameter. `sample`
+    holds the parameters of each draw, drawn again from the seed; `value` holds the values around
+    which they are drawn; `failed` marks draws without finite temperatures; the other variables are
+    the reductions that the sweep kept. The coordinate `draw` is the number of a draw. The
+    attributes count the draws that were requested, are finished, and failed.
 
-    **Raises:** `SimulationError` where the folder holds no sweep.
+    **Raises:** `SimulationError` if the folder does not hold a sweep.
     """
     place = path_of("open_sweep: folder", folder, SimulationError)
     identity = read_identity(place)
@@ -61,7 +62,7 @@ def open_sweep(folder: str | os.PathLike[str]) -> "xarray.Dataset":
 
 
 def count_failed(folder: Path, done: Bool[np.ndarray, " chunks"], size: int) -> int:
-    """How many draws of the chunks that are done failed."""
+    """The number of failed draws in the finished chunks."""
     with disk_errors(folder):
         import zarr
 

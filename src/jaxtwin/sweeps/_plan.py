@@ -27,26 +27,26 @@ from ..simulation._simulate import checked_channels
 from ..simulation._simulate_batch import checked_precision
 
 FORMAT = 1
-"""Of the store; another number means other arrays or another order of draws."""
+"""The format of the store. Another number means other arrays or another order of draws."""
 
 ROLES = {"failed": ("", "")} | {
     name: (reduction.dimension, reduction.unit) for name, reduction in REDUCTIONS.items()
 }
-"""Second dimension of each array of draws, and its unit."""
+"""Name of an array -> its second dimension and its unit."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a sweep will do, checked before any work.
+    """The checked arguments of a sweep.
 
     **Arguments:**
 
-    - `twins`, `experiments`: one twin for each experiment.
+    - `twins`, `experiments`: the experiments, and a twin for each.
     - `values`: name -> value around which the parameter is drawn, in the rig's unit.
-    - `draws`, `spread`, `seed`: of `normal_draws`.
-    - `reductions`, `precision`: of `simulate_batch`.
-    - `chunk_size`: draws that are written at a time.
+    - `draws`, `spread`, `seed`: as in `normal_draws`.
+    - `reductions`, `precision`: as in `simulate_batch`.
+    - `chunk_size`: the number of draws that are written at a time.
     """
 
     twins: tuple[Twin, ...]
@@ -61,22 +61,22 @@ class Plan:
 
     @property
     def chunks(self) -> int:
-        """Number of chunks. The last may be shorter than the others."""
+        """The number of chunks. The last may be shorter than the others."""
         return -(-self.draws // self.chunk_size)
 
     def span(self, chunk: int) -> tuple[int, int]:
-        """The chunk's draws as (start, stop)."""
+        """The first draw of a chunk, and the first draw after it."""
         return chunk * self.chunk_size, min((chunk + 1) * self.chunk_size, self.draws)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Channels of all experiments in a row; equal names are numbered."""
+        """The names of the channels of all experiments. Repeated names are numbered."""
         names = map(checked_channels, self.twins, self.experiments)
         return tuple(distinct_names(name for channels in names for name in channels))
 
     @property
     def recordings(self) -> tuple[str, ...]:
-        """Names of the experiments."""
+        """The names of the experiments. Repeated names are numbered."""
         names = [experiment.name or "experiment" for experiment in self.experiments]
         return tuple(distinct_names(names))
 
@@ -105,17 +105,19 @@ class Plan:
         }
 
     def samples(self, start: int, stop: int) -> dict[str, Float[np.ndarray, " draws"]]:
-        """The parameters of some draws, around `values`."""
+        """The parameters of the draws from `start` to `stop`."""
         return normal_draws(self.values, self.spread, self.seed, stop, start)
 
     def solve(
         self, chunk: int, on_progress: Callable[[int], None] | None, workers: int | None = None
     ) -> dict[str, Shaped[np.ndarray, "draws *columns"]]:
-        """Runs a chunk: array name -> results of its draws.
+        """Simulates the draws of a chunk.
 
         **Arguments:**
 
-        - `on_progress`, `workers`: of `simulate_batch`.
+        - `on_progress`, `workers`: as in `simulate_batch`.
+
+        **Returns:** name of the array -> results of the draws.
         """
         samples = self.samples(*self.span(chunk))
         kept: dict[str, list[np.ndarray]] = {name: [] for name in self.reductions}

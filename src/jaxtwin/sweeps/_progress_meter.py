@@ -1,4 +1,4 @@
-"""How far a sweep is, how fast it goes and how long it will take."""
+"""The progress of a sweep: finished draws, speed and remaining time."""
 
 import time
 from collections.abc import Callable
@@ -9,14 +9,15 @@ from typing import final
 @final
 @dataclass(frozen=True)
 class SweepProgress:
-    """How far a sweep has come.
+    """The progress of a sweep.
 
     **Arguments:**
 
-    - `done`, `total`: draws, those of earlier runs and of other processes included.
+    - `done`, `total`: the numbers of finished draws and of all draws, including those of earlier
+      runs and of other processes.
     - `rate`: draws per second, without the first chunk, which waits for the compiler; None until
       it is known.
-    - `left`: time until the sweep is done, s; None until it is known.
+    - `left`: the time until the sweep is complete, s; None until it is known.
     """
 
     done: int
@@ -37,9 +38,9 @@ class ProgressMeter:
 
     **Arguments:**
 
-    - `done`, `total`: draws that were done before, and all draws.
-    - `simulations`: simulations in each draw, which is the number of experiments.
-    - `on_progress`: called with a `SweepProgress` after each call, or None.
+    - `done`, `total`: the number of draws that were finished before, and of all draws.
+    - `simulations`: the number of simulations of each draw, which is the number of experiments.
+    - `on_progress`: a function that is called with a `SweepProgress` after each update, or None.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class ProgressMeter:
         self.first: tuple[int, float] | None = None
 
     def __call__(self, simulations: int) -> None:
-        """Adds simulations that have finished. One thread calls this at a time."""
+        """Adds finished simulations. Only one thread may call this at a time."""
         self.finished += simulations
         now = time.perf_counter()
         if self.first is None:
@@ -72,7 +73,7 @@ class ProgressMeter:
         self.on_progress(SweepProgress(done, self.total, rate, left))
 
     def add_elsewhere(self, draws: int) -> None:
-        """Adds draws that another process does, or has done meanwhile."""
+        """Adds draws that another process is working on or has finished."""
         self.done_before += draws
 
 

@@ -1,4 +1,4 @@
-"""The parameters of a sweep's draws as a lazy array, made from the seed where it is read."""
+"""The parameters of a sweep's draws as a lazy array, drawn again from the seed when it is read."""
 
 from typing import Any, final
 
@@ -16,11 +16,11 @@ from ..sensitivity_analysis._sampling import normal_draws
 
 @final
 class Samples(BackendArray):
-    """Parameters of draws, `(draws, parameters)`, from the seed of a sweep.
+    """The parameters of a sweep's draws, `(draws, parameters)`, drawn from its seed.
 
     **Arguments:**
 
-    - `identity`: of the sweep.
+    - `identity`: the identity of the sweep, as in `Plan.identity`.
     """
 
     def __init__(self, identity: dict[str, Any]):
@@ -30,7 +30,7 @@ class Samples(BackendArray):
 
     @classmethod
     def of(cls, identity: dict[str, Any]) -> LazilyIndexedArray:
-        """The array in the form that xarray takes."""
+        """Wraps the array as xarray expects it."""
         return LazilyIndexedArray(cls(identity))
 
     def __getitem__(self, key: ExplicitIndexer) -> np.ndarray:

@@ -1,9 +1,9 @@
 """The folder of a sweep: a Zarr store in which a chunk that is marked as done is complete.
 
-A chunk of draws is one file in each array. Those are written first and forced to the disk; then a
-mark of one byte, the chunk's element of the array `done`, is moved to its place. Whatever stops the
-process in between leaves a chunk without its mark, which is done again and gives the same bytes:
-draws are a function of their number.
+A chunk of draws is one file in each array. These files are written first and forced to the disk.
+Then a mark of one byte, the chunk's element of the array `done`, is moved to its place. If the
+process stops in between, the chunk has no mark. It is then computed again and gives the same bytes,
+because a draw is a function of its number.
 """
 
 import json
@@ -22,22 +22,23 @@ from ._disk import disk_errors, lock, put, to_disk
 from ._plan import ROLES, Plan
 
 KEY = "jaxtwin_sweep"
-"""Attribute of the store that says which sweep it holds."""
+"""The attribute of the store that holds the identity of the sweep."""
 
 KEYS: Any = {"name": "v2", "separator": "."}
-"""One folder an array: fewer names to force to the disk."""
+"""A chunk key format with a single folder for each array, so that fewer names are forced to the
+disk."""
 
 
 @final
 class Store:
-    """The folder of a sweep, opened for work.
+    """The folder of a sweep, opened for writing.
 
     **Arguments:**
 
-    - `folder`: made where it is missing or empty.
-    - `plan`: of the sweep.
+    - `folder`: the folder. A missing or empty folder is filled.
+    - `plan`: the plan of the sweep.
 
-    **Raises:** `SimulationError` where the folder belongs to something else or cannot be made.
+    **Raises:** `SimulationError` if the folder holds something else or cannot be made.
     """
 
     def __init__(self, folder: Path, plan: Plan):
@@ -50,7 +51,7 @@ class Store:
         _refuse_other(folder, read_identity(folder), plan.identity)
 
     def done(self) -> Bool[np.ndarray, " chunks"]:
-        """Which chunks are finished."""
+        """Whether each chunk is finished."""
         return np.array([self.is_done(chunk) for chunk in range(self.plan.chunks)])
 
     def is_done(self, chunk: int) -> bool:
@@ -60,9 +61,9 @@ class Store:
     def write(
         self, chunk: int, results: Mapping[str, Shaped[np.ndarray, "draws *columns"]]
     ) -> None:
-        """Writes a chunk's results, and then its mark.
+        """Writes the results of a chunk, and then its mark.
 
-        **Raises:** `SimulationError` where the disk does not take them.
+        **Raises:** `SimulationError` if they cannot be written.
         """
         import zarr
 
@@ -81,9 +82,10 @@ class Store:
 
     @contextmanager
     def claim(self, chunks: Iterable[int]) -> Iterator[list[int]]:
-        """Keeps other processes off chunks while the block runs; those that none is at.
+        """Locks chunks for this process while the block runs, and yields those that no other
+        process has locked.
 
-        One claim of a process at a time: the locks of all end with the first.
+        A process may hold only one claim at a time, because all its locks end with the first claim.
         """
         with disk_errors(self.folder):
             file = (self.folder / "done" / "claims").open("ab")
@@ -91,14 +93,14 @@ class Store:
             yield [chunk for chunk in chunks if lock(file, chunk)]
 
     def _file(self, name: str, chunk: int) -> Path:
-        """A chunk's file, by the key that the Zarr format gives it."""
+        """The file of a chunk in an array, named by its key in the Zarr format."""
         return self.folder / name / (f"{chunk}" if name in ("done", "failed") else f"{chunk}.0")
 
 
 def read_identity(folder: Path) -> dict[str, Any]:
-    """What sweep a folder holds.
+    """Reads the identity of the sweep that a folder holds.
 
-    **Raises:** `SimulationError` where it holds none.
+    **Raises:** `SimulationError` if the folder does not hold a sweep.
     """
     try:
         identity = json.loads((folder / "zarr.json").read_bytes())["attributes"][KEY]
@@ -113,7 +115,7 @@ def read_identity(folder: Path) -> dict[str, Any]:
 
 
 def _create(folder: Path, plan: Plan) -> None:
-    """Makes the store beside its place and moves it there, so that it is there as a whole."""
+    """Makes the store under another name and renames it, so that it is never incomplete."""
     import zarr
 
     part = folder.absolute().with_name(f".{folder.name}.{uuid.uuid4().hex}.part")
@@ -168,7 +170,7 @@ def _refuse_other(folder: Path, found: dict[str, Any], asked: dict[str, Any]) ->
 
 
 def _difference(found: Any, asked: Any) -> tuple[str, str]:
-    """Two values in short; of lists and tables, what differs first."""
+    """Two different values as short text; for lists and tables, the first entries that differ."""
     if isinstance(found, list) and isinstance(asked, list) and len(found) == len(asked):
         return _difference(
             *next((old, new) for old, new in zip(found, asked, strict=True) if old != new)

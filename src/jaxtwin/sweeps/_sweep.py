@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CHUNK = 65536
-"""Draws in a chunk. A kill costs at most one chunk, some seconds of a CPU."""
+"""The number of draws in a chunk. A killed process loses at most one chunk, some seconds of CPU
+time."""
 
 
 @final
@@ -42,12 +43,14 @@ class Sweep:
 
     **Arguments:**
 
-    - `folder`: of the results.
-    - `rig`: name.
-    - `draws`: number of draws asked for.
-    - `done`: number of draws finished, by all processes and runs; `failed`: those that failed.
-    - `new`: number of draws finished by this run, in `wall_time` seconds including compilation.
-    - `busy`: number of chunks that another process was working on.
+    - `folder`: the folder of the results.
+    - `rig`: the name of the rig.
+    - `draws`: the number of draws of the sweep.
+    - `done`: the number of draws that all processes and runs have finished; `failed`: the number of
+      these that failed.
+    - `new`: the number of draws that this run finished, in `wall_time` seconds including
+      compilation.
+    - `busy`: the number of chunks that another process was working on.
     """
 
     folder: Path
@@ -65,16 +68,17 @@ class Sweep:
         return self.done == self.draws
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The results of the finished draws, as `open_sweep` reads them."""
+        """The results of the finished draws: see `open_sweep`."""
         return open_sweep(self.folder)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """The results of the draws that are done as a table, all of them in memory: a row for each
-        draw, recording, channel and parameter. Of a long sweep take a part of `to_xarray` first."""
+        """The results of the finished draws as a table with a row for each draw, recording, channel
+        and parameter. The table is in memory: for a long sweep, select a part of `to_xarray`
+        first."""
         return self.to_xarray().to_dataframe()
 
     def plot(self) -> "Figure":
-        """How what was kept is distributed over the draws that are done:
+        """Plots the distribution of each reduction over the finished draws:
         `jaxtwin.plots.plot_distributions`."""
         return picture("plot_distributions", self.to_xarray())
 
@@ -83,7 +87,7 @@ class Sweep:
         return html_table(f"Sweep of {self.rig}", ("", ""), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """The counts in plain types for JSON."""
+        """The numbers of draws as plain types for JSON."""
         return {
             "folder": str(self.folder),
             "rig": self.rig,
@@ -114,35 +118,37 @@ def sweep(
 ) -> Sweep:
     """Simulates many random draws of a twin's parameters and writes reductions of them to a folder.
 
-    The same call resumes where an earlier one stopped, however it was stopped. An executor spreads
-    the work over processes and hosts; so do several calls at once whose processes see the same
-    folder, as each takes the chunks that no other is at. Draws and results are the same for any
-    number of stops, workers and processes.
+    The same call resumes a sweep that was stopped, in whatever way. An executor distributes the
+    work over processes and hosts. Several processes that see the same folder can also make the same
+    call: each works on chunks that no other process is working on. Draws and results do not depend
+    on interruptions or on the number of workers and processes.
 
     **Arguments:**
 
-    - `twin`: the parameters are drawn around its values. One twin, one for each experiment, or a
-      fit, of which each recording uses its own values (those of a recording that was not matched
-      are estimated from its first minute, see `Fit.twin_for`).
-    - `experiments`: one or several, each simulated for every draw; None for those of the fit.
-    - `folder`: for the Zarr store. A missing or empty folder is filled; any other must hold this
-      sweep.
+    - `twin`: the twin around whose values the parameters are drawn; or a twin for each experiment;
+      or a fit, of which each recording uses its own values (those of a recording that was not
+      matched are estimated from its first minute, see `Fit.twin_for`).
+    - `experiments`: one or several experiments, each simulated for every draw; None for those of
+      the fit.
+    - `folder`: the folder of the Zarr store. A missing or empty folder is filled; any other must
+      hold the same sweep.
     - `draws`, `spread`, `seed`: as in `sensitivity`.
-    - `parameters`: which to draw; by default the free ones that all recordings share.
-    - `reductions`: what to keep, see `simulate_batch`; by default "final", and "cost" where every
-      experiment has recorded temperatures.
-    - `precision`: of the computation and of what is kept.
-    - `chunk_size`: draws that are computed and written at a time.
-    - `executor`: who computes the chunks instead of this process, one thread each; see
-      `simulate_batch`. This process alone writes to the folder.
+    - `parameters`: the parameters that are drawn; by default the free ones that all recordings
+      share.
+    - `reductions`: the reductions that are kept, see `simulate_batch`; by default "final", and
+      "cost" if every experiment has recorded temperatures.
+    - `precision`: the precision of the computation and of the stored results.
+    - `chunk_size`: the number of draws that are computed and written at a time.
+    - `executor`: an executor whose workers compute the chunks instead of this process, with one
+      thread each; see `simulate_batch`. Only this process writes to the folder.
     - `on_progress`: called with a `SweepProgress` whenever simulations have finished.
 
-    **Returns:** a `Sweep`, once no chunk is left that another process is not at.
+    **Returns:** a `Sweep`, when every chunk is finished or in the hands of another process.
 
     **Raises:** `ParameterError` for unknown names or a value of zero; `SimulationError` for numbers
-    out of range, experiments that do not belong to the rig, a folder of another sweep or of
-    something else, a disk that does not take the results, or an executor that fails; `MatchError`
-    where a recording that a fit has not seen is too short to take its own values from.
+    out of range, experiments that do not belong to the rig, a folder that holds another sweep or
+    something else, results that cannot be written, or an executor that fails; `MatchError` if a
+    recording that was not matched is too short to estimate its own values.
     """
     began = time.perf_counter()
     place = path_of("sweep: folder", folder, SimulationError)
@@ -184,11 +190,11 @@ def sweep(
 
 
 Solved: TypeAlias = Generator[tuple[int, dict[str, Shaped[np.ndarray, "draws *columns"]]]]
-"""Numbers of chunks and their results, by the name of the array."""
+"""Pairs of the number of a chunk and its results, name of the array -> values."""
 
 
 def _solve_here(store: Store, chunks: list[int], meter: ProgressMeter) -> Solved:
-    """One chunk after the other: other processes may be at the next ones meanwhile."""
+    """Solves one chunk after the other. Other processes may solve further chunks meanwhile."""
     for chunk in chunks:
         with store.claim([chunk]) as mine:
             if mine and not store.is_done(chunk):
@@ -199,7 +205,8 @@ def _solve_here(store: Store, chunks: list[int], meter: ProgressMeter) -> Solved
 
 
 def _solve_by(executor: Executor, store: Store, chunks: list[int], meter: ProgressMeter) -> Solved:
-    """All chunks that are left, in the order in which workers finish them."""
+    """Solves the remaining chunks by an executor, and yields them in the order in which they
+    finish."""
     plan = store.plan
     with store.claim(chunks) as mine:
         mine = [chunk for chunk in mine if not store.is_done(chunk)]
