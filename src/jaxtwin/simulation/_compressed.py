@@ -1,4 +1,4 @@
-r"""A recording with no more samples in a step than the step can tell apart.
+r"""Compresses a recording to as many samples in each step as the step can distinguish.
 
 Temperatures at the samples of one step are $W c$, with $c$ the six values and slopes around it.
 With $W = Q R$,

@@ -1,4 +1,4 @@
-"""Any diffrax solver on a twin's equations."""
+"""Solves a twin's equations with any diffrax solver."""
 
 from dataclasses import replace
 from typing import final
@@ -19,23 +19,22 @@ from ._network_exponential import HeldInputs, NetworkProblem, network_field
 from ._time_grid import time_grid
 
 RESCUE_STEPS = 5000
-"""Of the stiff solver that takes over, between two changes of the input on average, at most; it
+"""The largest mean number of steps of the stiff solver between two changes of the input. It usually
 needs some hundreds."""
 
 
 @final
 class DiffraxMethod(eqx.Module):
-    """How `diffrax.diffeqsolve` is to solve a twin.
+    """The options of `diffrax.diffeqsolve` for a twin.
 
     **Arguments:**
 
     - `solver`: any diffrax solver.
-    - `stepsize_controller`: an adaptive one; None for a `PIDController` at 1e-7 where the solver
-      estimates its error, else for the steps that the default solver takes.
-    - `dt0`: first step of that controller, s; None lets it choose.
-    - `adjoint`: how derivatives pass through the solve; None for `diffrax.ForwardMode`, which keeps
-      no steps, however many they are.
-    - `max_steps`: None for no limit.
+    - `stepsize_controller`: an adaptive controller; None for a `PIDController` at 1e-7 if the
+      solver estimates its error, and otherwise for the steps of the default solver.
+    - `dt0`: the first step of that controller, s; None: the controller chooses it.
+    - `adjoint`: the adjoint of the solve; None for `diffrax.ForwardMode`, which stores no steps.
+    - `max_steps`: the largest number of steps; None for no limit.
     """
 
     solver: diffrax.AbstractSolver
@@ -46,7 +45,7 @@ class DiffraxMethod(eqx.Module):
 
     @property
     def is_implicit(self) -> bool:
-        """Whether its steps solve equations."""
+        """Whether the solver is implicit."""
         return isinstance(self.solver, diffrax.AbstractImplicitSolver)
 
 
@@ -56,10 +55,10 @@ def checked_method(
     dt0: float | None,
     adjoint: diffrax.AbstractAdjoint | None,
 ) -> DiffraxMethod:
-    """The method that a user asks for.
+    """Checks the options that a user gives.
 
-    **Raises:** `SimulationError` for what diffrax cannot take, and for a controller that would step
-    over input changes.
+    **Raises:** `SimulationError` for options that diffrax does not accept, and for a controller
+    that would step over input changes.
     """
     kinds = (
         ("solver", solver, diffrax.AbstractSolver, "a diffrax solver or None"),
@@ -91,7 +90,7 @@ def checked_method(
 
 
 def stiff_method(experiment: Experiment) -> DiffraxMethod:
-    """The method that takes over where no steps of the default solver are short enough."""
+    """The method for draws for which no steps of the default solver are short enough."""
     # Temperatures without a bound would keep it at ever shorter steps.
     most = RESCUE_STEPS * (1 + len(_input_changes(experiment)))
     return DiffraxMethod(diffrax.Kvaerno5(), max_steps=most)
@@ -102,15 +101,15 @@ def solve_with_diffrax(
 ) -> tuple[Float[Array, "times rig_nodes"], Float[Array, "times channels"], diffrax.RESULTS]:
     """Runs a network through an experiment with a diffrax solver.
 
-    Steps end at every input change and start anew behind it: a step that straddled one would see
-    neither input.
+    Steps end at every input change, because a step across a change would be accurate for neither
+    input.
 
     **Arguments:**
 
     - `system`: the equations.
-    - `experiment`: its times, inputs and ambient.
-    - `initial`: the start, checked.
-    - `method`: solver and options.
+    - `experiment`: the times, the inputs and the ambient temperature.
+    - `initial`: the checked initial temperatures.
+    - `method`: the solver and its options.
 
     **Returns:** absolute temperatures of the rig's nodes and of its channels at the experiment's
     times, K, and diffrax's own result.
@@ -161,7 +160,8 @@ def _clipped(
     changes: Int[np.ndarray, " changes"],
     system: System,
 ) -> diffrax.AbstractStepSizeController:
-    """A controller that ends a step just before each input change and starts one just behind."""
+    """Makes a controller end a step just before each input change and start a step just after
+    it."""
     time, delay = experiment.time - experiment.time[0], system.delay
     controller = method.stepsize_controller
     if controller is None and isinstance(method.solver, diffrax.AbstractAdaptiveSolver):
@@ -186,7 +186,7 @@ def _clipped(
 
 
 def _input_changes(experiment: Experiment) -> Int[np.ndarray, " changes"]:
-    """The samples at which an input differs from the sample before."""
+    """The indices of samples at which an input differs from the previous sample."""
     duty, ambient = experiment.duty, experiment.ambient
     changed = np.any(duty[1:] != duty[:-1], axis=1)
     if isinstance(ambient, np.ndarray):

@@ -1,7 +1,8 @@
-"""Draws handed to an executor's workers, some thousands at a time.
+"""Divides draws into units of some thousands for the workers of an executor.
 
-A unit holds whole chunks, and these are as large as they are without an executor: each draw is
-computed beside the same others wherever it is, and comes out the same to the last bit.
+A unit consists of whole chunks, of the same size as without an executor. Each draw is therefore
+computed together with the same other draws on any worker, and its result is the same to the last
+bit.
 """
 
 from collections.abc import Callable
@@ -21,13 +22,13 @@ if TYPE_CHECKING:
     from ._diffeqsolve import DiffraxMethod
 
 UNIT = 4096
-"""Draws in a unit: about a second of a core, in which some hundred kilobytes travel."""
+"""The number of draws in a unit: about a second of CPU time, for some hundred kilobytes of data."""
 
 LARGEST_RESULT = 64 << 20
-"""Bytes in the result of a unit where trajectories are kept."""
+"""The largest size of the result of a unit with trajectories, bytes."""
 
 Way: TypeAlias = "int | DiffraxMethod"
-"""How to solve: by the default solver on steps halved so often, or by diffrax."""
+"""The way to solve: the number of halvings for the default solver, or a method of diffrax."""
 
 
 def solve_draws(
@@ -37,10 +38,10 @@ def solve_draws(
     executor: Executor | None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Results:
-    """Solves draws in this process, or by the workers of an executor, each with one thread where
-    the solver does not say how many.
+    """Solves draws in this process, or by the workers of an executor, each with one thread unless
+    the solver has a number of threads.
 
-    **Raises:** `SimulationError` where the executor fails.
+    **Raises:** `SimulationError` if the executor fails.
     """
     if executor is None:
         return _solve(solver, draws, way, on_progress)
@@ -82,7 +83,7 @@ def _solve(
 
 
 def _unit_size(solver: DrawSolver) -> int:
-    """Draws, a multiple of what a worker computes at a time."""
+    """The number of draws in a unit, a multiple of the chunk size."""
     reductions = solver.reductions
     trajectory = solver.experiment.time.size * max(1, solver.columns.size) * 8
     is_short = reductions and all(r.dimension != "unknown" for r in reductions.values())

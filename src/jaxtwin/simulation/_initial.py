@@ -11,12 +11,13 @@ from .._errors import SimulationError
 from ..physics import System, Twin
 
 Initial = Literal["steady"] | float | ArrayLike | None
-"""None: as the rig says. "steady": the steady state under the first input. A number: uniform, degC.
-An array (nodes,): each node, in the order of `twin.netlist.nodes`, degC."""
+"""Initial temperatures as a user gives them. None: those of the rig. "steady": the steady state
+under the first input. A number: a uniform temperature, degC. An array `(nodes,)`: the temperature
+of each node, in the order of `twin.netlist.nodes`, degC."""
 
 
 CheckedInitial: TypeAlias = Literal["steady"] | Float[Array | np.ndarray, " starts"] | None
-"""The same, checked: absolute temperatures, K, one a node or a single one for all."""
+"""Checked initial temperatures: absolute, K, one for each node or a single one for all."""
 
 
 def initial_temperatures(
@@ -25,7 +26,8 @@ def initial_temperatures(
     duty: Float[Array | np.ndarray, " cells"],
     reference: Float[Array, ""],
 ) -> Float[Array, " nodes"]:
-    """Absolute temperatures of the nodes, K; `initial` is what `checked_initial` returned."""
+    """The absolute temperatures of the nodes at the start, K, from the result of
+    `checked_initial`."""
     if initial is None:
         return system.initial_temperature
     if isinstance(initial, str):
@@ -34,7 +36,7 @@ def initial_temperatures(
 
 
 def checked_initial(twin: Twin, initial: Initial) -> CheckedInitial:
-    """The start of a run, checked.
+    """Checks initial temperatures.
 
     **Raises:** `SimulationError` for another word, a wrong shape, or numbers that are not finite or
     below absolute zero.
@@ -66,5 +68,6 @@ def checked_initial(twin: Twin, initial: Initial) -> CheckedInitial:
 
 
 def keeps_symmetry(initial: CheckedInitial) -> bool:
-    """Whether nodes that are alike start alike, so that a lumped system will do."""
+    """Whether equal nodes have equal initial temperatures, so that a lumped system is
+    sufficient."""
     return initial is None or isinstance(initial, str) or initial.size == 1

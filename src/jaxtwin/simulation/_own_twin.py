@@ -1,4 +1,4 @@
-"""The twin that an experiment is run with, where a fit has one for each."""
+"""Selects the twin for an experiment: a fit has a different one for each recording."""
 
 from typing import Protocol, runtime_checkable
 
@@ -12,7 +12,8 @@ from ..physics._twin import check_twin
 
 @runtime_checkable
 class FittedTwins(Protocol):
-    """A twin for each experiment, as a `jaxtwin.Fit` has it; matching stands above simulation."""
+    """The interface of `jaxtwin.Fit` that simulation uses: a twin for each experiment. Simulation
+    cannot import matching."""
 
     def twin_for(self, experiment: Experiment) -> Twin:
         """The twin with the experiment's own values."""
@@ -20,9 +21,9 @@ class FittedTwins(Protocol):
 
 
 def own_twin(twin: Twin | FittedTwins, experiment: Experiment) -> Twin:
-    """A twin as it is, or a fit's twin for an experiment.
+    """Returns a twin unchanged, or the twin of a fit for an experiment.
 
-    **Raises:** `SimulationError` where it is neither; what `Fit.twin_for` raises.
+    **Raises:** `SimulationError` if it is neither; the errors of `Fit.twin_for`.
     """
     if isinstance(twin, FittedTwins):
         of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)

@@ -1,9 +1,9 @@
-"""Schedules filled up to a few sizes, so that another recording runs through the same programs.
+"""Pads time grids to a few sizes, so that different recordings use the same compiled programs.
 
-Compiled code is made for the numbers of steps, of samples and of step sizes. Steps and samples are
-filled up to the next of eight sizes an octave, by an eighth at most. Steps that are added have no
-length and leave temperatures as they are; samples that are added repeat the last one, or are
-missing where samples are summed.
+A program is compiled for given numbers of steps, samples and step sizes. Steps and samples are
+padded to the next of eight sizes in each octave, by an eighth at most. Added steps have no length
+and do not change temperatures. Added samples repeat the last sample, or are marked as missing if
+samples are summed.
 """
 
 from dataclasses import replace
@@ -19,18 +19,19 @@ from ._interpolation import POWERS
 from ._time_grid import TimeGrid, build_time_grid, twin_steps
 
 PARTS = 8
-"""Sizes an octave, and the smallest one."""
+"""The number of sizes in each octave, and the smallest size."""
 
 STEPS = 96
-"""At least so many: the first minute of a recording has 40 to 91, and is solved in milliseconds."""
+"""The smallest number of steps. The first minute of a recording has 40 to 91 steps, which take some
+milliseconds."""
 
 SIZES = 20
-"""Step sizes are filled up to a multiple of this. A drive that changes at every sample has one, one
-that is held for long has 11 to 16; one more is 0."""
+"""The number of step sizes is padded to a multiple of this. A drive that changes at every sample
+has one step size, a drive that is held for long has 11 to 16; padding adds the size 0."""
 
 
 def padded_count(count: int) -> int:
-    """To how many rows so many are filled up."""
+    """The number of rows after padding."""
     part = max(PARTS, 2 ** (count.bit_length() - 1) // PARTS)
     return -(-count // part) * part
 
@@ -38,7 +39,7 @@ def padded_count(count: int) -> int:
 def padded(
     rows: Shaped[np.ndarray, "rows *columns"], fill: Any = None, least: int = 0
 ) -> Shaped[np.ndarray, "filled *columns"]:
-    """Rows filled up with a value, or with the last one, to `least` of them at least."""
+    """Pads rows with a value, or with the last row if it is None, to at least `least` rows."""
     missing = padded_count(max(len(rows), least)) - len(rows)
     last = rows[-1:] if fill is None else np.full_like(rows[:1], fill)
     return np.concatenate([rows, np.repeat(last, missing, axis=0)])
@@ -51,12 +52,12 @@ def padded_time_grid(
     *,
     steady_start: bool = False,
 ) -> TimeGrid:
-    """The default solver's grid for a twin, filled up.
+    """The padded time grid of the default solver for a twin.
 
     **Arguments:**
 
-    - `twin`, `experiment`, `refinement`: those of `time_grid`.
-    - `steady_start`: whether the first duty cycle has been held for ever.
+    - `twin`, `experiment`, `refinement`: as in `time_grid`.
+    - `steady_start`: whether the first duty cycle has always been held before the start.
     """
     grid = _padded_time_grid(experiment, twin_steps(twin, refinement))
     return replace(grid, steady_start=True) if steady_start else grid

@@ -1,5 +1,6 @@
-"""Whether the steps of a solution were short enough, and what happens to draws for which they were
-not: they are solved again on steps half as long, and by a stiff solver where that does not help."""
+"""Decides whether the steps of a solution were short enough. Draws for which they were not are
+solved again with steps half as long, and by a stiff solver if that does not help.
+"""
 
 from collections.abc import Callable
 from typing import TypeAlias
@@ -15,22 +16,22 @@ from ._resolution import LARGEST_SPAN, network_span, spanned
 from ._time_grid import TimeGrid, reference_temperature
 
 STABILITY_LIMIT = 1.0
-"""Of the `stability_number`: above it the steps are too long."""
+"""The largest `stability_number` of steps that are short enough."""
 
 ERROR_TOLERANCE = 2e-3
-"""Of a solution's error estimate, K: above it the error may pass 1e-3 K. Of a thousand draws
-between all bounds of `paper-2024`, `dual-cell` and `single-cell`, no error below this estimate
-did."""
+"""The largest error estimate of a solution that is accepted, K. Of a thousand draws between all
+bounds of `paper-2024`, `dual-cell` and `single-cell`, none with a smaller estimate had an error
+above 1e-3 K."""
 
 REFINEMENTS = 3
-"""How often steps are halved before a stiff solver takes over."""
+"""The number of times that steps are halved before a stiff solver takes over."""
 
 Results: TypeAlias = dict[str, Shaped[np.ndarray, "draws ..."]]
 """Name -> what is kept of each draw."""
 
 
 def stability_number(system: System, modes: Modes, grid: TimeGrid) -> Float[Array, ""]:
-    r"""How strongly the cells act on themselves beyond the modes, within the longest step.
+    r"""A measure of the nonlinear feedback of the cells within the longest step.
 
     An exponential step is exact in the linear part $L$ and explicit in the remainder $N$ of the
     cells' heat flows. It is safe where
@@ -62,14 +63,14 @@ def remainder_gain(
     reference: Float[Array, ""],
     step: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """The norm in the `stability_number`, largest over some duty cycles.
+    """The norm in the `stability_number`: its largest value over some duty cycles.
 
     **Arguments:**
 
-    - `system`, `modes`: the equations.
-    - `duty`: -1 to 1.
-    - `reference`: what deviations are counted from, K.
-    - `step`: its size, s.
+    - `system`, `modes`: the equations and their modes.
+    - `duty`: the duty cycles, -1 to 1.
+    - `reference`: the temperature from which deviations are counted, K.
+    - `step`: the step size, s.
     """
     x = modes.rates * step
     phi_1 = jnp.where(jnp.abs(x) < 1e-6, 1.0, -jnp.expm1(-x) / jnp.where(x == 0, 1.0, x))
@@ -88,13 +89,13 @@ def needs_shorter_steps(
     error_estimate: Float[Array | np.ndarray, "*draws"],
     refinement: int,
 ) -> Bool[np.ndarray, "*draws"]:
-    """Whether steps were too long.
+    """Whether the steps of each solution were too long.
 
-    A smaller error estimate is asked of steps that have been halved: where that was needed, errors
-    and their estimate fall more slowly than they should.
+    For steps that have been halved the error estimate must be smaller, because errors and their
+    estimates then fall more slowly than in theory.
 
-    A solution that did not stay finite, whose error estimate is NaN, may be the result of steps
-    that were too long. A stability number of NaN says that no steps help.
+    An error estimate of NaN belongs to a solution that did not stay finite, which may be a result
+    of too long steps. A stability number of NaN means that shorter steps do not help.
     """
     tolerance = ERROR_TOLERANCE if refinement == 0 else ERROR_TOLERANCE / 2
     stability_number, error_estimate = np.asarray(stability_number), np.asarray(error_estimate)
@@ -107,15 +108,15 @@ def solve_refined(
     solve: Callable[[Int[np.ndarray, " some"], int], Results],
     rescue: Callable[[Int[np.ndarray, " some"]], Results],
 ) -> Results:
-    """Solves draws, and those for which steps were too long again: on steps half as long, as often
-    as `REFINEMENTS` says, and then by a stiff solver.
+    """Solves draws. Draws for which the steps were too long are solved again with steps half as
+    long, at most `REFINEMENTS` times, and then by a stiff solver.
 
     **Arguments:**
 
-    - `draws`: how many there are.
-    - `solve`: from which draws, and how often steps are halved, to their results, with their
+    - `draws`: the number of draws.
+    - `solve`: (indices of draws, number of halvings) -> results of the default solver, with
       "stability_number" and "error_estimate".
-    - `rescue`: from which draws to the results that a stiff solver gives.
+    - `rescue`: indices of draws -> results of a stiff solver.
 
     **Returns:** the results of all draws.
     """

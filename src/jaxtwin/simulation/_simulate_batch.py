@@ -1,4 +1,4 @@
-"""Many draws of a twin's parameters at once."""
+"""Simulates many draws of a twin's parameters."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, overload
@@ -86,16 +86,16 @@ def simulate_batch(
 ) -> Float[np.ndarray, "draws times channels"] | Reductions:
     """Runs a twin through an experiment for many draws of its parameters.
 
-    Draws are worked on in chunks by all cores, or by the accelerator where JAX has one. A draw that
-    fails (a negative resistance, an overflow) becomes NaN and leaves the others alone. The error of
-    each draw is estimated as in `simulate`, and the draws that need shorter steps, or a stiff
-    solver, are solved again together.
+    The draws are solved in chunks by all cores, or by the accelerator if JAX has one. The result of
+    a draw that fails (a negative resistance, an overflow) is NaN; the other draws are not affected.
+    The error of each draw is estimated as in `simulate`, and the draws that need shorter steps, or
+    a stiff solver, are solved again together.
 
     **Arguments:**
 
-    - `twin`: what is not drawn keeps its values; those of a fit are the experiment's own, see
-      `Fit.twin_for`.
-    - `experiment`: the inputs; with recorded temperatures where the cost is asked for.
+    - `twin`: the twin, whose other parameters keep their values; or a fit, which is run with the
+      experiment's own values, see `Fit.twin_for`.
+    - `experiment`: the inputs; with recorded temperatures for the reduction "cost".
     - `parameters`: name -> draws `(draws,)` in the unit of the rig's table.
     - `reductions`: what to keep instead of the trajectories, computed where the draws are: some of
       "cost", "final", "minimum", "maximum", "plate_range", "plate_std", "energy", "peak_power"
@@ -104,30 +104,31 @@ def simulate_batch(
       a mapping may hold `"cost": "cost"` and the like beside them. Each function is compiled once:
       define it outside of loops.
     - `initial`: as in `simulate`.
-    - `precision`: of the default solver. Deviations from ambient keep float32 to about a
-      millikelvin.
+    - `precision`: the precision of the default solver. float32 is accurate to about a millikelvin,
+      because the solver computes deviations from ambient.
     - `solver`, `stepsize_controller`, `dt0`: as in `simulate`. `diffrax.diffeqsolve` runs under
       `jax.vmap`: the draws of a chunk take steps until the last of them is at its end.
-    - `adjoint`: of that solve, None for `diffrax.ForwardMode()`. No derivatives are taken here (see
-      `response`), but it decides which loop diffrax runs.
-    - `chunk_size`: draws at a time, by default by the kind of device.
-    - `workers`: threads that work on chunks, by default one a core on a CPU. The implicit solvers
-      of diffrax have one there, whatever is said. Beside an executor: of each of its workers, by
-      default one.
-    - `executor`: who works on the draws instead of this process, some thousands at a time: any
-      `concurrent.futures.Executor` whose workers can import jaxtwin, such as a
+    - `adjoint`: the adjoint of that diffrax solve, None for `diffrax.ForwardMode()`. This function
+      computes no derivatives (see `response`), but the adjoint determines which loop diffrax runs.
+    - `chunk_size`: the number of draws in a chunk; the default depends on the kind of device.
+    - `workers`: the number of threads that solve chunks, by default one for each core of a CPU. The
+      implicit solvers of diffrax always use one thread on a CPU. With an executor: the number of
+      threads of each of its workers, by default one.
+    - `executor`: an executor whose workers solve the draws instead of this process, some thousands
+      at a time: any `concurrent.futures.Executor` whose workers can import jaxtwin, such as a
       `ProcessPoolExecutor` (by spawn) or `Client(...).get_executor()` of Dask. Results are the same
-      to the last bit on machines of the same kind. What is lost with a worker is done by another.
-    - `on_progress`: called with the number of draws in each chunk when it is done for the first
-      time; draws that are solved again come after the last call.
+      to the last bit on machines of the same kind. The work of a worker that is lost is given to
+      another.
+    - `on_progress`: called with the number of draws in each chunk when it is solved for the first
+      time. Draws that are solved again follow after the last call.
 
     **Returns:** temperatures `(draws, times, channels)`, degC, for the channels that the experiment
     names, else all; or `Reductions`.
 
-    **Raises:** `ParameterError` for unknown names, draws that are not one row of finite numbers or
-    not equally many, or none, or a twin with several values of another parameter;
-    `SimulationError` where experiment and rig do not belong together, the cost is asked for
-    without recorded temperatures, an option has no meaning, or an executor fails.
+    **Raises:** `ParameterError` for unknown names, for draws that are missing, not one-dimensional,
+    not finite or of different numbers, and for a twin with several values of another parameter;
+    `SimulationError` if experiment and rig do not match, if the cost is requested without recorded
+    temperatures, if an option is invalid, or if an executor fails.
     """
     method = chosen_method(solver, stepsize_controller, dt0, adjoint)
     twin = own_twin(twin, experiment)
@@ -227,9 +228,9 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, ArrayLike]) -> dict[str,
 def checked_precision(
     precision: Precision, error: type[JaxtwinError] = SimulationError
 ) -> Precision:
-    """The precision that was given, where it is a known one.
+    """Checks a precision.
 
-    **Raises:** `error` where it is none.
+    **Raises:** `error` if it is neither "float32" nor "float64".
     """
     if not (isinstance(precision, str) and precision in ("float64", "float32")):
         raise error(f'precision: expected "float64" or "float32", got {precision!r}')

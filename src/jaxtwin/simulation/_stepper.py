@@ -1,4 +1,4 @@
-"""A twin step by step, for whatever runs beside a rig: a live twin, an observer, a controller."""
+"""Steps a twin in time with a rig: for a live twin, an observer or a controller."""
 
 from typing import Any, NamedTuple, final
 
@@ -23,17 +23,18 @@ from ._refinement import STABILITY_LIMIT, remainder_gain
 ZERO_CELSIUS = 273.15
 
 WHOLE = 1e-9
-"""By how much of itself a delay may miss a multiple of the step size and count as that."""
+"""A delay counts as a multiple of the step size if the relative difference is below this."""
 
 
 @final
 class StepperState(eqx.Module):
-    """Where a twin stands between two steps.
+    """The state of a twin between two steps.
 
-    - `nodes`: temperatures, degC, in the order of `twin.netlist.nodes`.
-    - `duty`: what the cells get, -1 to 1; behind the command where the driver lags.
-    - `commands`: those on their way through the driver's delay, -1 to 1, the newest first. Without
-      a delay there are none.
+    - `nodes`: temperatures of the nodes, degC, in the order of `twin.netlist.nodes`.
+    - `duty`: the duty that reaches the cells, -1 to 1; it follows the command with the driver's
+      lag.
+    - `commands`: the commands in transit through the driver's delay, -1 to 1, the newest first.
+      Without a delay there are none.
     """
 
     nodes: Float[Array | np.ndarray, " nodes"]
@@ -43,7 +44,7 @@ class StepperState(eqx.Module):
 
 @final
 class ModalState(eqx.Module):
-    """A `StepperState` in the modes of the twin: what many steps in a row are taken in."""
+    """A `StepperState` in the modes of the twin, in which many steps in a row are computed."""
 
     amplitudes: Float[Array, " modes"]
     duty: Float[Array, " cells"]
@@ -52,10 +53,10 @@ class ModalState(eqx.Module):
 
 @final
 class Stepper(eqx.Module):
-    """A twin step by step, with a command for each step.
+    """Steps a twin, with a command for each step.
 
     A stepper takes the same exponential steps as `simulate`, all of the same size. The driver's
-    delay and lag are followed exactly, whether or not they are multiples of the step size.
+    delay and lag are exact, whether or not they are multiples of the step size.
 
     ```python
     stepper = jt.Stepper(jt.Twin("dual-cell"), step_size=1.0)
@@ -65,26 +66,26 @@ class Stepper(eqx.Module):
     stepper.channels(state)  # degC
     ```
 
-    A stepper is a PyTree whose leaves are the equations of the twin with its values in them: it
-    passes through `jax.jit`, `jax.vmap` and `jax.grad`, may be made inside of them, and other
-    values compile nothing anew. Outside of them its steps are computed in float64. Inside, the
-    precision is that of the surroundings: wrap them in `jax.enable_x64(True)`.
+    A stepper is a PyTree whose leaves are the numbers in the twin's equations. It can pass through
+    `jax.jit`, `jax.vmap` and `jax.grad`, and can be made inside of them. Other values need no new
+    compilation. Outside of these transformations the steps are computed in float64. Inside, the
+    precision is that of the caller: wrap the call in `jax.enable_x64(True)`.
 
-    The ambient is an input of each step; it does not drift by itself.
+    The ambient temperature is an input of each step; it does not drift by itself.
 
     **Arguments:**
 
-    - `twin`: rig and parameters; or its equations, as `twin.system()` makes them.
-    - `step_size`: s.
-    - `longest_delay`: for how long a delay, s, the state has room. None: for that of the twin.
-      It must be given where the delay is traced by JAX.
-    - `is_whole_delay`: says that a delay which is traced by JAX is a multiple of the step size; a
-      step then costs half as much.
+    - `twin`: the twin; or its equations, as `twin.system()` makes them.
+    - `step_size`: the size of each step, s.
+    - `longest_delay`: the longest delay for which the state has room, s. None: the delay of the
+      twin. It must be given if the delay is traced by JAX.
+    - `is_whole_delay`: whether a delay that is traced by JAX is a multiple of the step size; a step
+      then costs half as much.
 
-    **Raises:** `SimulationError` where the step size is not above 0 or steps of this size are not
-    stable, or the delay is traced and `longest_delay` is missing, or is longer than that;
-    `ParameterError` where a parameter holds more than one value, or a resistance, a heat capacity,
-    a lag or a delay is not above 0.
+    **Raises:** `SimulationError` if the step size is not above 0, if steps of this size are not
+    stable, if the delay is traced and `longest_delay` is missing, or if the delay is longer than
+    `longest_delay`; `ParameterError` if a parameter has more than one value, or if a resistance, a
+    heat capacity, a lag or a delay is not above 0.
     """
 
     system: System
@@ -140,7 +141,7 @@ class Stepper(eqx.Module):
 
     @property
     def ambient(self) -> Float[Array, ""]:
-        """The ambient temperature of the rig, degC: what a step takes where none is given."""
+        """The ambient temperature of the rig, degC: the default of each step."""
         with settings_for(self.reference):
             return self.reference - ZERO_CELSIUS
 
@@ -149,13 +150,13 @@ class Stepper(eqx.Module):
         nodes: ArrayLike | float | int | None = None,
         duty: ArrayLike | None = None,
     ) -> StepperState:
-        """A state to begin with.
+        """Makes an initial state.
 
         **Arguments:**
 
-        - `nodes`: temperatures, degC, `(nodes,)` or a single one for all; None: the rig's at the
-          start.
-        - `duty`: cycles that have been commanded for long, `(cells,)`, -1 to 1; None: 0.
+        - `nodes`: temperatures of the nodes, degC, `(nodes,)` or a single one for all; None: the
+          initial temperatures of the rig.
+        - `duty`: the duty that was commanded before, for a long time, `(cells,)`, -1 to 1; None: 0.
         """
         cells = (len(self.system.wiring.cold),)
         with settings_for(self.reference, nodes, duty):
@@ -178,18 +179,18 @@ class Stepper(eqx.Module):
         steps: ArrayLike | int = 1,
         heat: ArrayLike | None = None,
     ) -> StepperState:
-        """The state after a step under a command.
+        """Computes the state after one or several steps under a command.
 
         **Arguments:**
 
-        - `state`: at the start of the step.
-        - `duty`: what is commanded during the step, `(cells,)`, -1 to 1.
-        - `ambient`: temperature of the surroundings during the step, degC; None: that of the rig.
-        - `steps`: how many steps are taken under this command, in one compiled call.
-        - `heat`: what else flows into the nodes during the step, `(nodes,)`, W, such as the heat of
-          a hand on the plate; None for nothing.
+        - `state`: the state at the start of the step.
+        - `duty`: the commanded duty during the step, `(cells,)`, -1 to 1.
+        - `ambient`: the ambient temperature during the step, degC; None: that of the rig.
+        - `steps`: the number of steps under this command, in one compiled call.
+        - `heat`: additional heat flows into the nodes during the step, `(nodes,)`, W, such as the
+          heat of a hand on the plate; None for none.
 
-        **Raises:** `SimulationError` where the command is not for the cells of the rig.
+        **Raises:** `SimulationError` if the command does not have a number for each cell.
         """
         with settings_for(self.reference, state, duty, ambient, steps, heat):
             dtype = self.reference.dtype
@@ -211,7 +212,7 @@ class Stepper(eqx.Module):
     def channels(
         self, state: StepperState, ambient: ArrayLike | float | int | None = None
     ) -> Float[Array, " channels"]:
-        """What the sensors read, degC, in surroundings at `ambient`, degC (None: the rig's)."""
+        """The readings of the channels, degC, at an ambient temperature, degC (None: the rig's)."""
         with settings_for(self.reference, state, ambient):
             dtype = self.reference.dtype
             ambient = self.ambient if ambient is None else jnp.asarray(ambient, dtype)
@@ -221,8 +222,8 @@ class Stepper(eqx.Module):
 def _queue(
     delay: Float[Array, ""] | None, step_size: float, longest_delay: float | int | None
 ) -> int:
-    """How many commands a state keeps: that of this step, and as many as the delay has steps,
-    rounded up to a power of two so that another delay of about this size compiles nothing anew."""
+    """The number of commands in a state: that of this step, and one for each step of the delay,
+    rounded up to a power of two so that a delay of similar size needs no new compilation."""
     if delay is None:
         return 0
     where = "Stepper: longest_delay"
@@ -295,14 +296,14 @@ def _prepared(
 
 
 def to_modal(stepper: Stepper, state: StepperState) -> ModalState:
-    """The same state in the modes."""
+    """Transforms a state to the modes."""
     deviation = jnp.asarray(state.nodes) + ZERO_CELSIUS - stepper.reference
     amplitudes = stepper.field.modes.amplitudes(deviation)
     return ModalState(amplitudes, jnp.asarray(state.duty), jnp.asarray(state.commands))
 
 
 def node_temperatures(stepper: Stepper, state: ModalState) -> Float[Array, " nodes"]:
-    """Of all nodes, degC."""
+    """The temperatures of all nodes, degC."""
     deviation = stepper.field.modes.shapes @ state.amplitudes
     return deviation + stepper.reference - ZERO_CELSIUS
 
@@ -315,7 +316,7 @@ def advance(
     heat: Float[Array, " nodes"] | None = None,
     loss_dtype: Any = None,
 ) -> ModalState:
-    """The state after a step under a command; ambient in degC, heat in W.
+    """Computes the state after a step under a command; ambient in degC, heat in W.
 
     **Arguments:**
 

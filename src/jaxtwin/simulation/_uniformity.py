@@ -1,4 +1,4 @@
-"""How even temperatures are over several places: what a multizone rig is built for."""
+"""The uniformity of temperatures over several places, for which a multizone rig is built."""
 
 from dataclasses import dataclass
 from typing import final
@@ -10,17 +10,17 @@ from jaxtyping import Float
 @final
 @dataclass(frozen=True, eq=False)
 class Uniformity:
-    """How even temperatures are over several places, at each time.
+    """The uniformity of temperatures over several places, at each time.
 
-    At a time at which one of the temperatures is missing both measures are NaN: the range over
-    other places is another quantity. Such times do not count in the means and the largest.
+    If one of the temperatures is missing at a time, both measures are NaN there, because the range
+    over fewer places is another quantity. The means and the largest range leave out such times.
 
     **Arguments:**
 
-    - `time`: s.
-    - `range`: the highest less the lowest, K.
-    - `std`: their standard deviation, K.
-    - `places`: names.
+    - `time`: times, s.
+    - `range`: the highest minus the lowest temperature, K.
+    - `std`: the standard deviation of the temperatures, K.
+    - `places`: the names of the places.
     """
 
     time: Float[np.ndarray, " times"]
@@ -59,9 +59,9 @@ def uniformity(
 
     **Arguments:**
 
-    - `time`: s.
-    - `temperatures`: degC or K.
-    - `places`: their names.
+    - `time`: times, s.
+    - `temperatures`: temperatures, `(times, places)`, degC or K.
+    - `places`: the names of the places.
     """
     return Uniformity(
         time=time,

@@ -1,4 +1,4 @@
-"""Draws in chunks, over all cores or accelerators."""
+"""Distributes chunks of draws over all cores or accelerators."""
 
 import os
 import threading
@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Array, Float, Shaped
 
 CHUNK_CPU = 128
-"""Draws that one core works on at a time: enough that calls cost nothing beside the work, few
-enough for its cache."""
+"""The number of draws in a chunk on a CPU: large enough to hide the cost of a call, small enough
+for the cache of a core."""
 
 CHUNK_CPU_OWN_DELAYS = 64
-"""The same where each draw has a delay, and so a table of its own for reading the samples."""
+"""The same number if each draw has a different delay, and therefore a separate table of samples."""
 
 CHUNK_ACCELERATOR = 16384
-"""Draws that an accelerator works on at a time: enough to fill it, in some gigabytes of its memory.
+"""The number of draws in a chunk on an accelerator: enough to fill it, in some gigabytes of memory.
 CUDA's batched eigensolvers take at most 65 535 matrices."""
 
 
@@ -30,20 +30,20 @@ def work_in_chunks(
     on_progress: Callable[[int], None] | None = None,
     total: int | None = None,
 ) -> dict[str, Shaped[np.ndarray, "draws ..."]]:
-    """Works on all draws, chunk by chunk.
+    """Processes all draws, chunk by chunk.
 
     **Arguments:**
 
     - `draws`: name -> `(draws,)`.
-    - `work`: from the draws of a chunk, always equally many, to its results by name, each with a
-      leading axis for the draws. Called from several threads.
-    - `chunk_size`: draws at a time.
-    - `workers`: threads, None for one a core, or one an accelerator.
+    - `work`: draws of a chunk -> results by name, each with a leading axis for the draws. All
+      chunks have the same number of draws. It is called from several threads.
+    - `chunk_size`: the number of draws in a chunk.
+    - `workers`: the number of threads; None for one for each core, or for each accelerator.
     - `on_progress`: called with the number of draws of each finished chunk.
-    - `total`: of draws, where these are a part of them: chunks are as large as they would be for
-      all, so that results do not depend on how draws are parted.
+    - `total`: the number of all draws, if these are a part of them. Chunks are then as large as
+      they would be for all draws, so that results do not depend on how the draws are divided.
 
-    **Returns:** the results of all draws, in their order.
+    **Returns:** the results of all draws, in order.
     """
     _keep_freed_memory()
     devices = jax.local_devices()
@@ -80,34 +80,37 @@ def work_in_chunks(
 
 
 def usual_chunk_size(own_delays: bool) -> int:
-    """Draws at a time by the kind of device, and whether draws differ in the driver's delay."""
+    """The default chunk size for the kind of device, and for draws with or without different
+    delays."""
     if is_accelerated():
         return CHUNK_ACCELERATOR
     return CHUNK_CPU_OWN_DELAYS if own_delays else CHUNK_CPU
 
 
 def is_accelerated() -> bool:
-    """Whether JAX computes on something else than a CPU."""
+    """Whether the default device of JAX is not a CPU."""
     return jax.default_backend() != "cpu"
 
 
 def _cores() -> int:
-    """That this process may use."""
+    """The number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def _padded(values: np.ndarray, size: int) -> np.ndarray:
-    """The last chunk is filled up with its last draw: one shape, one compilation."""
+    """Pads the last chunk with its last draw: all chunks have one shape and one compiled
+    program."""
     return np.concatenate([values, np.repeat(values[-1:], size - len(values))])
 
 
 def _keep_freed_memory() -> None:
-    """Has the allocator keep what a chunk frees for the next one.
+    """Makes the allocator keep the memory that a chunk frees for the next chunk.
 
-    glibc returns large blocks to the system, which fills them with zeros again page by page: a
-    third of the time of whole trajectories. It keeps blocks as large as the largest one that was
-    freed, up to 32 MiB; this one is never touched and costs nothing.
+    glibc returns large blocks to the system, which fills them with zeros again page by page. That
+    takes a third of the time of whole trajectories. It keeps blocks up to the size of the largest
+    block that was freed, at most 32 MiB; the block that is freed here is never touched and costs
+    nothing.
     """
     np.empty((32 << 20) - (64 << 10), np.uint8)
