@@ -1,7 +1,8 @@
-r"""Duty cycles that reach the cells behind their command: late, with a lag, or both.
+r"""The duty that reaches the cells, after the driver's delay and lag.
 
-Nothing but the inputs depends on time itself, so for a delay the whole grid of steps moves with
-the inputs: steps stay fine behind every change, and temperatures are smooth in the delay.
+Only the inputs depend on time explicitly. For a delay the grid of steps therefore moves with the
+inputs: the steps remain short after each change, and temperatures are smooth functions of the
+delay.
 
 A lag needs no integration. Between two changes of the command $c$, the solution of
 $\tau \dot u = c(t - d) - u$ is $u(t) = c + (u_0 - c) e^{-(t - d - t_0) / \tau}$, at any time.
@@ -20,26 +21,27 @@ from ._time_grid import TimeGrid
 
 FINEST, FIRST, GROWN = 2.0**-9, 2.0**-5, 16
 BEFORE = np.diff([0.0, *np.geomspace(FINEST, FIRST, 5), *np.geomspace(FIRST, 1.0, GROWN + 1)[1:]])
-"""Steps before the first command arrives, as parts of the delay: fine at first, when a plate that
-does not start in a steady state changes fastest, then a quarter longer each, or samples between
-their ends would be missed by a tenth of a kelvin where the delay is a minute."""
+"""Steps before the first command arrives, as fractions of the delay. They are short at first,
+because a plate that does not start in a steady state changes fastest then, and grow by a quarter
+each. With fewer steps, the error between their ends is a tenth of a kelvin for a delay of a
+minute."""
 
 
 def has_own_delays(twin: Twin, drawn: Iterable[str]) -> bool:
-    """Whether draws of these parameters have a delay each, not one for all or none."""
+    """Whether draws of these parameters differ in the driver's delay."""
     delay = twin.wiring.delay
     return delay is not None and not delay.parameters.isdisjoint(drawn)
 
 
 def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
-    """The same samples of the same experiment with duty cycles that arrive late.
+    """Applies a delay to the duty cycles of a time grid.
 
-    A recorded ambient, which is not late, is averaged over each step.
+    A recorded ambient temperature has no delay; it is averaged over each step.
 
     **Arguments:**
 
-    - `grid`: with the duty cycles as commanded.
-    - `delay`: s, above 0.
+    - `grid`: the time grid with the commanded duty cycles.
+    - `delay`: the delay, s, above 0.
     """
     dtype = delay.dtype
     before = len(BEFORE)
@@ -92,15 +94,16 @@ def lagged_duty(
     times: Float[Array, "*times"],
     steady_start: bool = False,
 ) -> Float[Array, "*times cells"]:
-    """What the cells get at given times, -1 to 1.
+    """The duty that reaches the cells at given times, -1 to 1.
 
     **Arguments:**
 
-    - `lag`, `delay`: s.
-    - `starts`: from when on each command is held, increasing, s.
-    - `commands`: -1 to 1.
-    - `times`: s.
-    - `steady_start`: whether the first command was held for ever before, instead of none.
+    - `lag`, `delay`: the time constant of the lag, and the delay, s.
+    - `starts`: the time from which each command is held, increasing, s.
+    - `commands`: the commands, -1 to 1.
+    - `times`: the times, s.
+    - `steady_start`: whether the first command was always held before the start; otherwise the duty
+      was 0.
     """
     initial = commands[0] if steady_start else jnp.zeros_like(commands[0])
 

@@ -1,4 +1,4 @@
-"""What acts on a network during a run: duty cycles as they reach the cells, and the ambient."""
+"""The inputs of a network during a run: the duty that reaches the cells, and the ambient."""
 
 from typing import final
 
@@ -14,13 +14,13 @@ from ._time_grid import TimeGrid, reference_temperature
 
 @final
 class Drive(eqx.Module):
-    """What acts on the network of one draw during a run.
+    """The inputs of the network of a draw during a run.
 
-    - `grid`: steps and samples, and the inputs held during each step, which arrive later than they
-      were commanded where the driver has a delay.
-    - `reference`: what deviations are counted from, K.
-    - `lag`: with which the duty cycles follow, s, or None.
-    - `ambient_drift`: of an ambient that is not recorded, K/s, or None.
+    - `grid`: the steps, the samples, and the inputs that are held during each step, after the
+      driver's delay if it has one.
+    - `reference`: the temperature from which deviations are counted, K.
+    - `lag`: the time constant of the driver's lag, s, or None.
+    - `ambient_drift`: the drift of an ambient temperature that is not recorded, K/s, or None.
     """
 
     grid: TimeGrid
@@ -30,7 +30,8 @@ class Drive(eqx.Module):
 
     @classmethod
     def of(cls, system: System, grid: TimeGrid) -> "Drive":
-        """The drive of a system on a time grid, delayed already or not."""
+        """Makes the drive of a system from a time grid, whether or not its delay is applied
+        already."""
         reference = reference_temperature(system, grid)
         if system.delay is not None and not grid.is_delayed:
             grid = delayed_time_grid(grid, system.delay)
@@ -38,14 +39,15 @@ class Drive(eqx.Module):
         return cls(grid, reference, system.lag, drift)
 
     def inputs(self) -> Inputs:
-        """The inputs of all steps; where the driver lags, or the ambient drifts, at the start, in
-        the middle and at the end of each."""
+        """The inputs of all steps. If the driver has a lag or the ambient drifts, these are the
+        inputs at the start, in the middle and at the end of each step."""
         dtype = self.reference.dtype
         steps = jnp.asarray(self.grid.sizes, dtype)[self.grid.size]
         return Inputs(self._duty(steps), self._ambient(steps))
 
     def ambient_at_samples(self, which: slice = slice(None)) -> Float[Array, "times 1"] | float:
-        """The ambient's deviation from the reference at the samples, or at some of them, K."""
+        """The ambient temperature's deviation from the reference at all or some of the samples,
+        K."""
         dtype = self.reference.dtype
         if self.grid.ambient_at is not None:
             return (jnp.asarray(self.grid.ambient_at, dtype)[which] - self.reference)[:, None]

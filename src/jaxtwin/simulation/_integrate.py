@@ -1,4 +1,4 @@
-"""A network through a whole run: the loop over exponential steps and what is read from it."""
+"""Integrates a network over a run: the loop over exponential steps, and the readings."""
 
 from typing import Any, final
 
@@ -15,16 +15,15 @@ from ._modes import Modes, run_modes
 from ._time_grid import TimeGrid
 
 SLOPE_WEIGHT = 0.15
-"""Largest weight of a slope between the ends of a step, in lengths of the step."""
+"""The largest weight of a slope within a step, as a multiple of the step size."""
 
 
 @final
 class StepReadings(eqx.Module):
-    """What is read at the ends of steps: weighted sums of node temperatures and their slopes.
+    """Weighted sums of node temperatures and of their slopes at the ends of steps.
 
-    Deviations from the reference, K, and K/s. Row k belongs to the start of step k.
-    `error_estimate` is the largest that the errors of all steps so far add up to in any channel,
-    at the end of a step or within, K.
+    They are deviations from the reference, K, and slopes, K/s. Row k belongs to the start of step
+    k. `error_estimate` is the largest accumulated error estimate in any channel at any time, K.
     """
 
     values: Float[Array, "*chunk ends outputs"]
@@ -34,7 +33,7 @@ class StepReadings(eqx.Module):
     def at_samples(
         self, grid: TimeGrid, which: slice = slice(None)
     ) -> Float[Array, "times outputs"]:
-        """Interpolated at the samples, or at some of them, of the grid that was solved."""
+        """Interpolates the sums at all or some of the samples of the grid."""
         values, slopes = self.values, self.slopes
         w = jnp.asarray(grid.weights, values.dtype)[which, :, None]
         at = jnp.asarray(grid.step_of)[which]
@@ -55,16 +54,16 @@ def solve_network(
     initial: Float[Array, " nodes"],
     readout: Float[Array | np.ndarray, "outputs nodes"],
 ) -> tuple[Drive, Float[Array, "times outputs"]]:
-    """Runs a network through an experiment.
+    """Solves a network for an experiment.
 
     **Arguments:**
 
     - `system`: the equations.
-    - `grid`: steps, inputs as commanded, and samples.
-    - `initial`: absolute node temperatures at the start, K.
-    - `readout`: which weighted sums of node temperatures to return.
+    - `grid`: the steps, the commanded inputs and the samples.
+    - `initial`: the absolute node temperatures at the start, K.
+    - `readout`: the weights of the node temperatures in each sum.
 
-    **Returns:** what drove the network, and the sums of the nodes' deviations from its reference
+    **Returns:** the drive of the network, and the sums of the nodes' deviations from its reference
     at each sample, K.
     """
     drive = Drive.of(system, grid)
@@ -79,10 +78,10 @@ def integrate(
     initial: Float[Array, " nodes"],
     readout: Float[Array | np.ndarray, "outputs nodes"] | None,
 ) -> StepReadings:
-    """The loop over the steps of a drive's grid.
+    """Integrates over the steps of a drive's grid.
 
-    **Arguments:** as those of `solve_network`, with a `readout` of None for each node by itself,
-    and the `modes` of the system (`run_modes`).
+    **Arguments:** those of `solve_network`, and the `modes` of the system (`run_modes`). A
+    `readout` of None stands for the temperature of each node.
     """
     dtype, grid = modes.rates.dtype, drive.grid
     field = ModalField.of(system, modes, drive.reference)

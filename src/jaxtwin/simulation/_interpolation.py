@@ -1,4 +1,4 @@
-"""Temperatures between the ends of steps: Hermite interpolation over a step and the one before."""
+"""Hermite interpolation of temperatures within a step, from this step and the previous one."""
 
 from collections.abc import Sequence
 from typing import Any, TypeVar
@@ -8,28 +8,29 @@ import numpy as np
 from jaxtyping import Float, Int
 
 Arrays = TypeVar("Arrays", np.ndarray, jax.Array)
-"""Numbers known beforehand, or traced ones."""
+"""NumPy numbers, or numbers that JAX traces."""
 
 POWERS = 6
-"""Coefficients of a polynomial: as many as there are values and slopes."""
+"""The number of coefficients of a polynomial, which is the number of values and slopes."""
 
 
 def step_polynomials(
     spans: Sequence[np.ndarray],
 ) -> Float[np.ndarray, "all_steps 6 6"]:
-    """How much each value and slope around a step counts within it.
+    """The weights of the values and slopes around a step, as polynomials of the time within it.
 
-    A step of a span, during which inputs are held, has up to six: value and slope at its start, at
-    its end, and at the start of the step before. The first step of a span has none before it. The
-    slope at the end of a span is that under the inputs that follow, so that it does not count.
+    A span is a time during which the inputs are held. A step of a span has up to six values and
+    slopes: those at its start, at its end, and at the start of the previous step. The first step of
+    a span has no previous step. The slope at the end of a span has no weight, because it is that
+    under the following inputs.
 
     **Arguments:**
 
-    - `spans`: the steps of each span, `(steps,)`, s.
+    - `spans`: the step sizes of each span, `(steps,)`, s.
 
-    **Returns:** coefficients (value at start, slope at start, value at end, slope at end, value
-    before, slope before) x (powers of the part of the step that has gone by, 0 to 1); those of
-    slopes in s.
+    **Returns:** coefficients (value at start, slope at start, value at end, slope at end, previous
+    value, previous slope) x (powers of the elapsed fraction of the step, 0 to 1). The coefficients
+    of slopes are in s.
     """
     rows = []
     last = len(spans) - 1
@@ -46,13 +47,13 @@ def sample_weights(
     step_of: Int[Arrays, " times"],
     part: Float[Arrays, " times"],
 ) -> Float[Arrays, "times 6"]:
-    """How much the values and slopes around its step count in each sample, `(times, 6)`.
+    """The weights of the values and slopes around its step in each sample, `(times, 6)`.
 
     **Arguments:**
 
-    - `polynomials`: of the steps, see `step_polynomials`.
-    - `step_of`: in which step each sample lies, `(times,)`.
-    - `part`: which part of that step has gone by, `(times,)`.
+    - `polynomials`: the polynomials of the steps, see `step_polynomials`.
+    - `step_of`: the index of the step that contains each sample, `(times,)`.
+    - `part`: the elapsed fraction of that step at each sample, `(times,)`.
     """
     # Horner's rule: a product of tables would hold 36 numbers for each sample of each draw.
     weights: Any = polynomials[:, :, -1][step_of]
@@ -62,7 +63,7 @@ def sample_weights(
 
 
 def _polynomials(before: float | None, slope_at_end: bool) -> Float[np.ndarray, "6 6"]:
-    """For a step of length 1, a step of length `before` behind it."""
+    """The polynomials for a step of length 1 that follows a step of length `before`."""
     nodes = [(0, 0.0, 0), (1, 0.0, 1), (2, 1.0, 0)]
     nodes += [(3, 1.0, 1)] if slope_at_end else []
     nodes += [] if before is None else [(4, -before, 0), (5, -before, 1)]

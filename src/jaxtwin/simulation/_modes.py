@@ -1,4 +1,4 @@
-r"""The modes of a rig's thermal network, with its cells taken linearly at their operating point.
+r"""The modes of a rig's thermal network, with its cells linearised at their operating point.
 
 A rig is linear but for its few thermoelectric nodes:
 
@@ -26,27 +26,29 @@ from ._resolution import LARGEST_SPAN, network_span
 from ._time_grid import TimeGrid, reference_temperature
 
 TYPICAL_TEMPERATURE = 330.0
-"""Of a cell's sides, K: where the search for the operating point starts."""
+"""The temperatures of a cell's sides at which the search for the operating point starts, K."""
 
 NEWTON_STEPS = 4
 
 FEW_SIDES = 32
-"""Up to so many a loop of elimination is quickest, compilation included."""
+"""The largest number of unknowns for which a loop of elimination is fastest, including
+compilation."""
 
 BELIEVABLE = (200.0, 600.0)
-"""Bounds of an operating point, K: the parameters of a draw may describe a rig that runs away."""
+"""Bounds of an operating point, K, because the parameters of a draw may describe an unstable
+rig."""
 
 
 @final
 class Modes(eqx.Module):
-    """Modes of the network: `rates` (1/s) and `shapes`, temperatures = shapes @ amplitudes.
+    """The modes of a network: `rates` (1/s) and `shapes`, with temperatures = shapes @ amplitudes.
 
-    `sides` are the rows of the shapes at the cells' sides (all cold, then all hot), `plate` those
-    of the plate where its losses are not linear, else None.
-    `capacitance` is what the shapes are normalised with. `linearised_conductance` is the heat flow
-    out of the cells' sides per kelvin that has joined the network, W/K, and `linearised_loss` the
-    same for what the plate loses beyond its linear film, None for nothing. Both were taken at the
-    `operating_point`: the sides' deviations, K.
+    `sides` are the rows of the shapes at the cells' sides (all cold, then all hot). `plate` are the
+    rows of the plate if its losses are not linear, otherwise None. `capacitance` are the heat
+    capacities by which the shapes are normalised. `linearised_conductance` is the derivative of the
+    heat flow out of the cells' sides that is part of the network, W/K. `linearised_loss` is the
+    same for the plate's losses beyond its linear film, or None. Both are derivatives at the
+    `operating_point`: the deviations of the sides, K.
     """
 
     rates: Float[Array, " modes"]
@@ -59,7 +61,8 @@ class Modes(eqx.Module):
     operating_point: Float[Array, " sides"]
 
     def amplitudes(self, deviation: Float[Array, " nodes"]) -> Float[Array, " modes"]:
-        """The modes' parts in given temperatures: the inverse of the shapes is shapes^T C."""
+        """The amplitudes of the modes for given temperatures: the inverse of the shapes is shapes^T
+        C."""
         return self.shapes.T @ (self.capacitance * deviation)
 
 
@@ -70,8 +73,8 @@ def network_modes(
 
     **Arguments:**
 
-    - `duty`: where the cells are taken linearly, -1 to 1.
-    - `reference`: what deviations are counted from, K.
+    - `duty`: the duty at which the cells are linearised, -1 to 1.
+    - `reference`: the temperature from which deviations are counted, K.
     """
     system, duty, reference = jax.lax.stop_gradient((system, duty, reference))
     sides = side_nodes(system)
@@ -99,10 +102,10 @@ def network_modes(
 
 @final
 class OperatingPoint(eqx.Module):
-    """Where cells and losses are taken linearly.
+    """The point at which cells and losses are linearised.
 
-    - `sides`: deviations of the cells' sides there, K.
-    - `conductance`, `loss`: what joins the network, as in `Modes`, W/K.
+    - `sides`: the deviations of the cells' sides, K.
+    - `conductance`, `loss`: `linearised_conductance` and `linearised_loss` of `Modes`, W/K.
     """
 
     sides: Float[Array, " sides"]
@@ -121,12 +124,12 @@ def linearise(
     reference: Float[Array, ""],
     resistance: Float[Array, "nodes sides"],
 ) -> OperatingPoint:
-    """The cells and losses near their state at rest.
+    """Linearises the cells and losses at their steady state.
 
     **Arguments:**
 
     - `duty`, `reference`: as in `network_modes`.
-    - `resistance`: the network's thermal resistances seen from the cells' sides, K/W.
+    - `resistance`: the network's thermal resistances between the cells' sides, K/W.
     """
     sides = side_nodes(system)
     at = _operating_point(system, duty, reference, sides, resistance)
@@ -140,13 +143,13 @@ def linearise(
 def run_modes(system: System, grid: TimeGrid) -> Modes:
     """The modes with the cells at their operating point under the run's mean duty cycle.
 
-    Their rates, and with them all that is solved, are NaN where float64 cannot tell the slow ones
-    beside the fast ones of the network: see `_resolution`.
+    Their rates, and therefore all results, are NaN if float64 cannot resolve the slow rates beside
+    the fast rates of the network: see `_resolution`.
 
     **Arguments:**
 
     - `system`: the equations.
-    - `grid`: steps and the duty cycles as commanded.
+    - `grid`: the steps and the commanded duty cycles.
     """
     dtype = system.capacitance.dtype
     lengths = jnp.asarray(grid.sizes, dtype)[grid.size]
@@ -164,10 +167,10 @@ def _operating_point(
     sides: np.ndarray,
     resistance: Float[Array, "nodes sides"],
 ) -> Float[Array, " nodes"]:
-    """About where the rig comes to rest under a duty cycle: deviations.
+    """The approximate steady state under a duty: deviations of the cells' sides, K.
 
-    Newton's method on the cells' sides alone: x = Z q(x) with Z the network's thermal resistances
-    seen from them. A few kelvin are near enough; losses are taken as linear.
+    It is found by Newton's method for the cells' sides, x = Z q(x), where Z are the network's
+    thermal resistances between them. An error of a few kelvin does not matter; losses are linear.
     """
     side_resistance = resistance[sides]
     unit = jnp.eye(sides.size, dtype=side_resistance.dtype)
@@ -190,7 +193,7 @@ def side_heat(
     duty: Float[Array, " cells"],
     reference: Float[Array, ""],
 ) -> Float[Array, " sides"]:
-    """The cells' heat flow into their sides, which are `at` these deviations, W."""
+    """The heat flow of the cells into their sides at these deviations, W."""
     flows = system.cell_heat(at + reference, duty)
     return jnp.concatenate([-flows.cold, flows.hot])
 

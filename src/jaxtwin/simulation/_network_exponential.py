@@ -21,11 +21,13 @@ _State: TypeAlias = Modes
 
 @final
 class HeldInputs(eqx.Module):
-    """Inputs that are held from each of some times to the next: time -> `Inputs`.
+    """Inputs that are held during spans of time: time -> `Inputs`.
 
-    - `starts`: `(spans,)`, s. `duty`: `(spans, cells)`. `ambient`: deviation, `(spans,)`, K.
-    - `drift`: of the ambient beside that, K/s, or None.
-    - `lag`, `delay`, `steady_start`: of what reaches the cells behind the duty, see `lagged_duty`.
+    - `starts`: the start of each span, `(spans,)`, s.
+    - `duty`: the duty in each span, `(spans, cells)`.
+    - `ambient`: the ambient temperature's deviation in each span, `(spans,)`, K.
+    - `drift`: the additional drift of the ambient temperature, K/s, or None.
+    - `lag`, `delay`, `steady_start`: the driver's lag and delay, see `lagged_duty`.
     """
 
     starts: Float[Array, " spans"]
@@ -37,12 +39,12 @@ class HeldInputs(eqx.Module):
     drift: Float[Array, ""] | None = None
 
     def __call__(self, t: RealScalarLike) -> Inputs:
-        """What is held at a time."""
+        """The inputs at a time."""
         now = jnp.searchsorted(self.starts, t, side="right") - 1
         return Inputs(self._duty(jnp.asarray(t), now), self._ambient(t, now))
 
     def over(self, t: RealScalarLike, size: RealScalarLike) -> Inputs:
-        """What acts during a step."""
+        """The inputs during a step."""
         now = jnp.searchsorted(self.starts, t, side="right") - 1
         stages = jnp.asarray(t + size * jnp.array([0.0, 0.5, 1.0]))
         duty = self.duty[now] if self.lag is None else self._duty(stages, now)
@@ -62,7 +64,7 @@ class HeldInputs(eqx.Module):
 
 @final
 class NetworkProblem(eqx.Module):
-    """A twin's equations as diffrax sees them: `args` of a solve over `network_field`.
+    """The equations of a twin: the `args` of a diffrax solve of `network_field`.
 
     The state is the nodes' deviation from the `reference` temperature (K).
     """
@@ -94,12 +96,12 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
     Pass it to `simulate(..., solver=NetworkExponential())`, or to `diffrax.diffeqsolve` with
     `ODETerm(network_field)` and a `NetworkProblem` as `args`.
 
-    **Not for** cells that act on themselves strongly beyond their linear part at rest under the
-    mean duty cycle, that is where the `stability_number` passes about 1 (cells of very low
-    resistance far from that point, steps of many seconds): the step is explicit in that part. An
-    adaptive controller shortens the steps then; a stiff solver such as `diffrax.Kvaerno5` takes
-    longer ones. `simulate` and `simulate_batch` look at it, halve their steps, and change over
-    where that does not help.
+    **Not suitable** for cells with a strong feedback beyond their linearisation at the steady state
+    under the mean duty, that is, for a `stability_number` above about 1 (cells of very low
+    resistance far from that point, steps of many seconds), because the step is explicit in that
+    part. An adaptive controller then shortens the steps; a stiff solver such as `diffrax.Kvaerno5`
+    needs fewer. `simulate` and `simulate_batch` check the number, halve their steps, and use the
+    stiff solver if that does not help.
     """
 
     term_structure: ClassVar = diffrax.ODETerm
@@ -113,7 +115,7 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
         return 4
 
     def error_order(self, terms: diffrax.AbstractTerm) -> int:
-        """Of the estimate: that of the embedded second-order step plus one."""
+        """The order of the error estimate: that of the embedded second-order step plus one."""
         del terms
         return 3
 
@@ -142,8 +144,8 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
         solver_state: _State,
         made_jump: Any,
     ) -> tuple[Any, Any, dict[str, Any], _State, Any]:
-        """One step; a command and a recorded ambient are held as they are at its start, lag and
-        drift go on."""
+        """Takes a step. Command and recorded ambient keep their values at its start, while lag and
+        drift continue."""
         del terms, made_jump
         modes = solver_state
         size = jnp.asarray(t1) - t0
@@ -181,7 +183,7 @@ def _second_order(
     force_1: Float[Array, " modes"],
     factors: StepFactors,
 ) -> Float[Array, " modes"]:
-    """ETD2: the force taken linear between its values at both ends."""
+    """The ETD2 step: the force is linear between its values at both ends."""
     # first + 2 middle + last = h phi1 and middle + last = h phi2.
     straight = factors.first + 2 * factors.middle + factors.last
     bent = factors.middle + factors.last

@@ -1,4 +1,4 @@
-r"""What float64 can tell of a network: how far apart its rates may be.
+r"""The range of rates that float64 can resolve in a network.
 
 Conductances are summed, and rates found, to a part of about $\varepsilon = 2.2 \cdot 10^{-16}$ of
 the largest. Every rate is off by about $\varepsilon \lambda_{max}$ then, and a temperature that
@@ -20,29 +20,30 @@ from .._errors import SimulationError
 from ..physics import Link, System, Twin
 
 LARGEST_SPAN = 2e11
-"""Beyond it a network is refused; modes whose rates are further apart, as losses or cells far from
-where they are taken linearly can make them, are not trusted, and a stiff solver takes over."""
+"""The largest span of the rates. A network beyond it is refused. Modes beyond it, which losses or
+cells far from their linearisation can cause, are not used: a stiff solver takes over."""
 
 
 def network_span(
     system: System, slowest: Float[Array, ""], duration: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """How far apart the rates of the network itself are: `spanned` of the fastest that its links
-    give a node, which is the largest rate but for a factor of 2 (Gershgorin)."""
+    """The span of the rates of the network: `spanned` of the fastest rate of a single node, which
+    is the largest rate within a factor of 2 (Gershgorin)."""
     return spanned((jnp.diag(system.conductance) / system.capacitance).max(), slowest, duration)
 
 
 def spanned(
     fastest: Float[Array, ""], slowest: Float[Array, ""], duration: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """The fastest rate (1/s) times the shorter of a run (s) and the slowest one's time constant."""
+    """The fastest rate (1/s) times the duration of a run or the longest time constant, whichever is
+    shorter (s)."""
     # A slowest rate of nothing, or below it, is rounding.
     remembered = 1 / jnp.maximum(jnp.abs(slowest), 1 / duration)
     return fastest * jnp.where(jnp.isfinite(remembered), remembered, duration)
 
 
 def unresolved_network(twin: Twin) -> SimulationError:
-    """The error to raise for a twin whose `network_span` is too large: names its fastest link."""
+    """Makes the error for a twin whose `network_span` is too large. It names the fastest link."""
     values, netlist = twin.numbers_si, twin.netlist
     capacitance = {node.name: float(node.capacitance.evaluate(values)) for node in netlist.nodes}
 

@@ -1,10 +1,9 @@
-"""When to step and where to read: the time grid of the exponential solver for one experiment.
+"""The time grid of the exponential solver for an experiment: its steps and its samples.
 
-Inputs are held between samples, so little happens between two input changes but relaxation (a
-driver may lag, the ambient may drift):
-steps start small after each change and grow with the time since then.
-All steps are halves, doubles, ... of one size where the samples allow it, so that the exponentials
-of a few sizes serve the whole run.
+Inputs are held between samples. Between two input changes there is therefore little but relaxation
+(the driver may have a lag, the ambient may drift): steps are short after each change and grow with
+the time since then. If the samples allow it, all step sizes are a single size times a power of two,
+so that a run needs the exponentials of few sizes.
 """
 
 from functools import lru_cache
@@ -22,37 +21,39 @@ from ..physics import System, Twin
 from ._interpolation import sample_weights, step_polynomials
 
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 32.0
-"""Of steps without refinement: s, part of the time since the last change of an input, s."""
+"""Step sizes without refinement: the first one, s; the largest one as a part of the time since the
+last change of an input; the largest one, s."""
 
 MOST_STEPS = 1_000_000
-"""Of a run without refinement: a year. Tables of more would fill the memory."""
+"""The largest number of steps without refinement, those of a year. More would fill the memory."""
 
 SETTLING = 6.0
-"""Seconds after a change for which steps keep their first size where the driver lags behind its
-command. Reversed, its duty cycle passes zero there at lags of a few seconds, where the heat of an
-on/off drive has a corner that a longer step would cut."""
+"""The time after a change for which steps keep their first size if the driver has a lag, s. If the
+command is reversed, the duty passes zero within this time for lags of a few seconds, and the heat
+of an on/off drive has a kink there, which a longer step would miss."""
 
 
 @final
 class TimeGrid(eqx.Module):
-    """The time grid of one experiment; every array a constant of the run.
+    """The time grid of an experiment. All arrays are constants of the run.
 
     **Arguments:**
 
-    - `times`: of the samples, from the first one on, s.
-    - `sizes`: the distinct step sizes, s; 0 for steps that fill up their number (`_padding`).
-    - `size`: which of them each step has.
-    - `duty`: held during each step, -1 to 1.
-    - `ambient`: recorded ambient temperature held during each step, K; None where none is recorded.
-    - `polynomials`: how temperatures run within each step, see `step_polynomials`.
-    - `step_of`: in which step each sample of the experiment lies.
-    - `weights`: of the values and slopes around that step in the sample's temperature: the
-      polynomials where the sample lies.
-    - `ambient_at`: recorded ambient temperature at each sample, K, or None.
-    - `steady_start`: whether the first duty cycle has been held for ever, instead of none, which a
-      driver that lags behind its command, or delays it, remembers.
-    - `is_delayed`: whether the duty cycles are those that reach the cells behind the driver's
-      delay, not those commanded.
+    - `times`: the times of the samples since the first one, s.
+    - `sizes`: the distinct step sizes, s; 0 for added steps (`_padding`).
+    - `size`: the index of each step's size.
+    - `duty`: the duty that is held during each step, -1 to 1.
+    - `ambient`: the recorded ambient temperature that is held during each step, K; None if it is
+      not recorded.
+    - `polynomials`: the interpolation within each step, see `step_polynomials`.
+    - `step_of`: the index of the step that contains each sample of the experiment.
+    - `weights`: the weights of the values and slopes around that step in the sample's temperature,
+      which are the values of the polynomials at the sample.
+    - `ambient_at`: the recorded ambient temperature at each sample, K, or None.
+    - `steady_start`: whether the first duty was always held before the start; otherwise the duty
+      was 0. It matters for a driver with a lag or a delay.
+    - `is_delayed`: whether `duty` is the duty that reaches the cells after the driver's delay;
+      otherwise it is the command.
     """
 
     times: Float[Array | np.ndarray, " times"]
@@ -73,24 +74,25 @@ def time_grid(twin: Twin | System, experiment: Experiment, refinement: int = 0) 
 
     **Arguments:**
 
-    - `twin`: the twin, or its equations, which say whether its driver lags.
-    - `experiment`: its times, inputs and ambient.
-    - `refinement`: how often steps are halved.
+    - `twin`: the twin, or its equations.
+    - `experiment`: the times, the inputs and the ambient temperature.
+    - `refinement`: the number of times that steps are halved.
 
-    **Returns:** the grid, with the duty cycles as commanded.
+    **Returns:** the grid, with the commanded duty cycles.
     """
     return build_time_grid(experiment, *twin_steps(twin, refinement))
 
 
 def reference_temperature(system: System, grid: TimeGrid) -> Float[Array, ""]:
-    """What deviations are counted from: the ambient at the start, recorded or the rig's, K."""
+    """The temperature from which deviations are counted: the ambient temperature at the start,
+    recorded or that of the rig, K."""
     if grid.ambient_at is None:
         return system.ambient_temperature
     return jnp.asarray(grid.ambient_at[0], system.capacitance.dtype)
 
 
 def twin_steps(twin: Twin | System, refinement: int) -> tuple[float, float, float, float, int]:
-    """What `build_time_grid` takes beside the experiment."""
+    """The arguments of `build_time_grid` other than the experiment."""
     part = 0.5**refinement
     settling = 0.0 if twin.wiring.lag is None else SETTLING
     return part * FIRST_STEP, part * GROWTH, part * LARGEST_STEP, settling, 2**refinement
@@ -105,18 +107,18 @@ def build_time_grid(
     settling: float = 0.0,
     parts: int = 1,
 ) -> TimeGrid:
-    """The grid of an experiment.
+    """Builds the time grid of an experiment.
 
     **Arguments:**
 
-    - `experiment`: its times, inputs and ambient.
-    - `first_step`: after an input change, s.
-    - `growth`: a step is at most this part of the time since the last change.
-    - `largest_step`: s.
-    - `settling`: for how long after an input change steps do not grow, s.
-    - `parts`: of a span that is too short for steps that grow.
+    - `experiment`: the times, the inputs and the ambient temperature.
+    - `first_step`: the first step after an input change, s.
+    - `growth`: the largest ratio of a step to the time since the last change.
+    - `largest_step`: the largest step, s.
+    - `settling`: the time after an input change during which steps do not grow, s.
+    - `parts`: the number of steps of a span that is too short for growing steps.
 
-    **Raises:** `SimulationError` where a run takes more steps than memory has room for.
+    **Raises:** `SimulationError` if a run has more steps than fit into memory.
     """
     time, duty = experiment.time, experiment.duty
     ambient = experiment.ambient
@@ -162,13 +164,13 @@ def build_time_grid(
 def _graded(
     duration: float, first: float, growth: float, largest: float, settling: float, parts: int
 ) -> list[float]:
-    """Steps that fill a span between two input changes, doubling as time goes by.
+    """The steps of a span between two input changes, which grow with time by doubling.
 
-    The first one comes in nine parts, each twice the last: right after a change the sides of a
-    cell may settle within milliseconds, which temperatures elsewhere forgive but derivatives with
-    respect to the resistances there do not.
-    A drive that changes at every sample never comes to rest: a step a sample, or some equal ones,
-    are enough for it.
+    The first step is divided into nine parts, which also grow by doubling. Right after a change the
+    sides of a cell may settle within milliseconds, which hardly affects temperatures elsewhere, but
+    does affect derivatives with respect to the resistances of the cell.
+    A drive that changes at every sample never comes to rest. A single step for each sample, or some
+    equal steps, are sufficient for it.
     """
     if duration <= 4 * first * parts:
         return [duration / parts] * parts
