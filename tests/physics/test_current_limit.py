@@ -1,5 +1,7 @@
 """A controller that limits the current of the cells."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,16 +18,16 @@ MODES = [("voltage", "brake"), ("on-off", "brake"), ("on-off", "open")]
 LIMIT_PARAMETER = '[parameters]\nI_max = { value = 3.0, unit = "A" }'
 
 
-def bridge(averaging, off_phase, limit: float | None = LIMIT) -> Bridge:
+def bridge(averaging: Any, off_phase: Any, limit: float | None = LIMIT) -> Bridge:
     return Bridge(12.0, 0.2, 0.1, averaging, off_phase, limit)
 
 
 MODULE = ThermoelectricModule(0.05, 2.0, 1.5)
 
 
-def cells(*values: float) -> list[jax.Array]:
+def cells(duty: float, cold: float, hot: float) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Duty, cold and hot temperature of one cell."""
-    return [jnp.array([value]) for value in values]
+    return jnp.array([duty]), jnp.array([cold]), jnp.array([hot])
 
 
 @pytest.mark.usefixtures("float64")
@@ -63,7 +65,9 @@ def test_a_limit_that_is_not_reached_changes_nothing_and_none_is_passed(
     """Also: the supply gives what cell, leads and switches turn into heat, limited or not."""
     with jax.enable_x64(True):
         at = cells(duty, cold, hot)
-        free, limited = (bridge(*mode, I_max).heat(MODULE, *at) for I_max in (None, limit))
+        free, limited = (
+            bridge(mode[0], mode[1], I_max).heat(MODULE, *at) for I_max in (None, limit)
+        )
         if mode == ("on-off", "open"):
             assert abs(float(limited.current[0])) <= abs(duty) * limit * (1 + 1e-12)
         on = abs(-np.sign(duty) * 12 - 0.05 * (hot - cold)) / 2.3
@@ -71,7 +75,7 @@ def test_a_limit_that_is_not_reached_changes_nothing_and_none_is_passed(
         if not is_reached:
             assert np.asarray(limited) == pytest.approx(np.asarray(free), rel=1e-12)
         if mode == ("on-off", "open"):
-            drawn = float(bridge(*mode, limit).supply_power(MODULE, *at)[0])
+            drawn = float(bridge(mode[0], mode[1], limit).supply_power(MODULE, *at)[0])
             lost = abs(duty) * min(on, limit) ** 2 * 0.3
             assert drawn == pytest.approx(float(limited.power[0]) + lost, rel=1e-9, abs=1e-9)
 

@@ -59,6 +59,51 @@ def test_constants_give_about_the_heat_flow_of_the_datasheet(name):
     assert 0.8 * heat < module.maximum_heat_flow < 1.05 * heat
 
 
+STATED = {
+    "1MA10-063-05": 0.970,
+    "CP10-127-05": 0.956,
+    "PC-072-14-06": 1.011,
+    "PC-128-10-05": 1.010,
+    "PC-128-14-06": 1.013,
+    "TEC1-12705": 0.926,
+    "TEC1-12710": 0.853,
+    "TM-127-1.4-4.0": 0.859,
+    "TM-31-1.4-8.5": 0.944,
+}
+"""Heat flow of the datasheet / that of the constants, by hand: V I (T + difference) / (2 T)."""
+
+
+@pytest.mark.parametrize(("name", "part"), STATED.items())
+def test_the_heat_flow_of_a_datasheet_is_this_part_of_what_the_constants_give(name, part):
+    module = load_module(name)
+    assert module.maximum_heat_flow is not None
+    hot, difference = module.hot_side_temperature, module.maximum_temperature_difference
+    power = module.maximum_voltage * module.maximum_current
+    heat = power * (hot + difference) / (2 * hot)
+    assert module.maximum_heat_flow / heat == pytest.approx(part, abs=6e-4)
+
+
+def test_every_heat_flow_that_is_stated_is_compared():
+    assert set(STATED) == {n for n in bundled_modules() if load_module(n).maximum_heat_flow}
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in bundled_modules() if load_module(name).ac_resistance is not None]
+)
+def test_the_resistance_is_about_what_alternating_current_measures(name):
+    """A number of the datasheet that the constants do not come from: 1 to 4 % above theirs."""
+    module = load_module(name)
+    assert module.ac_resistance is not None
+    assert 1.0 < module.ac_resistance / module.electrical_resistance < 1.04
+
+
+@pytest.mark.parametrize("name", bundled_modules())
+def test_a_datasheet_names_its_source(name):
+    module = load_module(name)
+    assert module.name == name
+    assert module.references
+
+
 @pytest.mark.parametrize("name", bundled_materials())
 def test_the_values_of_a_material_agree_with_its_diffusivity(name):
     """The handbook lists the diffusivity k / (rho c) beside them, to three digits."""

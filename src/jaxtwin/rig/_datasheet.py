@@ -19,6 +19,8 @@ class Datasheet:
       largest without load.
     - `maximum_temperature_difference`: $\Delta T_{max}$, K.
     - `maximum_heat_flow`: absorbed at $I_{max}$ without a difference, W; None if not known.
+    - `ac_resistance`: as alternating current measures it, without a temperature difference, ohm;
+      None if not known.
     - `mass`: kg; None if not known.
     - `width`, `height`: of its faces, m; None if not known.
 
@@ -34,6 +36,7 @@ class Datasheet:
     maximum_current: float
     maximum_temperature_difference: float
     maximum_heat_flow: float | None = None
+    ac_resistance: float | None = None
     mass: float | None = None
     width: float | None = None
     height: float | None = None
@@ -94,6 +97,7 @@ def load_module(name: str) -> Datasheet:
             "maximum_temperature_difference", units.TEMPERATURE_DIFFERENCE
         ),
         maximum_heat_flow=optional("maximum_heat_flow", units.POWER),
+        ac_resistance=optional("ac_resistance", units.ELECTRICAL_RESISTANCE),
         mass=optional("mass", units.MASS),
         width=optional("width", units.LENGTH),
         height=optional("height", units.LENGTH),

@@ -248,6 +248,7 @@ class ModuleTable(Table):
     maximum_current: Quantity
     maximum_temperature_difference: Quantity
     maximum_heat_flow: Quantity | None = None
+    ac_resistance: Quantity | None = None
     mass: Quantity | None = None
     width: Quantity | None = None
     height: Quantity | None = None
