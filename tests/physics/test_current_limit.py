@@ -107,6 +107,7 @@ def test_a_limited_heater_warms_up_as_by_hand():
         ("4 V", "a current above 0.* got '4 V'"),
         ("0 A", "a current above 0.* got '0 A'"),
         ("-4 A", "a current above 0.* got '-4 A'"),
+        ("", "a current above 0.* got ''"),
         ("I_max", "unknown parameter 'I_max'"),
     ],
 )

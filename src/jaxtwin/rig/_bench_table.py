@@ -56,9 +56,7 @@ def build_driver(table: DriverTable, fields: Fields) -> Driver:
         fields.value(f"driver.{name}", getattr(table, name), SERIES_RESISTANCE)
         for name in ("supply_resistance", "on_resistance")
     )
-    current_limit = table.current_limit and fields.value(
-        "driver.current_limit", table.current_limit, CURRENT
-    )
+    limit = table.current_limit
     return Driver(
         supply_voltage=fields.value("driver.supply_voltage", table.supply_voltage, VOLTAGE),
         supply_resistance=supply_resistance,
@@ -69,7 +67,9 @@ def build_driver(table: DriverTable, fields: Fields) -> Driver:
         off_phase=table.off_phase,
         lag=lag,
         delay=delay,
-        current_limit=current_limit,
+        current_limit=None
+        if limit is None
+        else fields.value("driver.current_limit", limit, CURRENT),
     )
 
 
