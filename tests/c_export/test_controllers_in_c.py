@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -204,6 +205,23 @@ def test_it_starts_without_a_bump(tmp_path: Path):
         program = compiled(sources, begin % {"real": "double"})
         rows = np.tile([25.0, 27.0], (3, 2))
         np.testing.assert_allclose(ran(program, rows), [[0.3, 0.6]] * 3, atol=allowed)
+
+
+def test_the_filtered_derivative_is_that_of_python(tmp_path: Path):
+    """Of readings that rise and fall steadily; the first output has a filter, the second none."""
+    controller = CONTROLLERS["of each output"]
+    assert isinstance(controller, PID)
+    reading = np.array([25.0, 27.0]) + np.outer(np.arange(8.0), [0.5, -0.2])
+    reference = np.full_like(reading, 30.0)
+    expected = []
+    with jax.enable_x64(True):
+        state = controller.init(np.zeros(2), reading[0])
+        for target, value in zip(reference, reading, strict=True):
+            duty, state = controller.step(state, target, value)
+            expected.append(np.asarray(duty))
+    found = asked(c_of(controller, tmp_path), reference, reading)
+    np.testing.assert_allclose(found, expected, rtol=1e-13)
+    assert (found > 0).any()
 
 
 def test_a_controller_for_other_cells_is_refused(tmp_path: Path):

@@ -7,6 +7,7 @@ import itertools
 import json
 import re
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ from jaxtwin import (
 from jaxtwin._compilation import compiling_seconds
 from jaxtwin.cli import run
 from jaxtwin.experiment_design._experiment_design import PlannedSchedule
+from jaxtwin.experiment_design._schedules import make_schedules
 
 TRUTH = {"C_load": 24.0, "R_loss": 6.0, "R_Th": 1.7, "T_amb": 20.0, "T_start": 18.5}
 FREE = list(TRUTH)
@@ -248,6 +250,17 @@ def test_a_loaded_fit_gives_the_same_design(fitted: Fit, design: ExperimentDesig
 def test_what_does_not_fit_is_refused(fitted: Fit, settings: dict[str, Any], message: str):
     with pytest.raises(MatchError, match=message):
         design_experiment(fitted, **SETTINGS | settings)
+
+
+@pytest.mark.parametrize(("hold", "is_multiple"), [(40.0, True), (60.0, True), (30.0, False)])
+def test_a_level_is_held_for_whole_sample_intervals(hold: float, is_multiple: bool):
+    arguments: dict[str, Any] = {"duration": 120.0, "bounds": (0.0, 0.8), "levels": 2}
+    make = partial(make_schedules, Twin("single-cell"), hold=hold, interval=20.0, **arguments)
+    if is_multiple:
+        assert make().steps == 120 / hold
+    else:
+        with pytest.raises(MatchError, match="hold: expected a multiple of the 20 s"):
+            make()
 
 
 def test_a_fit_whose_parameters_all_ended_at_bounds_is_refused():

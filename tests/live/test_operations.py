@@ -162,11 +162,13 @@ def test_systemd_and_a_file_hear_that_it_is_alive(
         monkeypatch.setenv("NOTIFY_SOCKET", str(address))
         heartbeat = Heartbeat(tmp_path / "health.json")
         heartbeat.ready()
-        heartbeat.beat({"records": 7})
-        heartbeat.beat({"records": 8})  # within the same second
-        assert [supervisor.recv(100), supervisor.recv(100)] == [b"READY=1", b"WATCHDOG=1"]
+        for records, now in enumerate((5.0, 5.99, 6.01, 7.0)):  # once a second
+            monkeypatch.setattr("jaxtwin.commands._heartbeat.time.monotonic", lambda now=now: now)
+            heartbeat.beat({"records": records})
+        received = [supervisor.recv(100) for _ in range(3)]
+        assert received == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1"]
     health = json.loads((tmp_path / "health.json").read_text())
-    assert health["records"] == 7
+    assert health["records"] == 2
 
 
 def test_an_alarm_runs_the_command_and_shows_in_the_exit_code(

@@ -12,13 +12,14 @@ from small_results import analysis, fit, recordings
 
 import jaxtwin.report._demo_match as demo_match
 import jaxtwin.report._sensitivity as report_sensitivity
-from jaxtwin import Experiment, RecordingError, Sensitivity, load_rig
+from jaxtwin import Experiment, RecordingError, Sensitivity, ThermoelectricModule, load_rig
 from jaxtwin._number_text import interval_text
 from jaxtwin.matching import FittedParameters
 from jaxtwin.report import _demo, write_demo
 from jaxtwin.report._corrections import shows_sawtooth
 from jaxtwin.report._demo_checks import check_table
 from jaxtwin.report._demo_sensitivity import significance_text
+from jaxtwin.report._demo_simulate import _largest_difference
 from jaxtwin.report._demo_source import Source, find_source
 from jaxtwin.report._parameters import parameter_table
 
@@ -45,6 +46,14 @@ def nowhere(tmp_path, monkeypatch):
     """A machine without recordings."""
     monkeypatch.delenv("JAXTWIN_RECORDINGS", raising=False)
     monkeypatch.setattr("jaxtwin.io._locate._usual_folders", lambda: [tmp_path / "none"])
+
+
+def test_a_module_s_largest_difference_is_where_the_peltier_heat_is_used_up():
+    """At $Z T_c^2 / 2 = T_h - T_c$."""
+    module = ThermoelectricModule(0.05, 2.0, 1.5)
+    difference = _largest_difference(module, 300.0)
+    Z = 0.05**2 * 1.5 / 2.0
+    assert Z * (300.0 - difference) ** 2 / 2 == pytest.approx(difference, rel=1e-12)
 
 
 def test_without_recordings_the_synthetic_ones_are_taken_and_said_so(nowhere):

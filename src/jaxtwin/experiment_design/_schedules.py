@@ -114,7 +114,7 @@ def make_schedules(
             f"design_experiment: hold: expected a time that divides the duration of {duration:g} "
             f"s, got {hold:g} s"
         )
-    if round(hold / interval) < 1 or abs(round(hold / interval) * interval - hold) > 1e-6 * hold:
+    if abs(round(hold / interval) * interval - hold) > 1e-6 * hold:
         raise MatchError(
             f"design_experiment: hold: expected a multiple of the {interval:g} s between two "
             f"samples, got {hold:g} s"
