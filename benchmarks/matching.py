@@ -28,7 +28,7 @@ from jaxtwin.matching._noise_model import initial_noise_model
 from jaxtwin.matching._objective import make_objective
 from jaxtwin.matching._problem import make_match_problem
 from jaxtwin.matching._residuals import residuals
-from jaxtwin.matching._unknowns import choose_unknowns
+from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
 
 from ._measure import rounds, run_alone, warm_median
 
@@ -91,9 +91,8 @@ class Residuals:
         free: list[str],
         own: dict[str, tuple[float, float]],
     ):
-        unknowns = choose_unknowns(
-            twin, (0,) * len(experiments), free=[*free, *own], per_recording=own, bounds=own
-        )
+        choice = ParameterChoice([*free, *own], per_recording=own, bounds=own)
+        unknowns = choose_unknowns(twin, (0,) * len(experiments), choice)
         problem = make_match_problem(twin, named_recordings(twin, experiments), unknowns)
         self._objective = make_objective(problem, initial_noise_model(problem))
         self.start, self.lower, self.upper = unknowns.start(), unknowns.lower(), unknowns.upper()

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from jaxtwin.matching._autocovariance import Series, apply_autocorrelation, fit_noise
 from jaxtwin.matching._noise import estimate_noise
-from jaxtwin.matching._uncertainty import uncertainty
+from jaxtwin.matching._uncertainty import VectorEntries, uncertainty
 
 TIMES, CHANNELS, RHO = 400, 4, float(np.exp(-1 / 8))
 NOTHING = np.zeros((3, 3))
@@ -72,20 +72,14 @@ def test_a_linear_model_in_first_order_noise_has_the_covariance_of_the_theory():
     normal = np.einsum("tci,tcj->ij", slopes, slopes)
     theory = np.einsum("tci,ts,scj->ij", slopes, gamma, slopes, optimize=True)
     theory = np.linalg.inv(normal) @ theory @ np.linalg.inv(normal)
+    labels, every = ("level", "rise", "transient"), np.ones(3, dtype=bool)
+    entries = VectorEntries(labels, np.zeros((3, 3)), np.ones(3), np.ones(3), every)
     found = []
     for seed in range(40):
         noise = first_order(np.random.default_rng(seed), RHO)
         series, inverse = residuals_of(noise, slopes)
         _, meat = fit_noise([series], inverse, NOTHING)
-        result = uncertainty(
-            ["level", "rise", "transient"],
-            normal,
-            meat,
-            precision=np.zeros((3, 3)),
-            scale=np.ones(3),
-            slopes=np.ones(3),
-            inside=np.ones(3, dtype=bool),
-        )
+        result = uncertainty(entries, normal, meat)
         np.testing.assert_allclose(result.covariance, inverse @ meat @ inverse, rtol=1e-6)
         found.append(np.diag(result.covariance))
     # No part of the noise can be negative: on average a little too much is found.
@@ -132,12 +126,12 @@ def test_a_level_that_the_prior_holds_is_known_as_well_as_both_say():
     # One unknown: n samples of white noise of variance 1, and a prior whose standard deviation
     # is 1 / p: the variance is 1 / (n + p^2), and the recordings alone narrow it by sqrt(n) / p.
     normal = np.array([[25.0]])
-    prior = {"precision": np.array([[4.0]]), "scale": np.array([0.5])}
-    entries = {"slopes": np.ones(1), "inside": np.ones(1, dtype=bool)}
-    result = uncertainty(["level"], normal, normal, **prior, **entries)
+    precision, scale = np.array([[4.0]]), np.array([0.5])
+    entry = VectorEntries(("level",), precision, scale, np.ones(1), np.ones(1, dtype=bool))
+    result = uncertainty(entry, normal, normal)
     assert result.covariance[0, 0] == pytest.approx(1 / 29)
     assert result.prior_to_data_ratio[0] == pytest.approx(2.5)
-    # Noise four times as strong where the unknown is told: half as far.
-    louder = uncertainty(["level"], normal, 4 * normal, **prior, **entries)
+    # With noise of four times the variance the recordings narrow it half as much.
+    louder = uncertainty(entry, normal, 4 * normal)
     assert louder.prior_to_data_ratio[0] == pytest.approx(1.25)
     assert louder.covariance[0, 0] == pytest.approx((100 + 4) / 29**2)

@@ -14,9 +14,9 @@ from jaxtwin.io import read_recording, write_recording
 from jaxtwin.matching import Fit, estimate_initial_conditions
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._match import default_solver
-from jaxtwin.matching._problem import make_match_problem
+from jaxtwin.matching._problem import SampleOptions, make_match_problem
 from jaxtwin.matching._reweighted_least_squares import reweighted_least_squares
-from jaxtwin.matching._unknowns import choose_unknowns
+from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
 
 FREE = ["R_E", "R_pc", "T_amb"]
 TRUTH = {"R_E": 1.4, "R_pc": 0.25, "T_amb": 17.0}
@@ -110,8 +110,10 @@ def test_what_stands_under_weight_0_changes_nothing(
     """Single channels miss samples here, which no mask can say."""
     holes = np.random.default_rng(seed).random((51, 3)) < share
     recording = with_holes(whole, holes)
-    unknowns = choose_unknowns(start, (0,), free=FREE)
-    missing = make_match_problem(start, {"day": recording}, unknowns, robust=robust)
+    unknowns = choose_unknowns(start, (0,), ParameterChoice(FREE))
+    missing = make_match_problem(
+        start, {"day": recording}, unknowns, options=SampleOptions(robust=robust)
+    )
     filled = with_temperatures(whole, np.where(holes, garbage, np.asarray(whole.temperatures)))
     weighed = replace(missing, experiments=(filled,))
     results = [

@@ -30,8 +30,8 @@ from jaxtwin.matching._noise_model import initial_noise_model
 from jaxtwin.matching._objective import make_objective
 from jaxtwin.matching._problem import make_match_problem
 from jaxtwin.matching._residuals import residuals
-from jaxtwin.matching._uncertainty import uncertainty
-from jaxtwin.matching._unknowns import choose_unknowns
+from jaxtwin.matching._uncertainty import VectorEntries, uncertainty
+from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
 
 # No recording here has the channel T26.
 FREE = ["h_A", "R_pc1_row2", "g_T26", "g_T11", "T_amb"]
@@ -103,7 +103,7 @@ def test_without_corrections_none_are_found_and_the_camera_takes_nothing(calm: F
 @pytest.mark.slow
 def test_the_jacobian_is_that_of_the_residuals(start: Twin):
     runs = [recording(4, True, "a"), recording(5, False, "b")]
-    unknowns = choose_unknowns(start, (0, 0), free=FREE)
+    unknowns = choose_unknowns(start, (0, 0), ParameterChoice(FREE))
     problem = make_match_problem(start, named_recordings(start, runs), unknowns)
     objective = make_objective(problem, initial_noise_model(problem))
     with jax.enable_x64(True):
@@ -169,15 +169,15 @@ def test_what_the_recordings_leave_open_is_remarked_on(calm: Fit):
 def test_a_report_says_once_what_the_ratio_means():
     """Recordings see a + 2 b with 44.7 times what was known, and across it a tenth (by hand)."""
     together = np.array([[400.0, 800.0], [800.0, 1600.05]])
-    measure = {"scale": np.ones(2), "slopes": np.ones(2), "inside": np.ones(2, bool)}
-    known = uncertainty(("a", "b"), together, together, precision=np.eye(2), **measure)
+    pair = VectorEntries(("a", "b"), np.eye(2), np.ones(2), np.ones(2), np.ones(2, bool))
+    known = uncertainty(pair, together, together)
     report = known.report()
     assert report.count("below 1 the prior says more") == 1
     (direction,) = known.unidentifiable
     assert str(direction) == "+0.89 a -0.45 b (ratio 0.1)"
     assert f"unidentifiable: {direction}" in report.splitlines()
-    nine, measure = 9 * np.eye(1), {name: entries[:1] for name, entries in measure.items()}
-    clear = uncertainty(("a",), nine, nine, precision=np.eye(1), **measure)
+    single = VectorEntries(("a",), np.eye(1), np.ones(1), np.ones(1), np.ones(1, bool))
+    clear = uncertainty(single, 9 * np.eye(1), 9 * np.eye(1))
     assert "ratio" not in clear.report()
 
 
@@ -350,7 +350,7 @@ def test_bounds_do_not_change_what_a_prior_means(start: Twin):
     below = replace(start.rig, parameters={**table, "h_A": replace(table["h_A"], lower=-1.0)})
     words = "h_A: expected bounds with a lower one of 0 or less.* got 1 to 40"
     with pytest.raises(MatchError, match=words):
-        choose_unknowns(Twin(below), (0,), free=["h_A"], bounds={"h_A": (1.0, 40.0)})
+        choose_unknowns(Twin(below), (0,), ParameterChoice(["h_A"], bounds={"h_A": (1.0, 40.0)}))
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from ._noise import Noise
 from ._noise_model import beside_others
 from ._problem import MatchProblem
 from ._reweighted_least_squares import Estimate
-from ._uncertainty import Uncertainty, inverse_of_normal, uncertainty
+from ._uncertainty import Uncertainty, VectorEntries, inverse_of_normal, uncertainty
 from ._unknowns import Unknowns
 
 
@@ -43,15 +43,9 @@ def estimate_uncertainty(
     if all(series.kind == 1 for series in all_series):
         # Recordings of one channel: the common mode is all there is.
         noise[0] = noise[1]
-    found = uncertainty(
-        problem.labels,
-        lift.T @ normal @ lift,
-        lift.T @ (meat + camera) @ lift,
-        precision=precision,
-        scale=unknowns.scales(),
-        slopes=unknowns.value_derivatives(vector),
-        inside=inside,
-    )
+    slopes = unknowns.value_derivatives(vector)
+    entries = VectorEntries(problem.labels, precision, unknowns.scales(), slopes, inside)
+    found = uncertainty(entries, lift.T @ normal @ lift, lift.T @ (meat + camera) @ lift)
     pull = np.zeros(count)
     linear = problem.linear_prior
     away = (vector - unknowns.prior_means()) * problem.prior_weights**2

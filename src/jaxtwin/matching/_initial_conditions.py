@@ -38,7 +38,7 @@ from ._noise import Noise
 from ._noise_model import initial_noise_model, update_noise_model
 from ._objective import make_objective
 from ._problem import MatchProblem, named_recordings
-from ._unknowns import Unknowns, choose_unknowns
+from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
 
 WARM_UP = 60.0
 """Length of the part of a recording from which its own values are estimated, s."""
@@ -119,7 +119,7 @@ def estimate_initial_conditions(
         )
     part = experiment.between(None, experiment.time[0] + warm_up)
     first = float(np.nanmean(_first_readings(part)))
-    unknowns = choose_unknowns(twin, (0,), free=names, per_recording=names)
+    unknowns = choose_unknowns(twin, (0,), ParameterChoice(names, per_recording=names))
     rows = tuple(with_prior(row, twin.rig, first, earlier) for row in unknowns.per_recording)
     unknowns = replace(unknowns, per_recording=rows)
     result = _descend(twin, part, unknowns, first)

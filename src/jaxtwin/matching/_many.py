@@ -21,9 +21,16 @@ from ._iterations import Iteration, make_iteration
 from ._make_fit import make_fit
 from ._match import checked_solver
 from ._nominal_twin import nominal_twin
-from ._problem import Events, MatchProblem, make_match_problem, named_groups, named_recordings
+from ._problem import (
+    Events,
+    MatchProblem,
+    SampleOptions,
+    make_match_problem,
+    named_groups,
+    named_recordings,
+)
 from ._reweighted_least_squares import Estimate, reweighted_least_squares
-from ._unknowns import choose_unknowns
+from ._unknowns import ParameterChoice, choose_unknowns
 
 UNIT = 4
 """Sets that a worker of an executor matches side by side."""
@@ -97,14 +104,11 @@ def match_many(
     unknowns = choose_unknowns(
         twin,
         places,
-        free=free,
-        fixed=fixed,
-        shared=shared,
-        per_recording=per_recording,
-        bounds=bounds,
+        ParameterChoice(free, fixed, shared, per_recording, bounds),
     )
+    options = SampleOptions(events, robust=robust)
     problems = [
-        make_match_problem(twin, members, unknowns, events=events, robust=robust, groups=names)
+        make_match_problem(twin, members, unknowns, groups=names, options=options)
         for members, (names, _) in zip(recordings, grouped, strict=True)
     ]
 

@@ -22,9 +22,16 @@ from ._make_fit import make_fit
 from ._masks_and_events import Span
 from ._nominal_twin import nominal_twin
 from ._objective import make_objective
-from ._problem import Events, MatchProblem, make_match_problem, named_groups, named_recordings
+from ._problem import (
+    Events,
+    MatchProblem,
+    SampleOptions,
+    make_match_problem,
+    named_groups,
+    named_recordings,
+)
 from ._reweighted_least_squares import Estimate, reweighted_least_squares
-from ._unknowns import Unknowns, choose_unknowns
+from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
 
 
 @announced("match")
@@ -111,18 +118,18 @@ def match(
     unknowns = choose_unknowns(
         twin,
         group_numbers,
-        free=free,
-        fixed=fixed,
-        shared=shared,
-        per_recording=per_recording,
-        bounds=bounds,
+        ParameterChoice(free, fixed, shared, per_recording, bounds),
     )
     whole_number("starts", starts, 1, MatchError)
     whole_number("max_iterations", max_iterations, 1, MatchError)
     whole_number("seed", seed, 0, MatchError)
     check_callable("on_progress", on_progress, MatchError)
     problem = make_match_problem(
-        twin, recordings, unknowns, events=events, masks=masks, robust=robust, groups=group_names
+        twin,
+        recordings,
+        unknowns,
+        groups=group_names,
+        options=SampleOptions(events, masks, robust),
     )
     solver = checked_solver(solver, problem)
 

@@ -75,27 +75,41 @@ class MatchProblem:
         return dict(zip(self.labels, values, strict=True))
 
 
+@final
+@dataclass(frozen=True)
+class SampleOptions:
+    """The arguments of `match` that determine how its samples count, not checked yet."""
+
+    events: Events | None = None
+    masks: Mapping[str, Sequence[Span]] | None = None
+    robust: float | None = None
+
+
+USUAL_OPTIONS = SampleOptions()
+
+
 def make_match_problem(
     twin: Twin,
     recordings: Mapping[str, Experiment],
     unknowns: Unknowns,
     *,
-    events: Events | None = None,
-    masks: Mapping[str, Sequence[Span]] | None = None,
-    robust: float | None = None,
     groups: Sequence[str] = ("",),
+    options: SampleOptions = USUAL_OPTIONS,
 ) -> MatchProblem:
-    """Checks the arguments of a match that concern recordings, and makes the problem.
+    """Checks the recordings and the options of a match, and makes the problem.
 
     **Arguments:**
 
+    - `twin`: the start of the match.
     - `recordings`: as returned by `named_recordings`.
-    - `groups`: the names of their groups, as returned by `named_groups`.
-    - the others: as in `match`.
+    - `unknowns`: as returned by `choose_unknowns`.
+    - `groups`: the names of the recordings' groups, as returned by `named_groups`.
+    - `options`: how the samples count.
 
     **Raises:** `MatchError` if there are fewer samples than unknowns, if nothing changes in any
     recording, or if events, masks or the loss are invalid.
     """
+    events, masks, robust = options.events, options.masks, options.robust
     weights = tuple(span_weights(recordings, masks))
     samples = sum(int(np.count_nonzero(weight)) for weight in weights)
     if samples <= unknowns.size:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 CLOSE = 0.95
 """Pairs of values with a larger absolute correlation are reported."""
@@ -106,33 +106,43 @@ class Uncertainty:
         return "\n".join(lines)
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class VectorEntries:
+    """The entries of the optimiser's vector, apart from what the recordings say about them.
+
+    - `labels`: their names.
+    - `precision`: the inverse of the priors' covariance, 0 for entries without a prior.
+    - `scale`: the unit in which each entry is measured: its prior's standard deviation, or a
+      default for entries without a prior.
+    - `slopes`: derivatives of the values, in their units, with respect to the entries.
+    - `inside`: whether each entry is not at a bound.
+    """
+
+    labels: tuple[str, ...]
+    precision: Float[np.ndarray, "values values"]
+    scale: Float[np.ndarray, " values"]
+    slopes: Float[np.ndarray, " values"]
+    inside: Bool[np.ndarray, " values"]
+
+
 def uncertainty(
-    labels: Sequence[str],
+    entries: VectorEntries,
     normal: Float[np.ndarray, "free free"],
     meat: Float[np.ndarray, "free free"],
-    *,
-    precision: Float[np.ndarray, "values values"],
-    scale: Float[np.ndarray, " values"],
-    slopes: Float[np.ndarray, " values"],
-    inside: Bool[np.ndarray, " values"],
 ) -> Uncertainty:
     r"""Computes the uncertainty of a match.
 
     **Arguments:**
 
-    - `labels`: names of the entries of the optimiser's vector.
+    - `entries`: the entries of the optimiser's vector.
     - `normal`, `meat`: $J^T J$ and $J^T \Gamma J$ for the entries that are not at a bound.
-    - `precision`: the inverse of the priors' covariance, 0 for entries without a prior.
-    - `scale`: the unit in which each entry is measured: its prior's standard deviation, or a
-      default for entries without a prior.
-    - `slopes`: derivatives of the values, in their units, with respect to the entries.
-    - `inside`: which entries are not at a bound.
 
     **Returns:** the uncertainty of values that are the same in all recordings.
     """
-    free: Int[np.ndarray, " free"] = np.flatnonzero(inside)
+    labels, free = entries.labels, np.flatnonzero(entries.inside)
     n = len(labels)
-    prior = precision[np.ix_(free, free)]
+    prior = entries.precision[np.ix_(free, free)]
     inverse, lost = inverse_of_normal(normal + prior)
     sandwich = inverse @ (meat + prior) @ inverse
     vector_covariance = np.full((n, n), np.nan)
@@ -141,9 +151,9 @@ def uncertainty(
     inverse_hessian[np.ix_(free, free)] = inverse
     undetermined = np.zeros(n, dtype=bool)
     undetermined[free[lost]] = True
-    covariance, correlation = physical_covariance(vector_covariance, slopes, undetermined)
+    covariance, correlation = physical_covariance(vector_covariance, entries.slopes, undetermined)
     # The information of the recordings alone, in units of the priors.
-    singular, directions, lengths = _singular(normal, meat, scale[free])
+    singular, directions, lengths = _singular(normal, meat, entries.scale[free])
     prior_to_data_ratio = np.full(n, np.nan)
     prior_to_data_ratio[free] = lengths
     names = [labels[int(number)] for number in free]
@@ -153,7 +163,7 @@ def uncertainty(
         if value < 1
     ]
     return Uncertainty(
-        labels=tuple(labels),
+        labels=labels,
         covariance=covariance,
         correlation=correlation,
         prior_to_data_ratio=prior_to_data_ratio,

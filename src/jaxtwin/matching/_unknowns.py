@@ -225,28 +225,39 @@ class Layout:
         return [number for number, (name, _) in enumerate(self.names) if name not in outer]
 
 
-def choose_unknowns(
-    twin: Twin,
-    groups: Sequence[int],
-    *,
-    free: Iterable[str] | None = None,
-    fixed: Iterable[str] = (),
-    shared: Iterable[str] = (),
-    per_recording: Iterable[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-) -> Unknowns:
-    """Chooses the unknowns of a match: the rig's parameter table, changed by keywords.
+@final
+@dataclass(frozen=True)
+class ParameterChoice:
+    """The arguments of `match` that change the rig's parameter table, not checked yet.
 
-    **Arguments:**
-
-    - `twin`: its values are the start of the match.
-    - `groups`: the number of each recording's group, counted from 0.
     - `free`: the free parameters, in place of those that the table marks as free.
     - `fixed`: parameters to hold.
     - `shared`, `per_recording`: parameters that are free in addition, with one value for all
       recordings or a value for each, whatever their scope in the table.
     - `bounds`: bounds that replace those of the table, name -> (lower, upper) in the parameter's
       unit.
+    """
+
+    free: Iterable[str] | None = None
+    fixed: Iterable[str] = ()
+    shared: Iterable[str] = ()
+    per_recording: Iterable[str] = ()
+    bounds: Mapping[str, tuple[float, float]] | None = None
+
+
+AS_IN_THE_TABLE = ParameterChoice()
+
+
+def choose_unknowns(
+    twin: Twin, groups: Sequence[int], choice: ParameterChoice = AS_IN_THE_TABLE
+) -> Unknowns:
+    """Chooses the unknowns of a match: the rig's parameter table, changed by a choice.
+
+    **Arguments:**
+
+    - `twin`: its values are the start of the match.
+    - `groups`: the number of each recording's group, counted from 0.
+    - `choice`: the changes of the table.
 
     **Raises:** `ParameterError` for unknown names and for a parameter with several values;
     `MatchError` if a name has contradictory roles, or has bounds without being free; if bounds
@@ -255,11 +266,11 @@ def choose_unknowns(
     """
     table = twin.rig.parameters
     twin.numbers_si  # noqa: B018 - refuses a parameter with several values
-    free = None if free is None else set(names_of("free", free, MatchError))
-    fixed = set(names_of("fixed", fixed, MatchError))
-    shared = set(names_of("shared", shared, MatchError))
-    per_recording = set(names_of("per_recording", per_recording, MatchError))
-    bounds = {} if bounds is None else bounds
+    free = None if choice.free is None else set(names_of("free", choice.free, MatchError))
+    fixed = set(names_of("fixed", choice.fixed, MatchError))
+    shared = set(names_of("shared", choice.shared, MatchError))
+    per_recording = set(names_of("per_recording", choice.per_recording, MatchError))
+    bounds = {} if choice.bounds is None else choice.bounds
     mapping_of("bounds", bounds, "name -> (lower, upper)", MatchError)
     keywords = {
         "free": free or set(),
