@@ -93,6 +93,10 @@ def test_the_printer_bed_settles_where_its_losses_take_up_the_power():
     assert heat == pytest.approx(power * 20, rel=0.02)
     # Where no track runs it is colder.
     assert 1 < run.channel("T_middle")[-1] - run.channel("T_corner")[-1] < 4
+    # On a ramp the thermistor is behind by its 5 s.
+    middle = run.node("V33")
+    ramp = np.gradient(middle, run.time)[10]
+    assert middle[10] - run.channel("T_middle")[10] == pytest.approx(5 * ramp, rel=0.02)
     # A resistor does not mind the sign.
     backwards = driven("printer-bed", "0:-1", 3600, step=20)
     np.testing.assert_allclose(backwards.temperatures, run.temperatures, atol=1e-9)
