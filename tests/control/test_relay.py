@@ -103,6 +103,21 @@ def test_the_bias_moves_until_both_halves_are_alike(run: ClosedLoopRun):
     assert abs(shares[-1] - 0.5) < 0.1
 
 
+def test_each_cycle_moves_the_bias_by_the_difference_of_its_halves():
+    """Up for 3 samples and down for 1: by half an amplitude; up and down for 2: not further."""
+    relay = Relay(0.2, 0.1, 0.5)
+    state = relay.init(np.zeros(1), np.zeros(1))
+    low, high = np.array([-1.0]), np.array([1.0])  # K from a reference of 0
+    asked = []
+    for reading in (low, high, low, low, low, high, low, low, high, high, low):
+        duty, state = relay.step(state, np.zeros(1), reading)
+        asked.append(float(np.asarray(duty)[0]))
+    up, down = 0.1 + 0.2, 0.1 - 0.2
+    before, after = [up, down, up, up, up, down], [up, up, down, down, up]
+    expected = before + [duty + 0.5 * 0.2 for duty in after]
+    np.testing.assert_allclose(asked, expected, rtol=1e-6)
+
+
 def test_a_pid_from_the_point_is_by_the_published_rules():
     point = UltimatePoint(gain=2.0, period_s=20.0, phase_deg=-175.0, amplitude=0.3, cycles=3)
     classic = point.pid("ziegler-nichols")

@@ -35,7 +35,7 @@ from jaxtwin.live import (
     report,
 )
 from jaxtwin.physics import Twin
-from jaxtwin.rig import Rig, Sensors
+from jaxtwin.rig import Rig, Sensors, load_rig
 
 HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
 HOUR, DAY = 3600.0, 86_400.0
@@ -243,6 +243,12 @@ def test_damaged_metadata_are_one_sentence(rig: Rig, file: Path, key: str, value
     database.close()
     with pytest.raises(RecordingError, match="is damaged: its metadata"):
         Session(file)
+
+
+def test_a_rig_of_one_cell_and_one_channel_can_be_recorded(file: Path) -> None:
+    Recorder(file, load_rig("single-cell")).close()
+    with Session(file) as session:
+        assert (len(session.metadata["cells"]), session.channels) == (1, ("T",))
 
 
 @given(

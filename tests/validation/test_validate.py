@@ -72,7 +72,6 @@ def crossed(days: list[Experiment]) -> Validation:
     return leave_one_out(Twin("single-cell"), days[:2], free=FREE)
 
 
-@pytest.mark.slow
 def test_the_true_rig_predicts_an_unseen_day_to_the_noise(truth: Twin, days: list[Experiment]):
     """Ambient and start come from the first minute, in which the drive is off."""
     result = validate(truth, days[1])
@@ -159,7 +158,6 @@ def test_residuals_of_the_truth_itself_are_white(truth: Twin, days: list[Experim
     assert prediction.run.rmse == pytest.approx(NOISE, rel=0.2)
 
 
-@pytest.mark.slow
 def test_numbers_are_plain_and_complete(truth: Twin, days: list[Experiment]):
     result = validate(truth, days)
     numbers = json.loads(json.dumps(result.to_dict(), allow_nan=False))
@@ -173,7 +171,6 @@ def test_numbers_are_plain_and_complete(truth: Twin, days: list[Experiment]):
     assert all(name in text for name in ("monday", "wednesday", "T_amb", "white?"))
 
 
-@pytest.mark.slow
 def test_predictions_that_cannot_be_made_say_why(truth: Twin, days: list[Experiment]):
     with pytest.raises(MatchError, match=r"monday: split at 5 s: .* got 5 .*0 to 240 s"):
         validate_split(truth, days[0], 5.0)
