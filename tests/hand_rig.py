@@ -123,9 +123,17 @@ between = ["V12-pipe"]
 """
 
 
+FAN = """
+[[links]]
+resistance = "6 K/W"
+between = ["block-ambient"]
+fan = { speed = "1.4" }
+"""
+
+
 def text_of_many_parts(averaging: str) -> str:
-    """The file of a thermoelectric cell with a current limit on a water-cooled block, a heat pipe
-    from there to the plate, and a sensor with a lag."""
+    """The file of a thermoelectric cell with a current limit on a block that water and a fan cool,
+    a heat pipe from there to the plate, and a sensor with a lag."""
     return hand_text(
         seebeck="0.05 V/K",
         averaging=averaging,
@@ -133,7 +141,7 @@ def text_of_many_parts(averaging: str) -> str:
         cell='sink = "block"',
         driver='current_limit = "3 A"',
         channel='lag = "4 s"',
-        more=BODIES,
+        more=BODIES + FAN,
     )
 
 

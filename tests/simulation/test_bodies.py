@@ -17,6 +17,7 @@ from hand_rig import (
     linear_network,
 )
 from jaxtyping import Float
+from scipy.integrate import trapezoid
 from small_rigs import MakeRig
 from small_rigs import make_rig as make_rig
 
@@ -61,6 +62,18 @@ def test_channels_read_bodies():
     rig = hand_rig(cell='sink = "block"', more=BODIES, read='["V12", "pipe"]')
     reading = simulate(Twin(rig), EXPERIMENT).channel("T1")[40]
     assert reading == pytest.approx(by_hand(40)[[1, 5]].mean(), abs=1e-6)
+
+
+def test_a_sensor_on_a_body_begins_at_its_temperature_and_lags_behind_it():
+    """The block's temperature is known by hand; the sensor's is the integral over its past."""
+    rig = hand_rig(cell='sink = "block"', more=BODIES, read='["block"]', channel='lag = "6 s"')
+    run = simulate(Twin(rig), EXPERIMENT)
+    assert run.channel("T1")[0] == pytest.approx(18.0, abs=1e-9)
+    past = np.linspace(0, 30, 1201)
+    block = np.array([by_hand(time)[4] for time in past])
+    weights = np.exp((past - 30) / 6) / 6
+    expected = 18.0 * np.exp(-30 / 6) + trapezoid(weights * block, past)
+    assert run.channel("T1")[30] == pytest.approx(expected, abs=1e-4)
 
 
 COOLANT_PARAMETER = """

@@ -58,10 +58,11 @@ def build_netlist(rig: Rig) -> Netlist:
                 thermal_resistance=cell.thermal_resistance,
             )
         )
-    for body in rig.bodies:
-        if body.capacitance is not None:
-            nodes.append(Node(body.name, "body", body.capacitance, at_start[body.name]))
-            capacitances[body.name] = body.capacitance
+    nodes += [
+        Node(body.name, "body", body.capacitance, at_start[body.name])
+        for body in rig.bodies
+        if body.capacitance is not None
+    ]
     reservoirs = tuple(
         Reservoir(body.name, body.temperature)
         for body in rig.bodies
@@ -73,7 +74,7 @@ def build_netlist(rig: Rig) -> Netlist:
         for link in rig.links
         for a, b in link.between
     ]
-    sensors, sensor_links = lagging_sensors(rig, capacitances)
+    sensors, sensor_links = lagging_sensors(rig, nodes)
     return Netlist(
         (*nodes, *sensors), (*links, *sensor_links), tuple(cells), _loss(rig), reservoirs
     )

@@ -11,12 +11,12 @@ the heat capacity of an element: what it takes from the plate changes temperatur
 part.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from ..rig import Channel, Rig, Value
+from ..rig import Channel, Rig
 from ._camera import channel_weights
 from ._netlist import Link, Netlist, Node
 
@@ -24,31 +24,33 @@ SHARE = 1e-6
 """Of an element's heat capacity that a sensor has."""
 
 
-def lagging_sensors(rig: Rig, capacitances: Mapping[str, Value]) -> tuple[list[Node], list[Link]]:
+def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[Link]]:
     """The nodes of sensors that have a lag, and their links to what they touch.
 
     **Arguments:**
 
     - `rig`: has the channels.
-    - `capacitances`: of the plate's elements and of the bodies, J/K.
+    - `nodes`: of the plate, the cells and the bodies. A sensor starts at the temperature of the
+      first one that it touches.
     """
-    nodes, links = [], []
+    sensors, links = [], []
     if all(channel.lag is None for channel in rig.channels):
-        return nodes, links
+        return sensors, links
+    named = {node.name: node for node in nodes}
     for channel, elements in zip(rig.channels, channel_weights(rig), strict=True):
         if channel.lag is None:
             continue
         touched = dict(zip(rig.plate.element_names, elements.tolist(), strict=True))
         touched |= _weights_of_bodies(rig, channel)
         touched = {node: weight for node, weight in touched.items() if weight > 0}
-        name = sensor_name(channel.name)
-        capacitance = capacitances[next(iter(touched))] * SHARE
-        nodes.append(Node(name, "sensor", capacitance, rig.initial_temperature))
+        name, first = sensor_name(channel.name), named[next(iter(touched))]
+        capacitance = first.capacitance * SHARE
+        sensors.append(Node(name, "sensor", capacitance, first.initial_temperature))
         links += [
             Link(node, name, (channel.lag / (capacitance * weight),), "sensor")
             for node, weight in touched.items()
         ]
-    return nodes, links
+    return sensors, links
 
 
 def node_weights(rig: Rig, netlist: Netlist) -> Float[np.ndarray, "channels nodes"]:
