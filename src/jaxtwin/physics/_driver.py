@@ -120,7 +120,8 @@ class Bridge(eqx.Module):
         """What the controller lets through of the current of a connected cell, A."""
         if self.current_limit is None:
             return current
-        return jnp.clip(current, -self.current_limit, self.current_limit)
+        limit = jnp.asarray(self.current_limit)
+        return jnp.clip(current, -limit, limit)
 
     def _power(
         self,
