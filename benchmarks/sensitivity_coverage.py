@@ -126,7 +126,8 @@ def main() -> None:
     experiments = [read_recording(path) for path in paths]
     rig = load_rig("paper-2024")
     twin = Twin(rig, rig.parameter_sets["published"])
-    print(f"{', '.join(one.name for one in experiments)}; {options.seeds} x {options.draws} draws")
+    names = ", ".join(experiment.name for experiment in experiments)
+    print(f"{names}; {options.seeds} x {options.draws} draws")
     reference = costs(twin, experiments, options.reference, seed=987_654)
     analyses = [costs(twin, experiments, options.draws, seed) for seed in range(options.seeds)]
     print(*coverage(analyses, reference), sep="\n")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from small_rigs import MakeRig
 
 from jaxtwin import RigError, load_rig
 from jaxtwin.physics import channel_weights, frame_to_channels, pixel_weights
@@ -71,22 +72,27 @@ def test_linear_field_gives_its_value_at_the_centre_of_each_zone(
         assert reading == pytest.approx(centre, abs=cut + 1e-9)
 
 
-def test_whole_pixels_give_zone_means_exactly(make_rig):
-    """8 cm x 6 cm on 80 x 60 pixels: a millimetre a pixel."""
-    rig = make_rig(
+def zone_and_pair(make_rig: MakeRig, lowest: str) -> Rig:
+    """A plate of 8 cm x 6 cm with a zone that begins at a height, and two elements as a channel."""
+    return make_rig(
         ["3 cm", "5 cm"],
         ["2 cm", "4 cm"],
         [{"V11": "1 K/W"}],
-        channels="""
+        channels=f"""
             [[channels]]
             name = "zone"
             x = ["1 cm", "4 cm"]
-            y = ["0 cm", "6 cm"]
+            y = ["{lowest}", "6 cm"]
             [[channels]]
             name = "pair"
             nodes = ["V11", "V22"]
         """,
     )
+
+
+def test_whole_pixels_give_zone_means_exactly(make_rig):
+    """8 cm x 6 cm on 80 x 60 pixels: a millimetre a pixel."""
+    rig = zone_and_pair(make_rig, "0 cm")
     frame = np.arange(60 * 80.0).reshape(60, 80)
     zone, pair = frame_to_channels(rig, frame)
     assert zone == pytest.approx(frame[:, 10:40].mean())
@@ -95,20 +101,7 @@ def test_whole_pixels_give_zone_means_exactly(make_rig):
 
 def test_frame_painted_with_element_temperatures_reads_as_the_elements_do(make_rig):
     """The two ways to a channel agree where both are exact."""
-    rig = make_rig(
-        ["3 cm", "5 cm"],
-        ["2 cm", "4 cm"],
-        [{"V11": "1 K/W"}],
-        channels="""
-            [[channels]]
-            name = "zone"
-            x = ["1 cm", "4 cm"]
-            y = ["0.5 cm", "6 cm"]
-            [[channels]]
-            name = "pair"
-            nodes = ["V11", "V22"]
-        """,
-    )
+    rig = zone_and_pair(make_rig, "0.5 cm")
     temperatures = np.array([20.0, 30.0, 50.0, 90.0])
     frame = np.repeat(np.repeat(temperatures.reshape(2, 2), [20, 40], axis=0), [30, 50], axis=1)
     expected = channel_weights(rig) @ temperatures

@@ -229,7 +229,7 @@ def test_parameters_stand_between_their_bounds_on_a_logarithmic_scale():
     assert short_number(row.value) in texts(table)
 
 
-def test_intervals_and_remarks_stand_beside_the_parameters():
+def test_intervals_and_warnings_stand_beside_the_parameters():
     """As far as the bounds reach: R_pc, which nothing tells, from one to the other."""
     rows = {row.name: row for row in fit().parameters.values() if row.free}
     rows["R_pc"] = replace(rows["R_pc"], interval=(0.0, np.inf), warnings=("not determined",))

@@ -105,7 +105,7 @@ def test_the_report_speaks_of_a_sawtooth_where_there_is_one(seen, simulated):
     assert shows_sawtooth([made]) == (seen and not simulated)
 
 
-def test_remarks_of_a_match_stand_in_its_tables():
+def test_warnings_of_a_match_stand_in_its_tables():
     lost = replace(fit()["R_pc"], interval=(0.0, np.inf), warnings=("not determined", "correlated"))
     rows = FittedParameters({**fit().parameters, "R_pc": lost})
     table = parameter_table(replace(fit(), parameters=rows), "Table 4.")

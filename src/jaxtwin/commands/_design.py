@@ -1,4 +1,4 @@
-"""`jaxtwin design`: the duty schedule whose recording would tell most."""
+"""`jaxtwin design`: the duty schedule whose recording is the most informative."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -72,7 +72,7 @@ def design(
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Find the duty schedule whose recording would tell most about the parameters of a rig.
+    """Find the duty schedule whose recording is the most informative about the parameters of a rig.
 
     With a saved fit as --parameters its standard errors are what is known today; otherwise the
     priors of the rig file are.

@@ -16,7 +16,7 @@ from .._progress import Progress
 from .._waiting import silent
 
 PATIENCE = 1.0  # s before a step is worth a plain line
-PAUSE = 10.0  # s between two plain lines of news
+PAUSE = 10.0  # s between two plain lines of progress
 
 
 @contextmanager

@@ -61,7 +61,7 @@ def search_box(
     controller: Any,
     parameters: Iterable[str] | Mapping[str, tuple[float, float]] | None,
 ) -> tuple[ControllerVector, SearchBox]:
-    """What `tune` was told of the parameters, checked.
+    """The checked arguments of `tune` that concern parameters.
 
     **Raises:** `ControlError` for unknown names, bounds that are none, and a parameter that needs
     bounds and has none.

@@ -79,14 +79,14 @@ def descents(evaluate: Evaluate, starts: Sequence[Vector], *, rounds: int) -> li
         for (start, point), found in zip(
             asked.items(), evaluate(list(asked.values())), strict=True
         ):
-            accepted = running[start].tell(found)
+            accepted = running[start].receive(found)
             history.append(Round(start, number, point, found, accepted))
     return history
 
 
 @final
 class _Descent:
-    """A single descent, which asks for points and is told what is found there."""
+    """A single descent, which requests points and receives their evaluations."""
 
     def __init__(self, point: Vector, found: Evaluation):
         self._z, self._at = point, found
@@ -113,7 +113,7 @@ class _Descent:
             return None
         return z + self._step
 
-    def tell(self, found: Evaluation) -> bool:
+    def receive(self, found: Evaluation) -> bool:
         """Whether the descent goes to the point that it asked for."""
         fall = self._merit(self._at) - self._merit(found) if found.is_finite else -np.inf
         if not fall > ENOUGH * self._predicted():

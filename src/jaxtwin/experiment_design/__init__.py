@@ -1,4 +1,4 @@
-"""Design of experiments: the duty schedule whose recording would tell most about a rig."""
+"""Design of experiments: the duty schedule whose recording is the most informative about a rig."""
 
 from ._design_experiment import design_experiment
 from ._experiment_design import DesignStep, ExperimentDesign, PlannedSchedule

@@ -1,4 +1,4 @@
-"""Finds the duty schedule whose recording would tell most about a rig."""
+"""Finds the duty schedule whose recording is the most informative about a rig."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-r"""What the recording of a schedule would tell: $J^T J$ and $J^T \Gamma J$, and how hot it gets.
+r"""The information in the recording of a schedule: $J^T J$ and $J^T \Gamma J$, and how hot it gets.
 
 $J$ are the exact derivatives of the residuals that a match would have, with the weights that it
 would give them. The noise is that of the fit: of the channels and of their common mode, each with
@@ -88,7 +88,7 @@ class DesignProblem(eqx.Module):
     layout: Layout = eqx.field(static=True)
 
     def evaluate(self, schedules: Schedules, counts: Sequence[Counts]) -> list[Evaluated]:
-        """What several schedules would tell. Each number of schedules is a program of its own."""
+        """Evaluates several schedules. Each number of schedules is compiled separately."""
         duty = np.stack(counts) / schedules.counts
         with own_settings():
             normal, meat, reading, side = map(np.asarray, _evaluate(duty, self))

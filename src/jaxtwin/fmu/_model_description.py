@@ -98,7 +98,8 @@ def build_description(identifier: str, sources: Sequence[str]) -> bytes:
     return _text(root)
 
 
-def _scalar_variable(listed: ET.Element, variable: Variable) -> None:
+def _attributes(variable: Variable) -> dict[str, str]:
+    """The attributes that variables of both versions have."""
     attributes = {
         "name": variable.name,
         "valueReference": str(variable.reference),
@@ -108,7 +109,11 @@ def _scalar_variable(listed: ET.Element, variable: Variable) -> None:
     }
     if variable.causality == "local" and variable.state is None:
         attributes["initial"] = "exact"
-    row = ET.SubElement(listed, "ScalarVariable", attributes)
+    return attributes
+
+
+def _scalar_variable(listed: ET.Element, variable: Variable) -> None:
+    row = ET.SubElement(listed, "ScalarVariable", _attributes(variable))
     numbers = _numbers(variable)
     if variable.state is not None:
         numbers["derivative"] = str(variable.state + 1)
@@ -116,15 +121,7 @@ def _scalar_variable(listed: ET.Element, variable: Variable) -> None:
 
 
 def _float64(listed: ET.Element, variable: Variable) -> None:
-    attributes = {
-        "name": variable.name,
-        "valueReference": str(variable.reference),
-        "causality": variable.causality,
-        "variability": "discrete" if variable.is_discrete else "continuous",
-        "description": variable.description,
-    }
-    if variable.causality == "local" and variable.state is None:
-        attributes["initial"] = "exact"
+    attributes = _attributes(variable)
     if variable.state is not None:
         attributes["derivative"] = str(variable.state)
     ET.SubElement(listed, "Float64", attributes | _numbers(variable))

@@ -259,6 +259,6 @@ def _warnings(
     names = [row.name for row in unknowns.per_recording]
     for a, b in zip(*np.nonzero(np.triu(np.abs(correlation) > 0.95, 1)), strict=True):
         warnings.append(
-            f"{names[a]} and {names[b]} cannot be told apart in the first {warm_up:g} s"
+            f"{names[a]} and {names[b]} cannot be distinguished in the first {warm_up:g} s"
         )
     return tuple(warnings)

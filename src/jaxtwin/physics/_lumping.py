@@ -63,7 +63,7 @@ def _lumped_loss(netlist: Netlist, name: dict[str, str]) -> Loss | None:
 def _equal_nodes(netlist: Netlist) -> list[int]:
     """The coarsest division into classes in which equal nodes have equal neighbours.
 
-    Colour refinement: start from what the nodes are, then tell apart what has different links to
+    Colour refinement: start from what the nodes are, then distinguish what has different links to
     classes, until nothing changes. Expressions are compared, not numbers, so the division holds
     for every value of the parameters.
     """

@@ -21,8 +21,8 @@ LEAST_FOR_NUMBERS = 0.3
 def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
     """Correlation of the errors of all matched values.
 
-    Near 1 or -1 the recordings do not tell two values apart. A cell is empty where a value was held
-    at a bound or nothing determines it.
+    Near 1 or -1 the recordings do not distinguish two values. A cell is empty where a value was
+    held at a bound or nothing determines it.
 
     **Arguments:**
 

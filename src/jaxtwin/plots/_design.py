@@ -1,4 +1,4 @@
-"""A designed experiment: its schedule, and what it would tell."""
+"""A designed experiment: its schedule, and the standard errors expected of it."""
 
 import numpy as np
 from matplotlib import pyplot

@@ -135,7 +135,7 @@ def _correlation(fit: Fit) -> list[Block]:
             "correlation",
             to_png(plot_correlation(fit)),
             "Correlation of the errors of the matched values. Two values with a correlation near "
-            "1 or −1 cannot be told apart by these recordings.",
+            "1 or −1 cannot be distinguished by these recordings.",
         ),
     ]
     if known.unidentifiable:

@@ -27,12 +27,8 @@ class Pearson(AbstractPlainMethod):
         slopes: Float[np.ndarray, "runs outputs parameters"] | None,
         seed: int,
     ) -> Indices:
-        interval = pearson_interval(outputs, design.samples)
-        return {
-            "pearson": pearson(outputs, design.samples),
-            "pearson_low": interval[..., 0],
-            "pearson_high": interval[..., 1],
-        }
+        values = pearson(outputs, design.samples)
+        return _with_interval("pearson", values, pearson_interval(outputs, design.samples))
 
 
 @final
@@ -52,9 +48,13 @@ class Spearman(AbstractPlainMethod):
         slopes: Float[np.ndarray, "runs outputs parameters"] | None,
         seed: int,
     ) -> Indices:
-        interval = spearman_interval(outputs, design.samples)
-        return {
-            "spearman": spearman(outputs, design.samples),
-            "spearman_low": interval[..., 0],
-            "spearman_high": interval[..., 1],
-        }
+        values = spearman(outputs, design.samples)
+        return _with_interval("spearman", values, spearman_interval(outputs, design.samples))
+
+
+def _with_interval(
+    name: str,
+    values: Float[np.ndarray, "outputs parameters"],
+    interval: Float[np.ndarray, "outputs parameters bounds"],
+) -> Indices:
+    return {name: values, f"{name}_low": interval[..., 0], f"{name}_high": interval[..., 1]}

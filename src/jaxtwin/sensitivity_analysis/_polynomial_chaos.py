@@ -58,7 +58,7 @@ class PolynomialChaos(AbstractPlainMethod):
             basis = _basis(design, powers)
             directions, triangle = np.linalg.qr(basis)
             if np.abs(np.diag(triangle)).min() < 1e-8 * np.abs(np.diag(triangle)).max():
-                break  # the runs do not tell these terms apart
+                break  # the runs do not distinguish these terms
             projected = directions.T @ outputs
             coefficients = np.linalg.solve(triangle, projected)
             leverage = np.minimum(np.sum(directions**2, axis=1), 1 - 1e-9)[:, None]
