@@ -4,15 +4,17 @@ import json
 import threading
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hand_clock import HandClock, virtual_bench
 
 import jaxtwin as jt
-from jaxtwin import ControlError, SafetyStop, Twin
+from jaxtwin import ControlError, SafetyStop, Twin, linearize
 from jaxtwin.cli import run as run_command
 from jaxtwin.control import PID, FunctionController, control, save_controller
 from jaxtwin.control._control import LiveLoop
+from jaxtwin.control._stability import check_stability
 from jaxtwin.io import Session
 from jaxtwin.live import Faults, Moment, Recorder, SystemClock, TcpServer, VirtualRig, report, serve
 
@@ -117,6 +119,51 @@ def test_a_reference_out_of_reach_is_refused_before_anything_is_sent(
     with pytest.raises(ControlError, match=r"the duty can hold, got 300\.0 degC"):
         control(virtual_bench(twin.rig, device, clock), twin, pid, 300, duration_s=60)
     assert device.pwm == OFF
+
+
+@pytest.mark.slow
+def test_a_loop_that_is_not_stable_is_refused_before_there_is_a_connection_or_a_file(
+    twin: Twin, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """Nobody listens at this link."""
+    save_controller(tmp_path / "wild.toml", PID(1.0, 0.01, limits=(0, 1)), twin.rig)
+    words = ["control", "dual-cell", "--link", "socket://127.0.0.1:9", "--reference", "0:40"]
+    words += ["--controller", str(tmp_path / "wild.toml"), "--out", str(tmp_path / "run.db")]
+    assert run_command(words) == 2
+    assert "deviations from 40 degC that grow e-fold in" in capsys.readouterr().err
+    assert not (tmp_path / "run.db").exists()
+
+
+@pytest.mark.slow
+def test_deviations_grow_in_the_simulated_loop_as_the_check_says(twin: Twin):
+    """The nonlinear twin, at rest by a small gain for 150 s, then with one beyond the margin."""
+    weights = np.full((1, len(twin.channels)), 1 / len(twin.channels))
+    reference = np.array([[40.0]])
+    check_stability(twin, PID(0.3), weights, reference)
+    with pytest.raises(ControlError, match="grow e-fold in") as refused:
+        check_stability(twin, PID(0.5), weights, reference)
+    said = float(str(refused.value).split("e-fold in ")[1].split(" s")[0])
+    rest = linearize(twin, temperatures=40.0).operating_point
+    proportional = FunctionController(
+        lambda t, r, y: np.asarray(rest.duty) + jnp.where(t < 150, 0.1, 0.5) * (r.mean() - y.mean())
+    )
+    run = jt.simulate_closed_loop(
+        twin,
+        proportional,
+        40,
+        duration_s=400,
+        initial=np.asarray(rest.nodes),
+        noise=False,
+        quantised=False,
+    )
+    mean = run.run.temperatures.mean(axis=1)
+    slope = np.diff(mean)
+    turns = 1 + np.flatnonzero(slope[1:] * slope[:-1] < 0)
+    swing, time = np.abs(np.diff(mean[turns])), run.time[turns[1:]]
+    is_free = (time > 180) & (swing < 0.5)  # far from the limits of the duty
+    assert is_free.sum() > 6
+    rate = np.polyfit(time[is_free], np.log(swing[is_free]), 1)[0]
+    assert 1 / rate == pytest.approx(said, rel=0.1)
 
 
 @pytest.mark.slow

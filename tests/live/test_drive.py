@@ -191,6 +191,17 @@ def test_a_rig_that_does_not_come_up_is_not_driven(rig: Rig, clock: HandClock) -
         drive(bench, rig, plan("0:1", 60))
 
 
+def test_a_device_that_is_refused_is_not_waited_for(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    """Not for the 30 s of a rig that may still come up."""
+    device = VirtualRig(twin)
+    device.hello = replace(device.hello, watchdog=20.0)
+    with pytest.raises(
+        SafetyStop, match=r"after 3 s: .*watchdog: expected 0\.1 to 5 s .* got 20 s"
+    ):
+        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60))
+    assert device.pwm == OFF
+
+
 def test_waiting_for_a_rig_can_be_stopped(rig: Rig, clock: HandClock) -> None:
     def refused() -> InProcess:
         raise ConnectionRefusedError(111, "refused")

@@ -3,13 +3,14 @@
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hand_clock import START, HandClock, virtual_bench
 
 import jaxtwin as jt
-from jaxtwin import JaxtwinError
+from jaxtwin import JaxtwinError, LinkError
 from jaxtwin.io import Experiment, Session, read_recording
 from jaxtwin.live import (
     Duty,
@@ -112,6 +113,22 @@ def test_rates_are_those_that_were_asked_for(twin: Twin) -> None:
     )
     # Up to 99 s of the rig, from 0 s on.
     assert kinds == {"Hello": 1, "Image": 397, "Data": 496}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"watchdog": 20}, r"watchdog: expected 0\.1 to 5 s of a device that drives, got 20 s"),
+        ({"watchdog": 0}, "watchdog: expected"),
+        ({"watchdog": float("nan")}, "watchdog: expected"),
+        ({"speed": 2000}, "rate: expected"),
+    ],
+)
+def test_a_device_that_every_host_refuses_is_refused_at_once(
+    twin: Twin, wrong: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(LinkError, match=f"virtual rig: {message}"):
+        VirtualRig(twin, **wrong)
 
 
 def test_without_commands_its_own_watchdog_switches_the_cells_off(twin: Twin) -> None:

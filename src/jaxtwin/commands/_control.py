@@ -56,8 +56,10 @@ def control(
     def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
         from ..control import control as run_controller
         from ..control import read_controller
+        from ..control._control import checked_loop
 
         chosen = read_controller(controller, twin.rig)
+        checked_loop(twin, chosen, reference, duration)
         run = partial(
             run_controller,
             twin=twin,

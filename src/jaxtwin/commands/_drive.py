@@ -73,12 +73,9 @@ def drive(
         from ..live import drive as run_plan
 
         cells = len(twin.rig.cells)
-        if recorded is not None:
-            about = {"plan": {"file": str(plan), "duration_s": duration}}
-            return partial(run_plan, rig=twin, plan=recorded), about
-        assert duty is not None
-        schedule = Experiment.schedule(duty, duration=duration, cells=cells)
-        about = {"plan": {"duty": duty, "duration_s": duration}}
+        schedule = recorded or Experiment.schedule(duty or "", duration=duration, cells=cells)
+        source = {"duty": duty} if plan is None else {"file": plan}
+        about = {"plan": {**source, "duration_s": duration}}
         return partial(run_plan, rig=twin, plan=schedule), about
 
     run_on_live_rig(

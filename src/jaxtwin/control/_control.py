@@ -16,6 +16,7 @@ from ..physics import Twin
 from ._controller import AbstractController
 from ._reach import check_reach, check_sample_time
 from ._references import reference_samples, sample_times
+from ._stability import check_stability
 
 NEXT_SAMPLE = 1e-6
 """A moment so short before a sample counts as the sample, s."""
@@ -52,8 +53,9 @@ def control(
     **Returns:** whether it came to its end, or was stopped.
 
     **Raises:** `SafetyStop` when an interlock trips, the rig does not come up, or the controller
-    asks for something that is no duty; `ControlError` for references that are none or are out of
-    reach.
+    asks for something that is no duty; `ControlError`, before anything is sent, for references
+    that are none or are out of reach, a sample time above the rig's time constants, and a PID, a
+    `DecoupledPI`, an `LQI` or an `MPC` whose loop with the twin is not stable.
     """
     loop = LiveLoop(
         bench, twin, controller, references, duration_s=duration_s, silence_s=float(silence)
@@ -69,6 +71,26 @@ def control(
         stop=stop,
         on_progress=on_progress,
     )
+
+
+def checked_loop(
+    twin: Twin, controller: AbstractController, references: Any, duration_s: float | int
+) -> Float[np.ndarray, "samples outputs"]:
+    """The references at the samples of a loop that may run on a rig, degC.
+
+    **Raises:** `ControlError` for references that are none or are out of reach, a sample time above
+    the rig's time constants, a duration that is no multiple of it, or a loop that is not stable.
+    """
+    weights = np.asarray(controller.output_weights(twin.channels), float)
+    times = sample_times("control", duration_s, controller.sample_time_s)
+    samples = reference_samples("control: references", references, times, len(weights))
+    with own_settings():
+        system = twin.system()
+        room = float(system.ambient_temperature) - 273.15
+        check_sample_time(twin, controller.sample_time_s)
+        check_reach(system, weights, samples, times, np.full((1, 1), room))
+        check_stability(twin, controller, weights, samples)
+    return samples
 
 
 @final
@@ -100,15 +122,8 @@ class LiveLoop:
         self._bench, self._controller = bench, controller
         self._duration = float(duration_s)
         self._weights = np.asarray(controller.output_weights(twin.channels), float)
-        times = sample_times("control", duration_s, controller.sample_time_s)
-        self._references = reference_samples(
-            "control: references", references, times, len(self._weights)
-        )
+        self._references = checked_loop(twin, controller, references, duration_s)
         with own_settings():
-            system = twin.system()
-            room = float(system.ambient_temperature) - 273.15
-            check_sample_time(twin, controller.sample_time_s)
-            check_reach(system, self._weights, self._references, times, np.full((1, 1), room))
             # Compiled now: a rig that is connected sends, and nobody would listen.
             off = np.zeros(len(twin.rig.cells))
             still = self._references[0]

@@ -141,6 +141,15 @@ class SampledLoops:
 
     def _is_stable(self, controller: Matrices) -> bool:
         """Whether all poles of the closed loops lie inside the unit circle."""
+        return bool(self._radius(controller) < 1 + ROUNDING)
+
+    def growth(self) -> float:
+        """By how much deviations from the rest grow in a sample, with the controller as it is: the
+        largest size of a pole of the closed loops; up to `1 + ROUNDING` they do not."""
+        controller = _linear_steps(self._vector.controller, self._duty, self._outputs)
+        return self._radius(jax.tree.map(np.asarray, controller))
+
+    def _radius(self, controller: Matrices) -> float:
         (A, B, C, D), (Ac, Bc, Cc, Dc) = self._plants, controller
         # u = Cc xc + Dc y and y = C x + D u; the readings' own delay is left out.
         unit = np.eye(B.shape[-1])
@@ -150,7 +159,7 @@ class SampledLoops:
         top = np.concatenate([A + B @ by_plant, B @ by_controller], axis=-1)
         bottom = np.concatenate([Bc @ y_plant, Ac + Bc @ y_controller], axis=-1)
         poles = np.linalg.eigvals(np.concatenate([top, bottom], axis=-2))
-        return bool(np.abs(poles).max() < 1 + ROUNDING)
+        return float(np.abs(poles).max())
 
 
 @persistent_jit
@@ -187,17 +196,26 @@ def _linear_controller(
     parameters, which are the last axis."""
 
     def matrices(values: Array) -> tuple[Array, Array, Array, Array]:
-        changed = ControllerVector(controller, shapes).apply(values)
-        rest, unravel = ravel_pytree(changed.init(duty, outputs))
-
-        def step(state: Array, measurement: Array) -> tuple[Array, Array]:
-            asked, later = changed.step(unravel(state), outputs, measurement)
-            return ravel_pytree(later)[0], asked
-
-        (A, B), (C, D) = jax.jacfwd(step, (0, 1))(rest, jnp.asarray(outputs))
-        return A, B, C, D
+        return _linear_steps(ControllerVector(controller, shapes).apply(values), duty, outputs)
 
     return matrices(jnp.asarray(values)), jax.jacfwd(matrices)(jnp.asarray(values))
+
+
+@persistent_jit
+def _linear_steps(
+    controller: AbstractController,
+    duty: Float[Array | np.ndarray, " cells"],
+    outputs: Float[Array | np.ndarray, " outputs"],
+) -> tuple[Array, Array, Array, Array]:
+    """Ac, Bc, Cc and Dc from measurement to duty about the rest."""
+    rest, unravel = ravel_pytree(controller.init(duty, outputs))
+
+    def step(state: Array, measurement: Array) -> tuple[Array, Array]:
+        asked, later = controller.step(unravel(state), outputs, measurement)
+        return ravel_pytree(later)[0], asked
+
+    (A, B), (C, D) = jax.jacfwd(step, (0, 1))(rest, jnp.asarray(outputs))
+    return A, B, C, D
 
 
 def _response(

@@ -12,6 +12,10 @@ from ._time import seconds
 PATIENCE = 30.0
 """Longest time until a rig is ready, s."""
 
+REFUSED = 3.0
+"""For how long a device may stand refused, s. It is asked for its greeting each second, and the
+first may be that of an earlier start, which a broker has kept."""
+
 FRESH = 1.5
 """Largest age of the newest sample and reading at the first command, s. Older ones, which waited
 while this process was busy compiling, for example, do not show the present state of the rig."""
@@ -89,9 +93,10 @@ def wait_until_ready(
                 bench.send_order("reset")
         if stop is not None and stop.is_set():
             raise SafetyStop("not started: stopped before the rig was there", "stopped")
-        if elapsed > PATIENCE:
+        patience = REFUSED if bench.refusals else PATIENCE
+        if elapsed > patience:
             raise SafetyStop(
-                f"not started: after {PATIENCE:g} s: {_missing(bench, sample, reading)}"
+                f"not started: after {patience:g} s: {_missing(bench, sample, reading)}"
             )
 
 

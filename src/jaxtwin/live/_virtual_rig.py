@@ -15,6 +15,7 @@ from ..physics import Twin
 from ._codec import encode, parse
 from ._faults import Faults, failed, loosened
 from ._framing import delines
+from ._identity import Identity
 from ._live_twin import LiveTwin
 from ._messages import (
     RECALIBRATING,
@@ -51,10 +52,12 @@ class VirtualRig:
     - `camera_hz`, `controller_hz`: frames and controller samples per rig second. Without a camera
       the controller reads the sensors.
     - `faults`: what goes wrong.
-    - `watchdog`: time without a duty command after which the cells are switched off, s of the host.
+    - `watchdog`: time without a duty command after which the cells are switched off, s of the host:
+      0.1 to 5.
     - `boot`: names this start of the device; `None`: a new name.
 
-    **Raises:** `LinkError` where a fault names a cell or a camera that the rig does not have.
+    **Raises:** `LinkError` where a fault names a cell or a camera that the rig does not have, and
+    for a device that every host would refuse, such as one with a watchdog of 20 s.
     """
 
     def __init__(
@@ -114,6 +117,8 @@ class VirtualRig:
             watchdog=float(watchdog),
             rate=float(speed),
         )
+        if refusal := Identity.of(rig).refusal(self.hello):
+            raise LinkError(f"virtual rig: {refusal}")
 
     @property
     def pwm(self) -> tuple[int, ...]:

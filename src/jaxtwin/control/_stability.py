@@ -1,0 +1,61 @@
+"""A check before a rig is switched on: whether the loop that a controller closes is stable."""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import ControlError
+from ..physics import Twin
+from ._controller import AbstractController
+from ._controller_vector import ControllerVector
+from ._decoupled_pi import DecoupledPI
+from ._lqi import LQI
+from ._mpc import MPC
+from ._pid import PID
+from ._sampled_loop import ROUNDING, SampledLoops
+
+LINEAR = (PID, DecoupledPI, LQI, MPC)
+"""Controllers that are linear about their rest; others, such as a relay, are not checked."""
+
+MOST = 5
+"""References that are looked at."""
+
+
+def check_stability(
+    twin: Twin,
+    controller: AbstractController,
+    weights: Float[np.ndarray, "outputs channels"],
+    references: Float[np.ndarray, "samples outputs"],
+) -> None:
+    """Refuses a controller whose loop with the twin is not stable about its references.
+
+    The loop is linear, sampled as the controller is, with the driver's delay and lag. Of many
+    references, the lowest, the highest and some between them are taken.
+
+    **Raises:** `ControlError` that names the reference, and how fast deviations grow there.
+    """
+    if not isinstance(controller, LINEAR):
+        return
+    distinct = np.unique(references, axis=0)
+    chosen = np.unique(np.linspace(0, len(distinct) - 1, MOST).round().astype(int))
+    delay = twin.system().delay
+    for reference in distinct[chosen]:
+        loops = SampledLoops(
+            twin,
+            {},
+            ControllerVector(controller, ()),
+            weights,
+            reference,
+            longest_delay_s=0.0 if delay is None else float(delay),
+            sensor_delay_s=0.0,
+        )
+        growth = loops.growth()
+        if not growth < 1 + ROUNDING:
+            seconds = controller.sample_time_s / math.log(growth)
+            at = "/".join(f"{value:g}" for value in reference)
+            raise ControlError(
+                f"controller: expected one with which {twin.rig.name} is stable, got deviations "
+                f"from {at} degC that grow e-fold in {seconds:.3g} s, by the twin linearised "
+                "there; use smaller gains, or the parameters of a match if the rig is another"
+            )
