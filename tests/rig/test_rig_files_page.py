@@ -10,7 +10,7 @@ import pytest
 
 from jaxtwin import Experiment, Twin, load_rig, simulate
 from jaxtwin.rig import _schema as schema
-from jaxtwin.rig import bundled_modules
+from jaxtwin.rig import bundled_modules, load_module
 
 PAGE = (Path(__file__).parents[2] / "docs" / "rig-files.md").read_text(encoding="utf-8")
 
@@ -89,6 +89,27 @@ def test_the_example_is_a_rig_that_runs(tmp_path):
     assert set(rig.parameters) == set(tomllib.loads(example)["parameters"])
     run = simulate(Twin(rig), Experiment.schedule("0:0.5", duration=100))
     assert run.channel("T1")[-1] > run.channel("T1")[0] + 5
+
+
+@pytest.mark.parametrize("name", bundled_modules())
+def test_the_numbers_of_the_modules_are_those_of_their_files(name: str):
+    found = re.search(rf"^\| `{re.escape(name)}` \| (.+) \|$", PAGE, re.MULTILINE)
+    assert found is not None
+    module = load_module(name)
+    hot, difference = module.hot_side_temperature, module.maximum_temperature_difference
+    power = module.maximum_voltage * module.maximum_current
+    stated = module.maximum_heat_flow
+    assert found[1].split(" | ")[1:] == [
+        f"{module.maximum_current:g}",
+        f"{module.maximum_voltage:g}",
+        f"{difference:g}",
+        f"{hot:g} K",
+        f"{module.seebeck_coefficient:.4f}",
+        f"{module.electrical_resistance:.3g}",
+        f"{module.thermal_resistance:.3g}",
+        f"{power * (hot + difference) / (2 * hot):.3g}",
+        "–" if stated is None else f"{stated:g}",
+    ]
 
 
 def test_the_modules_that_come_along_are_named():

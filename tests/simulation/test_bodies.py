@@ -82,19 +82,27 @@ T_water = { value = 12.0, unit = "degC", bounds = [0.0, 40.0], free = true, scop
 """
 
 
-def test_draws_have_a_coolant_each_and_a_match_finds_it():
-    """A recording of V12 made by hand, cooled by water of 9 degC."""
+def twin_on_unknown_water() -> Twin:
+    """The twin whose coolant is the parameter `T_water`."""
     bodies = BODIES.replace('"12 degC"', '"T_water"') + COOLANT_PARAMETER
-    twin = Twin(hand_rig(cell='sink = "block"', more=bodies))
+    return Twin(hand_rig(cell='sink = "block"', more=bodies))
+
+
+def test_draws_have_a_coolant_each():
     water = np.array([5.0, 9.0, 30.0])
-    drawn = simulate_batch(twin, EXPERIMENT, {"T_water": water})
+    drawn = simulate_batch(twin_on_unknown_water(), EXPERIMENT, {"T_water": water})
     for readings, temperature in zip(drawn, water, strict=True):
         assert readings[70, 0] == pytest.approx(by_hand(70, temperature)[1], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_match_finds_the_coolant():
+    """A recording of V12 made by hand, cooled by water of 9 degC."""
     readings = np.array([[by_hand(time, 9.0)[1]] for time in range(101)])
     recording = Experiment(
         EXPERIMENT.time, EXPERIMENT.duty, channels=["T1"], temperatures=readings, ambient=AMBIENT
     )
-    fit = jt.match(twin, [recording])
+    fit = jt.match(twin_on_unknown_water(), [recording])
     (values,) = fit.recording_values.values()
     assert values["T_water"] == pytest.approx(9.0, abs=1e-3)
 
@@ -133,6 +141,7 @@ def test_mirror_images_on_coolants_of_their_own_stay_apart():
     assert nodes[0] < 12 < 28 < nodes[1]
 
 
+@pytest.mark.slow
 def test_a_plate_of_many_elements_feels_coolant_below_it(make_rig: MakeRig):
     """Such plates run in a few modes of the network, which must know the coolant; `Stepper` takes
     all modes."""

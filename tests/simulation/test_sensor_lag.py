@@ -67,6 +67,7 @@ def test_steps_of_a_stepper_and_draws_of_a_batch_have_the_lag():
         assert readings[40, 0] == pytest.approx(by_hand([0, 1], lag, 40), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_match_finds_the_lag():
     """A recording made by hand, with nothing but the time constant unknown."""
     rig = hand_rig(channel='lag = "tau"', more=LAG_PARAMETER)
