@@ -5,7 +5,7 @@ from ._camera import channel_weights, frame_to_channels, pixel_weights
 from ._dc_sweep import DCSweep
 from ._driver import Bridge, CellHeat
 from ._loss import CALM, STEFAN_BOLTZMANN
-from ._netlist import Link, Loss, Netlist, Node, ThermoelectricElement
+from ._netlist import Link, Loss, Netlist, Node, Reservoir, ThermoelectricElement
 from ._plate_edges import MeasuredRegistration, measure_registration
 from ._plate_map import PlateMap, plate_map
 from ._system import System
@@ -24,6 +24,7 @@ __all__ = [
     "Netlist",
     "Node",
     "PlateMap",
+    "Reservoir",
     "System",
     "ThermoelectricElement",
     "ThermoelectricModule",
