@@ -65,7 +65,7 @@ def finite_number(where: str, value: Any, error: Failure) -> float:
     return number
 
 
-def names_of(where: str, value: Any, error: Failure) -> tuple[str, ...]:
+def names_of(where: str, value: object, error: Failure) -> tuple[str, ...]:
     """Names, each once and in the order given. A single text is one name.
 
     **Raises:** `error` for anything else.
@@ -96,7 +96,7 @@ def mapping_of(where: str, value: Any, expected: str, error: Failure) -> Mapping
     return value
 
 
-def path_of(where: str, value: Any, error: Failure) -> Path:
+def path_of(where: str, value: object, error: Failure) -> Path:
     """A path of the file system, with `~` as the home folder.
 
     **Raises:** `error` for anything else, and for text that no path may hold.

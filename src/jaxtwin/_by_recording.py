@@ -1,6 +1,6 @@
 """Results by the name of their recording."""
 
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from ._errors import RecordingError
 
@@ -10,6 +10,6 @@ T = TypeVar("T")
 class ByRecording(dict[str, T]):
     """Recording -> result; an unknown name is a `RecordingError` that lists the known ones."""
 
-    def __missing__(self, name: Any) -> T:
+    def __missing__(self, name: object) -> T:
         known = ", ".join(self) or "none"
         raise RecordingError(f"recording: expected one of {known}; got {name!r}")

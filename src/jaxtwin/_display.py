@@ -51,6 +51,6 @@ def picture(name: str, *arguments: Any, **options: Any) -> Any:
     return getattr(importlib.import_module(".plots", __package__), name)(*arguments, **options)
 
 
-def report(result: Any, path: str | os.PathLike[str], **options: Any) -> Path:
+def report(result: object, path: str | os.PathLike[str], **options: Any) -> Path:
     """Writes a result as a page by `jaxtwin.report.write_report`, looked up as in `picture`."""
     return importlib.import_module(".report", __package__).write_report(result, path, **options)

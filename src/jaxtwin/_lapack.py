@@ -58,7 +58,7 @@ def _eigh_by_jacobi(matrix: Array) -> tuple[Array, Array]:
 def _one_by_one(
     call: custom_vmap,
     at_once: Callable[..., Any],
-    size: Any,  # an int, or a symbol while jax.export writes a batch of any size
+    size: object,  # an int, or a symbol while jax.export writes a batch of any size
     batched: list[bool],
     *given: Array,
 ) -> Any:

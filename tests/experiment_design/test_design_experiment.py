@@ -35,7 +35,11 @@ from jaxtwin import (
 )
 from jaxtwin._compilation import compiling_seconds
 from jaxtwin.cli import run
+from jaxtwin.experiment_design._design_experiment import _Search
+from jaxtwin.experiment_design._exchange import random_schedules
 from jaxtwin.experiment_design._experiment_design import PlannedSchedule
+from jaxtwin.experiment_design._information import NoisePrediction, make_design_problem
+from jaxtwin.experiment_design._prior_information import PriorInformation
 from jaxtwin.experiment_design._schedules import make_schedules
 
 TRUTH = {"C_load": 24.0, "R_loss": 6.0, "R_Th": 1.7, "T_amb": 20.0, "T_start": 18.5}
@@ -250,6 +254,24 @@ def test_a_loaded_fit_gives_the_same_design(fitted: Fit, design: ExperimentDesig
 def test_what_does_not_fit_is_refused(fitted: Fit, settings: dict[str, Any], message: str):
     with pytest.raises(MatchError, match=message):
         design_experiment(fitted, **SETTINGS | settings)
+
+
+def test_each_schedule_is_assessed_in_its_place():
+    """In batches of four, with two left over, as by itself."""
+    twin = Twin("single-cell")
+    prior = PriorInformation.of_twin(twin)
+    schedules = make_schedules(
+        twin, duration=120, hold=60, bounds=(-0.4, 0.4), levels=5, interval=10.0
+    )
+    problem = make_design_problem(prior, schedules, NoisePrediction.of(twin), ())
+    search = _Search(prior, schedules, problem, "D", np.array([0, 1]), 0.0)
+    counts = random_schedules(schedules, 5, seed=0)
+    found = search.assess(counts)
+    assert [candidate.counts.tolist() for candidate in found] == [c.tolist() for c in counts]
+    (last,) = search.assess(counts[-1:])
+    assert found[-1].objective == pytest.approx(last.objective, rel=1e-12)
+    assert len({candidate.objective for candidate in found}) > 1
+    assert search.evaluations == len(counts) + 1
 
 
 @pytest.mark.parametrize(("hold", "is_multiple"), [(40.0, True), (60.0, True), (30.0, False)])

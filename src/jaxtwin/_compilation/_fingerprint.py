@@ -91,7 +91,7 @@ def _name(code: type | FunctionType | BuiltinFunctionType) -> str:
     return f"{code.__module__}.{code.__qualname__}"
 
 
-def _parts(value: Any) -> list[object]:
+def _parts(value: object) -> list[object]:
     match value:
         case tuple() | list():
             return list(value)

@@ -159,7 +159,7 @@ class _PersistentJit(Generic[P, T]):
                 self._programs.pop(next(iter(self._programs)))
 
     def _load_or_compile(
-        self, structure: Any, static: tuple[Any, ...], arrays: list[Any]
+        self, structure: object, static: tuple[Any, ...], arrays: list[Any]
     ) -> _Program:
         device, folder = _only_device(arrays), cache_folder()
         if device is None or folder is None or _jax_keeps_programs():
@@ -187,7 +187,7 @@ class _PersistentJit(Generic[P, T]):
         except NoFingerprintError:
             return None
 
-    def _compile(self, structure: Any, static: tuple[Any, ...], arrays: list[Any]) -> _Program:
+    def _compile(self, structure: object, static: tuple[Any, ...], arrays: list[Any]) -> _Program:
         output: PyTree = None
 
         def on_arrays(*arrays: Array) -> list[Array]:

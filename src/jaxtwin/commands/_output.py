@@ -5,7 +5,6 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import typer
 
@@ -48,7 +47,7 @@ def check_json(path: Path | None) -> None:
         check_output(path, ".json", option="--json")
 
 
-def write_json(path: Path | None, numbers: Any) -> None:
+def write_json(path: Path | None, numbers: object) -> None:
     """Writes numbers as JSON to a file or to standard output; nothing if the path is None."""
     if path is None:
         return

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, PyTree
 
 from .._compilation import persistent_jit
@@ -251,7 +252,7 @@ def run_loop(
     )
 
 
-def in_precision(tree: PyTree, dtype: Any) -> PyTree:
+def in_precision(tree: PyTree, dtype: DTypeLike) -> PyTree:
     """Converts floating-point leaves to a precision."""
 
     def cast(leaf: Any) -> Any:

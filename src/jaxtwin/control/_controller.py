@@ -176,7 +176,7 @@ def with_parameters(controller: Controller, values: Mapping[str, Any]) -> Contro
     return controller
 
 
-def checked_sample_time(where: str, sample_time_s: Any) -> float:
+def checked_sample_time(where: str, sample_time_s: object) -> float:
     """**Raises:** `ControlError` where it is no number above 0."""
     number = finite_number(f"{where}: sample_time_s", sample_time_s, ControlError)
     if number <= 0:
@@ -272,5 +272,5 @@ def checked_deviations(
     return numbers
 
 
-def _is_array(value: Any) -> bool:
+def _is_array(value: object) -> bool:
     return isinstance(value, int | float | str | bool | np.ndarray | np.generic | jax.Array | list)

@@ -13,7 +13,7 @@ Refuse: TypeAlias = Callable[[str, str], NoReturn]
 """Of field and message."""
 
 
-def quantity(found: Any, name: str, kind: Kind, no: Refuse, *, is_list: bool = True) -> Any:
+def quantity(found: object, name: str, kind: Kind, no: Refuse, *, is_list: bool = True) -> Any:
     """A number with its unit, or a list with one for each cell or output; in SI units.
 
     **Arguments:**
@@ -47,7 +47,7 @@ def numbers(found: Any, name: str, no: Refuse) -> list[float]:
 
 
 def matrix(
-    found: Any, name: str, kind: Kind, shape: tuple[int | None, int | None], no: Refuse
+    found: object, name: str, kind: Kind, shape: tuple[int | None, int | None], no: Refuse
 ) -> Float[np.ndarray, "rows columns"]:
     """Rows of numbers; with a unit they are a table of `unit` and `rows`.
 
@@ -77,10 +77,10 @@ def matrix(
     return array
 
 
-def groups(found: Any, no: Refuse) -> list[Any]:
+def groups(found: object, no: Refuse) -> list[Any]:
     """The outputs of a controller: channels, or lists of channels."""
 
-    def is_names(part: Any) -> bool:
+    def is_names(part: object) -> bool:
         return isinstance(part, list) and bool(part) and all(isinstance(n, str) for n in part)
 
     if not (
@@ -96,7 +96,7 @@ def as_quantity(value: Any, kind: Kind) -> str:
     return json.dumps(texts[0] if np.ndim(value) == 0 else texts)
 
 
-def as_matrix(value: Any, kind: Kind) -> str:
+def as_matrix(value: object, kind: Kind) -> str:
     """The text of rows, one a line."""
     rows = ",\n    ".join(json.dumps(row) for row in np.asarray(value, float).tolist())
     text = f"[\n    {rows},\n]"

@@ -346,7 +346,7 @@ class LinearModel(eqx.Module):
         return html_table(repr(self), head, rows)
 
 
-def _time(name: str, value: Any) -> Any:
+def _time(name: str, value: object) -> Any:
     if is_traced(value):
         return value
     number = finite_number(f"LinearModel: {name}", value, ControlError)

@@ -212,7 +212,9 @@ def _made(
     return made
 
 
-def _gains(found: Any, states: int, outputs: int, cells: int, no: Refuse) -> dict[str, np.ndarray]:
+def _gains(
+    found: object, states: int, outputs: int, cells: int, no: Refuse
+) -> dict[str, np.ndarray]:
     table = _table(found, "gains", no, _GAINS)
     shapes = {
         "Kx": (cells, states),
@@ -254,7 +256,7 @@ def _check_stable(transition: np.ndarray, field: str, expected: str, no: Refuse)
 
 
 def _table(
-    found: Any, name: str, no: Refuse, fields: Sequence[str] | Mapping[str, Any] | None = None
+    found: object, name: str, no: Refuse, fields: Sequence[str] | Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """A table; with all of these fields and no other, if they are given."""
     if not isinstance(found, dict):
@@ -269,7 +271,7 @@ def _table(
     return found
 
 
-def _temperatures(found: Any, name: str, count: int, no: Refuse) -> list[float]:
+def _temperatures(found: object, name: str, count: int, no: Refuse) -> list[float]:
     if not isinstance(found, list) or len(found) != count:
         no(name, f'expected {count} temperatures such as "40 degC", got {found!r}')
     return [_degrees_of(part, f"{name}[{n}]", no) for n, part in enumerate(found)]
@@ -279,7 +281,7 @@ def _celsius(row: Mapping[str, Any], channel: str, key: str, no: Refuse) -> floa
     return _degrees_of(row[key], f"temperature_limits.{channel}.{key}", no)
 
 
-def _degrees_of(found: Any, name: str, no: Refuse) -> float:
+def _degrees_of(found: object, name: str, no: Refuse) -> float:
     """A temperature in degC, with the digits of the file: 313.15 - 273.15 is not 40."""
     if isinstance(found, str) and found.endswith(" degC"):
         try:
@@ -292,7 +294,7 @@ def _degrees_of(found: Any, name: str, no: Refuse) -> float:
     return float(kelvin) - 273.15
 
 
-def _degrees(values: Any) -> str:
+def _degrees(values: object) -> str:
     return (
         "[" + ", ".join(f'"{value!r} degC"' for value in np.asarray(values, float).tolist()) + "]"
     )

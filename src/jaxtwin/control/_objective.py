@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -59,7 +59,7 @@ class Objective(NamedTuple):
         return float(share @ sums), share @ by_parameters
 
 
-def checked_objective(where: str, objective: Any, tail_weight: Any) -> Objective:
+def checked_objective(where: str, objective: object, tail_weight: object) -> Objective:
     """A name, name -> weight, or a function of a `ClosedLoop`.
 
     **Raises:** `ControlError` for what is none of them, unknown measures, and those without a

@@ -2,7 +2,6 @@
 
 import math
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +11,7 @@ from .._errors import ControlError
 
 
 def reference_samples(
-    where: str, references: Any, times: Float[np.ndarray, " samples"], outputs: int
+    where: str, references: object, times: Float[np.ndarray, " samples"], outputs: int
 ) -> Float[np.ndarray, "samples outputs"]:
     """The references at the samples, degC.
 
@@ -83,7 +82,7 @@ def _entry(where: str, part: str, outputs: int) -> tuple[float, Float[np.ndarray
 
 
 def sample_times(
-    where: str, duration_s: Any, sample_time_s: float
+    where: str, duration_s: object, sample_time_s: float
 ) -> Float[np.ndarray, " samples"]:
     """Times of the samples from 0 to the duration, s.
 
@@ -99,6 +98,6 @@ def sample_times(
     return sample_time_s * np.arange(count + 1)
 
 
-def _described(value: Any) -> str:
+def _described(value: object) -> str:
     shape = getattr(value, "shape", None)
     return repr(value) if shape is None else f"an array of shape {shape}"

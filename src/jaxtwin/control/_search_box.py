@@ -84,7 +84,7 @@ def search_box(
     return vector, SearchBox(np.concatenate(lower), np.concatenate(upper))
 
 
-def _usual(where: str, controller: Any) -> tuple[str, ...]:
+def _usual(where: str, controller: object) -> tuple[str, ...]:
     names = {
         PID: ("Kp", "Ki", "Kd"),
         DecoupledPI: ("Kp_mean", "Ki_mean", "Kp_difference", "Ki_difference"),

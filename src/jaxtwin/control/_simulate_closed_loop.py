@@ -272,7 +272,7 @@ def scenario(
     )
 
 
-def _initial(where: str, twin: Twin, initial: Any) -> Float[np.ndarray, " nodes"] | None:
+def _initial(where: str, twin: Twin, initial: object) -> Float[np.ndarray, " nodes"] | None:
     if initial is None:
         return None
     count = len(twin.netlist.nodes)

@@ -124,13 +124,13 @@ def tune(
 
 def tuning_problem(
     where: str,
-    controller: Any,
+    controller: object,
     twin: Twin | Fit,
     references: float | int | str | ArrayLike,
     duration_s: float | int,
     *,
     parameters: Iterable[str] | Mapping[str, tuple[float, float]] | None,
-    objective: Any,
+    objective: object,
     draws: int | Mapping[str, ArrayLike] | None,
     tail_weight: float | int,
     sensitivity_limit: float | int | None,
@@ -310,7 +310,7 @@ class TuningProblem(NamedTuple):
         return TunedLoop(np.asarray(parameters), found.f, peak, measures, sensitivity)
 
 
-def _checked_limit(where: str, limit: Any) -> float | None:
+def _checked_limit(where: str, limit: object) -> float | None:
     if limit is None:
         return None
     number = finite_number(f"{where}: sensitivity_limit", limit, ControlError)

@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Iterable
 from numbers import Real
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -182,7 +181,7 @@ def checked_ambient(
     return values
 
 
-def _numbers(values: Any, field: str, may_lack: bool = False) -> np.ndarray:
+def _numbers(values: object, field: str, may_lack: bool = False) -> np.ndarray:
     """The field as real numbers; NaN for what is masked, None or NA, where it `may_lack` some."""
     if np.ma.is_masked(values):  # the mask would be lost and what it hides come to light
         if not may_lack:

@@ -240,7 +240,7 @@ def _table(name: str, entries: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """Arrays and tuples as lists, records as dictionaries."""
     if isinstance(value, np.ndarray):
         return value.tolist()

@@ -213,7 +213,7 @@ def _replaced(
     return replaced
 
 
-def _checked(rig: Rig, name: str, value: Any) -> Any:
+def _checked(rig: Rig, name: str, value: object) -> Any:
     if isinstance(value, Tracer):  # has no number to look at yet
         return value
     try:

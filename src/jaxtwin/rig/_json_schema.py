@@ -21,7 +21,7 @@ def json_schema() -> dict[str, Any]:
     return found
 
 
-def _without_null(part: Any) -> Any:
+def _without_null(part: object) -> Any:
     """The schema without the value null, which TOML does not have."""
     if isinstance(part, list):
         return [_without_null(item) for item in part if item != {"type": "null"}]

@@ -17,7 +17,7 @@ import reprlib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from .._arguments import of_kind
 from .._errors import ParameterError
@@ -133,7 +133,7 @@ def read_parameters(
     return values
 
 
-def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
+def _value(source: str, field: str, name: str, row: object, rig: Rig) -> float:
     if name not in rig.parameters:
         _refuse(source, field, unknown(f"parameter of {rig.name}", name, rig.parameters))
     parameter = rig.parameters[name]
@@ -144,7 +144,7 @@ def _value(source: str, field: str, name: str, row: Any, rig: Rig) -> float:
     except ValueError as problem:
         _refuse(source, field, f"expected a unit like {parameter.unit!r}, but {problem}")
 
-    def number(value: Any) -> float:
+    def number(value: object) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             _refuse(source, field, f"expected a number, got {reprlib.repr(value)}")
         with suppress(OverflowError):

@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from .._errors import JaxtwinError, RigError
 
@@ -32,7 +32,7 @@ def nearest(names: Iterable[str], known: Iterable[str]) -> str:
     return f"; did you mean {' and '.join(found)}?" if found else ""
 
 
-def label(item: Any, index: int) -> str:
+def label(item: object, index: int) -> str:
     """What a table in a list is called in messages: its name, or its place counted from 1."""
     if isinstance(item, dict):
         for key in ("name", "resistance"):

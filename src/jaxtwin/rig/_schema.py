@@ -12,13 +12,13 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSche
 from ._problems import unknown
 
 
-def _text(value: Any) -> Any:
+def _text(value: object) -> Any:
     if not isinstance(value, str) or not value.strip() or not value.strip().isprintable():
         raise ValueError(f"expected text on one line, got {reprlib.repr(value)}")
     return value.strip()
 
 
-def _quantity(value: Any) -> Any:
+def _quantity(value: object) -> Any:
     if not isinstance(value, str):
         raise ValueError(
             "expected text, a number with its unit or the name of a parameter, got "
@@ -27,13 +27,13 @@ def _quantity(value: Any) -> Any:
     return value.strip()
 
 
-def _place(value: Any) -> Any:
+def _place(value: object) -> Any:
     if isinstance(value, list) and len(value) != 2:
         raise ValueError(f"expected one position or a range of two, got {len(value)} entries")
     return [_quantity(item) for item in value] if isinstance(value, list) else [_quantity(value)]
 
 
-def _quantity_or_list(value: Any) -> Any:
+def _quantity_or_list(value: object) -> Any:
     return [_quantity(item) for item in value] if isinstance(value, list) else _quantity(value)
 
 
@@ -55,7 +55,7 @@ class Table(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, data: Any) -> Any:
+    def _known_keys(cls, data: object) -> Any:
         if not isinstance(data, dict):
             raise ValueError(f"expected a table, got {reprlib.repr(data)}")
         for key in data:

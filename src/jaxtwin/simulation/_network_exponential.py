@@ -142,7 +142,7 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
         y0: Float[Array, " nodes"],
         args: NetworkProblem,
         solver_state: _State,
-        made_jump: Any,
+        made_jump: object,
     ) -> tuple[Any, Any, dict[str, Any], _State, Any]:
         """Takes a step. Command and recorded ambient keep their values at its start, while lag and
         drift continue."""

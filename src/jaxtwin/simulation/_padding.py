@@ -8,7 +8,6 @@ samples are summed.
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from jaxtyping import Shaped
@@ -37,7 +36,7 @@ def padded_count(count: int) -> int:
 
 
 def padded(
-    rows: Shaped[np.ndarray, "rows *columns"], fill: Any = None, least: int = 0
+    rows: Shaped[np.ndarray, "rows *columns"], fill: object = None, least: int = 0
 ) -> Shaped[np.ndarray, "filled *columns"]:
     """Pads rows with a value, or with the last row if it is None, to at least `least` rows."""
     missing = padded_count(max(len(rows), least)) - len(rows)

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
 
@@ -314,7 +315,7 @@ def advance(
     command: Float[Array, " cells"],
     ambient: Float[Array, ""],
     heat: Float[Array, " nodes"] | None = None,
-    loss_dtype: Any = None,
+    loss_dtype: DTypeLike | None = None,
 ) -> ModalState:
     """Computes the state after a step under a command; ambient in degC, heat in W.
 
@@ -367,7 +368,7 @@ def _loss_line(
     duty: Float[Array, " cells"],
     surroundings: Float[Array, ""],
     heat: Float[Array, " modes"] | None,
-    dtype: Any,
+    dtype: DTypeLike | None,
 ) -> _LossLine | None:
     """What the plate loses beyond the modes' linear losses, with `heat`; None where losses are
     linear.

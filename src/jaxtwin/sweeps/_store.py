@@ -169,7 +169,7 @@ def _refuse_other(folder: Path, found: dict[str, Any], asked: dict[str, Any]) ->
             )
 
 
-def _difference(found: Any, asked: Any) -> tuple[str, str]:
+def _difference(found: object, asked: object) -> tuple[str, str]:
     """Two different values as short text; for lists and tables, the first entries that differ."""
     if isinstance(found, list) and isinstance(asked, list) and len(found) == len(asked):
         return _difference(
