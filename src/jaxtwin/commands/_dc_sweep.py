@@ -1,7 +1,7 @@
 """`jaxtwin dc-sweep`: what a thermoelectric module can do."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,6 +10,10 @@ from .._whole_file import write_whole_file
 from ._options import JsonOption
 from ._output import aligned, check_json, say, write_json
 from ._show_progress import show_progress
+
+if TYPE_CHECKING:
+    from ..physics import ThermoelectricModule
+    from ..rig import Datasheet
 
 
 def dc_sweep(
@@ -41,7 +45,7 @@ def dc_sweep(
     write_json(json, {"module": module, "T_hot_K": T_hot, "best_points": numbers})
 
 
-def _numbers(module: Any, T_hot: float) -> list[dict[str, float]]:
+def _numbers(module: "ThermoelectricModule", T_hot: float) -> list[dict[str, float]]:
     """The current at which most heat is pumped, for each temperature difference."""
     rows = []
     for difference in range(0, 80, 10):
@@ -59,7 +63,9 @@ def _numbers(module: Any, T_hot: float) -> list[dict[str, float]]:
     return rows
 
 
-def _table(name: str, module: Any, T_hot: float, numbers: list[dict[str, float]]) -> str:
+def _table(
+    name: str, module: "ThermoelectricModule", T_hot: float, numbers: list[dict[str, float]]
+) -> str:
     rows = [("delta T, K", "current, A", "heat pumped, W", "COP")]
     rows += [tuple(f"{value:.3g}" for value in row.values()) for row in numbers]
     return (
@@ -69,7 +75,7 @@ def _table(name: str, module: Any, T_hot: float, numbers: list[dict[str, float]]
     )
 
 
-def _save(module: Any, sheet: Any, folder: Path) -> None:
+def _save(module: "ThermoelectricModule", sheet: "Datasheet", folder: Path) -> None:
     import numpy as np
 
     from ..io._write import save_dataset
