@@ -1,4 +1,4 @@
-"""Arrays as a person at a prompt wants them."""
+"""Converts JAX's arrays to NumPy's."""
 
 from typing import TypeVar
 
@@ -10,9 +10,9 @@ Tree = TypeVar("Tree")
 
 
 def plain(tree: Tree) -> Tree:
-    """The same with NumPy's arrays in place of JAX's where they have values.
+    """Converts the leaves of a PyTree to NumPy arrays, except those that JAX traces.
 
-    JAX rounds float64 arrays to float32 wherever a person computes with them at a prompt, with a
-    warning; NumPy's stay as they are, and JAX takes them as well.
+    Computing with a float64 array of JAX outside of `jax.enable_x64` rounds it to float32. NumPy
+    arrays keep their precision, and JAX accepts them as well.
     """
     return jax.tree.map(lambda leaf: leaf if isinstance(leaf, Tracer) else np.asarray(leaf), tree)

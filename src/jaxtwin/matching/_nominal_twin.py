@@ -1,6 +1,4 @@
-"""The single twin that stands for a fit where no recording is named."""
-
-from typing import Any
+"""The single twin that represents a fit if no recording is named."""
 
 from .._errors import JaxtwinError
 from ..physics import Twin
@@ -8,14 +6,16 @@ from ..physics._twin import check_twin
 from ._fit import Fit
 
 
-def nominal_twin(where: str, twin: Any, error: type[JaxtwinError]) -> Twin:
-    """A twin; or `Fit.mean_twin`, with the mean of what its recordings have each for itself.
+def nominal_twin(where: str, twin: object, error: type[JaxtwinError]) -> Twin:
+    """Returns a twin unchanged, or the `mean_twin` of a fit, with the means of its recordings' own
+    values.
 
     **Arguments:**
 
-    - `where`: function and argument, for the message.
+    - `where`: the names of the function and of its argument, for the message.
+    - `error`: the error to raise.
 
-    **Raises:** `error` where it is neither.
+    **Raises:** `error` if it is neither a twin nor a fit.
     """
     plant = twin.mean_twin if isinstance(twin, Fit) else twin
     check_twin(where, plant, error)
