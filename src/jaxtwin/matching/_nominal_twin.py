@@ -1,12 +1,14 @@
 """The single twin that represents a fit if no recording is named."""
 
+from typing import Any
+
 from .._errors import JaxtwinError
 from ..physics import Twin
 from ..physics._twin import check_twin
 from ._fit import Fit
 
 
-def nominal_twin(where: str, twin: object, error: type[JaxtwinError]) -> Twin:
+def nominal_twin(where: str, twin: Any, error: type[JaxtwinError]) -> Twin:
     """Returns a twin unchanged, or the `mean_twin` of a fit, with the means of its recordings' own
     values.
 
