@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_rigs import MakeRig
 
-from jaxtwin import RigError, load_rig
+from jaxtwin import RigError, load_rig, plate_map
 from jaxtwin.physics import channel_weights, frame_to_channels, pixel_weights
+from jaxtwin.physics._zone_means import mean_weights
 from jaxtwin.rig import Rig, bundled_rigs
 
 RIGS = bundled_rigs()
@@ -99,16 +100,20 @@ def test_whole_pixels_give_zone_means_exactly(make_rig):
     assert pair == pytest.approx((frame[:20, :30].mean() + frame[20:, 30:].mean()) / 2)
 
 
-def test_frame_painted_with_element_temperatures_reads_as_the_elements_do(make_rig):
-    """The two ways to a channel agree where both are exact."""
+def test_a_frame_of_the_plate_map_reads_as_the_elements_do(make_rig):
+    """The two ways to a zone's mean agree: the picture of the plate is interpolated as they are, and
+    its pixels are small."""
     rig = zone_and_pair(make_rig, "0.5 cm")
     temperatures = np.array([20.0, 30.0, 50.0, 90.0])
-    frame = np.repeat(np.repeat(temperatures.reshape(2, 2), [20, 40], axis=0), [30, 50], axis=1)
-    expected = channel_weights(rig) @ temperatures
-    np.testing.assert_allclose(frame_to_channels(rig, frame), expected, rtol=1e-12)
-    # By hand: 20 and 10 mm of the two columns, 15 and 40 mm of the two rows.
-    by_area = (20 * 15 * 20 + 10 * 15 * 30 + 20 * 40 * 50 + 10 * 40 * 90) / (30 * 55)
-    assert expected == pytest.approx([by_area, 55.0])
+    frame = plate_map(rig, temperatures, points=80).temperatures
+    expected = (channel_weights(rig) @ temperatures)[0]
+    assert frame_to_channels(rig, frame)[0] == pytest.approx(expected, abs=2e-3)
+    # By hand: centres at 15 and 55 mm, 10 and 40 mm. The zone reaches from 10 to 40 mm: 5 mm at the
+    # first centre and 25 mm with a share of the second from 0 to 25/40. Down, from 5 to 60 mm: 5
+    # and 20 mm at the centres, 30 mm halfway between them.
+    across, down = 25 * (25 / 40) / 2 / 30, (30 / 2 + 20) / 55
+    shares = np.outer([1 - down, down], [1 - across, across]).ravel()
+    assert expected == pytest.approx(shares @ temperatures)
 
 
 def test_named_nodes_are_plain_means_as_in_the_model_file():
@@ -119,17 +124,36 @@ def test_named_nodes_are_plain_means_as_in_the_model_file():
     assert {name: weight for name, weight in weights.items() if weight} == {"V24": 0.5, "V25": 0.5}
 
 
-def test_zone_weights_by_overlapping_area(dual_cell):
-    """T11 covers 0 ... 4.25 cm of columns 1 and 2, 0 ... 5.75 cm of rows 1 and 2."""
+def test_zone_weights_by_hand(dual_cell):
+    """T11 covers 0 ... 4.25 cm, where columns 1 to 3 have their centres at 0.5, 3 and 7 cm, and
+    0 ... 5.75 cm, where rows 1 and 2 have theirs at 2 and 6 cm."""
     weights = dict(zip(dual_cell.plate.element_names, channel_weights(dual_cell)[0], strict=True))
-    area = 4.25 * 5.75
+    third = 1.25 * (1.25 / 4) / 2
+    across = np.array([0.5 + 2.5 / 2, 2.5 / 2 + 1.25 - third, third]) / 4.25
+    second = 3.75 * (3.75 / 4) / 2
+    down = np.array([2 + 3.75 - second, second]) / 5.75
     expected = {
-        "V11": 1 * 4 / area,
-        "V12": 3.25 * 4 / area,
-        "V21": 1 * 1.75 / area,
-        "V22": 3.25 * 1.75 / area,
+        f"V{row + 1}{column + 1}": down[row] * across[column]
+        for row in range(2)
+        for column in range(3)
     }
     assert {name: weight for name, weight in weights.items() if weight} == pytest.approx(expected)
+
+
+@given(st.lists(st.floats(1, 9), min_size=1, max_size=6), st.data())
+def test_the_mean_over_a_range_is_that_of_the_interpolated_temperature(sizes, data):
+    """Against `numpy.interp` and the trapezoidal rule, exact for piecewise linear functions."""
+    edges = np.concatenate([[0.0], np.cumsum(sizes)])
+    low = data.draw(st.floats(0, 0.9)) * edges[-1]
+    high = low + data.draw(st.floats(0.1, 1)) * (edges[-1] - low)
+    temperatures = np.arange(len(sizes)) ** 2 - 3.0
+    centres = (edges[1:] + edges[:-1]) / 2
+    x = np.unique([low, high, *centres[(centres > low) & (centres < high)]])
+    mean = np.trapezoid(np.interp(x, centres, temperatures), x) / (high - low)
+    weights = mean_weights(edges, np.array(low), np.array(high))
+    assert weights @ temperatures == pytest.approx(mean, abs=1e-9)
+    assert weights.sum() == pytest.approx(1)
+    assert weights.min() >= 0
 
 
 def test_many_frames_at_once_and_whole_numbers(dual_cell):

@@ -63,10 +63,15 @@ def test_a_picture_where_the_rig_file_says_has_the_weights_of_a_rig_without_regi
     np.testing.assert_allclose(weights(rig), channel_weights(rig), rtol=0, atol=1e-15)
 
 
-def test_the_overlap_of_a_shifted_zone_by_hand(rig: Rig):
-    """T1 moved by 5 mm and -7 mm: x from 1.5 to 4.5 cm, y from 0.3 to 3.3 cm."""
+def test_the_mean_over_a_shifted_zone_by_hand(rig: Rig):
+    """T1 moved by 5 mm and -7 mm: x from 1.5 to 4.5 cm, y from 0.3 to 3.3 cm. The centres are at 1,
+    4 and 7.5 cm, and at 1.5 and 4 cm."""
     found = weights(rig, d_x=5.0, d_y=-7.0)[0]
-    x, y = np.array([0.5, 2.5, 0.0]), np.array([2.7, 0.3])
+    second = 2.5 * (0.5 + 3) / 3 / 2  # the share of the second column rises from 0.5/3 to 1
+    third = 0.5 * (0.5 / 3.5) / 2
+    x = np.array([2.5 - second, second + 0.5 - third, third])
+    below = 1.8 * (1.8 / 2.5) / 2
+    y = np.array([3.0 - below, below])
     np.testing.assert_allclose(found, np.outer(y, x).ravel() / 9, rtol=0, atol=1e-15)
 
 
@@ -96,8 +101,15 @@ def test_scale_and_rotation_by_counting_points(rig: Rig, scale: float, degrees: 
         (x0, x1), (y0, y1) = (100 * np.array(channel.x), 100 * np.array(channel.y))
         points = np.stack(np.meshgrid(x0 + (x1 - x0) * ratios, y0 + (y1 - y0) * ratios), axis=-1)
         x, y = np.moveaxis((points - middle) @ turn.T + middle + [0.2, 0.1], -1, 0)
-        counted, _, _ = np.histogram2d(y.ravel(), x.ravel(), bins=[[0, 3, 5], [0, 2, 6, 9]])
-        np.testing.assert_allclose(row, counted.ravel() / x.size, atol=0.006)
+        interpolated = [
+            np.interp(at, centres, unit)
+            for at, centres, sizes in ((y, [1.5, 4], 2), (x, [1, 4, 7.5], 3))
+            for unit in np.eye(sizes)
+        ]
+        down, across = np.stack(interpolated[:2]), np.stack(interpolated[2:])
+        inside = (x > 0) & (x < 9) & (y > 0) & (y < 5)
+        counted = np.einsum("rij,cij->rc", down * inside, across).ravel() / x.size
+        np.testing.assert_allclose(row, counted, atol=0.006)
 
 
 @pytest.mark.slow

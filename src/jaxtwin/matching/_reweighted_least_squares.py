@@ -17,9 +17,9 @@ from ._noise_model import NoiseModel, initial_noise_model, update_noise_model
 from ._objective import Objective, make_objective, shapes_needed
 from ._problem import MatchProblem
 
-ROUNDS = 3
 LOOSE = (3e-2, 1e-2)
-"""Relative tolerances of the cost for the rounds before the last."""
+"""Relative tolerances of the cost in the first rounds."""
+MOST_ROUNDS = 8
 
 
 @final
@@ -37,56 +37,99 @@ def reweighted_least_squares(
     max_iterations: int,
     on_step: OnStep | None = None,
 ) -> list[Estimate]:
-    """Matches in rounds until the weights agree with the residuals; in a single round if the
-    weights do not depend on the noise.
+    """Matches in rounds until the weights agree with the residuals, or for `MOST_ROUNDS`; in a
+    single round if the weights do not depend on the noise.
 
     **Arguments:**
 
     - `problems`: one or several problems that differ only in their recordings' temperatures,
       samples and events.
-    - `solver`: the solver, with the tolerances of the last round.
+    - `solver`: the solver, with the tolerances of the rounds after the first ones.
     - `starts`: the starts. `max_iterations`: the limit for each, over all rounds.
     - `on_step`: called with the number of the problem and each step.
 
     **Raises:** `MatchError` if the recordings of two problems differ in shape.
     """
     noise_models = [initial_noise_model(problem) for problem in problems]
-    space = problems[0].unknowns.search_space()
-    rounds = ROUNDS if problems[0].is_weighted else 1
-    results: list[DescentResult] = []
-    for number in range(rounds):
-        pairs = list(zip(problems, noise_models, strict=True))
-        # Compiled steps do not follow what is found in one of the problems.
-        shapes = max(shapes_needed(*pair) for pair in pairs)
-        objectives = [make_objective(*pair, shapes) for pair in pairs]
-        if number == 0:
-            _check_alike(objectives)
-        is_last = number == rounds - 1
-        results = descend(
-            objectives,
-            solver if is_last else _loosened(solver, number),
-            results or starts,
-            space,
+    if not problems[0].is_weighted:
+        return _descend(problems, noise_models, solver, starts, max_iterations, on_step)
+    estimates: list[Estimate] = []
+    for rtol in LOOSE:
+        loosened = _loosened(solver, rtol)
+        estimates = _descend(
+            problems,
+            noise_models,
+            loosened,
+            [estimate.result for estimate in estimates] or starts,
             max_iterations,
             on_step,
         )
-        if not is_last:
-            noise_models = [
-                update_noise_model(problem, noise_model, result.recording_errors())
-                if np.isfinite(result.cost)
-                else noise_model
-                for (problem, noise_model), result in zip(pairs, results, strict=True)
-            ]
+        noise_models = _updated(problems, estimates)
+    results = [estimate.result for estimate in estimates]
+    estimates = _descend(problems, noise_models, solver, results, max_iterations, on_step)
+    return reweighted(problems, solver, estimates, max_iterations, on_step)
+
+
+def reweighted(
+    problems: Sequence[MatchProblem],
+    solver: optx.AbstractLeastSquaresSolver,
+    estimates: Sequence[Estimate],
+    max_iterations: int,
+    on_step: OnStep | None = None,
+) -> list[Estimate]:
+    """Continues matches until their weights agree with their residuals. Arguments as above."""
+    estimates = list(estimates)
+    for _ in range(MOST_ROUNDS - len(LOOSE) - 1):
+        noise_models = _updated(problems, estimates)
+        settled = [
+            estimate.noise_model.agrees_with(noise_model)
+            for estimate, noise_model in zip(estimates, noise_models, strict=True)
+        ]
+        if all(settled):
+            break
+        results = [estimate.result for estimate in estimates]
+        further = _descend(problems, noise_models, solver, results, max_iterations, on_step)
+        # A match that agrees already stays as it is, whatever others in its batch do.
+        estimates = [
+            old if is_settled else new
+            for old, new, is_settled in zip(estimates, further, settled, strict=True)
+        ]
+    return estimates
+
+
+def _descend(
+    problems: Sequence[MatchProblem],
+    noise_models: Sequence[NoiseModel],
+    solver: optx.AbstractLeastSquaresSolver,
+    starts: Sequence[Start],
+    max_iterations: int,
+    on_step: OnStep | None,
+) -> list[Estimate]:
+    pairs = list(zip(problems, noise_models, strict=True))
+    # Compiled steps do not follow what is found in one of the problems.
+    shapes = max(shapes_needed(*pair) for pair in pairs)
+    objectives = [make_objective(*pair, shapes) for pair in pairs]
+    _check_alike(objectives)
+    space = problems[0].unknowns.search_space()
+    results = descend(objectives, solver, starts, space, max_iterations, on_step)
     return [Estimate(*pair) for pair in zip(results, noise_models, strict=True)]
 
 
+def _updated(problems: Sequence[MatchProblem], estimates: Sequence[Estimate]) -> list[NoiseModel]:
+    """The noise models that follow from the residuals."""
+    return [
+        update_noise_model(problem, noise_model, result.recording_errors())
+        if np.isfinite(result.cost)
+        else noise_model
+        for problem, (result, noise_model) in zip(problems, estimates, strict=True)
+    ]
+
+
 def _loosened(
-    solver: optx.AbstractLeastSquaresSolver, number: int
+    solver: optx.AbstractLeastSquaresSolver, rtol: float
 ) -> optx.AbstractLeastSquaresSolver:
-    """The default solver with the tolerance of an early round; any other solver unchanged."""
-    if isinstance(solver, BoundedLevenbergMarquardt):
-        return replace(solver, rtol=LOOSE[number])
-    return solver
+    """The default solver with another tolerance; any other solver unchanged."""
+    return replace(solver, rtol=rtol) if isinstance(solver, BoundedLevenbergMarquardt) else solver
 
 
 def _check_alike(objectives: Sequence[Objective]) -> None:

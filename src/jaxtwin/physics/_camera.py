@@ -6,21 +6,19 @@ from jaxtyping import Float, Shaped
 from .._arguments import of_kind
 from .._errors import RigError
 from ..rig import Camera, Channel, Plate, Rig
+from ._zone_means import mean_weights
 
 
 def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
     """How much each plate element counts in each channel; every row sums to 1, less the part of
     bodies beside the plate.
 
-    A channel given by named nodes takes their plain mean, one given by a rectangle the mean by
-    overlapping area.
+    A channel given by named nodes takes their plain mean, one given by a rectangle the mean of the
+    temperature over it, interpolated between the elements' centres.
     """
-    weights = np.zeros((len(rig.channels), len(rig.plate.element_names)))
+    weights = np.stack([_plate_weights(channel, rig.plate) for channel in rig.channels])
     bodies = {body.name for body in rig.bodies}
     beside = np.array([[len(bodies.intersection(channel.nodes))] for channel in rig.channels])
-    for row, channel in enumerate(rig.channels):
-        for column, element in enumerate(rig.plate.element_names):
-            weights[row, column] = _overlap(channel, rig.plate, element)
     return weights / (weights.sum(axis=1, keepdims=True) + beside)
 
 
@@ -105,12 +103,14 @@ def _rectangles(channel: Channel, plate: Plate) -> list[tuple[float, float, floa
     return [plate.extent(element) for element in channel.nodes]
 
 
-def _overlap(channel: Channel, plate: Plate, element: str) -> float:
+def _plate_weights(channel: Channel, plate: Plate) -> Float[np.ndarray, " elements"]:
     if channel.x is None or channel.y is None:
-        return float(element in channel.nodes)
-    left, right, top, bottom = plate.extent(element)
-    (x0, x1), (y0, y1) = channel.x, channel.y
-    return max(0.0, min(right, x1) - max(left, x0)) * max(0.0, min(bottom, y1) - max(top, y0))
+        return np.array([float(element in channel.nodes) for element in plate.element_names])
+    along_x, along_y = (
+        mean_weights(np.array(edges), np.array(low), np.array(high))
+        for edges, (low, high) in ((plate.column_edges, channel.x), (plate.row_edges, channel.y))
+    )
+    return np.outer(along_y, along_x).ravel()
 
 
 def _covered(edges: np.ndarray, low: float, high: float) -> np.ndarray:

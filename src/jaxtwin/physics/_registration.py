@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from ..rig import Registration, Rig
 from ._expressions import Expressions
+from ._zone_means import mean_weights
 
 TILES = 4
 """Into how many a zone is cut in each direction. They are moved with the picture and stay parallel
@@ -42,9 +43,7 @@ class RegisteredZones:
                 [registration.rotation],
             ]
         )
-        self._edges = tuple(
-            np.concatenate([[0.0], np.cumsum(sizes)]) for sizes in (plate.columns, plate.rows)
-        )
+        self._edges = np.array(plate.column_edges), np.array(plate.row_edges)
         self._middle = np.array([plate.width, plate.height]) / 2
         ranges = np.array([(channel.x, channel.y) for channel in rig.channels], float)
         tile_middles = (np.arange(TILES) + 0.5) / TILES
@@ -58,7 +57,7 @@ class RegisteredZones:
     def element_weights(
         self, parameters_si: Mapping[str, Float[Array, ""]]
     ) -> Float[Array, "channels elements"]:
-        """How much each plate element counts in each channel: the part of the zone that it covers.
+        """How much each plate element counts in the mean over each channel's zone.
 
         Rows of zones that reach beyond the plate sum to less than 1: the camera sees the
         surroundings there.
@@ -71,9 +70,6 @@ class RegisteredZones:
         for axis, middle in enumerate(middles):
             centre = self._middle[axis] + middle
             half = scale * self._half_sizes[:, axis]
-            edges = self._edges[axis]
-            low = jnp.maximum((centre - half)[..., None], edges[:-1])
-            high = jnp.minimum((centre + half)[..., None], edges[1:])
-            along.append(jnp.maximum(high - low, 0.0) / (2 * half[..., None]))
+            along.append(mean_weights(self._edges[axis], centre - half, centre + half))
         weights = jnp.einsum("ctx,cty->cyx", *along) / TILES**2
         return weights.reshape(len(weights), -1)

@@ -69,6 +69,16 @@ class Plate:
         """Size in y, m."""
         return sum(self.rows)
 
+    @cached_property
+    def column_edges(self) -> tuple[float, ...]:
+        """Edges of the columns from left to right, m."""
+        return tuple(accumulate(self.columns, initial=0.0))
+
+    @cached_property
+    def row_edges(self) -> tuple[float, ...]:
+        """Edges of the rows from top to bottom, m."""
+        return tuple(accumulate(self.rows, initial=0.0))
+
     def extent(self, element: str) -> tuple[float, float, float, float]:
         """Left, right, top and bottom of an element, m.
 
@@ -78,8 +88,7 @@ class Plate:
 
     @cached_property
     def _extents(self) -> dict[str, tuple[float, float, float, float]]:
-        x = list(accumulate(self.columns, initial=0.0))
-        y = list(accumulate(self.rows, initial=0.0))
+        x, y = self.column_edges, self.row_edges
         corners = [
             (x[column], x[column + 1], y[row], y[row + 1])
             for row in range(len(self.rows))

@@ -1,0 +1,41 @@
+"""Means of the plate's temperature over zones.
+
+Between the centres of the elements the temperature is interpolated linearly in each direction;
+beyond the outermost centres it is constant, for little heat leaves through the edge of the plate.
+The mean over a zone is the integral of this temperature. It has a continuous derivative as the zone
+moves over the plate. With temperatures that are constant in each element, the cost of a match would
+have a kink, and often a local minimum, wherever an edge of a zone meets one of an element.
+"""
+
+import numpy as np
+from jaxtyping import Array, Float
+
+
+def mean_weights(
+    edges: Float[np.ndarray, " edges"],
+    low: Float[np.ndarray | Array, "*zones"],
+    high: Float[np.ndarray | Array, "*zones"],
+) -> Float[np.ndarray | Array, "*zones elements"]:
+    """How much each element of one axis counts in the means over the ranges from low to high.
+
+    The weights of a range on the plate sum to 1. A part of the range beyond the plate counts as a
+    temperature of 0.
+
+    **Arguments:**
+
+    - `edges`: of the elements along the axis, ascending, m.
+    - `low`, `high`: the ranges, m; NumPy arrays, or JAX arrays under a transformation.
+    """
+    xp = low.__array_namespace__()  # numpy, or jax.numpy
+    centres = (edges[:-1] + edges[1:]) / 2
+    distances = np.diff(centres)
+    first, last = (xp.clip(x, edges[0], edges[-1])[..., None] for x in (low, high))
+    # Between two centres the share of the right element rises from 0 to 1.
+    at_first, at_last = (xp.clip((x - centres[:-1]) / distances, 0.0, 1.0) for x in (first, last))
+    mean_share = (at_first + at_last) / 2
+    between = distances * (at_last - at_first)
+    before = xp.minimum(last, centres[0]) - xp.minimum(first, centres[0])
+    behind = xp.maximum(last, centres[-1]) - xp.maximum(first, centres[-1])
+    lengths = xp.concat([before, between * mean_share], axis=-1)
+    lengths += xp.concat([between * (1 - mean_share), behind], axis=-1)
+    return lengths / (high - low)[..., None]
