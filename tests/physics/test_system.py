@@ -207,9 +207,13 @@ def test_channels_read_the_surroundings_and_part_of_the_rise(float64):
     nodes = len(twin.netlist.nodes)
     uniform = system.channel_temperatures(jnp.full((1, nodes), 10.0), jnp.full((1, 1), 4.0))
     assert float(uniform[0, column]) == pytest.approx(4.0 + 0.8 * (10.0 - 4.0))
-    # The tap covers 3.75 ... 4.75 cm x 5.25 ... 6.25 cm, all of it in V22.
+    # The tap covers 3.75 ... 4.75 cm x 5.25 ... 6.25 cm. The centre of V22 is at 3 cm x 6 cm, its
+    # neighbours' are at 7 cm and at 2 and 9.75 cm.
+    along_x = 1 - (0.75 + 1.75) / 2 / 4
+    along_y = 0.75 * (1 - 0.75 / 4 / 2) + 0.25 * (1 - 0.25 / 3.75 / 2)
     single = jnp.zeros(nodes).at[twin.netlist.index["V22"]].set(10.0)
-    assert float(system.channel_temperatures(single)[column]) == pytest.approx(8.0)
+    reading = float(system.channel_temperatures(single)[column])
+    assert reading == pytest.approx(0.8 * 10 * along_x * along_y)
 
 
 def test_stiff_shorted_cell_is_what_the_slope_of_the_heat_says(float64):

@@ -30,7 +30,7 @@ from ._problem import (
     named_groups,
     named_recordings,
 )
-from ._reweighted_least_squares import Estimate, reweighted_least_squares
+from ._reweighted_least_squares import Estimate, reweighted, reweighted_least_squares
 from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
 
 
@@ -143,7 +143,7 @@ def match(
     )
     results = [result]
     if others:
-        # They descend with the same weights, so that their costs can be compared.
+        # They descend with the weights of the first, so that their costs can be compared.
         results += descend(
             [make_objective(problem, noise_model)] * len(others),
             solver,
@@ -160,9 +160,16 @@ def match(
         raise MatchError(
             f"{twin.rig.name}: the start gives no finite temperatures; start from other values"
         )
-    best = results[best_first[0]]
+    number = best_first[0]
+    best = results[number]
     optima = tuple(make_optimum(problem, results[start], start, best) for start in best_first)
-    return make_fit(problem, Estimate(best, noise_model), best_first[0], optima, began)
+    estimate = Estimate(best, noise_model)
+    if number > 0:
+        # It fits better than the start that the weights come from.
+        (estimate,) = reweighted(
+            [problem], solver, [estimate], max_iterations, lambda _, step: report_step(number, step)
+        )
+    return make_fit(problem, estimate, number, optima, began)
 
 
 def default_solver(problem: MatchProblem) -> BoundedLevenbergMarquardt:
