@@ -101,8 +101,8 @@ def test_whole_pixels_give_zone_means_exactly(make_rig):
 
 
 def test_a_frame_of_the_plate_map_reads_as_the_elements_do(make_rig):
-    """The two ways to a zone's mean agree: the picture of the plate is interpolated as they are, and
-    its pixels are small."""
+    """The two ways to a zone's mean agree: the plate's picture is interpolated too, and its pixels
+    are small."""
     rig = zone_and_pair(make_rig, "0.5 cm")
     temperatures = np.array([20.0, 30.0, 50.0, 90.0])
     frame = plate_map(rig, temperatures, points=80).temperatures

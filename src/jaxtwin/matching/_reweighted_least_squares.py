@@ -54,19 +54,10 @@ def reweighted_least_squares(
     if not problems[0].is_weighted:
         return _descend(problems, noise_models, solver, starts, max_iterations, on_step)
     estimates: list[Estimate] = []
-    for rtol in LOOSE:
-        loosened = _loosened(solver, rtol)
-        estimates = _descend(
-            problems,
-            noise_models,
-            loosened,
-            [estimate.result for estimate in estimates] or starts,
-            max_iterations,
-            on_step,
-        )
+    for of_round in (*(_loosened(solver, rtol) for rtol in LOOSE), solver):
+        estimates = _descend(problems, noise_models, of_round, starts, max_iterations, on_step)
         noise_models = _updated(problems, estimates)
-    results = [estimate.result for estimate in estimates]
-    estimates = _descend(problems, noise_models, solver, results, max_iterations, on_step)
+        starts = [estimate.result for estimate in estimates]
     return reweighted(problems, solver, estimates, max_iterations, on_step)
 
 
@@ -77,7 +68,8 @@ def reweighted(
     max_iterations: int,
     on_step: OnStep | None = None,
 ) -> list[Estimate]:
-    """Continues matches until their weights agree with their residuals. Arguments as above."""
+    """Continues matches until their weights agree with their residuals, in at most as many rounds
+    as are left of `MOST_ROUNDS`. The arguments are those of `reweighted_least_squares`."""
     estimates = list(estimates)
     for _ in range(MOST_ROUNDS - len(LOOSE) - 1):
         noise_models = _updated(problems, estimates)
