@@ -30,7 +30,7 @@ from ._problem import (
     named_groups,
     named_recordings,
 )
-from ._reweighted_least_squares import Estimate, reweighted, reweighted_least_squares
+from ._reweighted_least_squares import Estimate, another_round, reweighted_least_squares
 from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
 
 
@@ -165,8 +165,8 @@ def match(
     optima = tuple(make_optimum(problem, results[start], start, best) for start in best_first)
     estimate = Estimate(best, noise_model)
     if number > 0:
-        # It fits better than the start that the weights come from.
-        (estimate,) = reweighted(
+        # The weights come from a worse start.
+        (estimate,) = another_round(
             [problem], solver, [estimate], max_iterations, lambda _, step: report_step(number, step)
         )
     return make_fit(problem, estimate, number, optima, began)

@@ -15,10 +15,6 @@ from ._recording_errors import RecordingErrors
 INITIAL_NOISE = Noise(0.25, 64.0)
 """The noise before the first round: 0.25 K, correlated over a minute."""
 
-AGREEMENT = 0.1
-"""The relative difference of two effective standard deviations that are taken as equal. Standard
-errors of a match change by as much."""
-
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -37,17 +33,6 @@ class NoiseModel:
     events: tuple[tuple[float, ...], ...]
     channel_weights: tuple[Float[np.ndarray, "_times _channels"], ...]
     common_mode_weights: tuple[Float[np.ndarray, " _times"], ...]
-
-    def agrees_with(self, other: "NoiseModel") -> bool:
-        """Whether another round with the other noise model would change little: the corrections are
-        the same, and the residuals have the same weights to `AGREEMENT`."""
-        return self.events == other.events and all(
-            abs(np.log(mine.effective / others.effective)) < AGREEMENT
-            for mine, others in (
-                (self.channel, other.channel),
-                (self.common_mode, other.common_mode),
-            )
-        )
 
 
 def initial_noise_model(problem: MatchProblem) -> NoiseModel:

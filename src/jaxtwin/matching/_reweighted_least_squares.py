@@ -18,8 +18,10 @@ from ._objective import Objective, make_objective, shapes_needed
 from ._problem import MatchProblem
 
 LOOSE = (3e-2, 1e-2)
-"""Relative tolerances of the cost in the first rounds."""
-MOST_ROUNDS = 8
+"""Relative tolerances of the cost for the rounds before the last. There is one more round, and not
+as many as it takes until the weights no longer change: part of the errors of a twin that is not
+exact is then taken for parameters, the noise becomes too small, and the predictions of `dual-cell`
+for another day become worse (docs/two-cell-rig.md)."""
 
 
 @final
@@ -37,14 +39,14 @@ def reweighted_least_squares(
     max_iterations: int,
     on_step: OnStep | None = None,
 ) -> list[Estimate]:
-    """Matches in rounds until the weights agree with the residuals, or for `MOST_ROUNDS`; in a
+    """Matches in three rounds, whose weights follow from the residuals of the round before; in a
     single round if the weights do not depend on the noise.
 
     **Arguments:**
 
     - `problems`: one or several problems that differ only in their recordings' temperatures,
       samples and events.
-    - `solver`: the solver, with the tolerances of the rounds after the first ones.
+    - `solver`: the solver, with the tolerances of the last round.
     - `starts`: the starts. `max_iterations`: the limit for each, over all rounds.
     - `on_step`: called with the number of the problem and each step.
 
@@ -53,40 +55,30 @@ def reweighted_least_squares(
     noise_models = [initial_noise_model(problem) for problem in problems]
     if not problems[0].is_weighted:
         return _descend(problems, noise_models, solver, starts, max_iterations, on_step)
-    estimates: list[Estimate] = []
-    for of_round in (*(_loosened(solver, rtol) for rtol in LOOSE), solver):
-        estimates = _descend(problems, noise_models, of_round, starts, max_iterations, on_step)
-        noise_models = _updated(problems, estimates)
-        starts = [estimate.result for estimate in estimates]
-    return reweighted(problems, solver, estimates, max_iterations, on_step)
+    first, second = (_loosened(solver, rtol) for rtol in LOOSE)
+    estimates = _descend(problems, noise_models, first, starts, max_iterations, on_step)
+    for of_round in (second, solver):
+        estimates = another_round(problems, of_round, estimates, max_iterations, on_step)
+    return estimates
 
 
-def reweighted(
+def another_round(
     problems: Sequence[MatchProblem],
     solver: optx.AbstractLeastSquaresSolver,
     estimates: Sequence[Estimate],
     max_iterations: int,
     on_step: OnStep | None = None,
 ) -> list[Estimate]:
-    """Continues matches until their weights agree with their residuals, in at most as many rounds
-    as are left of `MOST_ROUNDS`. The arguments are those of `reweighted_least_squares`."""
-    estimates = list(estimates)
-    for _ in range(MOST_ROUNDS - len(LOOSE) - 1):
-        noise_models = _updated(problems, estimates)
-        settled = [
-            estimate.noise_model.agrees_with(noise_model)
-            for estimate, noise_model in zip(estimates, noise_models, strict=True)
-        ]
-        if all(settled):
-            break
-        results = [estimate.result for estimate in estimates]
-        further = _descend(problems, noise_models, solver, results, max_iterations, on_step)
-        # A match that agrees already stays as it is, whatever others in its batch do.
-        estimates = [
-            old if is_settled else new
-            for old, new, is_settled in zip(estimates, further, settled, strict=True)
-        ]
-    return estimates
+    """Continues matches with the weights that follow from their residuals. The arguments are those
+    of `reweighted_least_squares`."""
+    noise_models = [
+        update_noise_model(problem, noise_model, result.recording_errors())
+        if np.isfinite(result.cost)
+        else noise_model
+        for problem, (result, noise_model) in zip(problems, estimates, strict=True)
+    ]
+    results = [estimate.result for estimate in estimates]
+    return _descend(problems, noise_models, solver, results, max_iterations, on_step)
 
 
 def _descend(
@@ -105,16 +97,6 @@ def _descend(
     space = problems[0].unknowns.search_space()
     results = descend(objectives, solver, starts, space, max_iterations, on_step)
     return [Estimate(*pair) for pair in zip(results, noise_models, strict=True)]
-
-
-def _updated(problems: Sequence[MatchProblem], estimates: Sequence[Estimate]) -> list[NoiseModel]:
-    """The noise models that follow from the residuals."""
-    return [
-        update_noise_model(problem, noise_model, result.recording_errors())
-        if np.isfinite(result.cost)
-        else noise_model
-        for problem, (result, noise_model) in zip(problems, estimates, strict=True)
-    ]
 
 
 def _loosened(
