@@ -369,3 +369,16 @@ def test_a_scope_and_a_spread_between_groups_belong_together(tmp_path, old: str,
 def test_what_is_given_is_of_a_single_group():
     with pytest.raises(MatchError, match="recordings of a single group, got friday, sunday; name"):
         check_given(small_results.fit(), ["sunday", "friday"])
+
+
+@pytest.mark.slow
+def test_a_better_start_gets_weights_of_its_own(rig: Rig):
+    """Three steps from a far start leave twice the residuals of the best start, whose weights are
+    not those of the far one."""
+    far = Twin(rig, {"R_pc": 19.0, "k": 60.0})
+    days = [recording(rig, "monday", number) for number in range(2)]
+    alone = match(far, days, max_iterations=3)
+    best = match(far, days, starts=4, seed=3, max_iterations=3)
+    assert alone.rmse > 2 * best.rmse
+    of_alone, of_best = (solution_of(fit).noise_model.common_mode for fit in (alone, best))
+    assert of_alone.effective > 1.5 * of_best.effective

@@ -33,6 +33,9 @@ from ._problem import (
 from ._reweighted_least_squares import Estimate, another_round, reweighted_least_squares
 from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
 
+SAME_COST = 1e-3
+"""The relative difference below which two weighted costs are taken as equal."""
+
 
 @announced("match")
 def match(
@@ -164,8 +167,8 @@ def match(
     best = results[number]
     optima = tuple(make_optimum(problem, results[start], start, best) for start in best_first)
     estimate = Estimate(best, noise_model)
-    if number > 0:
-        # The weights come from a worse start.
+    if problem.is_weighted and not results[0].cost <= (1 + SAME_COST) * best.cost:
+        # The weights come from a worse start, or from one without finite temperatures.
         (estimate,) = another_round(
             [problem], solver, [estimate], max_iterations, lambda _, step: report_step(number, step)
         )
