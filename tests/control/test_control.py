@@ -27,18 +27,21 @@ def clock() -> HandClock:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("reads", ["the mean", "every channel"])
 def test_the_rig_does_what_the_simulated_loop_did(
-    twin: Twin, pid: PID, clock: HandClock, tmp_path: Path
+    twin: Twin, pid: PID, clock: HandClock, tmp_path: Path, reads: str
 ):
     """With recalibrations of the same seed, within 0.3 K; each decision is recorded."""
+    proportional = FunctionController(lambda t, r, y: 0.2 + 0.05 * (r.mean() - y.mean()))
+    controller = pid if reads == "the mean" else proportional
     device = VirtualRig(twin, speed=4, seed=4, faults=Faults.parse("jumps=60"))
     with Recorder(tmp_path / "session.db", twin.rig, clock=clock) as recorder:
         bench = virtual_bench(twin.rig, device, clock, journal=recorder)
-        outcome = control(bench, twin, pid, "0:30,100:35", duration_s=200)
+        outcome = control(bench, twin, controller, "0:30,100:35", duration_s=200)
     assert outcome == "completed"
     assert device.pwm == OFF
     simulated = jt.simulate_closed_loop(
-        twin, pid, "0:30,100:35", duration_s=200, seed=4, faults="jumps=60"
+        twin, controller, "0:30,100:35", duration_s=200, seed=4, faults="jumps=60"
     )
     with Session(tmp_path / "session.db") as session:
         rows = session.database.execute(
@@ -50,8 +53,10 @@ def test_the_rig_does_what_the_simulated_loop_did(
     times = [decision["time"] for decision in decisions]
     assert len(decisions) > 60
     assert {decision["reference"][0] for decision in decisions} == {30.0, 35.0}
-    expected = np.interp(times, simulated.time, simulated.measurement[:, 0])
-    measured = np.array([decision["measurement"][0] for decision in decisions])
+    outputs = simulated.measurement.T
+    expected = np.stack([np.interp(times, simulated.time, row) for row in outputs], axis=1)
+    measured = np.array([decision["measurement"] for decision in decisions])
+    assert measured.shape[1] == (1 if reads == "the mean" else len(twin.channels))
     # Within a second of a recalibration the reading that stands may be the one before or after.
     is_clear = np.mod(np.array(times) + 2, 60) > 4
     np.testing.assert_allclose(measured[is_clear], expected[is_clear], rtol=0, atol=0.3)
@@ -79,6 +84,37 @@ def test_dropped_frames_do_not_stop_it(twin: Twin, pid: PID, clock: HandClock):
     assert control(bench, twin, pid, 30, duration_s=100) == "completed"
     assert device.pwm == OFF
     assert device.twin.temperatures.mean() > 20
+
+
+@pytest.mark.slow
+def test_a_loosened_contact_is_made_up_for(twin: Twin, pid: PID, clock: HandClock):
+    """Ten times the contact resistances of a cell: the other cell, and more duty, hold the mean."""
+    device = VirtualRig(twin, speed=4, faults=Faults.parse("loosen=P1@60/10"))
+    bench = virtual_bench(twin.rig, device, clock)
+    assert control(bench, twin, pid, 40, duration_s=300) == "completed"
+    assert device.twin.temperatures.mean() == pytest.approx(40, abs=0.5)
+    assert device.pwm == OFF
+
+
+@pytest.mark.slow
+def test_a_sensor_without_a_number_switches_a_rig_off(
+    clock: HandClock, monkeypatch: pytest.MonkeyPatch
+):
+    """The interlocks do not wait as long as the controller would. A camera has no NaN to send."""
+    twin = Twin("pcr-block")
+    device = VirtualRig(twin)
+    exact = device._sensors
+
+    def sensors() -> tuple[float, ...]:
+        return exact() if device.twin.time < 10 else (np.nan, *exact()[1:])
+
+    monkeypatch.setattr(device, "_sensors", sensors)
+    with pytest.raises(SafetyStop, match="T_left has failed: nan"):
+        control(virtual_bench(twin.rig, device, clock), twin, PID(0.02), 40, duration_s=60)
+    clock.turn(1.0)
+    device.due(clock.now())
+    assert device.pwm == OFF
+    assert device.twin.time < 13
 
 
 def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(

@@ -1,9 +1,13 @@
 """Which references the duty can hold at rest."""
 
+from contextlib import nullcontext
+
+import jax
 import numpy as np
 import pytest
 
-from jaxtwin import ControlError, Twin
+from jaxtwin import ControlError, Twin, simulate_closed_loop
+from jaxtwin.control import DecoupledPI
 from jaxtwin.control._reach import check_reach
 
 
@@ -15,3 +19,34 @@ def test_a_heater_holds_the_temperature_of_the_room_and_nothing_below():
     check_reach(system, weights, room, np.zeros(1), room)
     with pytest.raises(ControlError, match="which the duty can hold, got"):
         check_reach(system, weights, room - 1.0, np.zeros(1), room)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("aim", "limits", "is_held"),
+    [
+        ((60.0, 29.0), (-1.0, 1.0), True),  # by a duty of 0.94 and -0.48
+        ((60.0, 29.0), (0.0, 1.0), False),  # which a heater does not have
+        ((60.0, 20.0), (-1.0, 1.0), False),
+        ((45.0, 45.0), (0.0, 0.5), True),  # 0.43 and 0.44
+        ((45.0, 45.0), (0.0, 0.4), False),
+    ],
+)
+def test_outputs_are_held_at_the_same_time(
+    twin: Twin, aim: tuple[float, float], limits: tuple[float, float], is_held: bool
+):
+    """Each of 60 and 20 degC alone can be held. The duty is what `linearize` finds."""
+    with jax.enable_x64(True):
+        system = twin.system()
+        weights = np.array([[name == own for name in twin.channels] for own in ("T12", "T15")])
+        room = np.full((1, 1), float(system.ambient_temperature) - 273.15)
+        expected = nullcontext() if is_held else pytest.raises(ControlError, match="can hold")
+        with expected:
+            check_reach(system, weights.astype(float), np.array([aim]), np.zeros(1), room, limits)
+
+
+def test_several_outputs_out_of_reach_are_refused_with_the_nearest(twin: Twin):
+    controller = DecoupledPI(0.1, 0.001, 0.1, 0.001, measured=["T12", "T15"], limits=(0, 1))
+    words = r"at the same time, got 60/20 degC at 60 s; the nearest are 5\d\.\d+/2\d\.\d+ degC"
+    with pytest.raises(ControlError, match=words):
+        simulate_closed_loop(twin, controller, "0:30,60:60/20", duration_s=120)

@@ -1,20 +1,33 @@
 """Checks before a loop is run: whether the rig can reach the references, and whether the controller
 is fast enough."""
 
+from itertools import chain, islice, product
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.optimize import least_squares
 
 from .._compilation import persistent_jit
 from .._errors import ControlError
 from ..physics import System, Twin
 from ..simulation._modes import network_modes
 
-LEVELS = np.linspace(-1, 1, 17)
+LEVELS = 17
 """Equal duty cycles that are tried: a cell cools best with less than full duty."""
 
 MARGIN = 1e-6
+
+TOGETHER = 0.1
+"""How near several outputs have to come to their references at the same time, K."""
+
+MOST = 5
+"""References of several outputs that are looked at."""
+
+STARTS = 64
+"""Of the search for the duty that holds several outputs, at most."""
 
 
 def check_reach(
@@ -23,22 +36,47 @@ def check_reach(
     reference: Float[np.ndarray, "samples outputs"],
     times: Float[np.ndarray, " samples"],
     ambient: Float[np.ndarray, "rows substeps"],
+    limits: tuple[float, float] = (-1.0, 1.0),
 ) -> None:
-    """Refuses references that no equal duty of all cells reaches at rest.
+    """Refuses references that the duty cannot hold at rest.
+
+    Each output by itself must be within the range of equal duty cycles of all cells. Several
+    outputs, at most as many as there are cells, must also be reached at the same time; of many
+    references, the lowest, the highest and some between them are looked at.
+
+    **Arguments:**
+
+    - `limits`: the lowest and the highest duty.
 
     **Raises:** `ControlError` that names the reference, its time and the reachable range.
     """
-    reached = weights @ np.asarray(_steady_channels(system)).T
+    levels = np.linspace(*limits, LEVELS)
+    reached = weights @ np.asarray(_steady_channels(system, levels)).T
     lowest = reached.min(axis=1) + float(ambient.min())
     highest = reached.max(axis=1) + float(ambient.max())
     wrong = (reference < lowest - MARGIN) | (reference > highest + MARGIN)
-    if not wrong.any():
+    if wrong.any():
+        sample, output = np.argwhere(wrong)[0]
+        raise ControlError(
+            f"references: expected {lowest[output]:.1f} to {highest[output]:.1f} degC, which the "
+            f"duty can hold, got {reference[sample, output]:.1f} degC at {times[sample]:g} s"
+        )
+    if not 1 < len(weights) <= len(system.wiring.cold):
         return
-    sample, output = np.argwhere(wrong)[0]
-    raise ControlError(
-        f"references: expected {lowest[output]:.1f} to {highest[output]:.1f} degC, which the duty "
-        f"can hold, got {reference[sample, output]:.1f} degC at {times[sample]:g} s"
-    )
+    middle, spread = (ambient.min() + ambient.max()) / 2, np.ptp(ambient)
+    distinct, samples = np.unique(reference, axis=0, return_index=True)
+    for number in np.unique(np.linspace(0, len(distinct) - 1, MOST).round().astype(int)):
+        aim = distinct[number] - middle
+        start = levels[np.argmin(np.abs(reached - aim[:, None]).max(axis=0))]
+        nearest = _nearest(system, weights, aim, float(start), limits)
+        if np.abs(nearest - aim).max() > TOGETHER + spread:
+            wanted, found = (
+                "/".join(f"{value:.4g}" for value in values + middle) for values in (aim, nearest)
+            )
+            raise ControlError(
+                "references: expected temperatures that the duty can hold at the same time, got "
+                f"{wanted} degC at {times[samples[number]]:g} s; the nearest are {found} degC"
+            )
 
 
 def check_sample_time(twin: Twin, sample_time_s: float) -> None:
@@ -54,17 +92,56 @@ def check_sample_time(twin: Twin, sample_time_s: float) -> None:
         )
 
 
-@persistent_jit
-def _steady_channels(system: System) -> Float[Array, "levels channels"]:
-    """Steady rises of the channels above the surroundings under equal duty of all cells, K."""
-    reference = jnp.asarray(system.ambient_temperature)
+def _nearest(
+    system: System,
+    weights: Float[np.ndarray, "outputs channels"],
+    aim: Float[np.ndarray, " outputs"],
+    start: float,
+    limits: tuple[float, float],
+) -> Float[np.ndarray, " outputs"]:
+    """The steady rises of the outputs nearest to an aim, K.
+
+    A small cooling duty may warm the plate, so that a search can end at a duty of 0 although more
+    cooling would be nearer. It therefore starts at several places.
+    """
+
+    def off(duty: Float[np.ndarray, " cells"]) -> Any:
+        return weights @ np.asarray(_steady_rises(system, duty)) - aim
+
     cells = len(system.wiring.cold)
+    places = np.quantile(limits, [0.98, 0.02, 0.75, 0.25])
+    others = islice(product(places, repeat=cells), STARTS)
+    best = np.full(len(aim), np.inf)
+    for begin in chain([(start,) * cells], others):
+        found = least_squares(off, begin, bounds=limits, diff_step=1e-4).fun
+        if np.abs(found).max() < np.abs(best).max():
+            best = found
+        if np.abs(best).max() <= TOGETHER:
+            break
+    return aim + best
 
-    def channels(level: Float[Array, ""]) -> Float[Array, " channels"]:
-        duty = jnp.full(cells, level, reference.dtype)
-        return system.channel_temperatures(system.steady_state(duty, reference))
 
-    return jax.vmap(channels)(jnp.asarray(LEVELS, reference.dtype))
+@persistent_jit
+def _steady_channels(
+    system: System, levels: Float[Array | np.ndarray, " levels"]
+) -> Float[Array, "levels channels"]:
+    """Steady rises of the channels above the surroundings under equal duty of all cells, K."""
+    cells = len(system.wiring.cold)
+    return jax.vmap(lambda level: _rises(system, jnp.full(cells, level)))(jnp.asarray(levels))
+
+
+@persistent_jit
+def _steady_rises(
+    system: System, duty: Float[Array | np.ndarray, " cells"]
+) -> Float[Array, " channels"]:
+    """Steady rises of the channels above the surroundings, K."""
+    return _rises(system, jnp.asarray(duty))
+
+
+def _rises(system: System, duty: Float[Array, " cells"]) -> Float[Array, " channels"]:
+    reference = jnp.asarray(system.ambient_temperature)
+    duty = jnp.asarray(duty, reference.dtype)
+    return system.channel_temperatures(system.steady_state(duty, reference))
 
 
 @persistent_jit
