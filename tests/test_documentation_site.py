@@ -119,6 +119,7 @@ def test_a_notebook_becomes_a_page_with_its_results(tmp_path: Path) -> None:
         {"output_type": "stream", "text": ["12\n"]},
         {"data": {"image/png": base64.b64encode(b"picture").decode(), "text/plain": ["<Figure>"]}},
         {"data": {"text/html": ["<table>\n", "\n", "</table>"], "text/plain": ["table"]}},
+        {"data": {"image/gif": base64.b64encode(b"film").decode(), "text/plain": ["<Image>"]}},
     ]
     cells = [
         {"cell_type": "markdown", "source": ["# Title\n", "text"]},
@@ -132,6 +133,8 @@ def test_a_notebook_becomes_a_page_with_its_results(tmp_path: Path) -> None:
     assert '<img src="a-1.png"' in page
     assert "<table>\n</table>" in page
     assert (tmp_path / "a-1.png").read_bytes() == b"picture"
+    assert '<img src="a-2.gif"' in page
+    assert (tmp_path / "a-2.gif").read_bytes() == b"film"
 
 
 def test_every_command_and_option_is_in_the_reference(tmp_path: Path) -> None:

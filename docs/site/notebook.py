@@ -24,10 +24,11 @@ def to_markdown(notebook: Path, page: Path) -> str:
         parts.append(f"```python\n{text}\n```")
         for output in cell.get("outputs", []):
             data: dict[str, Any] = output.get("data", {})
-            if "image/png" in data:
+            kind = next((kind for kind in ("png", "gif") if f"image/{kind}" in data), None)
+            if kind is not None:
                 pictures += 1
-                file = page.with_name(f"{page.stem}-{pictures}.png")
-                file.write_bytes(base64.b64decode("".join(data["image/png"])))
+                file = page.with_name(f"{page.stem}-{pictures}.{kind}")
+                file.write_bytes(base64.b64decode("".join(data[f"image/{kind}"])))
                 image = f'<img src="{file.name}" alt="what the code above draws">'
                 parts.append(f'<p class="result">{image}</p>')
             elif "text/markdown" in data:
