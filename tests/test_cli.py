@@ -102,6 +102,17 @@ def fresh(*arguments: str, **environment: str) -> subprocess.CompletedProcess[st
     )
 
 
+def test_the_overview_has_every_command():
+    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    rows = re.search(r"These are all commands:\n\n(.*?)\n\n", text, re.DOTALL)
+    assert rows is not None
+    listed = re.findall(r"`([\w -]+)`", " ".join(row.split("|")[1] for row in rows[1].split("\n")))
+    groups = {command[0] for command in COMMANDS if len(command) > 1}
+    known = [" ".join(each) for each in COMMANDS if each and each != ["data"]]
+    assert groups == {"data"}
+    assert sorted(listed) == sorted(known)
+
+
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
 def test_every_command_has_help_with_an_example(command, capsys):
     assert run([*command, "--help"]) == 0

@@ -60,6 +60,7 @@ def design() -> jt.ExperimentDesign:
 
 
 RESULTS: dict[str, Callable[[Path], Any]] = {
+    "Experiment": lambda _: recordings()[0],
     "Run": lambda _: fit().runs["synthetic-A"],
     "Reductions": lambda _: reductions(),
     "Fit": lambda _: fit(),
@@ -92,7 +93,7 @@ LONG = {
 }
 """Of these, those that take more than some seconds, nearly all of it compilation."""
 
-INPUTS = {"CSources", "Experiment", "FMU", "FitDifference", "Netlist", "PlateMap", "Rig", "Twin"}
+INPUTS = {"CSources", "FMU", "FitDifference", "Netlist", "PlateMap", "Rig", "Twin"}
 """Classes that public functions give and that are no results."""
 
 

@@ -1,5 +1,6 @@
 """Results by the name of their recording."""
 
+import difflib
 from typing import TypeVar
 
 from ._errors import RecordingError
@@ -12,4 +13,6 @@ class ByRecording(dict[str, T]):
 
     def __missing__(self, name: object) -> T:
         known = ", ".join(self) or "none"
-        raise RecordingError(f"recording: expected one of {known}; got {name!r}")
+        near = difflib.get_close_matches(str(name), self, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise RecordingError(f"recording: expected one of {known}; got {name!r}{hint}")

@@ -1,5 +1,8 @@
 """Recordings as text."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -94,7 +97,48 @@ def test_forms_that_other_programs_write(read, text):
     assert read(text) == read(GOOD)
 
 
-@pytest.mark.parametrize("field", ["", " ", "nan", "NaN", "NA", "N/A", "#N/A", "null", "None"])
+def test_the_example_of_the_page_is_read(read):
+    page = Path(__file__).parents[2] / "docs" / "recordings.md"
+    (text,) = re.findall(r"```csv\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    found = read(text)
+    np.testing.assert_array_equal(found.time, [0, 1, 2])
+    np.testing.assert_array_equal(found.duty[:, 0], [0.5, 0.5, 0.5])
+    np.testing.assert_array_equal(found.temperatures, [[21.5], [np.nan], [21.9]])
+    np.testing.assert_array_equal(found.ambient, [20.1, 20.1, 20.2])
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_a_line_that_names_the_separator_is_passed_over(read, separator):
+    text = f"sep={separator}\n{GOOD.replace(',', separator)}"
+    assert read(text) == read(GOOD)
+
+
+@pytest.mark.parametrize(
+    ("title", "hint"),
+    [
+        ("T12", "is it a temperature without its unit, T12_degC?"),
+        ("duty P2 [%]", "is it duty_P2_%?"),
+        ("P2", "is it duty_P2?"),
+        ("pwm_2", "is it pwm_P2?"),
+        ("duty 02", "is it duty_P2?"),
+        ("cell 2", "is it duty_P2?"),
+        ("T12_degF", "temperatures in degF are not read"),
+        ("T12 (F)", "temperatures in degF are not read"),
+    ],
+)
+def test_another_name_of_a_column_is_answered_with_what_it_may_mean(read, title, hint):
+    with pytest.raises(RecordingError, match=re.escape(hint)):
+        read(f"time_s,duty_P1,T11_degC,{title}\n0,0.5,20,1\n1,0.5,20,1\n")
+
+
+def test_a_column_of_no_known_kind_has_no_hint(read):
+    with pytest.raises(RecordingError, match=r"got '12\.5 V'$"):
+        read("time_s,duty_P1,T11_degC,12.5 V\n0,0.5,20,1\n1,0.5,20,1\n")
+
+
+@pytest.mark.parametrize(
+    "field", ["", " ", "nan", "NaN", "NA", "N/A", "#N/A", "null", "None", "-", "---"]
+)
 def test_a_missing_temperature_is_nan(read, field):
     experiment = read(GOOD.replace("21", field))
     np.testing.assert_array_equal(experiment.temperatures, [[20], [np.nan], [22]])

@@ -59,6 +59,25 @@ def test_a_named_time_column_and_missing_values():
     np.testing.assert_array_equal(found.ambient, [15.0, 15.5, 16.0])
 
 
+@pytest.mark.parametrize("ambient", [None, 15.0, [15.0, 15.5, 16.0]])
+def test_a_table_is_read_back(ambient):
+    experiment = Experiment(
+        TIMES,
+        [[0.5, 1.0], [0.5, -1.0], [0.0, 0.25]],
+        channels=("T1", "T2"),
+        temperatures=[[20.0, 20.5], [21.0, np.nan], [22.0, 21.5]],
+        ambient=ambient,
+    )
+    table = experiment.to_dataframe()
+    assert table.loc[1.0, "duty_P2"] == -1.0
+    assert Experiment.from_dataframe(table) == experiment
+
+
+def test_a_drive_alone_is_read_back():
+    drive = Experiment.schedule("0:0.5,2:0", duration=4, cells=2, channels=("T1",))
+    assert Experiment.from_dataframe(drive.to_dataframe()) == drive
+
+
 def test_counts_with_polarity():
     table = frame(time_s=TIMES).rename(columns={"duty_P1": "pwm_P1"})
     table["pwm_P1"] = [0, 51, -255]
@@ -73,6 +92,9 @@ def test_counts_with_polarity():
         (frame(time_s=TIMES), {"time": "clock"}, "time: expected one of time_s, duty_P1"),
         (frame(time_s=TIMES, remark=["a"] * 3), {}, "column remark: expected numbers"),
         (frame(time_s=TIMES, power=[1.0] * 3), {}, "columns: expected time_s"),
+        (frame(time=TIMES), {}, "call a column of seconds time_s, or pass time='time'"),
+        (frame(time=["a", "b", "c"]), {}, "pandas.to_datetime makes time stamps of text"),
+        (frame(second=TIMES), {"time": "seconds"}, "did you mean 'second'?"),
         (frame(time_s=["a", "b", "c"]), {"time": "time_s"}, "column time_s: expected seconds"),
         (
             frame(clock=[START, pandas.NaT, START]),

@@ -5,6 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from jaxtwin import Experiment, JaxtwinError, Twin, load_rig, match, simulate, simulate_batch
+from jaxtwin._by_recording import ByRecording
+from jaxtwin.commands._sources import open_twin
 from jaxtwin.rig._problems import nearest
 
 DRIVE = Experiment.schedule("0:0.5", duration=3, channels=("T",))
@@ -26,6 +28,9 @@ def test_the_nearest_of_several_names():
         (lambda: match(Twin("single-cell"), measured(), free=["C_laod"]), "C_load"),
         (lambda: Twin("single-cell", {"R_los": 1.0}), "R_loss"),
         (lambda: load_rig("dual-cel"), "dual-cell"),
+        (lambda: Twin("dual-cell").module("P11"), "P[12]"),
+        (lambda: ByRecording({"monday": 1})["mondya"], "monday"),
+        (lambda: open_twin(load_rig("paper-2024"), "publishd", None), "published"),
     ],
 )
 def test_a_mistyped_name_is_answered_with_the_nearest(ask: Callable[[], object], name: str):

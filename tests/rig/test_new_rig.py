@@ -158,6 +158,36 @@ def test_a_person_is_asked_for_what_no_option_gives(
     assert len(rig.cells) == 2
 
 
+def test_who_answers_wrongly_is_asked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    answers = {
+        "width": ["60", "6 cm"],
+        "material": ["aluminum", "aluminium"],
+        "module": ["TEC12706", "TEC1-12706"],
+        "centres": ["3 cm 2 cm", "3 cm, 2 cm"],
+        "columns": ["3", "3x2"],
+    }
+
+    def prompt(question: str, default: str | None) -> str | None:
+        return answers[question.split()[0]].pop(0)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(typer, "prompt", prompt)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    assert run(["new-rig", "bench.toml", "--height", "4 cm", "--thickness", "2 mm"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 5
+    assert "width: expected a length above 0" in lines[0]
+    assert "did you mean 'aluminium'?" in lines[1]
+    assert "did you mean 'TEC1-12706'?" in lines[2]
+    assert lines[3:] == [
+        "--at: expected such as \"2 cm, 2 cm\", got '3 cm 2 cm'",
+        "--zones: expected such as 3x2, got '3'",
+    ]
+    assert len(load_rig("bench.toml").cells) == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -101,6 +101,10 @@ def test_the_strongest_comes_first(result: GlobalSensitivity):
         result.ranking("T11")
     with pytest.raises(ParameterError, match=r"expected one of S1.*got 'mu'"):
         result["mu"]
+    with pytest.raises(ParameterError, match="did you mean 'rise\\[1\\]'"):
+        result.ranking("rsie[1]")
+    with pytest.raises(ParameterError, match="did you mean 'S1_conf'"):
+        result["S1conf"]
 
 
 def test_labels_and_saved_file(result: GlobalSensitivity, tmp_path):

@@ -1,12 +1,13 @@
 """`jaxtwin new-rig`: a first rig file, from a few questions."""
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from .._errors import RigError
+from .._errors import JaxtwinError, RigError
 from .._whole_file import write_whole_file
 from ._output import check_output
 
@@ -54,17 +55,37 @@ def new_rig(
     if file.exists():
         raise RigError(f"{file}: expected a new file, got one that is there; choose another name")
     from ..rig import CellPlace, bundled_materials, bundled_modules, new_rig_text
+    from ..rig._fields import Fields
+    from ..rig._units import LENGTH
 
-    materials, modules = ", ".join(bundled_materials()), ", ".join(bundled_modules())
-    width = _answer(width, ("--width", "width of the plate", "8 cm"))
-    height = _answer(height, ("--height", "height of the plate", "4 cm"))
-    thickness = _answer(thickness, ("--thickness", "thickness of the plate", "2 mm"))
-    material = _answer(material, ("--material", f"material ({materials})", "aluminium"))
-    module = _answer(module, ("--module", f"module ({modules})", "TEC1-12706"))
+    fields = Fields("new rig", {}, {})
+
+    def size(argument: str) -> Callable[[str], object]:
+        return lambda text: fields.constant(argument, text, LENGTH)
+
+    def one_of(argument: str, known: list[str]) -> Callable[[str], object]:
+        return lambda text: fields.check_known(argument, argument, text, known)
+
+    materials, modules = bundled_materials(), bundled_modules()
+    width = _answer(width, ("--width", "width of the plate", "8 cm"), size("width"))
+    height = _answer(height, ("--height", "height of the plate", "4 cm"), size("height"))
+    thickness = _answer(
+        thickness, ("--thickness", "thickness of the plate", "2 mm"), size("thickness")
+    )
+    material = _answer(
+        material,
+        ("--material", f"material ({', '.join(materials)})", "aluminium"),
+        one_of("material", list(materials)),
+    )
+    module = _answer(
+        module,
+        ("--module", f"module ({', '.join(modules)})", "TEC1-12706"),
+        one_of("module", list(modules)),
+    )
     if not at:
-        asked = "centres of the cells from the left and the top edge, x,y; x,y; ..."
-        at = [part for part in _answer(None, ("--at", asked, None)).split(";") if part.strip()]
-    zones = _answer(zones, ("--zones", "columns x rows of zones that are read", "3x2"))
+        asked = "centres of the cells from the left and the top edge, such as 2 cm,2 cm; 6 cm,2 cm"
+        at = _centres(_answer(None, ("--at", asked, None), _places))
+    zones = _answer(zones, ("--zones", "columns x rows of zones that are read", "3x2"), _zones)
     text = new_rig_text(
         file.stem,
         width=width,
@@ -72,7 +93,7 @@ def new_rig(
         thickness=thickness,
         material=material,
         module=module,
-        places=[CellPlace(*_pair("--at", place, ",", '"2 cm, 2 cm"')) for place in at],
+        places=[CellPlace(*place) for place in map(_place, at)],
         zones=_zones(zones),
         supply_voltage=supply_voltage,
         limit=limit,
@@ -85,8 +106,13 @@ def new_rig(
     print(f"written to {file}; check it after a change: jaxtwin check {file}")
 
 
-def _answer(given: str | None, asked: Asked) -> str:
-    """What an option gives, or what a person answers.
+def _answer(given: str | None, asked: Asked, check: Callable[[str], object]) -> str:
+    """What an option gives, or what a person answers; who answers wrongly is asked again.
+
+    **Arguments:**
+
+    - `given`: of the option. It is checked with everything else, later.
+    - `check`: raises an error for a wrong answer.
 
     **Raises:** `typer.BadParameter` that names the option where nobody can be asked.
     """
@@ -95,7 +121,27 @@ def _answer(given: str | None, asked: Asked) -> str:
         return given
     if not sys.stdin.isatty():
         raise typer.BadParameter(f"{option}: expected a value, as there is nobody to ask, got none")
-    return typer.prompt(question, default=default)
+    while True:
+        answer = typer.prompt(question, default=default)
+        try:
+            check(answer)
+        except (JaxtwinError, typer.BadParameter) as error:
+            typer.echo(str(error), err=True)
+            continue
+        return answer
+
+
+def _centres(text: str) -> list[str]:
+    return [part for part in text.split(";") if part.strip()]
+
+
+def _places(text: str) -> None:
+    for part in _centres(text):
+        _place(part)
+
+
+def _place(text: str) -> tuple[str, str]:
+    return _pair("--at", text, ",", '"2 cm, 2 cm"')
 
 
 def _pair(option: str, text: str, separator: str, example: str) -> tuple[str, str]:

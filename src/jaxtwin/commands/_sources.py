@@ -29,6 +29,7 @@ def open_twin(
     from .._errors import ParameterError
     from ..physics import Twin
     from ..rig import read_parameters
+    from ..rig._problems import nearest
 
     values: dict[str, float] = {}
     if set_name is not None:
@@ -36,6 +37,7 @@ def open_twin(
             known = ", ".join(rig.parameter_sets) or "none"
             raise ParameterError(
                 f"{rig.source}: parameter set: expected one of {known}, got {set_name!r}"
+                f"{nearest([set_name], rig.parameter_sets)}"
             )
         values |= rig.parameter_sets[set_name]
     if parameters is not None:

@@ -15,7 +15,7 @@ from .._errors import ControlError
 from .._waiting import announced, silent
 from ..matching import Fit
 from ..physics import Twin
-from ..rig._problems import unknown
+from ..rig._problems import nearest, unknown
 from ._controller import AbstractController
 from ._measures import MEASURES
 from ._objective import STEPWISE, checked_objective
@@ -166,6 +166,7 @@ def frontier(
         known = [name for name in MEASURES if name not in STEPWISE]
         raise ControlError(
             f"frontier: against: expected one of {', '.join(known)}, got {against!r}"
+            f"{nearest([against], known)}"
         )
     where = "frontier: weights"
     given = list(weights)

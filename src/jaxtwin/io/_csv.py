@@ -19,7 +19,7 @@ from ._experiment import Experiment
 
 EXPECTED = (
     "expected time_s, duty_P1 (-1 to 1) or pwm_P1 (counts) for each cell, NAME_degC or NAME_K for "
-    "each channel, and ambient_degC or ambient_K, separated by commas"
+    "each channel, and ambient_degC or ambient_K, separated by commas, semicolons or tabs"
 )
 """The columns of a file, for messages."""
 
@@ -65,7 +65,7 @@ def experiment_of_columns(
                 raise RecordingError(f"columns: expected one for the temperature {label}, got two")
             temperatures[label] = column
         else:
-            raise RecordingError(f"columns: {EXPECTED}, got {column.title!r}")
+            raise RecordingError(f"columns: {EXPECTED}, got {column.title!r}{_hint(column.name)}")
     if len(times) != 1:
         found = "no column time_s" if not times else "two columns for the time"
         raise RecordingError(f"columns: {EXPECTED}, got {found}")
@@ -87,6 +87,18 @@ def experiment_of_columns(
         ambient=None if ambient is None or ambient.is_blank else _celsius(ambient),
         name=name,
     )
+
+
+def _hint(name: str) -> str:
+    """What a column of another name might be meant for: the end of a message, or nothing."""
+    cell = re.fullmatch(r"(duty|pwm|)[ _-]*(p|cell|)[ _-]*0*([1-9]\d*)(_%)?", name.lower())
+    if cell and (cell[1] or cell[2]):
+        return f"; is it {cell[1] or 'duty'}_P{cell[3]}{cell[4] or ''}?"
+    if re.search(r"_(degF|°F|F)$", name):
+        return "; temperatures in degF are not read"
+    if re.fullmatch(r"[A-Za-z][\w.-]*", name) and not name.startswith(("duty", "pwm")):
+        return f"; is it a temperature without its unit, {name}_degC?"
+    return ""
 
 
 def _celsius(column: Column) -> np.ndarray:

@@ -6,9 +6,11 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import RecordingError
+from ..rig._problems import nearest
 from ._csv import experiment_of_columns
 from ._delimited import TIME, Column, column_name
 from ._experiment import Experiment
+from ._timestamps import is_timestamp_title
 
 if TYPE_CHECKING:
     import pandas
@@ -31,10 +33,14 @@ def experiment_of_dataframe(
         )
     if time is not None and time not in frame.columns:
         known = ", ".join(map(str, frame.columns))
-        raise RecordingError(f"from_dataframe: time: expected one of {known}, got {time!r}")
+        raise RecordingError(
+            f"from_dataframe: time: expected one of {known}, got {time!r}"
+            f"{nearest([str(time)], map(str, frame.columns))}"
+        )
     twice = frame.columns[frame.columns.duplicated()]
     if len(twice):
         raise RecordingError(f"columns: expected each name once, got {twice[0]!r} twice")
+    _refuse_text_and_bare_times(frame, time)
     rows = list(range(len(frame)))
     columns = []
     index = frame.index
@@ -55,6 +61,19 @@ def experiment_of_dataframe(
             numbers = _numbers(series, str(title))
             columns.append(_column(column_name(str(title)), str(title), numbers, rows))
     return experiment_of_columns(columns, name, counts, polarity)
+
+
+def _refuse_text_and_bare_times(frame: "pandas.DataFrame", time: str | None) -> None:
+    """A column `time` is taken for a time only with a unit, or where it holds time stamps or
+    durations."""
+    for title in frame.columns:
+        kind = frame[title].dtype.kind
+        if title != time and is_timestamp_title(str(title)) and kind not in "mM":
+            raise RecordingError(
+                f"column {title}: expected time stamps (datetime) or durations (timedelta), got "
+                f"{frame[title].dtype}; call a column of seconds time_s, or pass time={title!r}; "
+                "pandas.to_datetime makes time stamps of text"
+            )
 
 
 def _is_time(title: object) -> bool:

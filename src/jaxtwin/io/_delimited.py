@@ -3,8 +3,9 @@
 - Separated by commas, semicolons or tabs, as the line of names shows. Beside semicolons and tabs a
   decimal comma is read too, in a file that uses it throughout.
 - UTF-8, UTF-16 with its mark, or Windows-1252.
-- Lines that start with `#` before the names, blank lines, and lines of blank fields are passed
-  over, and so are a first column without a name (pandas' index) and blank columns without one.
+- Lines that start with `#`, or Excel's `sep=;`, before the names, blank lines, and lines of blank
+  fields are passed over, and so are a first column without a name (pandas' index) and blank columns
+  without one.
 - A unit may follow its name as `T11_degC`, `T11 [degC]` or `T11 (°C)`.
 - A column `time`, `timestamp`, `date` or the like holds time stamps (`_timestamps`).
 - An empty field or a word for "not available" is a missing sample, NaN.
@@ -22,7 +23,9 @@ from jaxtyping import Float
 from .._errors import RecordingError
 from ._timestamps import is_timestamp_title, seconds_of_timestamps
 
-MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none"})
+MISSING = frozenset(
+    {"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none", "-", "--", "---"}
+)
 """What stands for a missing sample, in small letters."""
 
 TIME = re.compile("[Tt]ime_(s|ms|min|h)")
@@ -91,7 +94,7 @@ def read_columns(content: bytes, expected: str) -> tuple[list[Column], list[int]
     try:
         for row in reader:
             row = [field.strip() for field in row]
-            if not any(row) or (row[0].startswith("#") and not rows):
+            if not any(row) or (_is_note(row[0]) and not rows):
                 continue
             if not titles:
                 titles = row
@@ -147,9 +150,14 @@ def _decoded(content: bytes) -> str:
 
 def _separator(text: str) -> str:
     """What the line of names is divided by."""
-    lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
+    lines = (line for line in text.splitlines() if line.strip() and not _is_note(line))
     names = re.sub(r'"[^"]*"', "", next(lines, ""))
     return max(",", ";", "\t", key=names.count)
+
+
+def _is_note(text: str) -> bool:
+    """Whether a line before the names says nothing of them."""
+    return text.startswith(("#", "sep="))
 
 
 def _check_titles(titles: list[str], separator: str, expected: str) -> None:

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, of_kind
+from .._display import picture
 from .._errors import JaxtwinError, RecordingError
 from ..rig._problems import nearest
 from ._checks import (
@@ -26,6 +27,7 @@ from ._schedule import schedule_samples
 if TYPE_CHECKING:
     import pandas
     import xarray
+    from matplotlib.figure import Figure
 
 EXPERIMENT = "an Experiment, as read_recording and Experiment.schedule make it"
 """What error messages call an experiment."""
@@ -319,6 +321,28 @@ class Experiment:
         if self.channels:
             coordinates["channel"] = list(self.channels)
         return xarray.Dataset(variables, coordinates, attrs={"name": self.name})
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """The experiment as a table with the columns of a .csv recording, which `from_dataframe`
+        reads back: a row for each sample, its index `time_s`; `duty_P1`, ..., `T11_degC`, ... and,
+        where it is known, `ambient_degC`. A missing temperature is NaN."""
+        import pandas
+
+        columns = {f"duty_P{cell + 1}": duty for cell, duty in enumerate(self.duty.T)}
+        for number, channel in enumerate(self.channels):
+            columns[f"{channel}_degC"] = (
+                np.full(len(self.time), np.nan)
+                if self.temperatures is None
+                else self.temperatures[:, number]
+            )
+        if self.ambient is not None:
+            columns["ambient_degC"] = np.broadcast_to(self.ambient, self.time.shape)
+        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time_s"))
+
+    def plot(self) -> "Figure":
+        """What was recorded: the channels' temperatures above the cells' duty cycles. Several
+        experiments side by side are drawn by `jaxtwin.plots.plot_recordings`."""
+        return picture("plot_recordings", [self])
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Experiment):

@@ -28,6 +28,7 @@ from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
 from ..rig import Parameter
+from ..rig._problems import nearest
 from ..simulation import Run, response, simulate
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
@@ -155,6 +156,7 @@ def prediction_band(
     if recording is not None and recording not in fit.recordings:
         raise MatchError(
             f"recording: expected one of {', '.join(fit.recordings)}, got {recording!r}"
+            f"{nearest([recording], fit.recordings)}"
         )
     if not 0 < finite_number("prediction_band: level", level, MatchError) < 1:
         raise MatchError(f"prediction_band: level: expected a level between 0 and 1, got {level!r}")

@@ -31,6 +31,7 @@ from .._display import html_table, picture
 from .._errors import MatchError, ParameterError
 from .._number_text import short_number
 from .._waiting import announced
+from ..rig._problems import nearest
 from ._descent import descend
 from ._descent_result import DescentStep
 from ._fit import Fit, solution_of
@@ -143,6 +144,7 @@ def profile(
     if name not in shared:
         raise ParameterError(
             f"profile: expected one of the parameters {', '.join(shared)}, got {name!r}"
+            f"{nearest([name], shared)}"
         )
     if values is None:
         whole_number("profile: points", points, LEAST, MatchError)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from .._arguments import mapping_of, of_kind
 from .._errors import JaxtwinError, ParameterError, SimulationError
 from ..rig import Rig, load_rig, read_parameters
-from ..rig._problems import unknown
+from ..rig._problems import nearest, unknown
 from ._netlist import Netlist
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
@@ -128,8 +128,11 @@ class Twin(eqx.Module):
                     float(element.electrical_resistance.evaluate(values)),
                     float(element.thermal_resistance.evaluate(values)),
                 )
-        names = ", ".join(element.name for element in self.netlist.cells)
-        raise ParameterError(f"{self.rig.name}: expected one of the cells {names}, got {cell!r}")
+        names = [element.name for element in self.netlist.cells]
+        raise ParameterError(
+            f"{self.rig.name}: expected one of the cells {', '.join(names)}, got {cell!r}"
+            f"{nearest([str(cell)], names)}"
+        )
 
     def simulate(
         self,

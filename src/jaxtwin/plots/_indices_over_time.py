@@ -5,6 +5,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from .._errors import ParameterError
+from ..rig._problems import nearest
 from ..sensitivity_analysis import GlobalSensitivity
 from ._style import palette, points, styled, symbol
 
@@ -90,5 +91,6 @@ def _rows(sensitivity: GlobalSensitivity, channel: str | None) -> list[int]:
         raise ParameterError(
             f"channel: expected one of {', '.join(channels) or 'those'} with several times, got "
             f'{wanted!r}; ask for outputs=["temperature"]'
+            f"{nearest([] if wanted is None else [wanted], channels)}"
         )
     return chosen

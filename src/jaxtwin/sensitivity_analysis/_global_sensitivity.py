@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from .._display import html_table, picture
 from .._errors import ParameterError
+from ..rig._problems import nearest
 from ._method import AbstractMethod, Design
 from ._outputs import Output, labels_of
 from ._sensitivity import MEAN
@@ -82,6 +83,7 @@ class GlobalSensitivity:
         if name not in self.indices:
             raise ParameterError(
                 f"{self.method.name}: expected one of {', '.join(self.indices)}, got {name!r}"
+                f"{nearest([name], self.indices)}"
             )
         return self.indices[name]
 
@@ -106,7 +108,9 @@ class GlobalSensitivity:
             return means[0] if means else 0
         if output not in self.labels:
             shown = ", ".join(self.labels[:20]) + (" ..." if len(self.labels) > 20 else "")
-            raise ParameterError(f"output: expected one of {shown}, got {output!r}")
+            raise ParameterError(
+                f"output: expected one of {shown}, got {output!r}{nearest([output], self.labels)}"
+            )
         return self.labels.index(output)
 
     def plot(self, output: str | None = None, ax: "Axes | None" = None) -> "Axes":

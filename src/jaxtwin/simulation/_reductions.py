@@ -176,7 +176,7 @@ class Reductions:
             present = [known for known in REDUCTIONS if getattr(self, known) is not None]
             raise SimulationError(
                 f"reductions: expected one of {', '.join([*present, *self.own])}, got {name!r}; "
-                "ask simulate_batch for it"
+                f"ask simulate_batch for it{nearest([name], [*present, *self.own])}"
             )
         return found
 

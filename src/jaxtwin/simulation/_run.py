@@ -16,6 +16,7 @@ from .._measures import fit_percent, fit_text, rmse
 from .._whole_file import check_ending
 from ..io import Experiment
 from ..physics import Twin
+from ..rig._problems import nearest
 from ._padding import padded
 from ._power import SupplyPower, power_of_states
 from ._uniformity import Uniformity, uniformity
@@ -248,5 +249,7 @@ class Run:
 
 def _position(name: str, names: tuple[str, ...], kind: str) -> int:
     if name not in names:
-        raise SimulationError(f"{kind}: expected one of {', '.join(names)}, got {name!r}")
+        raise SimulationError(
+            f"{kind}: expected one of {', '.join(names)}, got {name!r}{nearest([name], names)}"
+        )
     return names.index(name)
