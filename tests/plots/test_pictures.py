@@ -1,6 +1,7 @@
 """Pictures show the numbers that they are given; read back from matplotlib's own objects."""
 
 import io
+import math
 import re
 from dataclasses import replace
 
@@ -27,7 +28,7 @@ from jaxtwin import (
     plots,
 )
 from jaxtwin._number_text import interval_text, short_number
-from jaxtwin.matching import FittedParameters
+from jaxtwin.matching import FitDifference, FittedParameters, ParameterDifference
 from jaxtwin.plots._labels import space_apart
 from jaxtwin.plots._parameters import _position
 from jaxtwin.plots._style import symbol
@@ -244,6 +245,41 @@ def test_intervals_and_warnings_stand_beside_the_parameters():
     }
     np.testing.assert_array_equal(spans["R_pc"], [0, 1])
     np.testing.assert_allclose(spans["R_E"], [1 / 3, 2 / 3])  # of 1e-5 to 10 ohm
+
+
+def test_the_prior_stands_on_the_bar_of_the_bounds():
+    """R_E lies between 1e-5 and 10 ohm, on a logarithmic scale of 6 decades; T_amb in degC."""
+    rows = {row.name: row for row in fit().parameters.values() if row.free}
+    decade = np.log(10) / 1.96
+    rows["R_E"] = replace(rows["R_E"], prior_value=0.01, prior_spread=decade)
+    rows["T_amb"] = replace(
+        rows["T_amb"], prior_value=20.0, prior_spread=3.0, group_spread=4.0, lower=0.0, upper=40.0
+    )
+    rows["R_pc"] = replace(rows["R_pc"], prior_value=None, prior_spread=None)
+    _, scale = plots.plot_parameters(replace(fit(), parameters=FittedParameters(rows))).axes
+    spans = {
+        list(rows)[int(heights(line)[0])]: places(line)
+        for line in scale.lines
+        if line.get_gid() == "prior"
+    }
+    assert set(spans) == {"R_E", "T_amb"}
+    np.testing.assert_allclose(spans["R_E"], [1 / 3, 2 / 3])
+    np.testing.assert_allclose(spans["T_amb"], [0.5 - 0.245, 0.5 + 0.245])
+
+
+def test_the_largest_difference_between_two_fits_is_on_top():
+    """A parameter that has no standard error in either fit has no bar."""
+    rows = [
+        ParameterDifference("R_E", "ohm", 1.9, 2.0, 0.05, 1.03, ()),
+        ParameterDifference("T_amb", "degC", 15.0, 16.0, math.nan, math.nan, ()),
+        ParameterDifference("R_pc", "K/W", 0.5, 0.3, 0.1, -2.5, ()),
+        ParameterDifference("alpha", "V/K", 0.05, 0.05, math.nan, 0.0, ()),
+    ]
+    axes = FitDifference(tuple(rows), (), ()).plot()
+    assert [label.get_text() for label in axes.get_yticklabels()] == [symbol("R_pc"), symbol("R_E")]
+    bars = [bar for bar in axes.containers[0] if isinstance(bar, Rectangle)]
+    assert [bar.get_width() for bar in bars] == [-2.5, 1.03]
+    assert bars[0].get_y() > bars[1].get_y()
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from .._arguments import of_kind
-from .._display import html_table
+from .._display import html_table, picture
 from .._errors import MatchError
 from .._number_text import short_number
 from ._fit import Fit
@@ -15,6 +15,7 @@ from ._fitted_parameters import FittedParameter
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
 
 HEAD = ("parameter", "old", "new", "unit", "standard errors", "")
 
@@ -103,6 +104,11 @@ class FitDifference:
 
         rows = [vars(row) | {"notes": ", ".join(row.notes)} for row in self.parameters]
         return pandas.DataFrame(rows).set_index("name")
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """The differences in standard errors, the largest on top:
+        `jaxtwin.plots.plot_fit_difference`."""
+        return picture("plot_fit_difference", self, ax=ax)
 
     def _rows(self) -> list[tuple[str, ...]]:
         changed = [row for row in self.parameters if row.old != row.new or row.notes]

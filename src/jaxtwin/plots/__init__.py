@@ -16,6 +16,7 @@ from ._correlation import plot_correlation
 from ._dc_sweep import plot_dc_curves, plot_dc_sweep
 from ._design import plot_design
 from ._distributions import plot_distributions
+from ._fit_difference import plot_fit_difference
 from ._frontier import plot_frontier
 from ._group_values import plot_group_values
 from ._history import plot_history
@@ -51,6 +52,7 @@ __all__ = [
     "plot_dc_sweep",
     "plot_design",
     "plot_distributions",
+    "plot_fit_difference",
     "plot_frontier",
     "plot_group_values",
     "plot_history",

@@ -15,8 +15,9 @@ from ._style import palette, points, styled, symbol
 def plot_parameters(fit: Fit) -> Figure:
     """The free parameters as a table, and where each lies between its bounds.
 
-    A line through a matched value is its 95 % interval, as far as the bounds reach. The scale is
-    logarithmic for parameters above 0. Where each recording has its own value, their mean is shown.
+    A line through a matched value is its 95 % interval, as far as the bounds reach; the darker part
+    of the bar holds 95 % of its prior. The scale is logarithmic for parameters above 0. Where each
+    recording has its own value, their mean is shown.
     The warnings of the match stand behind each value.
 
     **Arguments:**
@@ -33,6 +34,12 @@ def plot_parameters(fit: Fit) -> Figure:
         scale.plot(
             [0, 1], [place, place], color=palette().faint, lw=7, solid_capstyle="round", zorder=1
         )
+        if parameter.prior_value is not None:
+            span = [_position(end, parameter) for end in _prior_interval(parameter)]
+            scale.plot(
+                span, [place, place], color=palette().muted, lw=7, alpha=0.4,
+                solid_capstyle="butt", zorder=1.5, gid="prior",
+            )  # fmt: skip
         ends = [_position(value, parameter) for value in (parameter.initial, parameter.value)]
         scale.plot(ends, [place, place], color=palette().muted, lw=1.0, zorder=2)
         if not math.isnan(parameter.interval[0]):
@@ -76,9 +83,13 @@ def plot_parameters(fit: Fit) -> Figure:
             [], [], color=palette().vermilion, lw=3.5, alpha=0.45, label="its 95 % interval"
         )[0],
     ]
+    if any(parameter.prior_value is not None for parameter in free):
+        handles += scale.plot(
+            [], [], color=palette().muted, lw=7, alpha=0.4, label="95 % of its prior"
+        )
     if all(parameter.published is None for parameter in free):
         del handles[1]
-    figure.legend(handles=handles, loc="outside upper right", ncols=4)
+    figure.legend(handles=handles, loc="outside upper right", ncols=5)
     figure.suptitle(
         f"{fit.twin.rig.name}: mean fit {fit.mean_fit_percent:.1f} %, RMSE {fit.rmse:.2f} K",
         x=0.01, ha="left",
@@ -110,6 +121,19 @@ def _write_table(axes: Axes, free: list[FittedParameter]) -> None:
 
 def _write(axes: Axes, x: float, y: int, text: str, ha: str = "right", **look) -> None:
     axes.text(x, y, text, ha=ha, va="center", **look)
+
+
+def _prior_interval(parameter: FittedParameter) -> tuple[float, float]:
+    """Holds 95 % of what was known about a single value beforehand."""
+    assert parameter.prior_value is not None
+    assert parameter.prior_spread is not None
+    middle, half = (
+        parameter.prior_value,
+        1.96 * math.hypot(parameter.prior_spread, parameter.group_spread or 0.0),
+    )
+    if parameter.is_logarithmic:
+        return middle * math.exp(-half), middle * math.exp(half)
+    return middle - half, middle + half
 
 
 def _position(value: float, parameter: FittedParameter) -> float:

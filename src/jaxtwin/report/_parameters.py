@@ -28,7 +28,7 @@ def parameters_section(fit: Fit, title: str) -> Section:
             "parameters",
             to_png(plot_parameters(fit)),
             "Matched values between their bounds, with the 95 % interval as far as the bounds "
-            "reach.",
+            "reach; the darker part of a bar holds 95 % of the prior.",
         ),
     ]
     if (own := own_values_table(fit)) is not None:

@@ -1,0 +1,40 @@
+"""How far apart the parameters of two fits are."""
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+
+from ..matching import FitDifference
+from ._sensitivity_labels import label_rows
+from ._style import palette, styled
+
+
+@styled
+def plot_fit_difference(difference: FitDifference, *, ax: Axes | None = None) -> Axes:
+    """The difference of each parameter in standard errors, the largest on top.
+
+    95 % of the differences between two matches of one rig to recordings of their own lie in the
+    band. Parameters without a standard error are left out.
+
+    **Arguments:**
+
+    - `difference`: the result of `jaxtwin.compare_fits`.
+    - `ax`: axes to draw into, or None for a figure of their own.
+
+    **Returns:** the axes.
+    """
+    known = [row for row in difference.parameters if not np.isnan(row.standard_errors)]
+    known = [row for row in known if row.error > 0]
+    known.sort(key=lambda row: -abs(row.standard_errors))
+    sizes = np.array([row.standard_errors for row in known])
+    places = np.arange(len(known), dtype=float)[::-1]
+    if ax is None:
+        size = (5.6, 1.4 + 0.29 * len(known))
+        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    ax.axvspan(-1.96, 1.96, color=palette().faint, lw=0, zorder=0)
+    colors = [palette().blue if size < 0 else palette().vermilion for size in sizes]
+    ax.barh(places, sizes, color=colors, height=0.66, alpha=0.9, zorder=2)
+    label_rows(ax, [row.name for row in known], places)
+    ax.set(xlabel="new less old, standard errors of the difference")
+    ax.set_title("difference between two fits; shaded: 95 %")
+    return ax
