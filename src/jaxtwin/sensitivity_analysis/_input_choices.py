@@ -45,7 +45,10 @@ def chosen_inputs(
     if not isinstance(asked, str):
         return _own(mapping_of("sensitivity: inputs", asked, _EXPECTED, ParameterError), twin)
     if asked not in get_args(InputKind):
-        raise ParameterError(f"sensitivity: inputs: expected {_EXPECTED}, got {asked!r}")
+        raise ParameterError(
+            f"sensitivity: inputs: expected {_EXPECTED}, got {asked!r}"
+            f"{nearest([asked], get_args(InputKind))}"
+        )
     if asked == "posterior":
         return _posterior(origin, parameters)
     if asked == "bounds":
