@@ -32,6 +32,7 @@ from jaxtwin.matching._problem import make_match_problem
 from jaxtwin.matching._residuals import residuals
 from jaxtwin.matching._uncertainty import VectorEntries, uncertainty
 from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
+from jaxtwin.simulation import _time_grid
 
 # No recording here has the channel T26.
 FREE = ["h_A", "R_pc1_row2", "g_T26", "g_T11", "T_amb"]
@@ -101,7 +102,14 @@ def test_without_corrections_none_are_found_and_the_camera_takes_nothing(calm: F
 
 
 @pytest.mark.slow
-def test_the_jacobian_is_that_of_the_residuals(start: Twin):
+@pytest.mark.parametrize(("part", "limit"), [(1.0, 2e-5), (0.5, 2e-6)])
+def test_the_jacobian_is_that_of_the_residuals(
+    start: Twin, monkeypatch: pytest.MonkeyPatch, part: float, limit: float
+):
+    """The Jacobian is integrated with the solver's steps, not differentiated through them: both
+    have the same limit, and differ by an error of fourth order."""
+    for name in ("FIRST_STEP", "GROWTH", "LARGEST_STEP"):
+        monkeypatch.setattr(_time_grid, name, part * getattr(_time_grid, name))
     runs = [recording(4, True, "a"), recording(5, False, "b")]
     unknowns = choose_unknowns(start, (0, 0), ParameterChoice(FREE))
     problem = make_match_problem(start, named_recordings(start, runs), unknowns)
@@ -114,7 +122,7 @@ def test_the_jacobian_is_that_of_the_residuals(start: Twin):
             step = jnp.zeros_like(vector).at[entry].set(1e-4)
             slope = (flat(vector + step) - flat(vector - step)) / 2e-4
             scale = float(jnp.abs(slope).max())
-            np.testing.assert_allclose(ours[:, entry], slope, atol=1e-5 * scale)
+            np.testing.assert_allclose(ours[:, entry], slope, atol=limit * scale)
 
 
 @pytest.mark.slow
@@ -251,7 +259,9 @@ def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_line
     assert found.excess.min() == pytest.approx(0.0, abs=0.2)
     expected = 2 * 1.96 * row.standard_error
     assert found.interval[1] - found.interval[0] == pytest.approx(expected, rel=0.35)
-    assert found.interval[0] < 20.0 < found.interval[1]
+    for end, side in zip(found.interval, (-1, 1), strict=True):
+        assert (end - row.value) * side == pytest.approx(expected / 2, rel=0.35)
+    assert abs(row.value - TRUTH["h_A"]) < 4 * row.standard_error
 
 
 @pytest.mark.slow
