@@ -1,11 +1,16 @@
 """Small rigs made for one test."""
 
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from jaxtwin import Twin
 from jaxtwin.rig import Rig, load_rig
+from jaxtwin.rig._build import build_rig
 
 MakeRig = Callable[..., Rig]
 
@@ -15,6 +20,14 @@ resolution = [80, 60]
 noise = "0.1 K"
 view = { x = [0, 80], y = [0, 60] }
 """
+
+
+def bundled(name: str, driver: Mapping[str, str]) -> Twin:
+    """A bundled rig whose driver has other values."""
+    text = (files("jaxtwin") / "data" / "rigs" / f"{name}.toml").read_text()
+    document: dict[str, Any] = tomllib.loads(text)
+    document["driver"] |= driver
+    return Twin(build_rig(document, name))
 
 
 def small_rig_file(

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from small_rigs import bundled
 
 import jaxtwin as jt
 from jaxtwin import ControlError, SimulationError, Stepper, Twin
@@ -186,7 +187,39 @@ def test_power_is_what_the_supply_gives(twin: Twin):
         current = (12 + emf) / (values["R_E"] + 0.1 + values["R_supply"])
         np.testing.assert_allclose(power, 12 * duty * current, rtol=1e-3)
     assert run.energy[-1] == pytest.approx(run.measures().loc["energy", "value"])
-    np.testing.assert_allclose(run.run.power, run.power, rtol=0, atol=1e-3 * run.power.max())
+
+
+HEATER = 12.0**2 / (1.2 + 0.01 + 0.05)
+"""Power of `printer-bed` at full duty, W: its tracks, switch and supply."""
+
+
+@pytest.mark.parametrize(("delay", "lag"), [(0.0, 1e-9), (1.3, 2.0)])
+def test_energy_is_the_integral_of_the_delayed_and_lagged_duty(delay: float, lag: float):
+    """By hand: t - d - tau (1 - exp(-(t - d) / tau)). The delay is no multiple of the steps."""
+    driver = {"delay": f"{delay} s", "lag": f"{lag} s"} if delay else {}
+    run = simulate_closed_loop(
+        bundled("printer-bed", driver),
+        lambda time, reference, measurement: 0.8,
+        30,
+        duration_s=30.0,
+        quantised=False,
+    )
+    late = np.maximum(run.time - delay, 0.0)
+    power = 0.8 * HEATER * (1 - np.exp(-late / lag))
+    np.testing.assert_allclose(run.power[1:, 0], power[1:], rtol=1e-9, atol=1e-9)
+    expected = 0.8 * HEATER * (late - lag * (1 - np.exp(-late / lag)))
+    np.testing.assert_allclose(run.energy, expected, rtol=0, atol=1e-3 * HEATER)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [2.0, 2.6])
+def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: float):
+    """Two ways to the same rule: steps of one size, and any times and commands."""
+    plant = twin.with_parameters({"t_delay": delay})
+    run = simulate_closed_loop(plant, pid, "0:20,20:40", duration_s=DURATION, seed=2)
+    np.testing.assert_allclose(run.power, run.run.power, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(run.energy, run.run.energy, rtol=1e-9, atol=1e-6)
+    assert run.energy[-1] > 1000
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ def loop(output: np.ndarray, reference: np.ndarray, duty: np.ndarray) -> ClosedL
         nodes=nodes,
         duty=duty[:, None],
         power=10 * duty[:, None],
+        energy=10 * np.r_[0.0, np.cumsum(duty[:-1])],
         elements=2,
         sides=(2,),
     )

@@ -1,28 +1,17 @@
 """Electrical power and energy of runs and of many draws: by hand, and by conservation of energy."""
 
-import tomllib
 from dataclasses import replace
-from importlib.resources import files
 from typing import Any
 
 import diffrax
 import numpy as np
 import pytest
 from scipy.integrate import simpson
+from small_rigs import bundled
 
 from jaxtwin import Experiment, SimulationError, Twin, simulate, simulate_batch
-from jaxtwin.rig._build import build_rig
 from jaxtwin.sensitivity_analysis._slopes import slopes_of
 from jaxtwin.validation._validate import _from
-
-
-def bundled(name: str, driver: dict[str, str]) -> Twin:
-    """A bundled rig whose driver has other values."""
-    text = (files("jaxtwin") / "data" / "rigs" / f"{name}.toml").read_text()
-    document: dict[str, Any] = tomllib.loads(text)
-    document["driver"] |= driver
-    return Twin(build_rig(document, name))
-
 
 HEATER = 12.0**2 / (1.2 + 0.01 + 0.05)
 """Power of `printer-bed` at full duty, W: its tracks, switch and supply."""

@@ -20,6 +20,7 @@ from ..simulation._stepper import (
     to_modal,
 )
 from ._controller import AbstractController
+from ._drawn_power import drawn_in_steps
 
 
 @final
@@ -73,6 +74,7 @@ class ClosedLoop(eqx.Module):
     - `nodes`: of the twin's nodes, degC.
     - `duty`: the duty commanded from this time on, -1 to 1.
     - `power`: the power that each cell's bridge draws from the supply, W.
+    - `energy`: what all bridges together have drawn from the supply up to this time, J.
     - `elements`: the number of elements of the plate, which are the first nodes.
     - `sides`: the nodes that are sides of the cells.
     """
@@ -85,6 +87,7 @@ class ClosedLoop(eqx.Module):
     nodes: Float[Array | np.ndarray, "*draws times nodes"]
     duty: Float[Array | np.ndarray, "*draws times cells"]
     power: Float[Array | np.ndarray, "*draws times cells"]
+    energy: Float[Array | np.ndarray, "*draws times"]
     elements: int = eqx.field(static=True)
     sides: tuple[int, ...] = eqx.field(static=True)
 
@@ -184,9 +187,8 @@ def run_loop(
                 heat = heat - conductance * (node_temperatures(stepper, plant) - ambient)
             if scenario.sensor_delay_steps:
                 late = jnp.concatenate([outputs(plant, ambient)[None], late[:-1]])
-            applied = duty if system.lag is None else plant.duty
             later = advance(stepper, plant, duty, ambient, heat, loss_dtype)
-            return (later, late), (plant.amplitudes, applied)
+            return (later, late), (plant.amplitudes, plant.duty)
 
         steps = ambient, heat, conductance
         if len(ambient) == 1:  # without a loop in the loop
@@ -218,7 +220,7 @@ def run_loop(
         scenario.error,
         scenario.arrives,
     )
-    _, (amplitudes, applied, duty, measured) = jax.lax.scan(sample, start, rows)
+    _, (amplitudes, followed, duty, measured) = jax.lax.scan(sample, start, rows)
     substeps = ambient.shape[1]
     count = (len(scenario.time) - 1) * substeps + 1
 
@@ -232,7 +234,9 @@ def run_loop(
     deviation = of_steps(amplitudes) @ shapes.T
     room = ambient.reshape(-1, 1)[:count] - celsius
     temperatures = system.channel_temperatures(deviation, room) + celsius
-    sides = deviation + stepper.reference
+    absolute = deviation + stepper.reference
+    sides = absolute[:, wiring.cold], absolute[:, wiring.hot]
+    power, energy = drawn_in_steps(stepper, of_samples(duty), of_steps(followed), sides)
     return ClosedLoop(
         time=scenario.step_s * jnp.arange(count, dtype=dtype),
         reference=of_samples(jnp.asarray(scenario.reference)),
@@ -241,12 +245,8 @@ def run_loop(
         temperatures=temperatures,
         nodes=deviation + celsius,
         duty=of_samples(duty),
-        power=system.bridge.supply_power(
-            system.module,
-            of_steps(applied),
-            sides[:, wiring.cold],
-            sides[:, wiring.hot],
-        ),
+        power=power,
+        energy=energy,
         elements=wiring.elements,
         sides=tuple(int(side) for side in np.concatenate([wiring.cold, wiring.hot])),
     )

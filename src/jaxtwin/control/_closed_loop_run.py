@@ -95,9 +95,9 @@ class ClosedLoopRun:
 
     @property
     def energy(self) -> Float[np.ndarray, " times"]:
-        """The energy drawn from the supply up to each time, J."""
-        steps = np.diff(self.time) * self.power.sum(axis=1)[:-1]
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        """The energy that all cells together have drawn from the supply up to each time, J; by the
+        rule of `Run.energy`."""
+        return np.asarray(self.loop.energy)
 
     def measures(self) -> "pandas.DataFrame":
         """A table with a row for each measure: its name as index, value and unit."""

@@ -430,7 +430,7 @@ def _many(
 def numbers_a_step(twin: Twin, happens: Scenario) -> int:
     """Of a `ClosedLoop`, at each step of the plant."""
     outputs, cells = len(happens.output_weights), len(twin.netlist.cells)
-    return 1 + len(twin.netlist.nodes) + len(twin.channels) + 3 * outputs + 2 * cells
+    return 2 + len(twin.netlist.nodes) + len(twin.channels) + 3 * outputs + 2 * cells
 
 
 def is_whole_delay(twin: Twin, drawn: Iterable[str], step_s: float) -> bool:
