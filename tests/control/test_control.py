@@ -3,6 +3,7 @@
 import json
 import threading
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +13,18 @@ from hand_clock import HandClock, virtual_bench
 import jaxtwin as jt
 from jaxtwin import ControlError, SafetyStop, Twin, linearize
 from jaxtwin.cli import run as run_command
-from jaxtwin.control import PID, FunctionController, control, save_controller
+from jaxtwin.control import (
+    LQI,
+    MPC,
+    PID,
+    AbstractController,
+    DecoupledPI,
+    FunctionController,
+    Relay,
+    control,
+    read_controller,
+    save_controller,
+)
 from jaxtwin.control._control import LiveLoop
 from jaxtwin.control._stability import check_stability
 from jaxtwin.io import Session
@@ -115,6 +127,76 @@ def test_a_sensor_without_a_number_switches_a_rig_off(
     device.due(clock.now())
     assert device.pwm == OFF
     assert device.twin.time < 13
+
+
+GROUPS = (("T11", "T12", "TAM"), ("T15", "T16", "TCM"))
+
+
+def of_kind(twin: Twin, kind: str) -> AbstractController:
+    """A controller of each kind."""
+    both: Any = {"measured": GROUPS, "limits": (0, 1)}
+    if kind in ("LQI", "MPC", "MPC with preview"):
+        model = linearize(twin, duty=0.3).reduce(3).discretise(1.0)
+        if kind == "LQI":
+            return LQI(model, duty_deviation=0.5, **both)
+        return MPC(model, horizon=8, preview=kind == "MPC with preview", **both)
+    return {
+        "PID": PID(0.1, 0.001, 0.1, 5.0),
+        "DecoupledPI": DecoupledPI(0.05, 0.0005, 0.05, 0.0005, **both),
+        "Relay": Relay(0.1, 0.3, 0.05),
+        "function": FunctionController(lambda t, r, y: 0.2 + 0.02 * (r - y).mean()),
+    }[kind]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kind", ["PID", "DecoupledPI", "LQI", "MPC", "MPC with preview", "Relay", "function"]
+)
+def test_a_live_controller_decides_as_in_the_simulated_loop(
+    twin: Twin, clock: HandClock, kind: str
+):
+    """Given the readings of the simulated loop, with the references that it was given there."""
+    controller, schedule = of_kind(twin, kind), "0:20,15:23"
+    settings: dict[str, Any] = {"noise": False, "quantised": False}
+    run = jt.simulate_closed_loop(twin, controller, schedule, duration_s=40, **settings)
+    bench = virtual_bench(twin.rig, VirtualRig(twin), clock)
+    loop = LiveLoop(bench, twin, controller, schedule, duration_s=40)
+    off = np.zeros(2)
+    decided = [
+        loop(Moment(float(time), temperatures, off, None))
+        for time, temperatures in zip(run.time[:-1], run.run.temperatures[:-1], strict=True)
+    ]
+    np.testing.assert_allclose(np.array(decided), run.duty[:-1], rtol=0, atol=1e-6)
+    if kind == "MPC with preview":
+        early = run.duty[14] - run.duty[5]
+        assert np.all(early > 0.05)  # the step of the reference is a second away
+
+
+@pytest.mark.slow
+def test_an_mpc_with_preview_from_a_file_runs_on_a_rig(
+    twin: Twin, clock: HandClock, tmp_path: Path
+):
+    """The heat is on before the reference has changed, and the run ends with the cells off."""
+    save_controller(tmp_path / "mpc.toml", of_kind(twin, "MPC with preview"), twin.rig)
+    device = VirtualRig(twin, speed=4)
+    with Recorder(tmp_path / "session.db", twin.rig, clock=clock) as recorder:
+        bench = virtual_bench(twin.rig, device, clock, journal=recorder)
+        mpc = read_controller(tmp_path / "mpc.toml", twin.rig)
+        outcome = control(bench, twin, mpc, "0:16,40:20", duration_s=60)
+    assert outcome == "completed"
+    assert device.pwm == OFF
+    with Session(tmp_path / "session.db") as session:
+        rows = session.database.execute(
+            "SELECT content FROM documents WHERE kind = 'decision' ORDER BY id"
+        ).fetchall()
+    decisions = [json.loads(content) for (content,) in rows]
+    duty = {
+        kind: [d["duty"] for d in decisions if low <= d["time"] < high]
+        for kind, low, high in (("rest", 5, 31), ("before", 38, 40))
+    }
+    assert np.max(duty["rest"]) < 0.05
+    assert np.min(np.max(duty["before"], axis=0)) > 0.1
+    assert {d["reference"][0] for d in decisions if d["time"] < 39.5} == {16.0}
 
 
 def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(

@@ -148,7 +148,7 @@ def of_models(twin: Twin) -> list[Any]:
         designed(twin, LQI, setpoint_weight=0.3, drift=0.2),
         designed(twin, LQI, setpoint_weight=[0.3, 0.1]),
         designed(twin, MPC, horizon=4, duty_deviation=[0.1, 0.2], reading_noise=0.03),
-        designed(twin, MPC, horizon=3, rate_limit=0.07, temperature_limits=limited),
+        designed(twin, MPC, horizon=3, rate_limit=0.07, temperature_limits=limited, preview=True),
     ]
 
 
@@ -191,6 +191,7 @@ def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, numbe
         (0, r'"1/K", rows = \[\n    \[', '"1/K", rows = [\n    [1e9, ', "gains.N: expected 2 x 2"),
         (2, r"horizon = 4", "horizon = 0", "MPC: horizon: expected a whole number"),
         (2, r"horizon = 4\n", "", "horizon: expected this field, got none"),
+        (3, r"preview = true", 'preview = "yes"', "preview: expected true or false, got"),
         (2, r"\[model\]\nA = \[", "[model]\nA = 3\nQ = [", r"model\.Q: unknown field"),
         (2, r"A = \[\n    \[", "A = [\n    [7, ", r"model\.A: expected any x any finite"),
         (3, r'rate_limit = "', 'rate_limit = "-', "rate_limit: expected a rate of the duty above"),

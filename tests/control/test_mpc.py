@@ -136,6 +136,36 @@ def test_a_reference_that_is_known_before_is_met_before():
 
 
 @pytest.mark.slow
+def test_a_simulated_loop_gives_the_references_to_come(twin: Twin):
+    """With `preview` the duty moves before the reference does, and the error's integral is less."""
+    model = linearize(twin, temperatures={"TAM": 30.0, "TCM": 30.0}).reduce(4).discretise(2.0)
+    settings: dict[str, Any] = {"duration_s": 200.0, "noise": False, "quantised": False}
+    runs = []
+    for preview in (False, True):
+        mpc = MPC(
+            model,
+            measured=["TAM", "TCM"],
+            limits=(0, 1),
+            horizon=12,
+            duty_deviation=0.3,
+            preview=preview,
+        )
+        runs.append(simulate_closed_loop(twin, mpc, "0:28/27,140:31/30", **settings))
+    without, with_it = runs
+    step = int(np.flatnonzero(without.time >= 140)[0])
+    # 12 samples of 2 s.
+    np.testing.assert_allclose(with_it.duty[: step - 30], without.duty[: step - 30], atol=1e-6)
+    before = slice(step - 22, step)
+    assert np.ptp(without.duty[before], axis=0).max() < 0.02
+    assert np.min(with_it.duty[step - 1] - without.duty[step - 1]) > 0.1
+    table = [run.measures()["value"] for run in runs]
+    assert table[1]["integral_absolute_error"] < table[0]["integral_absolute_error"]
+    assert table[1]["settling_time"] < table[0]["settling_time"]
+    since = [np.abs(run.output - run.reference)[step - 30 :].sum() for run in runs]
+    assert since[1] < 0.75 * since[0]
+
+
+@pytest.mark.slow
 def test_a_start_has_no_bump():
     mpc = MPC(plate(), measured=BOTH)
     with jax.enable_x64(True):

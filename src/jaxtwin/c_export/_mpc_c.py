@@ -62,6 +62,8 @@ def _parameters(controller: MPC) -> list[str]:
         parameter_text("accepted changes of the duty", change, ""),
         f"limit of the rate of the duty: {'none' if rate is None else f'{rate!r} 1/s'}",
     ]
+    if controller.preview:
+        lines.append("designed for the references of the whole horizon: see ..._step_ahead")
     for channel, lowest, highest in controller.temperature_limits:
         lines.append(f"soft limits of {channel}: {lowest!r} to {highest!r} degC")
     if controller.soft is not None:

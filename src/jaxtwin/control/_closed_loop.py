@@ -21,6 +21,7 @@ from ..simulation._stepper import (
 )
 from ._controller import AbstractController
 from ._drawn_power import drawn_in_steps
+from ._references import references_ahead
 
 
 @final
@@ -213,7 +214,7 @@ def run_loop(
         jnp.broadcast_to(first, (scenario.sensor_delay_steps, len(first))),
     )
     rows = (
-        scenario.reference,
+        references_ahead(jnp.asarray(scenario.reference), controller.preview_samples),
         ambient,
         scenario.heat,
         scenario.conductance,

@@ -15,7 +15,7 @@ from ..live import Bench, Document, Moment, operate
 from ..physics import Twin
 from ._controller import AbstractController
 from ._reach import check_reach, check_sample_time
-from ._references import reference_samples, sample_times
+from ._references import reference_samples, references_ahead, sample_times
 from ._stability import check_stability
 
 NEXT_SAMPLE = 1e-6
@@ -124,12 +124,13 @@ class LiveLoop:
         self._duration = float(duration_s)
         self._weights = np.asarray(controller.output_weights(twin.channels), float)
         self._references = checked_loop(twin, controller, references, duration_s)
+        self._ahead = references_ahead(self._references, controller.preview_samples)
         with own_settings():
             # Compiled now: a rig that is connected sends, and nobody would listen.
             off = np.zeros(len(twin.rig.cells))
             still = self._references[0]
             self._state: Any = jax.tree.map(np.asarray, controller.init(off, still))
-            _step(controller, self._state, still, still)
+            _step(controller, self._state, self._ahead[0], still)
         self._silence = silence_s
         self._sample: int | None = None
         self._seen: tuple[float, Float[np.ndarray, " outputs"]] | None = None
@@ -145,12 +146,11 @@ class LiveLoop:
         measurement = self._measured(moment)
         if measurement is None:
             return self._duty
-        reference = self._references[sample]
         with own_settings():
             if self._sample is None:
                 begun = self._controller.init(np.asarray(moment.duty, float), measurement)
                 self._state = jax.tree.map(np.asarray, begun)
-            asked, state = _step(self._controller, self._state, reference, measurement)
+            asked, state = _step(self._controller, self._state, self._ahead[sample], measurement)
             self._state = jax.tree.map(np.asarray, state)
         duty = np.asarray(asked, float)
         if duty.shape != self._duty.shape or not np.isfinite(duty).all():
@@ -158,7 +158,7 @@ class LiveLoop:
         self._sample, self._duty = sample, np.clip(duty, -1.0, 1.0)
         content = {
             "time": moment.time,
-            "reference": reference.tolist(),
+            "reference": self._references[sample].tolist(),
             "measurement": measurement.tolist(),
             "duty": self._duty.tolist(),
         }
@@ -188,7 +188,7 @@ class LiveLoop:
 def _step(
     controller: AbstractController,
     state: PyTree,
-    reference: Float[Array | np.ndarray, " outputs"],
+    reference: Float[Array | np.ndarray, "*preview outputs"],
     measurement: Float[Array | np.ndarray, " outputs"],
 ) -> tuple[Float[Array, " cells"], PyTree]:
     return controller.step(state, reference, measurement)

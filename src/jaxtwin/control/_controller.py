@@ -41,6 +41,12 @@ class AbstractController(eqx.Module):
     sample_time_s: eqx.AbstractVar[float]
     """Between two samples, s."""
 
+    @property
+    def preview_samples(self) -> int:
+        """Of how many samples, from the present one on, `step` gets the references: then they are
+        `(preview_samples, outputs)`. With 0 it gets those of the present sample alone."""
+        return 0
+
     @abstractmethod
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
         """How much each channel of a rig counts in each output.
@@ -64,7 +70,7 @@ class AbstractController(eqx.Module):
     def step(
         self,
         state: PyTree,
-        reference: Float[ArrayLike, " outputs"],
+        reference: Float[ArrayLike, "*preview outputs"],
         measurement: Float[ArrayLike, " outputs"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """The duty of the cells until the next sample, and the state there.
@@ -72,7 +78,9 @@ class AbstractController(eqx.Module):
         **Arguments:**
 
         - `state`: of the sample before, or of `init`.
-        - `reference`, `measurement`: of the outputs now, degC.
+        - `reference`: of the outputs now, degC; with `preview_samples`, now and in the next
+          samples.
+        - `measurement`: of the outputs now, degC.
         """
 
 

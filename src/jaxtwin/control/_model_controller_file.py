@@ -53,6 +53,7 @@ FIELDS = {
     "mpc": (
         *POINT,
         "horizon",
+        "preview",
         *_DEVIATIONS,
         "rate_limit",
         "excess_deviation",
@@ -115,7 +116,9 @@ def model_controller(
         settings["excess_deviation"] = quantity(
             data["excess_deviation"], "excess_deviation", TEMPERATURE_DIFFERENCE, no
         )
-    settings["horizon"] = data["horizon"]
+    settings["horizon"], settings["preview"] = data["horizon"], data.get("preview", False)
+    if not isinstance(settings["preview"], bool):
+        no("preview", f"expected true or false, got {settings['preview']!r}")
     return _with_filter(_made(MPC, plant, settings, no), L, no)
 
 
@@ -135,6 +138,7 @@ def model_controller_lines(controller: LQI | MPC) -> list[str]:
         tables += ["", "[gains]", *(f"{name} = {text}" for name, text in gains.items())]
     else:
         lines.append(f"horizon = {controller.horizon}")
+        lines.append(f"preview = {json.dumps(controller.preview)}")
         for (name, unit), value in zip(_DEVIATIONS.items(), controller.deviations, strict=True):
             lines.append(f"{name} = {as_quantity(value, unit)}")
         if controller.rate_limit is not None:

@@ -97,9 +97,9 @@ class MPC(AbstractChannelGroupController):
     mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), rate_limit=0.05)
     ```
 
-    The controller uses the present reference for the whole horizon. In a loop of your own, `step`
-    also takes references `(horizon, outputs)`, those of this sample and of the next ones. The
-    sample time is that of the model.
+    Without `preview` the controller uses the present reference for the whole horizon. `step` takes
+    both: references `(outputs,)`, or `(horizon, outputs)`, those of this sample and of the next
+    ones. The sample time is that of the model.
 
     **Arguments:** deviations and noises are single numbers, or one for each output or cell.
 
@@ -113,6 +113,8 @@ class MPC(AbstractChannelGroupController):
       exceeded where the duty cannot do otherwise.
     - `excess_deviation`: the accepted excess over a temperature limit, K. With a smaller value the
       limit is stricter.
+    - `preview`: whether closed loops, simulated or on a rig, give it the references of the whole
+      horizon, so that it acts before a step of the reference comes.
 
     **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
     deviation, a noise or the rate is not a finite positive number, the horizon is not a positive
@@ -132,6 +134,7 @@ class MPC(AbstractChannelGroupController):
     rate_limit: float | None = eqx.field(static=True)
     limits: tuple[float, float] = eqx.field(static=True)
     sample_time_s: float = eqx.field(static=True)
+    preview: bool = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
 
     def __init__(
@@ -149,10 +152,12 @@ class MPC(AbstractChannelGroupController):
         rate_limit: float | int | None = None,
         temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
         excess_deviation: float | int = 0.1,
+        preview: bool = False,
     ):
         self.limits = checked_limits("MPC", limits)
         self.measured = checked_measured("MPC", measured)
         self.horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
+        self.preview = preview
         self.rate_limit = None if rate_limit is None else _checked_rate(rate_limit)
         self.temperature_limits = _checked_temperature_limits(temperature_limits, model)
         watched = [name for name, *_ in self.temperature_limits]
@@ -178,6 +183,11 @@ class MPC(AbstractChannelGroupController):
         self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
         self.gain, self.inverse = plant.gain, plant.inverse
         self.duty, self.outputs = plant.duty, plant.outputs
+
+    @property
+    def preview_samples(self) -> int:
+        """The horizon, with `preview`."""
+        return self.horizon if self.preview else 0
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

@@ -4,7 +4,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from .._arguments import finite_number
 from .._errors import ControlError
@@ -79,6 +79,17 @@ def _entry(where: str, part: str, outputs: int) -> tuple[float, Float[np.ndarray
             f"got {len(values)} in {part.strip()!r}"
         )
     return time, np.broadcast_to(values, (outputs,))
+
+
+def references_ahead(
+    references: Float[Array | np.ndarray, "samples outputs"], preview: int
+) -> Float[Array | np.ndarray, "samples *preview outputs"]:
+    """The references that a controller gets at each sample: those of the sample, or with a preview
+    those of as many samples from it on. After the last sample its references go on."""
+    if not preview:
+        return references
+    last = len(references) - 1
+    return references[np.minimum(np.arange(last + 1)[:, None] + np.arange(preview), last)]
 
 
 def sample_times(

@@ -27,6 +27,7 @@ from ._controller_vector import ControllerVector
 from ._hold import held
 from ._linearize import _linearized
 from ._operating_point import Target
+from ._references import references_ahead
 
 LOWEST = 1e-4
 """Of the frequencies that are looked at, rad/s."""
@@ -209,9 +210,10 @@ def _linear_steps(
 ) -> tuple[Array, Array, Array, Array]:
     """Ac, Bc, Cc and Dc from measurement to duty about the rest."""
     rest, unravel = ravel_pytree(controller.init(duty, outputs))
+    (references,) = references_ahead(jnp.asarray(outputs)[None], controller.preview_samples)
 
     def step(state: Array, measurement: Array) -> tuple[Array, Array]:
-        asked, later = controller.step(unravel(state), outputs, measurement)
+        asked, later = controller.step(unravel(state), references, measurement)
         return ravel_pytree(later)[0], asked
 
     (A, B), (C, D) = jax.jacfwd(step, (0, 1))(rest, jnp.asarray(outputs))
