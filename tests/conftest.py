@@ -100,7 +100,7 @@ PROGRAMS = {
 }
 """Marker -> the program that its tests need."""
 
-MODULES = {"salib": "SALib", "python_control": "control", "fmpy": "fmpy"}
+MODULES = {"salib": "SALib", "python_control": "control", "fmpy": "fmpy", "daqp": "daqp"}
 """Marker -> the Python module that its tests need."""
 
 

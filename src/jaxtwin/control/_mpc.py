@@ -222,6 +222,13 @@ class MPC(AbstractChannelGroupController):
         self, state: MPCState, reference: Array, measurement: Array
     ) -> tuple[Float[Array, " state"], Float[Array, "horizon cells"]]:
         """The states after the reading, and the planned duty of the next samples as deviations."""
+        states, program = self._problem(state, reference, measurement)
+        return states, minimised(program).reshape(self.horizon, len(self.duty))
+
+    def _problem(
+        self, state: MPCState, reference: Array, measurement: Array
+    ) -> tuple[Float[Array, " state"], QuadraticProgram]:
+        """The states after the reading, and the program whose minimum is the plan."""
         states = self.kalman.correct(state.states, measurement - self.outputs)
         outputs, cells = self.gain.shape
         missing = reference - self.outputs - states[-outputs:]
@@ -248,8 +255,8 @@ class MPC(AbstractChannelGroupController):
             matrix = jnp.concatenate([matrix, jnp.asarray(self.soft.by_moves)])
             low = jnp.concatenate([low, self.soft.lowest - coming])
             high = jnp.concatenate([high, self.soft.highest - coming])
-        program = QuadraticProgram(jnp.asarray(cost.hessian), slope, matrix, low, high, softness)
-        return states, minimised(program).reshape(self.horizon, cells)
+        hessian = jnp.asarray(cost.hessian)
+        return states, QuadraticProgram(hessian, slope, matrix, low, high, softness)
 
     def _target(
         self, missing: Float[Array, " outputs"], heat: Float[Array, " cells"]
