@@ -6,6 +6,7 @@ BIN := .venv/bin
 INSTALLED := .venv/installed
 INSTALLED_DEV := .venv/installed-dev
 INSTALLED_DOCS := .venv/installed-docs
+INSTALLED_WHEEL := .venv-wheel/installed
 PARALLEL := --numprocesses=auto --dist=loadfile
 
 # What tells in a few minutes whether another environment will do: every library is asked for
@@ -29,7 +30,7 @@ help:
 	@echo "make test-slow    those that take longer; test-all runs both"
 	@echo "make lint         ruff: rules and layout"
 	@echo "make types        pyright"
-	@echo "make notebook     run the notebooks again, in place; notebook-check only runs them"
+	@echo "make notebook     run the notebooks again, in place; notebook-check runs them from the wheel"
 	@echo "make lab          open the notebooks in JupyterLab"
 	@echo "make docs         build the documentation site, build/site/index.html, and check its links"
 	@echo "make pictures     draw the pictures of the documentation again"
@@ -67,9 +68,12 @@ notebook: $(INSTALLED_DEV)
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace notebooks/*.ipynb
 	$(BIN)/python docs/tidy_notebooks.py notebooks/*.ipynb
 
-notebook-check: $(INSTALLED_DEV)
+# As users run them: a copy outside the checkout, by the installed wheel.
+notebook-check: $(INSTALLED_WHEEL)
+	.venv-wheel/bin/python -m pip install --quiet "$$(echo dist/*.whl)[notebook,storage]"
 	set -e; made=$$(mktemp -d); trap 'rm -rf "$$made"' EXIT; \
-	$(BIN)/jupyter nbconvert --to notebook --execute --output-dir "$$made" notebooks/*.ipynb
+	cp notebooks/*.ipynb "$$made"; \
+	.venv-wheel/bin/jupyter nbconvert --to notebook --execute --inplace "$$made"/*.ipynb
 
 # Warnings are errors.
 docs: $(INSTALLED_DOCS)
@@ -78,16 +82,15 @@ docs: $(INSTALLED_DOCS)
 pictures: $(INSTALLED)
 	$(BIN)/python docs/make_pictures.py
 
-# The wheel must carry its data files: it is used from outside the checkout.
-wheel-check: $(INSTALLED)
-	rm -rf dist
-	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+# The wheel must carry its data files, and need nothing but what it names: it is installed in an empty
+# environment and used from outside the checkout.
+wheel-check:
+	rm -f $(INSTALLED_WHEEL)
+	$(MAKE) $(INSTALLED_WHEEL)
 	set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
-	$(PYTHON) -m venv "$$fresh/venv"; \
-	"$$fresh/venv/bin/python" -m pip install --quiet dist/*.whl; \
-	cd "$$fresh"; \
-	venv/bin/jaxtwin rigs; \
-	venv/bin/python -c 'import jaxtwin.data; print(jaxtwin.data.table(4).title)'
+	wheel=$$PWD/.venv-wheel/bin; cd "$$fresh"; \
+	$$wheel/jaxtwin rigs; \
+	$$wheel/python -c 'import jaxtwin.data; print(jaxtwin.data.table(4).title)'
 
 bench: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
@@ -118,7 +121,7 @@ else
 endif
 
 clean:
-	rm -rf .venv .venv-lowest .venv-newest build dist report .pytest_cache .ruff_cache .hypothesis .jax_cache
+	rm -rf .venv .venv-lowest .venv-newest .venv-wheel build dist report .pytest_cache .ruff_cache .hypothesis .jax_cache
 
 $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "jaxtwin needs Python 3.11 or newer; name one: make PYTHON=python3.12")'
@@ -132,4 +135,11 @@ $(INSTALLED_DEV): $(INSTALLED)
 
 $(INSTALLED_DOCS): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	@touch $@
+
+$(INSTALLED_WHEEL): $(INSTALLED) $(shell find src -type f -not -path '*/__pycache__/*') README.md
+	rm -rf dist .venv-wheel
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	$(PYTHON) -m venv .venv-wheel
+	.venv-wheel/bin/python -m pip install --quiet dist/*.whl
 	@touch $@
