@@ -1,47 +1,45 @@
-"""Global sensitivity of the paper's rig: how long it takes, how it converges, and what it says.
+"""How long does a global sensitivity analysis of the paper's rig take, and how does it converge?
 
-`speed`: first and total Sobol indices, with bootstrap intervals, of the cost of 15 channels and
-their mean in all 20 parameters of `paper-2024` around the published values, 1000 s at 1 Hz; N base
-samples are N (20 + 2) runs. Beside it the same work by SALib and SciPy: SALib's sampler and
-analyser, and LSODA with the analytic Jacobian for as many runs as `--scipy` says, whose time is
-scaled to all runs. The costs of the runs that both did are compared.
+First and total Sobol indices, with bootstrap intervals, of the cost of 15 channels and their mean
+in all 20 parameters of `paper-2024` around the published values, 1000 s at 1 Hz; N base samples are
+N (20 + 2) runs. Beside it the same work by SALib and SciPy: SALib's sampler and analyser, and LSODA
+with the analytic Jacobian for as many runs as `--scipy` says, whose time is scaled to all runs. The
+costs of the runs that both did are compared.
 
-It also prints how the 95 % intervals, and the distance from the largest N, fall with N.
-
-`claim`: does the paper's "R_pc, R_E and R_Th lead" hold? The free parameters' Pearson correlations
-with the mean cost for 50 and 10 000 draws, their rank correlations, and their Sobol indices of the
-cost and of its logarithm, whose tail is not heavy, for the authors' three recordings: at the
-published values, at the values of a match with jaxtwin (`--parameters fit.toml`, as `jaxtwin match`
-writes it), and over the bounds of Table 4.
-
-    python -m benchmarks.global_sensitivity speed --base 4096 --scipy 220
-    python -m benchmarks.global_sensitivity claim --parameters fit.toml
+    python -m benchmarks.global_sensitivity --base 4096 --scipy 220
 """
 
 import argparse
+import json
 import os
 import time
 from collections.abc import Callable
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 import jaxtwin as jt
-from jaxtwin.sensitivity_analysis import Sobol, Spearman, indices_of
+from jaxtwin.sensitivity_analysis import indices_of
 
 from ._equations import equations, stretches
+from ._machine import machine
+from ._tables import table
 from ._task import HELD, Task
 
 Result = TypeVar("Result")
+Times = dict[str, float]
 TASK = Task("paper-2024", "published")
+FEWEST = 64
+"""Base samples where the convergence begins."""
 
 
-def timed(work: Callable[[], Result]) -> tuple[Result, float, float]:
-    """What the work gives, and the seconds that it took: of all cores' work, and of a clock."""
+def timed(work: Callable[[], Result]) -> tuple[Result, Times]:
+    """What the work gives, and the seconds that it took: of CPU, over all cores, and of a clock."""
     began, cpu = time.perf_counter(), time.process_time()
     found = work()
-    return found, time.process_time() - cpu, time.perf_counter() - began
+    return found, {"cpu_s": time.process_time() - cpu, "clock_s": time.perf_counter() - began}
 
 
 def names() -> list[str]:
@@ -56,38 +54,50 @@ def analyse(base: int) -> jt.GlobalSensitivity:
     )
 
 
-def speed(base: int, by_scipy: int) -> None:
-    """Prints the times."""
-    analyse(8)  # compiles
-    found, cpu, wall = timed(lambda: analyse(base))
-    runs = len(found.failed)
-    print(f"load {os.getloadavg()[0]:.1f}, {len(os.sched_getaffinity(0))} cores")
-    print(f"jaxtwin: {runs} runs, {len(found.outputs)} outputs with intervals, {found!r}")
-    print(f"  CPU {cpu:.1f} s, clock {wall:.1f} s, {1e3 * cpu / runs:.3f} ms of CPU a run")
-    show_convergence(found)
-    if not by_scipy:
-        return
+def measure(base: int, by_scipy: int) -> dict[str, Any]:
+    """Times, differences and convergence."""
+    # The first one loads or compiles what the second one has.
+    _, first = timed(lambda: analyse(base))
+    load = os.getloadavg()[0]
+    found, warm = timed(lambda: analyse(base))
+    _, estimation = timed(lambda: indices_of(found.method, found.design, found.values))
+    return {
+        "base": base,
+        "parameters": len(found.names),
+        "outputs": len(found.outputs),
+        "runs": len(found.failed),
+        "failed": int(found.failed.sum()),
+        "first": first,
+        "warm": warm | {"load": load},
+        "estimation": estimation,
+        "peers": peers(found, base, by_scipy),
+        "convergence": convergence(found),
+    }
+
+
+def peers(found: jt.GlobalSensitivity, base: int, by_scipy: int) -> dict[str, float]:
+    """Seconds of CPU by SALib and SciPy, and by how much their costs differ, K^2."""
     from SALib.analyze import sobol as analyser
     from SALib.sample import sobol as sampler
 
-    samples, sampling, _ = timed(
+    samples, sampling = timed(
         lambda: sampler.sample(found.problem, base, calc_second_order=False, seed=0)
     )
     some = samples[:by_scipy]
-    costs, solving, _ = timed(lambda: lsoda_costs(some))
-    difference = np.abs(costs - found.values[: len(some), :-1]).max()
-    _, analysing, _ = timed(
+    costs, solving = timed(lambda: lsoda_costs(some))
+    _, analysing = timed(
         lambda: [
             analyser.analyze(found.problem, column, calc_second_order=False, seed=1)
             for column in found.values.T
         ]
     )
-    whole = solving / len(some) * runs
-    print(
-        f"SALib and SciPy: CPU {sampling + whole + analysing:.0f} s ({sampling:.1f} s samples, "
-        f"{whole:.0f} s LSODA, scaled from {len(some)} runs in {solving:.1f} s, {analysing:.1f} s "
-        f"indices); costs differ by {difference:.1e} K^2 at most"
-    )
+    return {
+        "solved": len(some),
+        "sampling_cpu_s": sampling["cpu_s"],
+        "solving_cpu_s": solving["cpu_s"] / len(some) * len(samples),
+        "analysing_cpu_s": analysing["cpu_s"],
+        "costs_differ_by_K2": float(np.abs(costs - found.values[: len(some), :-1]).max()),
+    }
 
 
 def lsoda_costs(samples: Float[np.ndarray, "runs parameters"]) -> Float[np.ndarray, "runs c"]:
@@ -117,78 +127,84 @@ def lsoda_costs(samples: Float[np.ndarray, "runs parameters"]) -> Float[np.ndarr
     return np.array(costs)
 
 
-def show_convergence(found: jt.GlobalSensitivity) -> None:
-    """Prints a line for each number of base samples: the first ones of the analysis, as Sobol's
-    sequence begins alike."""
-    row, blocks = found.row(), found.design.blocks
-    print("    N     runs   widest interval: ST, S1   largest distance from the last: ST, S1")
-    for base in [1 << power for power in range(6, blocks.bit_length())]:
+def convergence(found: jt.GlobalSensitivity) -> list[dict[str, Any]]:
+    """The first base samples of the analysis, as Sobol's sequence begins alike: how wide the
+    intervals of the mean cost's indices are, and how far its indices are from those of all."""
+    row, blocks, rows = found.row(), found.design.blocks, []
+    base = FEWEST
+    while base <= blocks:
         part = found.design.of_blocks(np.arange(blocks) < base)
-        runs = len(part.unit)
-        indices, _ = indices_of(found.method, part, found.values[:runs, [row]])
-        widths = [indices[f"{name}_conf"].max() for name in ("ST", "S1")]
-        apart = [np.abs(indices[name][0] - found[name][row]).max() for name in ("ST", "S1")]
-        print(
-            f"{base:5d} {runs:8d}   +-{widths[0]:.3f}, +-{widths[1]:.3f}"
-            f"{apart[0]:22.3f}, {apart[1]:.3f}"
+        indices, _ = indices_of(found.method, part, found.values[: len(part.unit), [row]])
+        entry: dict[str, Any] = {"base": base, "runs": len(part.unit)}
+        for name in ("ST", "S1"):
+            entry[f"{name}_widest"] = float(indices[f"{name}_conf"].max())
+            entry[f"{name}_apart"] = float(np.abs(indices[name][0] - found[name][row]).max())
+        rows.append(entry)
+        base *= 2
+    return rows
+
+
+def page(answer: dict[str, Any]) -> str:
+    """As Markdown."""
+    where, warm, peers = answer["machine"], answer["warm"], answer["peers"]
+    total = sum(peers[f"{part}_cpu_s"] for part in ("sampling", "solving", "analysing"))
+    runs = f"{answer['runs']:,}"
+    text = (
+        f"# A global sensitivity analysis, measured {where['date']}\n\n"
+        f"{where['processor']}, cores used: {where['cores']}, a shared machine; load "
+        f"{warm['load']:.1f} when the warm analysis began, {where['load_after']} at the end. "
+        "`python -m benchmarks.global_sensitivity`. Sobol's indices `S1` and `ST` of "
+        f"{answer['outputs']} outputs (the cost of each channel and their mean) in "
+        f"{answer['parameters']} parameters of `paper-2024` around its published values (normal, "
+        f"25 %), with bootstrap intervals: N = {answer['base']} base samples, {runs} runs of "
+        f"1000 s at 1 Hz, {answer['failed']} of which failed.\n\n"
+    )
+    rows = [
+        (f"jaxtwin, {words}", f"{times['cpu_s']:.1f}", f"{times['clock_s']:.1f}")
+        for words, times in (
+            ("first analysis of a process", answer["first"]),
+            ("warm", warm),
+            ("of these the indices and intervals", answer["estimation"]),
         )
-
-
-def claim(base: int, parameters: str | None) -> None:
-    """Prints a table for each centre."""
-    rig = jt.load_rig("paper-2024")
-    experiments = [jt.read_recording(path) for path in jt.find_recordings()]
-    published = jt.Twin(rig, rig.parameter_sets["published"])
-    centres: list[tuple[str, jt.Twin, dict[str, str]]] = [
-        ("published values, +-25 %", published, {"inputs": "normal"}),
     ]
-    if parameters:
-        centres.append(("matched values, +-25 %", jt.Twin(rig, parameters), {"inputs": "normal"}))
-    centres.append(("uniform in the bounds of Table 4", published, {"inputs": "bounds"}))
-    for words, twin, options in centres:
-        few, many, variance = (
-            jt.sensitivity(twin, experiments, method=method, draws=draws, **options)  # pyright: ignore[reportArgumentType, reportCallIssue]
-            for method, draws in (("pearson", 50), ("pearson", 10_000), ("sobol", base))
-        )
-        row = variance.row()
-        ranks, _ = indices_of(Spearman(), many.design, many.values[:, [row]])
-        logarithm, _ = indices_of(Sobol(), variance.design, np.log(variance.values[:, [row]]))
-        columns = {
-            "Pearson, 50": few["pearson"][row],
-            "Pearson, 10 000": many["pearson"][row],
-            "Spearman, 10 000": ranks["spearman"][0],
-            f"S1, {base}": variance["S1"][row],
-            f"ST, {base}": variance["ST"][row],
-            "S1 of log cost": logarithm["S1"][0],
-            "ST of log cost": logarithm["ST"][0],
-        }
-        widest = [
-            (few["pearson_high"] - few["pearson_low"])[row].max() / 2,
-            (many["pearson_high"] - many["pearson_low"])[row].max() / 2,
-            (ranks["spearman_high"] - ranks["spearman_low"])[0].max() / 2,
-            *(variance[f"{name}_conf"][row].max() for name in ("S1", "ST")),
-            *(logarithm[f"{name}_conf"][0].max() for name in ("S1", "ST")),
-        ]
-        print(f"\n{words}: {few!r}, {many!r}, {variance!r}")
-        print(f"{'':10s}" + "".join(f"{name:>18s}" for name in columns))
-        for place in np.argsort(-columns["ST of log cost"]):
-            cells = "".join(f"{column[place]:18.3f}" for column in columns.values())
-            print(f"{variance.names[place]:10s}{cells}")
-        print(f"{'widest +-':10s}" + "".join(f"{width:18.3f}" for width in widest))
+    rows.append(("SALib and SciPy", f"{total:.0f}", ""))
+    text += table(("", "CPU time, s", "clock, s"), rows)
+    text += (
+        f"\nWarm, a run takes {1e3 * warm['cpu_s'] / answer['runs']:.3f} ms of CPU time. SALib and "
+        f"SciPy work on one core: {peers['sampling_cpu_s']:.1f} s for samples, "
+        f"{peers['solving_cpu_s']:.0f} s for LSODA with the analytic Jacobian, scaled from "
+        f"{peers['solved']} runs, and {peers['analysing_cpu_s']:.1f} s for indices. The costs of "
+        f"these runs differ by {peers['costs_differ_by_K2']:.1e} K² at most.\n\n"
+        "## Convergence\n\n"
+        "Indices of the mean cost from the first N base samples: the widest 95 % interval over the "
+        "parameters, and the largest distance from the index of all base samples.\n\n"
+    )
+    head = ("N", "runs", "widest ST", "widest S1", "ST apart by", "S1 apart by")
+    keys = ("ST_widest", "S1_widest", "ST_apart", "S1_apart")
+    return text + table(
+        head,
+        [
+            (row["base"], row["runs"], *(f"{row[key]:.3f}" for key in keys))
+            for row in answer["convergence"]
+        ],
+    )
 
 
 def main() -> None:
-    """Prints what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("part", choices=("speed", "claim"))
-    parser.add_argument("--base", type=int, default=4096)
-    parser.add_argument("--scipy", type=int, default=220)
-    parser.add_argument("--parameters")
+    """Measures and writes."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--base", type=int, default=4096, help="base samples")
+    parser.add_argument("--scipy", type=int, default=220, help="runs by SciPy")
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
-    if options.part == "speed":
-        speed(options.base, options.scipy)
-    else:
-        claim(options.base, options.parameters)
+    answer = {"machine": machine()} | measure(options.base, options.scipy)
+    answer["machine"]["load_after"] = round(os.getloadavg()[0], 2)
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "global_sensitivity.json").write_text(json.dumps(answer, indent=1) + "\n")
+    (options.out / "global_sensitivity.md").write_text(page(answer))
+    print(page(answer))
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ def main() -> None:
         "camera-error": plots.plot_camera_error(fit),
         "network": plots.plot_netlist(jt.Twin("dual-cell")),
         "example-rigs": draw_example_rigs(),
+        "indices-over-time": draw_indices_over_time(experiments[0]),
     }
     synthetic = [jt.read_recording(path) for path in synthetic_recordings()]
     for style in ("grey", "dark"):
@@ -42,6 +43,22 @@ def main() -> None:
     run = fit.mean_twin.simulate("0:0.5,500:0.78", duration=1000)
     film = plots.animate_plate(fit.twin.rig, run, frames=25, seconds=5)
     film.save(FOLDER / "plate.gif", dpi=60)
+
+
+def draw_indices_over_time(experiment: jt.Experiment) -> Figure:
+    """Total Sobol indices of a temperature of the paper's rig, over the bounds of Table 4."""
+    rig = jt.load_rig("paper-2024")
+    found = jt.sensitivity(
+        jt.Twin(rig, rig.parameter_sets["published"]),
+        experiment,
+        method="sobol",
+        draws=512,
+        inputs="bounds",
+        outputs=["temperature"],
+    )
+    figure = found.plot_over_time("TAM").figure
+    assert isinstance(figure, Figure)
+    return figure
 
 
 @plots.styled
