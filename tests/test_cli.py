@@ -269,8 +269,9 @@ def test_check_names_the_mistake_in_a_rig_file(capsys):
 
 
 @pytest.mark.slow
-def test_netlist_is_drawn_and_exported():
+def test_netlist_is_drawn_and_exported(capsys):
     assert run(["netlist", "paper-2024", "--out", "n.png", "--spice", "n.cir"]) == 0
+    assert printed(capsys).endswith("written to n.png, n.cir\n")
     assert Path("n.png").read_bytes().startswith(b"\x89PNG")
     assert ".end" in Path("n.cir").read_text().lower()
 
@@ -278,7 +279,9 @@ def test_netlist_is_drawn_and_exported():
 def test_dc_sweep_gives_the_datasheets_constants(capsys):
     """Eq. (10) of the paper at 323 K: 0.0508 V/K, 1.967 ohm, 1.861 K/W."""
     assert run(["dc-sweep", "TEC1-12706", "--out", "sweep", "--json", "s.json"]) == 0
-    assert "0.0508 V/K, 1.967 ohm, 1.861 K/W" in printed(capsys)
+    said = printed(capsys)
+    assert "0.0508 V/K, 1.967 ohm, 1.861 K/W" in said
+    assert said.endswith("written to sweep\n")
     points = json.loads(Path("s.json").read_text())["best_points"]
     assert points[0]["current_A"] == pytest.approx(0.050774 * 323 / 1.96749, rel=1e-4)
     assert sorted(path.name for path in Path("sweep").iterdir()) == [
@@ -287,9 +290,12 @@ def test_dc_sweep_gives_the_datasheets_constants(capsys):
     ]
 
 
-def test_simulate_writes_a_run_with_labels():
+def test_simulate_writes_a_run_with_labels(capsys):
     arguments = ["--duty", "0:0.5,30:0.78", "--duration", "60", "--out", "run.nc"]
-    assert run(["simulate", "paper-2024", *arguments]) == 0
+    assert run(["simulate", "paper-2024", *arguments, "--json", "-"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["rig"] == "paper-2024"
+    assert err.endswith("written to run.nc\n")
     with xarray.open_dataset("run.nc") as stored:
         assert stored["temperature"].sizes == {"time": 61, "channel": 15}
         assert stored["duty"].values[[29, 30], 0].tolist() == [0.5, 0.78]

@@ -8,7 +8,7 @@ import typer
 from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
 from ._options import JsonOption
-from ._output import aligned, check_json, say, write_json
+from ._output import aligned, check_json, say, say_written, write_json
 from ._show_progress import show_progress
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def dc_sweep(
             progress.step(f"drawing into {out}")
             _save(constants, sheet, out)
     say(_table(module, constants, T_hot, numbers), json)
+    say_written(out, json_path=json)
     write_json(json, {"module": module, "T_hot_K": T_hot, "best_points": numbers})
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from ._options import JsonOption, ParametersOption, RigArgument, SeedOption, SetOption
-from ._output import aligned, check_json, check_output, say, write_json
+from ._output import aligned, check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
@@ -109,6 +109,7 @@ def design(
         if plot is not None:
             _draw(result, plot)
     say(_table(result), json)
+    say_written(out, plot, json_path=json)
     write_json(json, result.to_dict())
 
 

@@ -13,7 +13,7 @@ from ._options import (
     SeedOption,
     SetOption,
 )
-from ._output import check_json, check_output, say, write_json
+from ._output import check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
@@ -99,4 +99,5 @@ def match(
         progress.step(f"writing {out}")
         fit.save(out)
     say(fit.summary(), json)
+    say_written(out, json_path=json)
     write_json(json, fit.to_dict())

@@ -8,7 +8,7 @@ import typer
 from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
 from ._options import JsonOption, ParametersOption, RigArgument, SetOption
-from ._output import check_json, check_output, say, write_json
+from ._output import check_json, check_output, say, say_written, write_json
 from ._rigs import network_line
 from ._show_progress import show_progress
 from ._sources import open_twin
@@ -52,4 +52,5 @@ def netlist(
             step = Experiment.schedule("0:0.5,500:0.78", duration=1000.0, cells=len(loaded.cells))
             write_whole_file(spice, to_spice(twin, step).encode(), JaxtwinError)
     say(f"{loaded.name}: {network_line(numbers)}", json)
+    say_written(out, spice, json_path=json)
     write_json(json, {"rig": loaded.name, "network": numbers})

@@ -63,6 +63,12 @@ def say(text: str, json_path: Path | None = None) -> None:
     print(printable(text), file=sys.stderr if json_path == STDOUT else sys.stdout, flush=True)
 
 
+def say_written(*paths: Path | None, json_path: Path | None = None) -> None:
+    """Prints where the results are, as `say` does; nothing for files that were not asked for."""
+    if written := [str(path) for path in paths if path is not None]:
+        say(f"written to {', '.join(written)}", json_path)
+
+
 def printable(text: str) -> str:
     """Removes control characters, which a terminal would obey, from text of unknown origin."""
     return "".join(letter if letter.isprintable() or letter == "\n" else "�" for letter in text)

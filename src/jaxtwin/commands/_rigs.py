@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ._options import JsonOption, RigArgument
-from ._output import STDOUT, aligned, check_json, check_output, say, write_json
+from ._output import STDOUT, aligned, check_json, check_output, say, say_written, write_json
 
 
 def rigs(json: JsonOption = None) -> None:
@@ -50,6 +50,8 @@ def schema(
     if out != STDOUT:
         check_output(out, ".json")
     write_json(out, json_schema())
+    if out != STDOUT:
+        say_written(out)
 
 
 def network_line(counts: dict[str, float | int]) -> str:

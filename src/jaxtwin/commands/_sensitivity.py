@@ -13,7 +13,7 @@ from ._options import (
     SeedOption,
     SetOption,
 )
-from ._output import aligned, check_json, check_output, say, write_json
+from ._output import aligned, check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_recordings, open_twins
 
@@ -99,6 +99,7 @@ def sensitivity(
         result.save(out)
     is_global = isinstance(result, GlobalSensitivity)
     say(_indices(result) if is_global else _table(result), json)
+    say_written(out, json_path=json)
     write_json(json, result.to_dict())
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ._options import JsonOption, ParametersOption, RigArgument, SetOption
-from ._output import aligned, check_json, check_output, say, write_json
+from ._output import aligned, check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
@@ -68,6 +68,7 @@ def simulate(
         numbers["own_values"], text = _own_values(fit, twin, experiment)
         said += f"\n{text}" * bool(text)
     say(said, json)
+    say_written(out, json_path=json)
     write_json(json, numbers)
 
 

@@ -9,7 +9,7 @@ import typer
 
 from .._errors import SimulationError
 from ._options import JsonOption, ParametersOption, RigArgument, SeedOption, SetOption
-from ._output import check_json, say, write_json
+from ._output import check_json, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_recordings, open_twins
 
@@ -106,6 +106,7 @@ def sweep(
                 on_progress=report,
             )
     say(_summary(result), json)
+    say_written(out, json_path=json)
     write_json(json, result.to_dict())
 
 

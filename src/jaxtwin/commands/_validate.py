@@ -10,7 +10,7 @@ from .._errors import JaxtwinError
 from .._progress import Progress
 from .._whole_file import write_whole_file
 from ._options import JsonOption, RecordingsArgument, RigArgument, SetOption
-from ._output import check_json, say, write_json
+from ._output import check_json, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
@@ -106,6 +106,7 @@ def validate(
             progress.step(f"drawing into {out}")
             _draw(result, out)
     say(result.summary(), json)
+    say_written(out, json_path=json)
     write_json(json, result.to_dict())
 
 

@@ -34,8 +34,9 @@ def plot_dc_sweep(
     - `T_hot`: hot side temperature, K; the cold side is at `T_hot - delta_T`.
     - `delta_T`: differences hot - cold, K.
     - `datasheet`: of the module, `jaxtwin.rig.load_module`. Its numbers become points: $Q_{max}$
-      without a difference, where it is known, and no heat at $\Delta T_{max}$, both at $I_{max}$. A
-      curve for $\Delta T_{max}$ is added. They hold at the datasheet's own hot side temperature.
+      without a difference, where it is known, and no heat at $\Delta T_{max}$, both at $I_{max}$; a
+      line joins the first with the curve that it belongs to. A curve for $\Delta T_{max}$ is added.
+      They hold at the datasheet's own hot side temperature.
     - `title`: of the figure.
 
     **Returns:** the figure.
@@ -67,7 +68,8 @@ def plot_dc_sweep(
     cop.set_ylim(0, 1.08 * max(best_cops, default=4.0))
     note = f"$T_h$ = {T_hot:g} K; dots: best point of each curve in closed form"
     if datasheet is not None:
-        _draw_datasheet(heat, datasheet)
+        most = module.dc_sweep([datasheet.maximum_current], [0.0], T_hot).heat_flow.item()
+        _draw_datasheet(heat, datasheet, most)
         note += f"; squares: datasheet, $T_h$ = {datasheet.hot_side_temperature:g} K"
     figure.supxlabel(
         note,
@@ -95,15 +97,18 @@ def plot_dc_curves(sweep: DCSweep) -> Figure:
     return figure
 
 
-def _draw_datasheet(heat: Axes, sheet: Datasheet) -> None:
-    """What the manufacturer states: most heat, and none at the largest difference."""
+def _draw_datasheet(heat: Axes, sheet: Datasheet, computed: float) -> None:
+    """What the manufacturer states: most heat, joined with the one that was computed for the same
+    current, and none at the largest difference."""
     stated = [(0.0, f"0 W at {sheet.maximum_temperature_difference:g} K")]
     if sheet.maximum_heat_flow is not None:
         stated.append((sheet.maximum_heat_flow, f"{sheet.maximum_heat_flow:g} W at 0 K"))
+        low, high = sorted((sheet.maximum_heat_flow, computed))
+        heat.vlines(sheet.maximum_current, low, high, color=palette().vermilion, lw=1.4, zorder=3)
     for pumped, words in stated:
         heat.plot(
-            [sheet.maximum_current], [pumped], "s", mfc="none", mec=palette().vermilion, mew=1.8,
-            ms=8, clip_on=False, zorder=4, gid="datasheet",
+            [sheet.maximum_current], [pumped], "s", mfc=palette().ground, mec=palette().vermilion,
+            mew=1.8, ms=8, clip_on=False, zorder=4, gid="datasheet",
         )  # fmt: skip
         heat.annotate(
             words, (sheet.maximum_current, pumped), xytext=(-9, 0), textcoords="offset points",

@@ -65,7 +65,8 @@ def match_fixed(
                 "parameters",
                 to_png(plot_parameters(fit)),
                 "Between their bounds, on logarithmic scales: initial, published and matched, with "
-                "the 95 % interval as far as the bounds reach.",
+                "the 95 % interval as far as the bounds reach. None has a prior: the paper gives "
+                "bounds alone.",
             ),
             parameter_table(fit, "The paper's Table 4 beside the matched values."),
             Table(

@@ -33,10 +33,11 @@ def dc_sweeps() -> Section:
     for name in MODULES:
         sheet = load_module(name)
         module = ThermoelectricModule.from_datasheet(name)
-        figure = plot_dc_sweep(module, T_hot=sheet.hot_side_temperature, title=name)
-        best = module.optimum_current(sheet.hot_side_temperature)
-        most = module.dc_sweep([best], [0.0], sheet.hot_side_temperature).heat_flow.item()
-        largest = _largest_difference(module, sheet.hot_side_temperature)
+        hot = sheet.hot_side_temperature
+        figure = plot_dc_sweep(module, T_hot=hot, datasheet=sheet, title=name)
+        best = module.optimum_current(hot)
+        most = module.dc_sweep([best], [0.0], hot).heat_flow.item()
+        largest = _largest_difference(module, hot)
         pictures.append(
             Picture(
                 f"dc-sweep-{name}",
@@ -54,7 +55,8 @@ def dc_sweeps() -> Section:
             Text(
                 "A thermoelectric module has three constants, which follow from its datasheet by "
                 "eq. (10) of the paper. Swept over the current with its hot side held, it shows "
-                "how much heat it pumps and at what cost."
+                "how much heat it pumps and at what cost. Squares are what the datasheet states in "
+                "numbers; of its curves none has been digitised."
             ),
             *pictures,
         ),
