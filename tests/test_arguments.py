@@ -222,6 +222,14 @@ CASES = {
     "validate(twin, seen, warm_up='a')": ("MatchError", "validate: warm_up: " + FINITE),
     "validate(twin, seen, own=3)": ("MatchError", "validate: own: " + NAMES),
     "validate_split(twin, seen, None)": ("MatchError", "validate_split: at: " + FINITE),
+    "leave_one_out(twin, [seen, seen], by='day')": (
+        "MatchError",
+        'by: expected "recording" or "group", got \'day\'',
+    ),
+    "leave_one_out(twin, [seen, seen], by='group')": (
+        "MatchError",
+        "by: expected recordings of two groups or more, got one group ''; give groups",
+    ),
     "leave_one_out(twin, [seen, seen], warm_up=None)": ("MatchError", "warm_up: " + FINITE),
 }
 

@@ -145,15 +145,44 @@ def test_version(capsys):
     assert re.fullmatch(r"jaxtwin \d+\.\d+\.\d+\n", printed(capsys))
 
 
+GROUP = ["--group", "day"]
 WRONG = {
     "split and leave one out": (
         ["validate", "paper-2024", "synthetic-A", "--split", "500", "--leave-one-out"],
-        "give either --split or --leave-one-out",
+        "give one of --split, --leave-one-out and --leave-group-out",
     ),
     "nothing to validate": (["validate", "paper-2024", "synthetic-A"], "give --parameters"),
     "given and split": (
         ["validate", "paper-2024", "synthetic-A", "--split", "500", "--given", "120"],
         "give --group and --given with --parameters, not with --split",
+    ),
+    "two groups of one prediction": (
+        [
+            "validate",
+            "paper-2024",
+            "synthetic-A",
+            "--set",
+            "published",
+            "--group",
+            "a",
+            "--group",
+            "b",
+        ],
+        "--group: expected one name, got 2; only --leave-group-out takes one for each recording",
+    ),
+    "one group to leave out": (
+        [
+            "validate",
+            "paper-2024",
+            "synthetic-A",
+            "synthetic-B",
+            "--leave-group-out",
+            "--group",
+            "day",
+            "--group",
+            "day",
+        ],
+        "leave_one_out: by: expected recordings of two groups or more, got one group 'day'",
     ),
     "fewer groups than recordings": (
         ["match", "paper-2024", "synthetic-A", "synthetic-B", "--group", "day", "--out", "f.toml"],

@@ -72,6 +72,25 @@ def crossed(days: list[Experiment]) -> Validation:
     return leave_one_out(Twin("single-cell"), days[:2], free=FREE)
 
 
+@pytest.mark.slow
+def test_a_group_is_predicted_by_the_other_groups_alone(days: list[Experiment]):
+    """Monday twice and Tuesday: what happened on a day changes nothing in its prediction."""
+    groups = ["monday", "tuesday", "monday"]
+    result = leave_one_out(Twin("single-cell"), days, free=FREE, groups=groups, by="group")
+    assert [prediction.name for prediction in result.predictions] == [
+        "monday",
+        "wednesday",
+        "tuesday",
+    ]
+    assert [prediction.fit.recordings for prediction in result.predictions] == [
+        ("tuesday",),
+        ("tuesday",),
+        ("monday", "wednesday"),
+    ]
+    assert "a match to the other groups" in result.kind
+    assert result.rmse < 1.0
+
+
 def test_the_true_rig_predicts_an_unseen_day_to_the_noise(truth: Twin, days: list[Experiment]):
     """Ambient and start come from the first minute, in which the drive is off."""
     result = validate(truth, days[1])

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -41,6 +41,13 @@ def validate(
         bool,
         typer.Option("--leave-one-out", help="Predict each recording from a match to the others."),
     ] = False,
+    leave_group_out: Annotated[
+        bool,
+        typer.Option(
+            "--leave-group-out",
+            help="Predict the recordings of each group, such as a day, from the other groups.",
+        ),
+    ] = False,
     warm_up: Annotated[
         float,
         typer.Option(
@@ -48,8 +55,12 @@ def validate(
         ),
     ] = 60.0,
     group: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Group of the recordings, such as their day."),
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Group of the recordings, such as their day; with --leave-group-out one for each "
+            "recording, in order.",
+        ),
     ] = None,
     given: Annotated[
         list[str] | None,
@@ -69,13 +80,22 @@ def validate(
     """Predict recordings that a match has not seen: fits, residuals, tests of whiteness."""
     from ..rig import load_rig
 
-    if split is not None and leave_one_out:
-        raise typer.BadParameter("give either --split or --leave-one-out")
-    if split is None and not leave_one_out and parameters is None and set_name is None:
-        raise typer.BadParameter("give --parameters, or match with --split or --leave-one-out")
-    if (group or given) and (split is not None or leave_one_out):
+    ways = [split is not None, leave_one_out, leave_group_out]
+    if sum(ways) > 1:
+        raise typer.BadParameter("give one of --split, --leave-one-out and --leave-group-out")
+    if not any(ways) and parameters is None and set_name is None:
         raise typer.BadParameter(
-            "give --group and --given with --parameters, not with --split or --leave-one-out"
+            "give --parameters, or match with --split, --leave-one-out or --leave-group-out"
+        )
+    if ((group or given) and (split is not None or leave_one_out)) or (given and leave_group_out):
+        raise typer.BadParameter(
+            "give --group and --given with --parameters, not with --split or --leave-one-out; "
+            "--leave-group-out takes --group alone"
+        )
+    if len(group or ()) > 1 and not leave_group_out:
+        raise typer.BadParameter(
+            f"--group: expected one name, got {len(group or ())}; only --leave-group-out takes one "
+            "for each recording"
         )
     for option, value in (("--split", split), ("--warm-up", warm_up)):
         if value is not None and not math.isfinite(value):
@@ -90,14 +110,14 @@ def validate(
         fitted = open_fit(loaded, parameters) or open_twin(loaded, set_name, parameters)
 
         day = (group, None if given is None else _given(loaded, given))
-
+        left_out = "group" if leave_group_out else "recording" if leave_one_out else None
         progress.step(f"validating {loaded.name} on {len(experiments)} recordings")
         listener = _ValidationProgress(progress, len(experiments))
         result = _validate(
             fitted,
             experiments,
             split,
-            leave_one_out,
+            left_out,
             warm_up=warm_up,
             day=day,
             on_progress=listener,
@@ -123,25 +143,32 @@ def _validate(
     fitted: "Twin | Fit",
     experiments: "list[Experiment]",
     split: float | None,
-    leave_one_out: bool,
+    left_out: Literal["recording", "group"] | None,
     *,
     warm_up: float,
-    day: "tuple[str | None, float | list[Experiment] | None]",
+    day: "tuple[list[str] | None, float | list[Experiment] | None]",
     on_progress: "_ValidationProgress",
 ) -> "Validation":
     from .. import validation
 
-    if split is None and not leave_one_out:
-        group, given = day
-        return validation.validate(
-            fitted, experiments, warm_up=warm_up, group=group, given=given, on_progress=on_progress
-        )
+    groups, given = day
     if split is not None:
         return validation.validate_split(fitted, experiments, split, on_progress=on_progress)
-    return validation.leave_one_out(
+    if left_out is not None:
+        return validation.leave_one_out(
+            fitted,
+            experiments,
+            by=left_out,
+            warm_up=warm_up,
+            groups=groups,
+            on_progress=on_progress,
+        )
+    return validation.validate(
         fitted,
         experiments,
         warm_up=warm_up,
+        group=groups[0] if groups else None,
+        given=given,
         on_progress=on_progress,
     )
 

@@ -1,9 +1,9 @@
 """Predictions of data that a match has not seen: another recording, the rest of a recording, or
-each recording in turn."""
+each recording or group of recordings in turn."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -23,6 +23,7 @@ from ..matching import (
 )
 from ..matching._match_group import NEW_GROUP, check_given, match_first_part, match_group
 from ..matching._nominal_twin import nominal_twin
+from ..matching._problem import named_groups
 from ..physics import Twin
 from ..simulation import Run, simulate
 from ._validation import Prediction, Validation
@@ -163,6 +164,7 @@ def leave_one_out(
     twin: Twin | Fit,
     experiments: Sequence[Experiment],
     *,
+    by: Literal["recording", "group"] = "recording",
     warm_up: float | int = WARM_UP,
     on_progress: Callable[[Iteration | Prediction], None] | None = None,
     **options: Any,
@@ -173,28 +175,51 @@ def leave_one_out(
 
     - `twin`: the start of every match, as in `match`.
     - `experiments`: two or more recordings.
+    - `by`: what is left out of a match: one recording, or all recordings of its group, such as its
+      day. What differs between groups then has the values expected of a new group.
     - `warm_up`: as in `validate`.
     - `on_progress`: called with each `Iteration` of each match and each `Prediction`.
     - `options`: the other arguments of `match`.
 
-    **Raises:** `MatchError` for fewer than two recordings; the errors of `match` and `validate`.
+    **Raises:** `MatchError` for fewer than two recordings, or fewer than two groups where they are
+    left out; the errors of `match` and `validate`.
     """
     twin = nominal_twin("twin", twin, MatchError)
     several = as_experiments("leave_one_out: experiments", experiments, MatchError)
     warm_up = finite_number("leave_one_out: warm_up", warm_up, MatchError)
     check_callable("leave_one_out: on_progress", on_progress, MatchError)
-    names = named_recordings(twin, several)
+    recordings = named_recordings(twin, several)
+    names = list(recordings)
     if len(several) < 2:
         raise MatchError(f"leave_one_out: expected two recordings or more, got {len(several)}")
-    made = []
-    for out, name in enumerate(names):
-        others = [experiment for number, experiment in enumerate(several) if number != out]
-        fit = match(twin, others, on_progress=on_progress, **_without(out, name, options))
-        groups = options.get("groups")
-        group = None if groups is None else groups[out]
-        made.append(_predict(name, fit, several[out], warm_up, fit=fit, group=group))
-        _tell(on_progress, made[-1])
-    return Validation(twin.rig.name, "each predicted by a match to the others", tuple(made))
+    if by not in ("recording", "group"):
+        raise MatchError(f'leave_one_out: by: expected "recording" or "group", got {by!r}')
+    groups, numbers = named_groups(recordings, options.pop("groups", None))
+    if by == "group" and len(set(numbers)) < 2:
+        raise MatchError(
+            "leave_one_out: by: expected recordings of two groups or more, got one group "
+            f"{groups[0]!r}; give groups=[...], or leave out one recording at a time"
+        )
+    parts = numbers if by == "group" else range(len(several))
+    made: list[Prediction] = []
+    for part in dict.fromkeys(parts):
+        out = [number for number, other in enumerate(parts) if other == part]
+        others = [number for number in range(len(several)) if number not in out]
+        fit = match(
+            twin,
+            [several[number] for number in others],
+            groups=[groups[numbers[number]] for number in others] if any(groups) else None,
+            on_progress=on_progress,
+            **_without({names[number] for number in out}, options),
+        )
+        for number in out:
+            group = groups[numbers[number]] or None
+            made.append(
+                _predict(names[number], fit, several[number], warm_up, fit=fit, group=group)
+            )
+            _tell(on_progress, made[-1])
+    others_are = "the others" if by == "recording" else "the other groups"
+    return Validation(twin.rig.name, f"each predicted by a match to {others_are}", tuple(made))
 
 
 def _predict(
@@ -296,12 +321,10 @@ def _before(at: float, recordings: Sequence[Experiment], options: dict[str, Any]
     return kept
 
 
-def _without(out: int, name: str, options: dict[str, Any]) -> dict[str, Any]:
-    """The options of a match that does not use one of the recordings."""
+def _without(left_out: set[str], options: dict[str, Any]) -> dict[str, Any]:
+    """The options of a match that does not use some of the recordings."""
     kept = dict(options)
     for key in ("events", "masks"):
         if isinstance(given := options.get(key), Mapping):
-            kept[key] = {n: value for n, value in given.items() if n != name}
-    if (groups := options.get("groups")) is not None:
-        kept["groups"] = [group for number, group in enumerate(groups) if number != out]
+            kept[key] = {name: value for name, value in given.items() if name not in left_out}
     return kept
