@@ -82,7 +82,7 @@ def test_a_group_is_predicted_by_the_other_groups_alone(days: list[Experiment]):
         "wednesday",
         "tuesday",
     ]
-    assert [prediction.fit.recordings for prediction in result.predictions] == [
+    assert [prediction.fit and prediction.fit.recordings for prediction in result.predictions] == [
         ("tuesday",),
         ("tuesday",),
         ("monday", "wednesday"),
