@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from central_differences import differences
 from scipy.signal import cont2discrete
 
 from jaxtwin import (
@@ -24,16 +25,6 @@ POINTS = [
     ("paper-2024", [0.0, 0.0]),
     ("single-cell", [-0.3]),
 ]
-
-
-def differences(function, at: np.ndarray, step: float) -> np.ndarray:
-    """Central differences of fourth order, a column for each argument."""
-    columns = []
-    for number in range(at.size):
-        unit = np.eye(at.size)[number] * step
-        f = [np.asarray(function(jax.numpy.asarray(at + n * unit))) for n in (-2, -1, 1, 2)]
-        columns.append((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * step))
-    return np.stack(columns, axis=1)
 
 
 @pytest.mark.slow
@@ -211,8 +202,8 @@ def test_derivatives_by_a_parameter_are_exact(keywords, float64):
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({}, "expected either duty or temperatures, got neither"),
-        ({"duty": 0.4, "temperatures": 30.0}, "got both"),
+        ({}, "expected one of duty, temperatures and run, got none"),
+        ({"duty": 0.4, "temperatures": 30.0}, "got duty and temperatures"),
         ({"duty": [0.4, 0.4, 0.4]}, "duty: expected 2 numbers from -1 to 1"),
         ({"duty": 1.5}, "duty: expected 2 numbers from -1 to 1, or a single one, got 1.5"),
         ({"temperatures": {"T99": 30.0}}, "expected channels of dual-cell"),

@@ -9,6 +9,7 @@ from typing import Literal, final
 from .._arguments import of_kind, path_of
 from .._errors import ControlError
 from ..control import LQI, MPC, PID, DecoupledPI, DiscreteModel
+from ..control._discrete_model import check_at_rest
 from ..rig import Rig
 from ..simulation import Stepper
 from ._controller_c import controller_c
@@ -116,6 +117,7 @@ def export_c(
                 "DecoupledPI, an LQI or an MPC"
             )
             of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
+            check_at_rest("export_c: model", model.offset)
             code = discrete_model_c(model, name, precision, origin)
     target.mkdir(parents=True, exist_ok=True)
     header, source = target / f"{name}.h", target / f"{name}.c"

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class DiscreteModel(eqx.Module):
     r"""A linear model at sample times, made by `LinearModel.discretise`.
 
-    $$x_{k+1} = A x_k + B u_k, \quad y_k = C x_k + D u_k$$
+    $$x_{k+1} = A x_k + B u_k + b, \quad y_k = C x_k + D u_k$$
 
     All three are deviations from the operating point. The methods take and return duty cycles and
     temperatures themselves.
@@ -43,6 +43,7 @@ class DiscreteModel(eqx.Module):
     - `operating_point`: the point from which deviations are counted.
     - `sample_time_s`: the sample time, s.
     - `state_names`, `input_names`, `output_names`: names of states, inputs and outputs.
+    - `offset`: $b$, by what the states change in a sample at the operating point, K; None at rest.
     """
 
     A: Float[Array | np.ndarray, "state state"]
@@ -54,6 +55,7 @@ class DiscreteModel(eqx.Module):
     state_names: tuple[str, ...] = eqx.field(static=True)
     input_names: tuple[str, ...] = eqx.field(static=True)
     output_names: tuple[str, ...] = eqx.field(static=True)
+    offset: Float[Array | np.ndarray, " state"] | None = None
 
     def start(
         self, duty: ArrayLike | float | int | None = None
@@ -68,7 +70,10 @@ class DiscreteModel(eqx.Module):
             A = jnp.asarray(self.A)
             if duty is None:
                 return plain(jnp.zeros(len(A), A.dtype))
-            return plain(solve(jnp.eye(len(A)) - A, jnp.asarray(self.B) @ self._change(duty)))
+            moved = jnp.asarray(self.B) @ self._change(duty)
+            if self.offset is not None:
+                moved = moved + self.offset
+            return plain(solve(jnp.eye(len(A)) - A, moved))
 
     def step(
         self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
@@ -78,7 +83,8 @@ class DiscreteModel(eqx.Module):
         **Raises:** `ControlError` if the command does not fit the inputs of the model.
         """
         with settings_for(self, state, duty):
-            return plain(self.A @ state + self.B @ self._change(duty))
+            later = self.A @ state + self.B @ self._change(duty)
+            return plain(later if self.offset is None else later + self.offset)
 
     def outputs(
         self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
@@ -115,8 +121,10 @@ class DiscreteModel(eqx.Module):
     def to_control(self) -> "control.StateSpace":
         """Converts the model to python-control (extra `control`), exact with lag and delay.
 
-        **Raises:** `ControlError` if python-control is not installed.
+        **Raises:** `ControlError` if python-control is not installed, or if the model is about a
+        point that is not at rest.
         """
+        check_at_rest("to_control", self.offset)
         return discrete(self)
 
     def _change(self, duty: ArrayLike | float | int) -> Float[Array | np.ndarray, " input"]:
@@ -135,6 +143,22 @@ class DiscreteModel(eqx.Module):
         return (
             f"<DiscreteModel: {states} states, {self.B.shape[1]} inputs, {outputs} outputs, "
             f"sample time {self.sample_time_s:g} s>"
+        )
+
+
+def check_at_rest(where: str, change: object) -> None:
+    """Refuses a model that changes by itself at its operating point.
+
+    **Arguments:**
+
+    - `change`: its `rates` or `offset`.
+
+    **Raises:** `ControlError`.
+    """
+    if change is not None:
+        raise ControlError(
+            f"{where}: expected a model about a rest, got one about a state of a run; take "
+            "LinearModel.at_rest() first"
         )
 
 

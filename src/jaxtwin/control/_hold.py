@@ -70,6 +70,15 @@ def held(
     )
 
 
+@persistent_jit
+def held_rates(
+    A: Float[Array, "state state"], rates: Float[Array, " state"], sample_time: Float[Array, ""]
+) -> Float[Array, " state"]:
+    """What a constant rate of the states, K/s, adds to them in a sample, K."""
+    _, moved = _moved(A, rates[:, None], sample_time)
+    return moved[:, 0]
+
+
 def _lagged(matrices: Matrices, lag: Float[Array | np.ndarray, ""] | None) -> Matrices:
     """The model with the duty that reaches the cells among its states, if it lags."""
     A, B, C, D = (jnp.asarray(matrix) for matrix in matrices)

@@ -16,9 +16,9 @@ from .._jax_settings import is_traced, settings_for
 from .._lapack import solve
 from ._balanced_truncation import Balanced, balanced, residualised
 from ._directions import Directions, directions
-from ._discrete_model import DiscreteModel
+from ._discrete_model import DiscreteModel, check_at_rest
 from ._frequency_response import frequency_response, traced_response
-from ._hold import held
+from ._hold import held, held_rates
 from ._operating_point import OperatingPoint
 from ._plain import plain
 from ._to_control import continuous
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 class LinearModel(eqx.Module):
     r"""A linear model of deviations from an operating point, made by `linearize`.
 
-    $$\dot x = A x + B v, \quad y = C x + D v, \quad \tau \dot v(t) = u(t - \theta) - v(t)$$
+    $$\dot x = r + A x + B v, \quad y = C x + D v, \quad \tau \dot v(t) = u(t - \theta) - v(t)$$
 
     $u$ is the commanded duty. The driver's delay $\theta$ and lag $\tau$ are kept apart from the
     matrices.
@@ -49,6 +49,8 @@ class LinearModel(eqx.Module):
     - `state_names`, `input_names`, `output_names`: names; None for numbers.
     - `delay_s`, `lag_s`: delay and lag between the command and the duty that reaches the cells, s;
       0 for none.
+    - `rates`: $r$, how fast the states change at the operating point, K/s; None for a point at
+      rest. Frequency response, poles and margins do not depend on it.
     - `is_delayed`, `is_lagged`: whether there are any, which determines the number of states of a
       discrete model. None: yes if they are positive or traced by JAX.
 
@@ -62,6 +64,7 @@ class LinearModel(eqx.Module):
     operating_point: OperatingPoint
     delay_s: Float[Array | np.ndarray, ""]
     lag_s: Float[Array | np.ndarray, ""]
+    rates: Float[Array | np.ndarray, " state"] | None
     state_names: tuple[str, ...] = eqx.field(static=True)
     input_names: tuple[str, ...] = eqx.field(static=True)
     output_names: tuple[str, ...] = eqx.field(static=True)
@@ -81,6 +84,7 @@ class LinearModel(eqx.Module):
         output_names: Sequence[str] | None = None,
         delay_s: ArrayLike | float | int = 0.0,
         lag_s: ArrayLike | float | int = 0.0,
+        rates: ArrayLike | None = None,
         is_delayed: bool | None = None,
         is_lagged: bool | None = None,
     ):
@@ -90,6 +94,7 @@ class LinearModel(eqx.Module):
                 for value in (A, B, C, D, _time("delay_s", delay_s), _time("lag_s", lag_s))
             )
             states, inputs, outputs = _sizes(self.A, self.B, self.C, self.D)
+            self.rates = None if rates is None else _rates(rates, states)
             self.operating_point = operating_point or OperatingPoint(
                 np.zeros(inputs), np.zeros(states), np.zeros(outputs), np.zeros(())
             )
@@ -135,6 +140,10 @@ class LinearModel(eqx.Module):
             lag = self.lag_s if self.is_lagged else None
             matrices = self.A, self.B, self.C, self.D
             A, B, C, D = plain(held(matrices, self.delay_s, lag, time, shifts))
+            offset = None
+            if self.rates is not None:
+                moved = held_rates(jnp.asarray(self.A), jnp.asarray(self.rates), time)
+                offset = plain(jnp.pad(moved, (0, len(A) - len(moved))))
         lagged = [f"duty {name}" for name in self.input_names] if self.is_lagged else []
         waiting = [f"{name} {n + 1} ago" for n in range(shifts) for name in self.input_names]
         return DiscreteModel(
@@ -147,6 +156,33 @@ class LinearModel(eqx.Module):
             state_names=(*self.state_names, *lagged, *waiting),
             input_names=self.input_names,
             output_names=self.output_names,
+            offset=offset,
+        )
+
+    def at_rest(self) -> "LinearModel":
+        """The same model about the point where it comes to rest, by itself, under the duty of the
+        operating point: a linear model of a run there, which need not be where the twin comes to
+        rest. Its `rates` are None.
+
+        Models for a design (`reduce`, `LQI`, `MPC`), for python-control and for `export_c` are
+        about a rest.
+
+        **Raises:** `ControlError` if the model is not stable, and so has no such point.
+        """
+        if self.rates is None:
+            return self
+        if not np.all(np.real(self.poles) < 0):
+            raise ControlError("at_rest: expected a stable model, got a pole that does not decay")
+        moved = -np.linalg.solve(np.asarray(self.A), np.asarray(self.rates))
+        point = self.operating_point
+        rest = OperatingPoint(
+            point.duty,
+            np.asarray(point.nodes) + moved,
+            np.asarray(point.outputs) + np.asarray(self.C) @ moved,
+            point.ambient,
+        )
+        return eqx.tree_at(
+            lambda m: (m.rates, m.operating_point), self, (None, rest), is_leaf=_is_none
         )
 
     def frequency_response(
@@ -218,10 +254,11 @@ class LinearModel(eqx.Module):
 
         - `order`: the number of states that are kept.
 
-        **Raises:** `ControlError` if the model is not stable, or has fewer states that an input
-        moves and the outputs show.
+        **Raises:** `ControlError` if the model is not stable, is about a point that is not at rest,
+        or has fewer states that an input moves and the outputs show.
         """
         order = whole_number("reduce: order", order, 1, ControlError)
+        check_at_rest("reduce", self.rates)
         balanced = self._balanced()
         if order > len(balanced.hankel):
             raise ControlError(
@@ -256,9 +293,10 @@ class LinearModel(eqx.Module):
 
         - `pade_order`: the order of the approximation.
 
-        **Raises:** `ControlError` if the model has a delay and no order is given, or if
-        python-control is not installed.
+        **Raises:** `ControlError` if the model has a delay and no order is given, if it is about a
+        point that is not at rest, or if python-control is not installed.
         """
+        check_at_rest("to_control", self.rates)
         return continuous(self, pade_order)
 
     def to_xarray(self) -> "xarray.Dataset":
@@ -353,6 +391,20 @@ def _time(name: str, value: object) -> Any:
     if number < 0:
         raise ControlError(f"LinearModel: {name}: expected 0 s or more, got {number:g} s")
     return number
+
+
+def _rates(rates: ArrayLike, states: int) -> Any:
+    array = plain(jnp.asarray(rates, float))
+    if array.shape != (states,):
+        raise ControlError(
+            f"LinearModel: rates: expected {states} numbers, K/s, got an array of shape "
+            f"{array.shape}"
+        )
+    return array
+
+
+def _is_none(leaf: object) -> bool:
+    return leaf is None
 
 
 def _is_there(value: Any) -> bool:

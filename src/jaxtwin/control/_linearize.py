@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,11 +13,13 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number
 from .._compilation import persistent_jit
 from .._errors import ControlError
-from .._jax_settings import is_traced, settings_for
+from .._jax_settings import is_traced, own_settings, settings_for
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
-from ..physics import Twin
+from ..physics import System, Twin
+from ..simulation import Run
 from ..simulation._check_values import check_values
+from ._closed_loop_run import ClosedLoopRun
 from ._linear_model import LinearModel
 from ._operating_point import (
     ZERO_CELSIUS,
@@ -27,6 +30,7 @@ from ._operating_point import (
     target_of,
 )
 from ._plain import plain
+from ._point_of_run import PointOfRun, point_of_run
 
 AT_REST = 1e-6
 """Heat flow into any node per W of all flows beyond which a steady state was not found."""
@@ -41,20 +45,24 @@ def linearize(
     duty: ArrayLike | float | int | None = None,
     temperatures: Mapping[str, float] | float | int | None = None,
     ambient: float | int | None = None,
+    run: Run | ClosedLoopRun | None = None,
+    time: float | int | None = None,
 ) -> LinearModel:
-    r"""A twin near its steady state as a linear model, by exact derivatives.
+    r"""A twin near its steady state, or at a time of a run, as a linear model by exact derivatives.
 
     With $x$ the temperatures of the nodes, $u$ the duty of the cells and $y$ the readings of the
     channels, all as deviations from the operating point:
 
-    $$\dot x = A x + B u, \quad y = C x + D u$$
+    $$\dot x = r + A x + B u, \quad y = C x + D u$$
 
-    $A$ and $B$ are the derivatives of the twin's equations, taken by JAX, $D$ is 0. The driver's
-    delay and lag stand beside the matrices.
+    At a time of a run the plate is not at rest, and $r$ (`rates`) is how fast the temperatures
+    change there; at a steady state it is left out. $A$ and $B$ are the derivatives of the twin's
+    equations, taken by JAX, $D$ is 0. The driver's delay and lag stand beside the matrices.
 
     ```python
     model = jt.linearize(jt.Twin("dual-cell"), duty=[0.4, 0.4])
     model = jt.linearize(jt.Twin("dual-cell"), temperatures={"TAM": 40.0, "TCM": 40.0})
+    model = jt.linearize(run.twin, run=run, time=60.0)
     ```
 
     The bridge of a cell has a kink at a duty of 0: heating and cooling both add Joule heat.
@@ -74,24 +82,39 @@ def linearize(
       channels, degC, with the same duty for all cells. A mapping from channel to degC: of as many
       channels as there are cells, or of more, which are then met as well as possible; of a single
       channel, with the same duty for all cells.
-    - `ambient`: temperature of the surroundings, degC; None: that of the rig.
+    - `ambient`: temperature of the surroundings, degC; None: that of the rig, or of the run.
+    - `run`: in place of duty and temperatures, a run of this rig, for its state at a `time`. The
+      duty of the operating point is the one that reaches the cells then, behind delay and lag.
+    - `time`: of the run, s; between two samples temperatures are linear.
 
-    **Raises:** `ControlError` where neither or both of duty and temperatures are given, they do not
-    belong to the rig, no duty from -1 to 1 reaches the temperatures, or the rig does not come to
-    rest; `ParameterError` where a parameter has more than one value, or a resistance, a heat
-    capacity, a lag or a delay is not above 0.
+    **Raises:** `ControlError` where not exactly one of duty, temperatures and run is given, a time
+    without a run or outside of it, they do not belong to the rig, no duty from -1 to 1 reaches the
+    temperatures, or the rig does not come to rest; `ParameterError` where a parameter has more than
+    one value, or a resistance, a heat capacity, a lag or a delay is not above 0.
     """
     twin = nominal_twin("linearize: twin", twin, ControlError)
-    if (duty is None) == (temperatures is None):
+    given_points = {"duty": duty, "temperatures": temperatures, "run": run}
+    chosen = [name for name, value in given_points.items() if value is not None]
+    if len(chosen) != 1:
         raise ControlError(
-            "linearize: expected either duty or temperatures, got "
-            f"{'neither' if duty is None else 'both'}; for example duty=0.4"
+            "linearize: expected one of duty, temperatures and run, got "
+            f"{' and '.join(chosen) or 'none'}; for example duty=0.4"
+        )
+    if (run is None) != (time is None):
+        raise ControlError(
+            "linearize: expected a time beside a run, s, got "
+            f"{'no time' if time is None else f'time {time!r} without a run'}"
         )
     if not is_traced(twin):
         check_values(twin)
     target = None if temperatures is None else target_of(twin, temperatures)
     if ambient is not None:
         ambient = finite_number("linearize: ambient", ambient, ControlError)
+    if run is not None:
+        own = run.run if isinstance(run, ClosedLoopRun) else run
+        with own_settings():
+            point = point_of_run(twin, own, time, ambient)
+            return plain(_linearized_at(twin, point))
     with settings_for(twin, duty):
         given = None if duty is None else _duty(twin, duty)
         room = None if ambient is None else jnp.asarray(ambient)
@@ -155,9 +178,32 @@ def _linearized(
         duty, reached = duty_for(system, target, reference)
     duty = jnp.asarray(duty, reference.dtype)
     nodes = system.steady_state(duty, reference)
-    by_nodes, by_duty = slopes(system, nodes, duty, reference)
+    model, by_duty = _model(twin, system, nodes, duty, reference)
     flows = jnp.abs(system.conductance @ nodes).max() + jnp.abs(by_duty).max()
     imbalance = jnp.abs(system.heat_into_nodes(nodes, duty, reference)).max() / flows
+    return model, reached, imbalance
+
+
+@persistent_jit
+def _linearized_at(twin: Twin, point: PointOfRun) -> LinearModel:
+    """The model at a state that is not at rest."""
+    system = twin.system()
+    reference = jnp.asarray(point.ambient) + ZERO_CELSIUS
+    nodes, duty = jnp.asarray(point.nodes) - point.ambient, jnp.asarray(point.duty)
+    model, _ = _model(twin, system, nodes, duty, reference)
+    rates = system.heat_into_nodes(nodes, duty, reference) / system.capacitance
+    return eqx.tree_at(lambda m: m.rates, model, rates, is_leaf=lambda leaf: leaf is None)
+
+
+def _model(
+    twin: Twin,
+    system: System,
+    nodes: Float[Array, " nodes"],
+    duty: Float[Array, " cells"],
+    reference: Float[Array, ""],
+) -> tuple[LinearModel, Float[Array, "nodes cells"]]:
+    """The matrices at a state, as deviations from the ambient, and the heat by the duty, W."""
+    by_nodes, by_duty = slopes(system, nodes, duty, reference)
     zero = jnp.zeros((), reference.dtype)
     celsius = reference - ZERO_CELSIUS
     model = LinearModel(
@@ -176,4 +222,4 @@ def _linearized(
         is_delayed=system.delay is not None,
         is_lagged=system.lag is not None,
     )
-    return model, reached, imbalance
+    return model, by_duty

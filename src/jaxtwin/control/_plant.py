@@ -10,7 +10,7 @@ from .._arguments import of_kind
 from .._errors import ControlError
 from .._jax_settings import is_traced
 from ._controller import means_of
-from ._discrete_model import DiscreteModel
+from ._discrete_model import DiscreteModel, check_at_rest
 
 LARGEST_CONDITION = 1e6
 """A larger condition number of the gain at rest means that all cells move the outputs alike."""
@@ -62,6 +62,7 @@ def plant_of(
             f"{where}: model: expected numbers, got values that JAX traces; design outside of "
             "jax.jit, jax.vmap and jax.grad"
         )
+    check_at_rest(f"{where}: model", model.offset)
     weights = np.vstack(
         [
             means_of(measured, model.output_names),
