@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +121,17 @@ def test_every_command_has_help_with_an_example(command, capsys):
     if command not in ([], ["data"]):
         assert "Example:" in text
         assert f"jaxtwin {' '.join(command)}" in text
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_a_line_of_help_ends_where_the_next_word_does_not_fit(command, capsys, monkeypatch):
+    """Otherwise the line breaks of the code would be in the help, beside those of the terminal."""
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run([*command, "--help"]) == 0
+    prose = printed(capsys).partition("╭")[0].splitlines()
+    for line, following in pairwise(prose):
+        if line.strip() and following.strip():
+            assert len(line.rstrip()) + 1 + len(following.split()[0]) > 79
 
 
 def test_help_comes_without_loading_jax_or_another_heavy_library():

@@ -5,6 +5,7 @@ that describes it; 3 if an interlock switched a rig off; 4 if `record` raised an
 Ctrl-C.
 """
 
+import inspect
 import os
 import sys
 from collections.abc import Sequence
@@ -71,7 +72,10 @@ def _example(*lines: str) -> str:
 
 
 def _add(name: str, panel: str, function, *example: str) -> None:
-    app.command(name, rich_help_panel=panel, epilog=_example(*example))(function)
+    # Each paragraph in one line, which the terminal breaks: else a docstring's lines stay as well.
+    paragraphs = inspect.cleandoc(function.__doc__ or "").split("\n\n")
+    text = "\n\n".join(" ".join(paragraph.splitlines()) for paragraph in paragraphs)
+    app.command(name, help=text, rich_help_panel=panel, epilog=_example(*example))(function)
 
 
 _add("demo", START, _demo.demo, "jaxtwin demo --out report")
