@@ -68,7 +68,7 @@ def measure(base: int, by_scipy: int) -> dict[str, Any]:
         "runs": len(found.failed),
         "failed": int(found.failed.sum()),
         "first": first,
-        "warm": warm | {"load": load},
+        "warm": warm | {"load": load, "nice": os.nice(0)},
         "estimation": estimation,
         "peers": peers(found, base, by_scipy),
         "convergence": convergence(found),
@@ -152,7 +152,8 @@ def page(answer: dict[str, Any]) -> str:
     text = (
         f"# A global sensitivity analysis, measured {where['date']}\n\n"
         f"{where['processor']}, cores used: {where['cores']}, a shared machine; load "
-        f"{warm['load']:.1f} when the warm analysis began, {where['load_after']} at the end. "
+        f"{warm['load']:.1f} when the warm analysis began, {where['load_after']} at the end, nice "
+        f"{warm['nice']}. "
         "`python -m benchmarks.global_sensitivity`. Sobol's indices `S1` and `ST` of "
         f"{answer['outputs']} outputs (the cost of each channel and their mean) in "
         f"{answer['parameters']} parameters of `paper-2024` around its published values (normal, "
