@@ -12,7 +12,8 @@ The outcomes are written to `mutations.json` after each mutation, and the same c
 the last one stopped, so that `--minutes` can cut the work into parts. A survivor that changes
 nothing gets its reason there, by hand, under "equivalent". `mutations.md` is the table.
 
-The work is done in a copy of the checkout; the checkout itself is not touched.
+The work is done in a copy of the checkout, which is made once: mutations and tests are those of
+the copy, and what changes in the checkout meanwhile has no effect.
 """
 
 import argparse
@@ -126,15 +127,29 @@ def main() -> None:
     parser.add_argument("--list", action="store_true", help="print the mutations, run nothing")
     arguments = parser.parse_args()
 
-    mutations = [
-        mutation
-        for mutation in draw(arguments.count, random.Random(arguments.seed))
-        if not arguments.packages
-        or package_of(mutation.file.relative_to(SOURCE)) in arguments.packages
-    ]
-    if arguments.list:
-        print(*mutations, sep="\n")
-        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "jaxtwin"
+        copy_of_checkout(copy)
+        mutations = [
+            mutation
+            for mutation in draw(copy, arguments.count, random.Random(arguments.seed))
+            if not arguments.packages
+            or package_of(mutation.file.relative_to(SOURCE)) in arguments.packages
+        ]
+        if arguments.list:
+            print(*mutations, sep="\n")
+        else:
+            try_each(copy, mutations, arguments)
+
+
+def try_each(copy: Path, mutations: list[Mutation], arguments: argparse.Namespace) -> None:
+    """Tries what no earlier call has tried, and prints each mutation with the test that caught it.
+
+    **Arguments:**
+
+    - `copy`: of the checkout.
+    - `arguments`: those of the command line.
+    """
     outcomes = read_outcomes(arguments.out)
     left = [mutation for mutation in mutations if str(mutation) not in outcomes]
     if arguments.slow:
@@ -146,25 +161,22 @@ def main() -> None:
             and not outcome.equivalent
         ]
     end = time.monotonic() + 60 * arguments.minutes
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "jaxtwin"
-        copy_of_checkout(copy)
-        unbroken: dict[str, str] = {}
-        while left and time.monotonic() < end:
-            mutation = left.pop(0)
-            package = package_of(mutation.file.relative_to(SOURCE))
-            tests = tests_of(package, mutation.file.stem)
-            if package not in unbroken and not arguments.tests_pass:
-                unbroken[package] = first_failure(copy, tests, arguments.workers)
-            if failure := unbroken.get(package):
-                sys.exit(f"expected tests that pass without a mutation, got {failure}")
-            if arguments.all_tests:
-                tests = [*tests, "tests"]
-            outcome = outcome_of(copy, mutation, tests, arguments.workers, arguments.slow)
-            outcomes[outcome.mutation] = outcome
-            write_outcomes(arguments.out, outcomes)
-            said = outcome.failure or "NOT CAUGHT"
-            print(f"{mutation}\n    {said}  ({outcome.seconds:.0f} s)", flush=True)
+    unbroken: dict[str, str] = {}
+    while left and time.monotonic() < end:
+        mutation = left.pop(0)
+        package = package_of(mutation.file.relative_to(SOURCE))
+        tests = tests_of(copy, package, mutation.file.stem)
+        if package not in unbroken and not arguments.tests_pass:
+            unbroken[package] = first_failure(copy, tests, arguments.workers)
+        if failure := unbroken.get(package):
+            sys.exit(f"expected tests that pass without a mutation, got {failure}")
+        if arguments.all_tests:
+            tests = [*tests, "tests"]
+        outcome = outcome_of(copy, mutation, tests, arguments.workers, arguments.slow)
+        outcomes[outcome.mutation] = outcome
+        write_outcomes(arguments.out, outcomes)
+        said = outcome.failure or "NOT CAUGHT"
+        print(f"{mutation}\n    {said}  ({outcome.seconds:.0f} s)", flush=True)
     print(f"\n{table(list(outcomes.values()))}\n{len(left)} mutations are left to be tried")
 
 
@@ -235,10 +247,10 @@ def package_of(file: Path) -> str:
     return file.parts[0] if len(file.parts) > 1 else TOP_LEVEL
 
 
-def tests_of(package: str, module: str) -> list[str]:
+def tests_of(copy: Path, package: str, module: str) -> list[str]:
     """The files of a package's own tests, those first that share a word with the module's name."""
     patterns = TESTS.get(package, [f"tests/{package}/test_*.py"])
-    files = [str(f.relative_to(CHECKOUT)) for p in patterns for f in sorted(CHECKOUT.glob(p))]
+    files = [str(f.relative_to(copy)) for p in patterns for f in sorted(copy.glob(p))]
     words = set(module.strip("_").split("_")) - {""}
     return sorted(files, key=lambda file: words.isdisjoint(Path(file).stem.split("_")))
 
@@ -291,27 +303,27 @@ def table(outcomes: list[Outcome]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def draw(count: int, dice: random.Random) -> list[Mutation]:
+def draw(copy: Path, count: int, dice: random.Random) -> list[Mutation]:
     """Mutations spread over all packages and their files."""
     rooms: dict[str, list[Path]] = {}
-    for file in sorted((CHECKOUT / SOURCE).rglob("*.py")):
-        inside = file.relative_to(CHECKOUT / SOURCE)
+    for file in sorted((copy / SOURCE).rglob("*.py")):
+        inside = file.relative_to(copy / SOURCE)
         rooms.setdefault(package_of(inside), []).append(file)
     for files in rooms.values():
         dice.shuffle(files)
     drawn: list[Mutation] = []
     while len(drawn) < count and any(rooms.values()):
         for files in rooms.values():
-            choices = candidates(files.pop()) if files else []
+            choices = candidates(copy, files.pop()) if files else []
             if choices and len(drawn) < count:
                 drawn.append(dice.choice(choices))
     return drawn
 
 
-def candidates(file: Path) -> list[Mutation]:
+def candidates(copy: Path, file: Path) -> list[Mutation]:
     """Every mutation that a file allows."""
     source = file.read_bytes()
-    inside = file.relative_to(CHECKOUT)
+    inside = file.relative_to(copy)
     starts = [0]
     for line in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))

@@ -6,7 +6,7 @@ import socket
 import sqlite3
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -344,12 +344,25 @@ with Recorder(sys.argv[1], rig) as recorder, connect(rig, sys.argv[2], journal=r
 """
 
 
+def accepted_from(process: subprocess.Popen[str], server: socket.socket) -> socket.socket:
+    """The connection of a process, waited for while the process runs, one minute at most."""
+    server.settimeout(1.0)
+    for _ in range(60):
+        with suppress(TimeoutError):
+            return server.accept()[0]
+        if process.poll() is not None:
+            break
+    process.kill()
+    process.communicate()
+    pytest.fail(f"expected a connection, got a process that ended with {process.returncode}")
+
+
 def test_kill_9_loses_nothing_that_was_seen_and_at_most_a_second(rig: Rig, file: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         url = f"socket://127.0.0.1:{server.getsockname()[1]}"
         command = [sys.executable, "-c", RECORDING, str(file), url]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        connection, _ = server.accept()
+        connection = accepted_from(process, server)
         connection.sendall(encode(HELLO))
         sent = 0
         assert process.stdout is not None
