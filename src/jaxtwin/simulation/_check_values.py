@@ -1,4 +1,4 @@
-"""Values that a simulation cannot take."""
+"""Refuses parameter values with which a simulation has no meaning."""
 
 from functools import lru_cache
 
@@ -8,11 +8,15 @@ from ..rig import Rig, Value
 
 
 def check_values(twin: Twin) -> None:
-    """What has no meaning as a resistance or a heat capacity may still give finite temperatures."""
+    """Checks that all resistances, heat capacities, lags, delays and current limits are above 0. A
+    simulation with a negative one may still give finite temperatures.
+
+    **Raises:** `ParameterError` that names the quantity.
+    """
     values = twin.numbers_si
     for what, value in _positive_values(twin.rig):
         found = value.evaluate(values)
-        # Powers of what is below 0, such as a fan's speed, are not real.
+        # A power of a negative number, such as a negative fan speed, is complex.
         if isinstance(found, complex) or found <= 0:
             raise ParameterError(
                 f"{twin.rig.name}: {what} ({value}): expected a value above 0, got {found:g} in "
@@ -22,7 +26,7 @@ def check_values(twin: Twin) -> None:
 
 @lru_cache(maxsize=32)
 def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
-    """Each distinct value of a rig that must be above 0, and what it is."""
+    """Returns the distinct values of a rig that must be above 0, each with a description."""
     netlist = build_netlist(rig)
     named = [(f"lag of {c.name}", c.lag) for c in rig.channels if c.lag is not None]
     named += [(f"capacitance of {node.name}", node.capacitance) for node in netlist.nodes]

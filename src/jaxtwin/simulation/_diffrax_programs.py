@@ -1,6 +1,7 @@
-"""What is compiled where a diffrax solver runs a twin: one run, or a chunk of draws.
+"""The compiled programs in which a diffrax solver runs a twin: one run, or a chunk of draws.
 
-The default solver does without diffrax, which takes a third of a second to import.
+They are in a module of their own because diffrax takes a third of a second to import, and the
+default solver does not need it.
 """
 
 from collections.abc import Mapping
@@ -24,7 +25,7 @@ from ._time_grid import TimeGrid
 
 
 def is_successful(result: diffrax.RESULTS) -> Bool[Array, ""]:
-    """Whether a solve came to its end."""
+    """Whether a solve reached its end."""
     return result == diffrax.RESULTS.successful
 
 
@@ -32,7 +33,8 @@ def is_successful(result: diffrax.RESULTS) -> Bool[Array, ""]:
 def diffrax_run(
     twin: Twin, initial: CheckedInitial, experiment: Experiment, method: DiffraxMethod
 ) -> tuple[Float[Array, "times rig_nodes"], Float[Array, "times channels"], diffrax.RESULTS]:
-    """Absolute temperatures of the rig's nodes and of its channels, K, and diffrax's result."""
+    """Computes the absolute temperatures of the rig's nodes and of its channels, K, and the result
+    code of diffrax."""
     system = twin.system(lumped=keeps_symmetry(initial))
     return solve_with_diffrax(system, experiment, initial, method)
 
@@ -52,11 +54,17 @@ def diffrax_chunk(
     SupplyPower | None,
     Bool[Array, " chunk"],
 ]:
-    """Runs draws by a diffrax solver.
+    """Solves a chunk of draws by a diffrax solver.
 
-    **Returns:** temperatures of all channels at the samples and of the plate's elements at the
-    last one, degC, and power and energy of the cells where they are asked for, all NaN where the
-    draw failed; and whether it did.
+    **Arguments:** those of `prepare_chunk` in `_kernels.py`, and
+
+    - `experiment`: the inputs.
+    - `method`: the diffrax solver with its options.
+    - `with_power`: whether power and energy are computed.
+
+    **Returns:** the temperatures of all channels at the samples, and of the plate's elements at the
+    last sample, degC; power and energy of the cells if requested; whether the draw failed. All
+    numbers of a failed draw are NaN.
     """
 
     def solve_draw(

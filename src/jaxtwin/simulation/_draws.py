@@ -1,4 +1,4 @@
-"""Many draws of a twin, all the way from their parameters to what is kept of them."""
+"""Solves many draws of a twin: from their parameters to trajectories or reductions."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -38,27 +38,28 @@ if TYPE_CHECKING:
     from ._diffeqsolve import DiffraxMethod
 
 Precision: TypeAlias = Literal["float64", "float32"]
-"""In which the temperatures of a batch are computed."""
+"""The precision in which the temperatures of a batch are computed."""
 
 Draws: TypeAlias = Mapping[str, Float[np.ndarray, " draws"]]
-"""Name -> values in the unit of the rig's table."""
+"""Name of a parameter -> its values in the unit of the rig's table."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class DrawSolver:
-    """What all draws of a batch share.
+    """The problem that all draws of a batch share, and two methods to solve it.
 
     **Arguments:**
 
-    - `twin`: what is not drawn keeps its values.
-    - `experiment`: what drives them.
-    - `initial`: temperatures at the start, checked.
-    - `columns`: the rig's channels that are asked for.
-    - `reductions`: by the name of their result; None for whole trajectories.
-    - `precision`: of the steps. Eigenvalues that span nine decades are always found in float64.
-    - `chunk_size`: draws at a time, None for that of the device.
-    - `workers`: threads, None for one a core, or one an accelerator.
+    - `twin`: the twin; parameters that are not drawn keep its values.
+    - `experiment`: the inputs.
+    - `initial`: the checked temperatures at the start.
+    - `columns`: the positions of the requested channels among those of the rig.
+    - `reductions`: name of the result -> reduction; None for whole trajectories.
+    - `precision`: the precision of the steps. The modes are always computed in float64, because
+      their rates span nine decades.
+    - `chunk_size`: the number of draws in a chunk, None for the default of the device.
+    - `workers`: the number of threads, None for one for each core, or for each accelerator.
     """
 
     twin: Twin
@@ -77,16 +78,17 @@ class DrawSolver:
         on_progress: Callable[[int], None] | None = None,
         total: int | None = None,
     ) -> Results:
-        """By the default solver on steps that are halved so often; see `solve_refined`.
+        """Solves draws by the default solver.
 
         **Arguments:**
 
-        - `on_progress`: called with the number of draws of each finished chunk.
-        - `total`: of draws, where these are a part of them; see `work_in_chunks`.
+        - `refinement`: how many times the steps are halved; see `solve_refined`.
+        - `on_progress`: called with the number of draws in each finished chunk.
+        - `total`: the number of all draws if `draws` is a part of them; see `work_in_chunks`.
         """
         own_delays = has_own_delays(self.twin, draws)
         commanded = self._grid(refinement)
-        # Draws that share the driver's delay share how samples are read.
+        # Draws with the same delay share the interpolation weights of the samples.
         grid = commanded if own_delays else _delayed_as(self.twin, commanded)
         compressed = None if own_delays else self._compressed(grid)
 
@@ -124,7 +126,8 @@ class DrawSolver:
         on_progress: Callable[[int], None] | None = None,
         total: int | None = None,
     ) -> Results:
-        """By a diffrax solver, always in float64; `on_progress` and `total` as in `solve`."""
+        """Solves draws by a diffrax solver, always in float64. `on_progress` and `total` are as in
+        `solve`."""
         from ._diffrax_programs import diffrax_chunk
 
         grid = self._grid(0)
@@ -149,7 +152,7 @@ class DrawSolver:
                 readings = Readings(temperatures, temperatures, end, plate, energy, peak)
                 return {"failed": failed, **reduce_readings(self.reductions, readings, recorded)}
 
-        # On a CPU, the linear systems of two chunks at once would wait for each other (`_lapack`).
+        # On a CPU, the linear algebra of two chunks at once would deadlock (`_lapack`).
         is_alone = method.is_implicit and not is_accelerated()
         return work_in_chunks(
             draws,
@@ -165,7 +168,8 @@ class DrawSolver:
         return padded_time_grid(self.twin, self.experiment, refinement, steady_start=steady_start)
 
     def _compressed(self, grid: TimeGrid) -> CompressedRecording | None:
-        """The recording for the cost, where nothing but the steps moves the readings."""
+        """The compressed recording for the cost; None if the ambient temperature changes, because
+        the readings then do not follow from the nodes alone."""
         if self.reductions is None or "cost" not in self.reductions:
             return None
         drifts = grid.ambient_at is not None or self.twin.wiring.ambient_drift is not None
@@ -173,7 +177,7 @@ class DrawSolver:
         return None if drifts or recorded is None else compress(grid, recorded)
 
     def _reads(self, *readings: str) -> bool:
-        """Whether a reduction reads one of these."""
+        """Whether a reduction reads one of these fields of `Readings`."""
         reductions = {} if self.reductions is None else self.reductions
         return any(reduction.reads in readings for reduction in reductions.values())
 
@@ -187,11 +191,11 @@ class DrawSolver:
         grid: TimeGrid,
         compressed: CompressedRecording | None,
     ) -> dict[str, Array | np.ndarray]:
-        """What is kept of a chunk; only what it needs is computed."""
+        """The trajectories or the reductions of a chunk. Only what they need is computed."""
         count = len(self.experiment.time)
         if self.reductions is None:
             temperatures = sample_chunk(prepared, stepped, grid, self.columns)
-            # By NumPy, which compiles nothing for another number of samples.
+            # NumPy slices without compiling for each new number of samples.
             return {"temperatures": np.asarray(temperatures)[:, :count]}
         reductions, results = dict(self.reductions), {}
         if compressed is not None:
@@ -221,7 +225,7 @@ class DrawSolver:
 
 
 def _delayed_as(twin: Twin, commanded: TimeGrid) -> TimeGrid:
-    """The grid behind the twin's own delay, if it has one."""
+    """The grid with the inputs delayed by the driver's delay, if there is one."""
     delay = twin.wiring.delay
     if delay is None:
         return commanded

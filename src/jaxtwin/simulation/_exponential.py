@@ -4,16 +4,17 @@ With $x = V z$ (see `_modes`),
 
 $$\dot z = -\Lambda z + V^T (q(V z, u) + S V z),$$
 
-whose linear part is integrated exactly, however stiff, and whose nonlinear part acts through the
-few rows of $V$ that belong to the cells, and to the plate where its losses are nonlinear.
-Each step is Krogstad's ETDRK4-B (J. Comput. Phys. 203 (2005) 72-88, eq. 51), which keeps more of
-its order where forces are stiff than the scheme of Cox and Matthews does; its functions of
-$\Lambda h$ are elementwise here.
+where $q$ are the heat flows of the cells and of nonlinear losses and $S$ is their linearisation,
+which the modes already contain. The linear part is integrated exactly, however stiff it is. The
+nonlinear part needs only the rows of $V$ that belong to the cells, and to the plate if its losses
+are nonlinear. Each step is ETDRK4-B of S. Krogstad (J. Comput. Phys. 203 (2005) 72-88, eq. 51). The
+more common ETDRK4 of Cox and Matthews is not used, because it loses more of its order where the
+forces are stiff. The functions of $\Lambda h$ are elementwise here.
 
-Derivatives do not pass through the eigenvectors, whose derivative does not exist where
-eigenvalues repeat, as they do on every symmetric plate.
-The basis is held fixed and the change of $G$ and $C$ acts as one more force, which is exact for
-the equations and leaves the values alone.
+Derivatives do not pass through the eigenvectors, because their derivative does not exist where
+eigenvalues repeat, as they do on every symmetric plate. Instead the basis is held fixed, and the
+change of $G$ and $C$ enters as another force. This force is zero in value, and its derivative is
+exactly that of the equations.
 """
 
 import math
@@ -30,13 +31,13 @@ from ._modes import Modes
 
 @final
 class Inputs(eqx.Module):
-    """What drives the rig during a step: duty cycles and the ambient's deviation, K.
+    """The inputs during a step: duty cycles, and the ambient's deviation from the reference, K.
 
-    Where the driver lags behind its command the duty cycles change within the step, and there is
-    one row each for its start, its middle and its end; likewise where the ambient drifts. In a
-    table of many steps both have a leading axis for the steps.
+    If the driver has a lag, the duty cycles change within the step, and have one row each for its
+    start, its middle and its end; likewise the ambient if it drifts. In a table of many steps, both
+    have a leading axis for the steps.
 
-    `heat` is what else flows into the modes during the step, V^T q, None for nothing.
+    `heat` is an additional heat flow into the modes, $V^T q$; None for none.
     """
 
     duty: Float[Array, "*steps_and_stages cells"]
@@ -44,7 +45,7 @@ class Inputs(eqx.Module):
     heat: Float[Array, "*stages modes"] | None = None
 
     def at(self, stage: int) -> "Inputs":
-        """At the start (0), in the middle (1) or at the end (2) of the step."""
+        """Returns the inputs at the start (0), in the middle (1) or at the end (2) of the step."""
         duty = self.duty if self.duty.ndim == 1 else self.duty[stage]
         ambient = self.ambient if self.ambient.ndim == 0 else self.ambient[stage]
         heat = self.heat if self.heat is None or self.heat.ndim == 1 else self.heat[stage]
@@ -53,12 +54,13 @@ class Inputs(eqx.Module):
 
 @final
 class ModalField(eqx.Module):
-    """The vector field of a network in its modes.
+    r"""The vector field of a network in its modes.
 
-    `surroundings` is V^T g_amb, the force per kelvin of the ambient's deviation, and `held` the
-    constant force by what is held at a temperature of its own, None for none.
-    `stiffness` and `mass` are V^T (G - G0) V and V^T (C - C0) V, with G0 and C0 what the modes
-    were made of: zero in value, but not in their derivatives.
+    - `reference`: the temperature from which deviations are counted, K.
+    - `surroundings`: the force for each kelvin of the ambient's deviation, $V^T g_\text{amb}$.
+    - `held`: the constant force of bodies at a fixed temperature (`Reservoirs`), None for none.
+    - `stiffness`, `mass`: $V^T (G - G_0) V$ and $V^T (C - C_0) V$, where the modes are those of
+      $G_0$ and $C_0$. Both are zero in value, but their derivatives are not.
     """
 
     system: System
@@ -71,7 +73,7 @@ class ModalField(eqx.Module):
 
     @classmethod
     def of(cls, system: System, modes: Modes, reference: Float[Array, ""]) -> "ModalField":
-        """The field of a system in its own modes."""
+        """Makes the field of a system in its own modes."""
         V = modes.shapes
         conductance = system.conductance - jax.lax.stop_gradient(system.conductance)
         capacitance = system.capacitance - jax.lax.stop_gradient(system.capacitance)
@@ -86,7 +88,8 @@ class ModalField(eqx.Module):
         )
 
     def force(self, amplitudes: Float[Array, " modes"], inputs: Inputs) -> Float[Array, " modes"]:
-        """What the modes feel beside their own decay: cells and a changing ambient, K/s."""
+        """Computes the right-hand side without the decay of the modes: the heat of the cells, of
+        the surroundings and of nonlinear losses."""
         system, modes = self.system, self.modes
         deviation = modes.sides @ amplitudes
         heat = system.cell_heat(deviation + self.reference, inputs.duty)
@@ -101,8 +104,8 @@ class ModalField(eqx.Module):
             plate = modes.plate @ amplitudes
             lost = system.loss.heat(plate - inputs.ambient, self.reference + inputs.ambient)
             force = force + modes.plate.T @ (linearised * plate - lost)
-        # Twice, since the change of C acts on a slope that has the changes in it: exact up to
-        # second derivatives.
+        # The change of C acts on the slope, which itself contains the change. Two rounds of this
+        # substitution are exact up to second derivatives.
         bent = _vanishing(self.stiffness, amplitudes)
         slope = force - modes.rates * amplitudes
         slope = slope - bent - _vanishing(self.mass, slope)
@@ -111,7 +114,7 @@ class ModalField(eqx.Module):
 
 @jax.custom_jvp
 def _vanishing(matrix: Array, vector: Array) -> Array:
-    """Product with a matrix that is zero in value, but not in its derivative."""
+    """Multiplies by a matrix that is zero in value, while its derivative is not."""
     del matrix
     return jnp.zeros_like(vector)
 
@@ -124,11 +127,11 @@ def _vanishing_jvp(primals: Any, tangents: Any) -> Any:
 
 @final
 class StepFactors(eqx.Module):
-    """Elementwise factors of one step: functions of rate times step size.
+    """The elementwise coefficients of a step: functions of rate times step size.
 
-    The amplitudes decay by `half_decay` and `decay`; forces count by `half` in the first half step,
-    by `half_start` and `half_middle` in the second try at it, by `whole_start` and `whole_middle`
-    in the first try at the whole step, and by `first`, `middle` and `last` in the end.
+    `half_decay` and `decay` multiply the amplitudes. The other coefficients multiply forces: `half`
+    in the second stage, `half_start` and `half_middle` in the third, `whole_start` and
+    `whole_middle` in the fourth, and `first`, `middle` and `last` in the result.
     """
 
     half_decay: Float[Array, "*sizes modes"]
@@ -144,7 +147,7 @@ class StepFactors(eqx.Module):
 
 
 def step_factors(rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]) -> StepFactors:
-    """The factors for one or several step sizes."""
+    """Computes the coefficients for one or several step sizes, s."""
     h = jnp.asarray(sizes, rates.dtype)[..., None]
     half_growth = jnp.expm1(-rates * h / 2)
     growth = half_growth * (half_growth + 2)  # that of the whole step, without another expm1
@@ -171,15 +174,18 @@ def exponential_step(
     field: ModalField,
     inputs: Inputs,
 ) -> tuple[Float[Array, " modes"], Float[Array, " modes"]]:
-    """One step.
+    """Computes one step.
 
     **Arguments:**
 
-    - `amplitudes`, `force_0`: at the start of the step, the force under its `inputs`.
+    - `amplitudes`: those at the start of the step.
+    - `force_0`: the force at the start, under the inputs of this step.
+    - `factors`: the coefficients of the step size.
+    - `field`, `inputs`: the vector field and its inputs during the step.
 
-    **Returns:** the amplitudes at its end, and its error estimate: by how much they would differ
-    with the first of the two forces in the middle of the step in place of both, which is of third
-    order in its size.
+    **Returns:** the amplitudes at the end of the step, and an error estimate: the change of the
+    result if the first of the two forces in the middle of the step replaced both. It is of third
+    order in the step size.
     """
     halfway, decayed = factors.half_decay * amplitudes, factors.decay * amplitudes
     force_a = field.force(halfway + factors.half * force_0, inputs.at(1))
@@ -199,10 +205,10 @@ def exponential_step(
 def _phi(
     x: Float[Array, "*shape"], growth: Float[Array, "*shape"]
 ) -> tuple[Float[Array, "*shape"], ...]:
-    r"""$\varphi_k(-x)$, $k = 1, 2, 3$, from x and its growth $e^{-x} - 1$.
+    r"""Computes $\varphi_k(-x)$, $k = 1, 2, 3$, from $x$ and its growth $e^{-x} - 1$.
 
-    $\varphi_{k+1}(y) = (\varphi_k(y) - 1/k!) / y$ cancels for small arguments: there the last one
-    is a series, and the others follow from it.
+    The recursion $\varphi_{k+1}(y) = (\varphi_k(y) - 1/k!) / y$ cancels for small arguments. There
+    $\varphi_3$ is a series, and the others follow from it.
     """
     small = jnp.abs(x) < 0.3
     tiny, large = jnp.where(small, x, 0.0), jnp.where(small, 1.0, x)

@@ -1,7 +1,7 @@
-"""What is compiled for a chunk of draws side by side: linear algebra, steps, readings.
+"""The compiled programs for a chunk of draws: linear algebra, steps, readings.
 
-Each part is compiled separately. XLA would compute what one part
-makes once for every use in the next, and copy the modes into another order at every step.
+Each part is compiled separately. In a single program, XLA would compute the results of one part
+again for every use in the next, and transpose the modes at every step.
 """
 
 from collections.abc import Mapping
@@ -29,12 +29,12 @@ from ._time_grid import TimeGrid, reference_temperature
 
 @final
 class Prepared(eqx.Module):
-    """Draws ready to be stepped, or one of them.
+    """A chunk of draws, or a single draw, before its first step.
 
-    - `system`, `modes`: equations.
-    - `start`: initial temperatures, K.
-    - `stability_number`: see there.
-    - `grid`: with the draw's own delay; None where all draws share one.
+    - `system`, `modes`: the equations.
+    - `start`: the absolute initial temperatures, K.
+    - `stability_number`: see the function `stability_number`.
+    - `grid`: the time grid with the draw's own delay; None if all draws share the grid.
     """
 
     system: System
@@ -44,14 +44,15 @@ class Prepared(eqx.Module):
     grid: TimeGrid | None
 
     def drive(self, shared: TimeGrid) -> Drive:
-        """What acts on the draw, on its own grid or the one that draws share."""
+        """Returns the drive of the draw, on its own grid or on the shared one."""
         return Drive.of(self.system, shared if self.grid is None else self.grid)
 
 
 @final
 class Stepped(eqx.Module):
-    """What was read at all steps from the channels' places and, where they are asked for, from the
-    plate's elements and from the cells' sides."""
+    """The readings at the ends of all steps: of the channels and, if they were requested, of the
+    plate's elements and of the sides of the cells. `failed` marks draws without a valid solution.
+    """
 
     channels: StepReadings
     elements: StepReadings | None
@@ -67,12 +68,14 @@ def prepare_chunk(
     initial: CheckedInitial,
     own_delays: bool,
 ) -> Prepared:
-    """All linear algebra of a chunk.
+    """Computes the systems, the modes and the initial temperatures of a chunk.
 
     **Arguments:**
 
-    - `draws`: name -> values in the unit of the rig's table.
-    - `grid`: with the duty cycles as commanded.
+    - `twin`: the twin; parameters that are not drawn keep its values.
+    - `draws`: name of a parameter -> its values in the unit of the rig's table.
+    - `grid`: the time grid with the commanded duty cycles, before any delay.
+    - `initial`: the checked temperatures at the start.
     - `own_delays`: whether the draws differ in the driver's delay.
     """
 
@@ -98,9 +101,16 @@ def step_chunk(
     with_plate: bool,
     with_sides: bool,
 ) -> Stepped:
-    """Solves all steps."""
+    """Computes all steps of a chunk.
+
+    **Arguments:**
+
+    - `grid`: the time grid that draws without a grid of their own use.
+    - `columns`: the positions of the requested channels among those of the rig.
+    - `with_plate`, `with_sides`: whether the plate's elements and the sides of the cells are read.
+    """
     wiring = prepared.system.wiring
-    # Every element of the rig's plate counts, also where one node stands for two.
+    # All elements of the plate are read, also where one node of the lumped network stands for two.
     elements = wiring.rig_elements if with_plate else []
     sides = np.concatenate([wiring.cold, wiring.hot]) if with_sides else []
     nodes = np.array([*elements, *sides], int)
@@ -108,8 +118,8 @@ def step_chunk(
     def step_draw(draw: Prepared) -> Stepped:
         readout = jnp.asarray(draw.system.channel_weights)[columns]
         if len(nodes):
-            alone = np.eye(len(wiring.netlist.nodes))[nodes]
-            readout = jnp.concatenate([readout, jnp.asarray(alone, readout.dtype)])
+            unit_rows = np.eye(len(wiring.netlist.nodes))[nodes]
+            readout = jnp.concatenate([readout, jnp.asarray(unit_rows, readout.dtype)])
         read = integrate(draw.system, draw.drive(grid), draw.modes, draw.start, readout)
         ends = np.cumsum([0, len(columns), len(elements), len(sides)])
         of_channels, of_elements, of_sides = (
@@ -137,7 +147,8 @@ def sample_chunk(
     columns: Int[Array | np.ndarray, " channels"],
     last: bool = False,
 ) -> Float[Array, "chunk times channels"]:
-    """Temperatures of the channels at the samples, or at the last alone, degC; NaN where failed."""
+    """Computes the temperatures of the channels at all samples, or at the last one, degC; NaN for
+    failed draws."""
     which = slice(-1, None) if last else slice(None)
 
     def sample_draw(draw: Prepared, stepped: Stepped) -> Array:
@@ -156,7 +167,8 @@ def sample_chunk(
 def sample_plate_end(
     prepared: Prepared, stepped: Stepped, grid: TimeGrid
 ) -> Float[Array, "chunk elements"]:
-    """Deviations of the plate's elements at the last sample, K; NaN where the draw failed."""
+    """Computes the temperatures of the plate's elements at the last sample, K, as deviations from
+    the draw's reference; NaN for failed draws."""
 
     def sample_draw(draw: Prepared, stepped: Stepped) -> Array:
         assert stepped.elements is not None
@@ -173,11 +185,11 @@ def sample_power(
     grid: TimeGrid,
     commands: Float[Array | np.ndarray, "times cells"],
 ) -> SupplyPower:
-    """Power and energy of the cells; NaN where the draw failed.
+    """Computes the power and the energy of the cells; NaN for failed draws.
 
     **Arguments:**
 
-    - `commands`: duty cycles from each sample on, -1 to 1.
+    - `commands`: the duty cycles from each sample on, -1 to 1.
     """
 
     def sample_draw(draw: Prepared, stepped: Stepped) -> SupplyPower:
@@ -197,7 +209,8 @@ def compressed_errors(
     recorded: CompressedRecording,
     columns: Int[Array | np.ndarray, " channels"],
 ) -> Float[Array, "chunk rows channels"]:
-    """Simulated less recorded in the recording's combinations, K; NaN where the draw failed."""
+    """Computes the errors, simulated minus recorded, in the combinations of samples that the
+    compressed recording keeps, K; NaN for failed draws."""
 
     def draw_errors(system: System, stepped: Stepped) -> Array:
         rise = system.gain[columns] * stepped.channels.at_samples(recorded.grid)
@@ -213,7 +226,7 @@ def compressed_errors(
 def compressed_cost(
     errors: Float[Array, "chunk rows channels"], recorded: CompressedRecording
 ) -> Float[Array, "chunk channels"]:
-    """Mean squared error of each channel, K^2."""
+    """Computes the mean squared error of each channel, K^2."""
     counted, samples, beyond = (
         jnp.asarray(leaf, errors.dtype)
         for leaf in (recorded.counted, recorded.samples, recorded.beyond)

@@ -1,15 +1,16 @@
-r"""The few modes of a large network that a run needs.
+r"""Computes the run of a large network in the few modes that it needs.
 
-The modes of thousands of nodes take minutes, and nearly all of them nothing excites or everything
-forgets at once. What a run visits lies close to the network's responses to what drives it,
-$(A + s C)^{-1} b$, at rates $s$ from the run's length to its first steps: a rational Krylov space
-with the states at rest in it ($s = 0$). $A$ is the conductance matrix with cells and losses taken
-linearly (`_modes`), and $b$ are the heat flows at the cells' sides, from the surroundings, and
-of the state at the start. Projected on that space, the network's eigenproblem is a small one.
+All modes of thousands of nodes take minutes to compute, and nearly all of them are either not
+excited or decay at once. The states of a run lie close to the responses of the network to its
+inputs, $(A + s C)^{-1} b$, at rates $s$ from the inverse of the duration to that of the first
+steps. These responses, with those at rest ($s = 0$), span a rational Krylov space (A. Ruhe, Linear
+Algebra Appl. 58 (1984) 391-405). $A$ is the conductance matrix with linearised cells and losses
+(`_modes`), and $b$ are the heat flows at the sides of the cells, from the surroundings, and of the
+state at the start. The eigenproblem of the network, projected on that space, is small.
 
-What is lost is estimated from the residual that a solution leaves in the equations of all nodes:
-$A^{-1} r$ is the temperature that it would make if it stayed. Where that is too much, these
-temperatures join the space, and the run is computed again.
+The error of the projection is estimated from the residual $r$ of the solution in the equations of
+all nodes: a constant residual would change the temperatures by $A^{-1} r$. If that is too much,
+these temperatures are added to the space, and the run is computed again.
 """
 
 from typing import Any, TypeAlias, final
@@ -36,26 +37,29 @@ from ._resolution import LARGEST_SPAN
 from ._time_grid import TimeGrid, reference_temperature
 
 LARGE = 600
-"""Nodes from which on a run takes few modes. All modes of so many take a tenth of a second."""
+"""The number of nodes from which on a run uses few modes. All modes of a network of this size take
+a tenth of a second."""
 
 POLES, FASTEST_POLE = 12, 100.0
-"""Rates at which responses are taken: their number, beside rest, and the largest, 1/s."""
+"""The number of rates at which responses are computed, without that at rest; and the largest,
+1/s."""
 
 LOST = 6
-"""To how many of the responses, the slowest, the plate's loss beyond its linear part is added."""
+"""The number of responses, from the slowest, to which responses to nonlinear losses are added."""
 
 DEPENDENT = 1e-10
-"""Part of a response that the others do not have, below which it is left out."""
+"""The relative size of the part of a response outside the space of the others, below which the
+response is left out."""
 
 BLOCK = 32
-"""The number of modes is a multiple of this, so that runs share compiled programs."""
+"""The number of modes is padded to a multiple of this, so that runs share compiled programs."""
 
 LARGEST_RESIDUAL = 3e-4
-"""Temperature that the residual may make, K."""
+"""The largest change of a temperature by the residual that is accepted, K."""
 
 ROUNDS = 4
 LOOKS = 32
-"""How often the space may grow, and at how many steps the residual is looked at."""
+"""How many times the space may grow, and at how many steps the residual is evaluated."""
 
 
 RunResult: TypeAlias = tuple[
@@ -67,11 +71,11 @@ RunResult: TypeAlias = tuple[
 
 @final
 class Looks(eqx.Module):
-    """What the equations of all nodes are looked at with, at some steps of a run.
+    """The terms of the equations of all nodes at some steps of a run, from which the residual is
+    computed.
 
-    - `deviation`: of the nodes, K.
-    - `heat`: that flows into them, but for what the network conducts, less what their slopes take,
-      W.
+    - `deviation`: the temperatures of the nodes as deviations from the reference, K.
+    - `heat`: the heat flows into the nodes without conduction, minus heat capacity times slope, W.
     """
 
     deviation: Float[Array, "looks nodes"]
@@ -79,7 +83,7 @@ class Looks(eqx.Module):
 
 
 def is_large(twin: Twin, initial: CheckedInitial) -> bool:
-    """Whether a run of a twin takes few modes: many nodes, and few cells that drive them."""
+    """Whether a run of a twin uses few modes: the network is large, and few cells drive it."""
     if isinstance(initial, str):
         return False
     netlist = wiring_of(twin.rig, keeps_symmetry(initial)).netlist
@@ -87,8 +91,11 @@ def is_large(twin: Twin, initial: CheckedInitial) -> bool:
 
 
 def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResult | None:
-    """Runs a large twin; None where its state does not lie in a small space, or its rates may be
-    further apart than float64 can tell."""
+    """Simulates a large twin.
+
+    **Returns:** the run; None if its states do not lie in a small space, or if float64 might not
+    resolve the rates of the network. All modes are needed then.
+    """
     system, network = _network(twin, keeps_symmetry(initial))
     sides, count = side_nodes(system), system.capacitance.size
     capacitance = np.asarray(system.capacitance)
@@ -115,7 +122,7 @@ def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResul
     if np.any(start):
         space.append(np.asarray(start)[:, None])
     if point.loss is not None:
-        # What the plate loses beyond its linear part follows its temperatures.
+        # The nonlinear part of the losses follows the temperatures of the plate.
         lost = np.zeros(count)
         lost[: system.wiring.elements] = np.asarray(point.loss)
         space += [at_rest.solve(lost[:, None] * response) for response in responses[:LOST]]
@@ -132,7 +139,7 @@ def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResul
 
 
 def _network(twin: Twin, lumped: bool) -> tuple[System, scipy.sparse.csc_array]:
-    """The equations without their conductance matrix, and the matrix."""
+    """Returns the equations without their conductance matrix, and that matrix, sparse."""
     system, (pairs, diagonal) = _assembled(twin, lumped)
     (a, b), nodes = system.wiring.pairs, np.arange(diagonal.size)
     places = np.concatenate([a, b, nodes]), np.concatenate([b, a, nodes])
@@ -142,7 +149,7 @@ def _network(twin: Twin, lumped: bool) -> tuple[System, scipy.sparse.csc_array]:
 
 
 def _added(system: System, point: OperatingPoint) -> scipy.sparse.coo_array:
-    """What cells and losses add to the conductance matrix."""
+    """Returns the linearised cells and losses as an addition to the conductance matrix."""
     sides, count = side_nodes(system), system.capacitance.size
     rows, columns = (index.ravel() for index in np.meshgrid(sides, sides, indexing="ij"))
     values = np.asarray(point.conductance).ravel()
@@ -159,7 +166,7 @@ def _projected(
     space: Float[np.ndarray, "nodes vectors"],
     point: OperatingPoint,
 ) -> Modes:
-    """The modes of the network within a space."""
+    """Computes the modes of the network within a space."""
     root = np.sqrt(np.asarray(system.capacitance))
     weighted = root[:, None] * space
     weighted /= np.linalg.norm(weighted, axis=0)
@@ -169,7 +176,7 @@ def _projected(
     basis = basis[:, sizes > DEPENDENT * sizes[0]] / root[:, None]
     rates, vectors = scipy.linalg.eigh(basis.T @ (linear @ basis))
     shapes = basis @ vectors
-    # Modes without a shape fill up.
+    # Modes of zero shape pad the number of modes to a multiple of `BLOCK`.
     filling = -len(rates) % BLOCK
     rates = np.pad(rates, (0, filling), mode="edge")
     shapes = np.pad(shapes, ((0, 0), (0, filling)))
@@ -206,7 +213,7 @@ def _linearised(
     initial: CheckedInitial,
     resistance: Float[Array | np.ndarray, "nodes sides"],
 ) -> tuple[OperatingPoint, Float[Array, " nodes"]]:
-    """The operating point of a run, and the deviations at its start, K."""
+    """Returns the operating point of a run, and the deviations at its start, K."""
     lengths = jnp.asarray(grid.sizes)[grid.size]
     duty = lengths @ jnp.asarray(grid.duty) / lengths.sum()
     reference = reference_temperature(system, grid)
@@ -218,7 +225,8 @@ def _linearised(
 def _run_in_modes(
     system: System, modes: Modes, grid: TimeGrid, initial: CheckedInitial
 ) -> tuple[RunResult, Looks]:
-    # The modes stand for the matrix; it takes part in derivatives alone, and none are taken.
+    # The modes replace the conductance matrix. Only derivatives would need it, and none are
+    # computed.
     nodes = system.capacitance.size
     system = _with_matrix(system, jnp.zeros((nodes, nodes)))
     drive = Drive.of(system, grid)

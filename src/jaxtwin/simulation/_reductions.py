@@ -1,7 +1,7 @@
-"""What is kept of many draws instead of their trajectories.
+"""Reductions: the numbers that are kept of many draws instead of their trajectories.
 
-Each reduction is a pure JAX function of what one draw gives. The same table serves draws that the
-default solver ran, draws that a diffrax solver ran, and sweeps.
+Each reduction is a pure JAX function of the readings of one draw. Draws of the default solver,
+draws of a diffrax solver and sweeps use the same table.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -28,29 +28,29 @@ if TYPE_CHECKING:
 ReductionName: TypeAlias = Literal[
     "cost", "final", "minimum", "maximum", "plate_range", "plate_std", "energy", "peak_power"
 ]
-"""Of a reduction that `simulate_batch` knows; `Reductions` says what each is."""
+"""The name of a reduction of `simulate_batch`; `Reductions` explains each."""
 
 ReductionFunction: TypeAlias = Callable[[Float[Array, "times channels"]], Shaped[Array, "..."]]
-"""A user's own reduction: a pure JAX function of the temperatures of one draw's channels, degC."""
+"""A reduction by the user: a pure JAX function of the trajectory of one draw, degC."""
 
 AskedReductions: TypeAlias = (
     Iterable[ReductionName] | Mapping[str, ReductionName | ReductionFunction]
 )
-"""Names of reductions, or name of the result -> a name of a reduction, or a function."""
+"""Names of reductions; or a mapping from the name of a result to a reduction or a function."""
 
 
 @final
 @dataclass(frozen=True)
 class Reduction:
-    """One reduction.
+    """A function of the readings of a draw, and a description of its result.
 
     **Arguments:**
 
-    - `reads`: which of the `Readings` its function takes.
-    - `function`: of the readings of one draw; with the recorded temperatures as its second argument
-      where it `needs_recording`.
-    - `dimension`: of its result: "channel", or "recording" for a single number.
-    - `unit`: of its result.
+    - `reads`: the field of `Readings` that the function takes.
+    - `function`: a JAX function of that field for one draw. If it `needs_recording`, its second
+      argument is the recorded temperatures.
+    - `dimension`: the dimension of the result: "channel", or "recording" for a single number.
+    - `unit`: the unit of the result.
     """
 
     reads: Literal["trajectory", "padded_trajectory", "end", "plate_end", "energy", "peak_power"]
@@ -61,14 +61,17 @@ class Reduction:
 
 
 class Readings(NamedTuple):
-    """What reductions read of a chunk of draws; None for what none of them needs.
+    """The readings of a chunk of draws from which reductions are computed; None for a field that no
+    reduction needs.
 
-    - `trajectory`: temperatures of the channels at the samples, degC.
-    - `padded_trajectory`: the same with samples added that repeat the last one, so that recordings
-      share compiled code.
-    - `end`: temperatures of the channels at the last sample, degC.
-    - `plate_end`: temperatures of the plate's elements at the last sample, from any zero, K.
-    - `energy`, `peak_power`: what the cells together draw from the supply, J and W.
+    - `trajectory`: the temperatures of the channels at the samples, degC.
+    - `padded_trajectory`: the trajectory with copies of its last sample appended, so that
+      recordings of different lengths share compiled programs.
+    - `end`: the temperatures of the channels at the last sample, degC.
+    - `plate_end`: the temperatures of the plate's elements at the last sample, K, from an arbitrary
+      zero.
+    - `energy`, `peak_power`: the energy and the largest power that all cells together draw from the
+      supply, J and W.
     """
 
     trajectory: Float[Array | np.ndarray, "draws times channels"] | None = None
@@ -83,7 +86,8 @@ def mean_squared_error(
     trajectory: Float[Array, "times channels"],
     recorded: Float[Array | np.ndarray, "times channels"],
 ) -> Float[Array, " channels"]:
-    """The cost of each channel over its samples that are not missing (NaN), eq. (11), K^2."""
+    """Computes the mean squared error of each channel, eq. (11) of the paper, K^2. Missing samples
+    are NaN in the recording and are left out."""
     target = jnp.asarray(recorded, trajectory.dtype)
     is_sampled = ~jnp.isnan(target)
     errors = jnp.where(is_sampled, trajectory - target, 0.0)
@@ -120,31 +124,31 @@ REDUCTIONS: dict[ReductionName, Reduction] = {
     "energy": Reduction("energy", _as_read, "recording", "J"),
     "peak_power": Reduction("peak_power", _as_read, "recording", "W"),
 }
-"""The reductions that have a name; see `Reductions`."""
+"""Name -> reduction; `Reductions` explains each."""
 
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
 class Reductions:
-    """What was asked of many draws instead of their trajectories; None where it was not.
+    """The results of the reductions that were requested of many draws. A field that was not
+    requested is None; `reductions["hottest"]` returns a result by its name.
 
-    `reductions["hottest"]` is the result of that name.
-
-    - `channels`: names.
-    - `failed`: draws with a resistance, a capacitance, or a driver's lag or delay that is not above
-      0, whose rates are further apart than float64 can tell, or whose temperatures do not stay
-      finite, `(draws,)`; their other entries are NaN.
-    - `cost`: mean squared error against the recording, eq. (11), `(draws, channels)`, K^2.
-    - `final`: temperature at the end, `(draws, channels)`, degC.
-    - `minimum`, `maximum`: over time, `(draws, channels)`, degC.
-    - `plate_range`: largest minus smallest temperature of the plate's elements at the end,
+    - `channels`: the names of the channels.
+    - `failed`: whether the draw failed, `(draws,)`; its other entries are then NaN. A draw fails if
+      a resistance, a heat capacity, or the driver's lag or delay is not above 0, if float64 cannot
+      resolve its rates, or if its temperatures do not stay finite.
+    - `cost`: the mean squared error against the recording, eq. (11) of the paper,
+      `(draws, channels)`, K^2.
+    - `final`: the temperature at the end, `(draws, channels)`, degC.
+    - `minimum`, `maximum`: the extremes over time, `(draws, channels)`, degC.
+    - `plate_range`: the difference between the hottest and the coldest element of the plate at the
+      end, `(draws,)`, K.
+    - `plate_std`: the standard deviation of the temperatures of the plate's elements at the end,
       `(draws,)`, K.
-    - `plate_std`: standard deviation of the temperatures of the plate's elements at the end,
-      `(draws,)`, K.
-    - `energy`: drawn from the supply by all cells together, `(draws,)`, J.
+    - `energy`: the energy that all cells together draw from the supply, `(draws,)`, J.
     - `peak_power`: the largest power that they draw together at any time, `(draws,)`, W.
-    - `own`: results of a user's own functions by name, `(draws, ...)`; those of failed draws are
-      what the function makes of a trajectory of NaN.
+    - `own`: the results of the user's functions by name, `(draws, ...)`. A function receives a
+      trajectory of NaN for a failed draw.
     """
 
     channels: tuple[str, ...]
@@ -161,15 +165,15 @@ class Reductions:
 
     @classmethod
     def of(cls, channels: tuple[str, ...], results: Mapping[str, np.ndarray]) -> "Reductions":
-        """From what `reduce_readings` gave for all draws, and which of them `failed`."""
+        """Makes the result from the arrays of `reduce_readings`, with `failed` among them."""
         named = {name: values for name, values in results.items() if name in REDUCTIONS}
         own = {name: v for name, v in results.items() if name not in {"failed", *REDUCTIONS}}
         return cls(channels, results["failed"], **named, own=own)
 
     def __getitem__(self, name: str) -> Shaped[np.ndarray, "draws ..."]:
-        """One result by its name.
+        """The result of this name.
 
-        **Raises:** `SimulationError` where it was not asked for.
+        **Raises:** `SimulationError` if it was not requested.
         """
         found = self.own.get(name, getattr(self, name) if name in REDUCTIONS else None)
         if found is None:
@@ -181,12 +185,14 @@ class Reductions:
         return found
 
     def plot(self) -> "Figure":
-        """How each quantity is distributed over the draws: `jaxtwin.plots.plot_distributions`."""
+        """Plots the distribution of each result over the draws
+        (`jaxtwin.plots.plot_distributions`)."""
         return picture("plot_distributions", self.to_xarray())
 
     def to_xarray(self) -> "xarray.Dataset":
-        """What was asked for with labels: failed (draw), and the others (draw, channel) or (draw);
-        a user's own quantities have their own further dimensions."""
+        """Returns a labelled dataset: failed (draw), and each result (draw, channel) or (draw),
+        with its unit in the attributes. The result of a user's function has the dimension draw and
+        further dimensions with its name."""
         import xarray
 
         variables: dict[str, Any] = {"failed": ("draw", self.failed)}
@@ -201,11 +207,11 @@ class Reductions:
         return xarray.Dataset(variables, coords={"draw": draws, "channel": list(self.channels)})
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each draw and channel, its index, and a column for each quantity.
+        """Returns a table with a row for each draw and channel, and a column for each result.
 
-        A quantity with one value a draw, such as those of the plate, stands in each row of its
-        draw. A user's own quantity with several values a draw has a column for each of them, such
-        as `rise[0]` and `rise[1]`.
+        A result with one value for each draw, such as those of the plate, is repeated in the rows
+        of the draw. The result of a user's function with several values for each draw has a column
+        for each value, such as `rise[0]` and `rise[1]`.
         """
         table = self.to_xarray()
         for name, values in self.own.items():
@@ -234,9 +240,9 @@ class Reductions:
 
     @property
     def rmse(self) -> Float[np.ndarray, " draws"]:
-        """Over all channels, K.
+        """The root mean square error of each draw over all channels, K.
 
-        **Raises:** `SimulationError` where the cost was not asked for.
+        **Raises:** `SimulationError` if the cost was not requested.
         """
         return np.sqrt(self["cost"].mean(axis=1))
 
@@ -246,13 +252,14 @@ def reduce_readings(
     readings: Readings,
     recorded: Float[np.ndarray, "times channels"] | None,
 ) -> dict[str, Shaped[Array, "draws ..."]]:
-    """The results of a chunk of draws, by name.
+    """Computes the results of a chunk of draws, by name.
 
     **Arguments:**
 
-    - `reductions`: by the name of their result.
-    - `readings`: at least what the reductions read.
-    - `recorded`: temperatures with as many samples as the trajectories have, degC.
+    - `reductions`: name of the result -> reduction.
+    - `readings`: the readings; a field that a reduction reads must not be None.
+    - `recorded`: the recorded temperatures at the samples of the padded trajectory, degC; None
+      without a recording.
     """
     results = {}
     for name, reduction in reductions.items():
@@ -273,10 +280,11 @@ def checked_reductions(
     reductions: Iterable[str] | Mapping[str, str | ReductionFunction],
     experiments: Iterable[Experiment],
 ) -> dict[str, Reduction]:
-    """The reductions that are asked of some experiments, by the name of their result.
+    """Returns the requested reductions by the names of their results.
 
-    **Raises:** `SimulationError` for unknown names, none, what is no function, or the cost where
-    nothing is recorded, or nothing in one of the channels.
+    **Raises:** `SimulationError` for an unknown name, for no name at all, for a value that is not a
+    function, and for the cost if an experiment has no recorded temperatures, or none in one of its
+    channels.
     """
     experiments = list(experiments)
     if isinstance(reductions, Mapping):
@@ -309,8 +317,8 @@ def _checked_reduction(name: str, asked: str | ReductionFunction) -> Reduction:
         )
     if name in REDUCTIONS or name == "failed":
         raise SimulationError(
-            f"reductions: expected another name for a function than {name!r}, which is taken; "
-            "rename it"
+            f"reductions: expected another name for a function than {name!r}, which is the name of "
+            "a known reduction; rename it"
         )
     return Reduction("trajectory", asked)
 

@@ -1,4 +1,4 @@
-"""What a simulation gives."""
+"""The result of a simulation."""
 
 import os
 from dataclasses import dataclass, replace
@@ -30,19 +30,19 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, repr=False, eq=False)
 class Run:
-    """One run of a twin.
+    """The temperatures of a twin over one experiment.
 
     **Arguments:**
 
-    - `experiment`: what drove it.
-    - `channels`: names of the camera channels.
-    - `temperatures`: what the camera reads, `(times, channels)`, degC.
-    - `nodes`: names of the network's nodes.
-    - `states`: their temperatures, `(times, nodes)`, degC.
-    - `rig`: name of the rig.
-    - `twin`: what was run; None where power and energy are not known, as of a part of a run.
-    - `is_steady_start`: whether the first duty had been held for ever, which a driver that lags
-      remembers.
+    - `experiment`: the experiment that drove the twin.
+    - `channels`: the names of the channels.
+    - `temperatures`: the simulated readings of the channels, `(times, channels)`, degC.
+    - `nodes`: the names of the network's nodes.
+    - `states`: the temperatures of the nodes, `(times, nodes)`, degC.
+    - `rig`: the name of the rig.
+    - `twin`: the twin that was run; None for a part of a run, whose power and energy are unknown.
+    - `is_steady_start`: whether the run began in the steady state under the first duty. A driver
+      with a lag then begins at that duty, otherwise at 0.
     """
 
     experiment: Experiment
@@ -60,24 +60,25 @@ class Run:
         return self.experiment.time
 
     def channel(self, name: str) -> Float[np.ndarray, " times"]:
-        """One channel, degC.
+        """The simulated readings of one channel, degC.
 
-        **Raises:** `SimulationError` where the run has no such channel.
+        **Raises:** `SimulationError` if the run has no such channel.
         """
         return self.temperatures[:, _position(name, self.channels, "channel")]
 
     def node(self, name: str) -> Float[np.ndarray, " times"]:
-        """One node, degC.
+        """The temperatures of one node, degC.
 
-        **Raises:** `SimulationError` where the network has no such node.
+        **Raises:** `SimulationError` if the network has no such node.
         """
         return self.states[:, _position(name, self.nodes, "node")]
 
     @property
     def fit_percent(self) -> dict[str, float]:
-        """NRMSE fit of each recorded channel, %; those without any sample are left out.
+        r"""The NRMSE fit of each recorded channel, $100 (1 - \|y - \hat y\| / \|y - \bar y\|)$, in
+        %. Channels without a single recorded sample are left out.
 
-        **Raises:** `SimulationError` where the experiment holds no recorded temperatures.
+        **Raises:** `SimulationError` if the experiment holds no recorded temperatures.
         """
         fits = fit_percent(self._recorded, self.temperatures)
         named = zip(self.channels, fits.tolist(), strict=True)
@@ -85,15 +86,18 @@ class Run:
 
     @property
     def rmse(self) -> float:
-        """Over all samples of all recorded channels, K."""
+        """The root mean square difference from the recording over all samples of all channels, K.
+
+        **Raises:** `SimulationError` if the experiment holds no recorded temperatures.
+        """
         return rmse(self._recorded, self.temperatures)
 
     @property
     def power(self) -> Float[np.ndarray, "times cells"]:
-        """The power that each cell's bridge draws from the supply from each time on, W; below 0
-        where a cell drives its current back. It is computed when it is first asked for.
+        """The power that each cell's bridge draws from the supply from each time on, W. It is
+        negative where a cell feeds current back. The first access computes it.
 
-        **Raises:** `SimulationError` where the run has no twin.
+        **Raises:** `SimulationError` if the run has no twin.
         """
         return np.asarray(self._supply.power)
 
@@ -101,7 +105,7 @@ class Run:
     def energy(self) -> Float[np.ndarray, " times"]:
         """The energy that all cells together have drawn from the supply up to each time, J.
 
-        **Raises:** `SimulationError` where the run has no twin.
+        **Raises:** `SimulationError` if the run has no twin.
         """
         return np.asarray(self._supply.energy)
 
@@ -127,20 +131,21 @@ class Run:
 
     @property
     def uniformity(self) -> Uniformity:
-        """Of what the camera reads, over the channels."""
+        """The range and the standard deviation of the simulated readings over the channels."""
         return uniformity(self.time, self.temperatures, self.channels)
 
     @property
     def recorded_uniformity(self) -> Uniformity:
-        """Of what was recorded, over the channels; NaN at times at which one is missing.
+        """The range and the standard deviation of the recorded temperatures over the channels; NaN
+        at times at which a sample is missing.
 
-        **Raises:** `SimulationError` where the experiment holds no recorded temperatures.
+        **Raises:** `SimulationError` if the experiment holds no recorded temperatures.
         """
         return uniformity(self.time, self._recorded, self.channels)
 
     @property
     def plate_uniformity(self) -> Uniformity:
-        """Of the plate itself, over its elements."""
+        """The range and the standard deviation of the plate's temperature over its elements."""
         # Nodes of cells and sinks are named after their cell, with a dot.
         columns = [number for number, name in enumerate(self.nodes) if "." not in name]
         names = tuple(self.nodes[number] for number in columns)
@@ -155,9 +160,9 @@ class Run:
         return self.experiment.temperatures
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The run with labels: temperature (time, channel), state (time, node), duty (time, cell),
-        channel_range and channel_std (time) over the channels and, where they are known, recorded
-        (time, channel), recorded_range, recorded_std and ambient (time)."""
+        """Returns a labelled dataset, with units in the attributes: temperature (time, channel),
+        state (time, node), duty (time, cell), channel_range and channel_std (time). If they are
+        known, recorded (time, channel), recorded_range, recorded_std and ambient (time) follow."""
         import xarray
 
         duty = self.experiment.duty
@@ -189,15 +194,15 @@ class Run:
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each time (s), its index, and a column for each channel, degC."""
+        """Returns a table with a row for each time, s, and a column for each channel, degC."""
         import pandas
 
         index = pandas.Index(self.time, name="time")
         return pandas.DataFrame(self.temperatures, index=index, columns=list(self.channels))
 
     def plot(self) -> "Figure":
-        """The response beside the recording where there is one, else the response above the
-        drive: `jaxtwin.plots.plot_comparison` and `plot_recordings`."""
+        """Plots the run beside its recording (`jaxtwin.plots.plot_comparison`), or above its duty
+        if nothing was recorded (`jaxtwin.plots.plot_recordings`)."""
         if self.experiment.temperatures is not None:
             return picture("plot_comparison", [self])
         return picture("plot_recordings", [self._as_recorded()])
@@ -206,15 +211,16 @@ class Run:
         return replace(self.experiment, channels=self.channels, temperatures=self.temperatures)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the run in the format that the ending says, as a whole or not at all.
+        """Writes the run to a file, whose ending selects the format. If writing fails, the file is
+        left as it was.
 
         **Arguments:**
 
-        - `path`: with `.nc` everything that `to_xarray` holds, as netCDF; with `.csv` a table of
-          times, duty cycles, what the camera reads and the ambient temperature, in the form of a
-          recording, which `read_recording` reads back.
+        - `path`: the file. `.nc` is netCDF with everything that `to_xarray` returns. `.csv` is a
+          table of times, duty cycles, simulated readings and the ambient temperature in the form of
+          a recording, which `read_recording` reads.
 
-        **Raises:** `RecordingError` for another ending, and where the file cannot be written.
+        **Raises:** `RecordingError` for another ending, and if the file cannot be written.
         """
         from ..io import write_recording
         from ..io._write import save_dataset

@@ -1,4 +1,4 @@
-"""One run of a twin."""
+"""Simulates one run of a twin."""
 
 from typing import TYPE_CHECKING
 
@@ -51,35 +51,38 @@ def simulate(
     stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
     dt0: float | None = None,
 ) -> Run:
-    """Runs a twin through an experiment, in float64.
+    """Simulates a twin over an experiment, in float64.
 
-    The default solver integrates the linear network exactly and steps over the cells' heat flows
-    (see `jaxtwin.simulation`); it is the fastest that was measured at errors below 1e-3 K in the
-    channels. It estimates its own error: where that is too large, or the cells' heat flows are
-    stiff in themselves (`stability_number`), its steps are halved, and where three halvings do not
-    help `diffrax.Kvaerno5` takes its place. Of a network of 600 nodes and more it takes the few
-    modes that the drive reaches, and estimates what that leaves out.
+    The default solver integrates the linear network exactly and the heat flows of the cells in
+    steps of fourth order (see `jaxtwin.simulation`). It was the fastest solver measured at errors
+    below 1e-3 K in the channels. The solver estimates its error. If the error is too large, or the
+    heat flows of the cells are stiff (`stability_number`), the steps are halved, up to three times;
+    if that is not enough, `diffrax.Kvaerno5` solves the run. For networks of 600 nodes and more,
+    the solver uses only the few modes that the drive reaches, and estimates the error of this
+    reduction.
 
     **Arguments:**
 
     - `twin`: the twin; or a fit, which is run with the experiment's own values, see `Fit.twin_for`.
-    - `experiment`: its duty cycles drive the twin, held from sample to sample. A recorded ambient
-      takes the place of the rig's. Where it names channels, these are returned.
-    - `initial`: temperatures at the start. None: as the rig says. `"steady"`: the steady state
-      under the first input. A number: uniform, degC. An array `(nodes,)`: each node, degC.
+    - `experiment`: the duty cycles, each held until the next sample. Its ambient temperature, if it
+      was recorded, replaces that of the rig. If the experiment names channels, only these are
+      returned.
+    - `initial`: the temperatures at the start. None: those of the rig file. `"steady"`: the steady
+      state under the first input. A number: a uniform temperature, degC. An array `(nodes,)`: the
+      temperature of each node, degC.
     - `solver`: any diffrax solver, or None for the default.
-    - `stepsize_controller`, `dt0`: an adaptive controller for that solver and its first step, s.
-      By default a `PIDController` at 1e-7 where the solver estimates its error, else the steps that
-      the default solver takes. Steps always end at input changes.
+    - `stepsize_controller`, `dt0`: an adaptive step size controller for this solver and its first
+      step, s. The default is a `PIDController` with tolerances of 1e-7 if the solver estimates its
+      error, otherwise the steps of the default solver. Steps always end at changes of the input.
 
-    **Returns:** a `Run` at the experiment's times.
+    **Returns:** a `Run` at the times of the experiment.
 
-    **Raises:** `SimulationError` where experiment and rig do not belong together, or the solve
-    does not reach its end, or a controller comes without a solver, or the network's rates are
-    further apart than float64 can tell (the fastest one times the run, or the longest time
-    constant where that is shorter, above 2e11: contacts below some 1e-11 K/W); `ParameterError`
-    where a resistance, a heat capacity, or a driver's lag or delay is not above 0, or a parameter
-    holds more than one value.
+    **Raises:** `SimulationError` if experiment and rig do not match, if the solve does not reach
+    its end, if a step size controller is given without a solver, or if float64 cannot resolve the
+    rates of the network (the fastest rate times the duration, or times the longest time constant if
+    that is shorter, above 2e11; this happens at contacts below about 1e-11 K/W); `ParameterError`
+    if a resistance, a heat capacity, or the driver's lag or delay is not above 0, or if a parameter
+    has several values.
     """
     method = chosen_method(solver, stepsize_controller, dt0)
     twin = own_twin(twin, experiment)
@@ -153,24 +156,25 @@ def response(
     dt0: float | None = None,
     adjoint: "diffrax.AbstractAdjoint | None" = None,
 ) -> Float[Array, "times channels"]:
-    """The channels' temperatures as a pure JAX function of the twin's parameters, degC.
+    """Computes the temperatures of the channels as a pure JAX function of the twin's parameters.
 
-    For one's own `jax.jit`, `jax.vmap`, `jax.jacfwd` or `jax.grad`; compiled by itself where it is
-    called outside of `jax.jit`. `simulate` is this with checks and labels.
-    Its precision is that of the caller: wrap it in `jax.enable_x64(True)` for float64.
-    The default solver always takes its longest steps: only `simulate` looks whether shorter ones,
-    or a stiff solver, are needed. NaN where the network's rates are further apart than float64 can
-    tell, which `simulate` refuses, and where a diffrax solver does not reach the end.
+    The function can be called inside `jax.jit`, `jax.vmap`, `jax.jacfwd` and `jax.grad`; outside of
+    `jax.jit` it is compiled by itself. `simulate` computes the same and adds checks and labels.
+    The precision is that of the caller: call it inside `jax.enable_x64(True)` for float64.
+    The default solver always takes its longest steps; only `simulate` checks whether shorter steps
+    or a stiff solver are needed. The result is NaN if float64 cannot resolve the rates of the
+    network, for which `simulate` raises an error, and if a diffrax solver does not reach the end.
 
-    **Arguments:** as those of `simulate`, and
+    **Arguments:** those of `simulate`, and
 
-    - `adjoint`: how derivatives pass through a diffrax solver: `diffrax.ForwardMode()` by default,
-      for `jax.jacfwd`; `diffrax.RecursiveCheckpointAdjoint()`, for `jax.grad`, say.
+    - `adjoint`: the adjoint of a diffrax solve, which determines how it is differentiated. The
+      default is `diffrax.ForwardMode()`, for `jax.jacfwd`; `jax.grad` needs another one, such as
+      `diffrax.RecursiveCheckpointAdjoint()`.
 
     **Returns:** `(times, channels)`, degC, for the channels that the experiment names, else all.
 
-    **Raises:** `SimulationError` where experiment and rig do not belong together, or diffrax cannot
-    take an option.
+    **Raises:** `SimulationError` if experiment and rig do not match, or if diffrax does not accept
+    an option.
     """
     method = chosen_method(solver, stepsize_controller, dt0, adjoint)
     twin = own_twin(twin, experiment)
@@ -190,10 +194,10 @@ def response(
 
 
 def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
-    """The channels that an experiment asks of a twin.
+    """Returns the channels that an experiment requests of a twin.
 
-    **Raises:** `SimulationError` where it names others than the rig has, or drives another number
-    of cells.
+    **Raises:** `SimulationError` if the experiment names a channel that the rig does not have, or
+    drives another number of cells.
     """
     check_twin("twin", twin, SimulationError)
     of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)
@@ -219,10 +223,10 @@ def chosen_method(
     dt0: float | None,
     adjoint: "diffrax.AbstractAdjoint | None" = None,
 ) -> "DiffraxMethod | None":
-    """How diffrax is to solve; None for the default solver.
+    """Returns the method by which diffrax solves; None for the default solver.
 
-    **Raises:** `SimulationError` for what diffrax cannot take, or options of a diffrax solver
-    without one.
+    **Raises:** `SimulationError` for an option that diffrax does not accept, and for options of a
+    diffrax solver without a solver.
     """
     if solver is not None:
         from ._diffeqsolve import checked_method
@@ -258,8 +262,8 @@ def _run_exponential(
     Float[Array, ""],
     Float[Array, ""],
 ]:
-    """Absolute temperatures of the rig's nodes and of its channels, K, the `stability_number`, and
-    the solution's error estimate, K."""
+    """Computes the absolute temperatures of the rig's nodes and of its channels, K, the
+    `stability_number`, and the error estimate of the solution, K."""
     system = twin.system(lumped=keeps_symmetry(initial))
     drive, modes = Drive.of(system, grid), run_modes(system, grid)
     start = initial_temperatures(system, initial, grid.duty[0], drive.reference)
