@@ -29,6 +29,13 @@ def test_settings_of_threads_are_those_of_the_environment(monkeypatch):
     assert examine()["machine"]["thread settings"] == "OMP_NUM_THREADS=2"
 
 
+def test_usable_cores_are_those_of_this_process(monkeypatch):
+    """For the system, process 0 is the calling one."""
+    cores = {0: {0, 2, 3}, 1: {0}}
+    monkeypatch.setattr("os.sched_getaffinity", cores.__getitem__, raising=False)
+    assert examine()["machine"]["CPU cores"].endswith(", 3 of them usable by this process")
+
+
 def test_recordings_are_named_or_it_says_where_they_were_looked_for(tmp_path, monkeypatch):
     monkeypatch.setenv("JAXTWIN_RECORDINGS", str(tmp_path))
     assert f"looked in: {tmp_path}" in examine()["recordings"]["two cells"]

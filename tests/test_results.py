@@ -3,6 +3,7 @@
 import inspect
 import typing
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from small_results import analysis, fit, global_analysis, recordings
 
 import jaxtwin as jt
 from jaxtwin.control import PID, ClosedLoopRun, Frontier, Tuning, frontier
+from jaxtwin.matching import FittedParameters
 from jaxtwin.physics import DCSweep
 from jaxtwin.simulation import Reductions
 from jaxtwin.validation import Prediction
@@ -29,6 +31,15 @@ def reductions() -> Reductions:
     return jt.simulate_batch(
         fit().twin, recordings()[0], DRAWS, reductions=["cost", "final", "plate_range"]
     )
+
+
+@cache
+def shifted() -> jt.Fit:
+    """The fit with R_E larger by three of its standard errors."""
+    row = fit()["R_E"]
+    factor = np.exp(3 * row.relative_standard_error)
+    rows = FittedParameters({**fit().parameters, "R_E": replace(row, value=row.value * factor)})
+    return replace(fit(), parameters=rows)
 
 
 def dc_sweep() -> DCSweep:
@@ -64,6 +75,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Run": lambda _: fit().runs["synthetic-A"],
     "Reductions": lambda _: reductions(),
     "Fit": lambda _: fit(),
+    "FitDifference": lambda _: jt.compare_fits(fit(), shifted()),
     "Band": lambda _: jt.prediction_band(fit()),
     "Profile": lambda _: jt.profile(fit(), "R_E", points=3),
     "Validation": lambda _: jt.validate(fit(), recordings()[0], warm_up=20),
@@ -93,7 +105,7 @@ LONG = {
 }
 """Of these, those that take more than some seconds, nearly all of it compilation."""
 
-INPUTS = {"CSources", "FMU", "FitDifference", "Netlist", "PlateMap", "Rig", "Twin"}
+INPUTS = {"CSources", "FMU", "Netlist", "PlateMap", "Rig", "Twin"}
 """Classes that public functions give and that are no results."""
 
 
@@ -166,6 +178,11 @@ def test_the_tables_hold_the_numbers_of_the_results():
     numbers = checked.to_dataframe().loc[("synthetic-A", "T11")]
     assert numbers.fit_percent == checked.fit_percent["synthetic-A", "T11"]
     assert float(checked.to_xarray().rmse.sel(channel="T11").item()) == numbers.rmse
+    difference = jt.compare_fits(matched, shifted()).to_xarray()
+    assert float(difference.new.sel(parameter="R_E")) == shifted()["R_E"].value
+    # Both fits have the same standard error: that of their difference is larger by sqrt(2).
+    three = float(difference.standard_errors.sel(parameter="R_E"))
+    assert three == pytest.approx(3 / np.sqrt(2))
     curves = dc_sweep()
     assert curves.to_dataframe().loc[(20.0, 3.0), "heat_flow"] == curves.heat_flow[1, -1]
 
@@ -240,3 +257,16 @@ def test_the_table_of_a_validation_is_named_by_it():
     made = Prediction("synthetic-A", run, fit().twin, {}, (), fit())
     html = jt.Validation("made", "predicted", (made,))._repr_html_()
     assert html.startswith("<table><caption>&lt;Validation")
+
+
+def test_the_autocorrelation_time_of_a_validation_is_in_seconds():
+    """Samples that are twice as far apart make it twice as long."""
+    run = fit().runs["synthetic-A"]
+    slow = replace(run, experiment=replace(run.experiment, time=2 * run.experiment.time))
+    times = [
+        jt.Validation("made", "predicted", (Prediction("A", part, fit().twin, {}, (), fit()),))
+        .to_dataframe()
+        .autocorrelation_time
+        for part in (run, slow)
+    ]
+    np.testing.assert_allclose(times[1], 2 * times[0])

@@ -57,6 +57,12 @@ def test_what_never_settles_takes_for_ever(float64: None):
     assert settling(loop(REFERENCE, REFERENCE, DUTY)) == 0
 
 
+def test_a_change_within_the_band_takes_no_time_whatever_was_before(float64: None):
+    """The output was outside of the band at 5 s; the reference moves by 0.2 K at 10 s."""
+    moved = np.append(REFERENCE[:-1], REFERENCE[-1] + 0.2)
+    assert MEASURES["settling_time"][0](loop(OUTPUT, moved, DUTY)) == 0
+
+
 def test_an_undershoot_counts_on_the_way_down(float64: None):
     found = MEASURES["overshoot"][0](loop(-OUTPUT, -REFERENCE, DUTY))
     np.testing.assert_allclose(found, 2.0)

@@ -129,7 +129,7 @@ def test_convergence_of_other_methods_ends_at_their_index(method: MethodName):
 
 @pytest.mark.parametrize("method", ["oat", "dgsm"])
 def test_a_method_without_a_first_part_has_no_convergence(method: MethodName):
-    with pytest.raises(ParameterError, match=f"analysis of their own.* got {method}"):
+    with pytest.raises(ParameterError, match=f"analysis by themselves.* got {method}"):
         analysis(method).plot_convergence()
 
 

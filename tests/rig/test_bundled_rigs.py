@@ -240,3 +240,10 @@ def test_elements_are_named_by_row_and_column(paper, dual):
     assert dual.plate.extent("V23") == pytest.approx((0.05, 0.09, 0.04, 0.08))
     with pytest.raises(KeyError):
         dual.plate.extent("V99")
+
+
+def test_a_rig_has_the_fingerprint_of_its_earlier_fits():
+    """A saved fit is read only with a rig of the same fingerprint. This one was computed by the
+    version before rig files knew bodies, links, lags and current limits."""
+    expected = "d8346b6fff97781baa77856c0b7b9dac9b82e81e662044aae68578019e999dfa"
+    assert load_rig("paper-2024").fingerprint == expected

@@ -226,12 +226,14 @@ def test_priors_are_those_of_the_rig():
     drive = Experiment.schedule("0:0.5", duration=20, step=2.0, cells=2, channels=("T11",))
     twin = Twin("dual-cell")
     rows = twin.rig.parameters
-    names = [name for name, row in rows.items() if row.free and row.deviation is not None][:3]
+    names = [name for name, row in rows.items() if row.free and row.standard_deviation is not None][
+        :3
+    ]
     found = jt.sensitivity(
         twin, drive, method="oat", inputs="priors", parameters=names, outputs=["final"]
     )
     for name, marginal in found.design.inputs.marginals.items():
-        deviation = rows[name].deviation
+        deviation = rows[name].standard_deviation
         assert isinstance(marginal, LogNormal if rows[name].is_logarithmic else Normal)
         assert deviation == (
             marginal.spread if isinstance(marginal, LogNormal) else marginal.std  # pyright: ignore

@@ -429,8 +429,8 @@ def _public(sizes: _Sizes, name: str, real: str) -> str:
         }}
 """
     # Commands on their way, the newest first: late[0] was given a step ago.
-    delayed = [("duty" if k == 0 else f"state->late[{k - 1}]") for k in range(queue + 1)]
-    arriving = delayed[-sizes.parts :][::-1]
+    in_transit = [("duty" if k == 0 else f"state->late[{k - 1}]") for k in range(queue + 1)]
+    delayed = in_transit[-sizes.parts :][::-1]
     shift = ""
     if queue:
         shift = f"""    for (m = {queue - 1}; m > 0; --m) {{
@@ -442,7 +442,7 @@ def _public(sizes: _Sizes, name: str, real: str) -> str:
         state->late[0][i] = duty[i];
     }}
 """
-    now = "state->duty" if sizes.has_lag else arriving[0]
+    now = "state->duty" if sizes.has_lag else delayed[0]
     if sizes.has_loss:
         steady = f"""    {name}_losses(state->z, deviation, first);
     {name}_force(state->z, {now}, first, slope);
@@ -463,7 +463,7 @@ def _public(sizes: _Sizes, name: str, real: str) -> str:
         declared, last = f"{real} first[{n}];", "first"
     calls = "".join(
         f"    {name}_part(state, {part}, {command}, {last});\n"
-        for part, command in enumerate(arriving)
+        for part, command in enumerate(delayed)
     )
     counters = "int i, m;" if queue else "int m;"
     return f"""void {name}_init({name}_state *state, const {real} nodes[{sizes.nodes}],

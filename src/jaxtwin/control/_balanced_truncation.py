@@ -34,9 +34,9 @@ def balanced(
     B: Float[np.ndarray, "state input"],
     C: Float[np.ndarray, "output state"],
 ) -> Balanced:
-    """The balanced form, by square roots of the Gramians.
+    """Computes the balanced form from square roots of the Gramians.
 
-    **Raises:** `ControlError` where the model is not stable.
+    **Raises:** `ControlError` if the model is not stable.
     """
     slowest = np.linalg.eigvals(A).real.max()
     if not slowest < 0:

@@ -19,7 +19,7 @@ from ._references import reference_samples, references_ahead, sample_times
 from ._stability import check_stability
 
 NEXT_SAMPLE = 1e-6
-"""A moment so short before a sample counts as the sample, s."""
+"""A moment less than this before a sample counts as the sample, s."""
 
 
 def control(
@@ -35,27 +35,28 @@ def control(
     stop: threading.Event | None = None,
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
 ) -> Literal["completed", "stopped"]:
-    """Runs a controller on a live rig; the cells are off when it returns, however it returns.
+    """Runs a controller on a live rig. The cells are off when the function returns or raises.
 
-    The controller takes its samples in the time of the rig. Its decisions are in the recording,
-    beside the readings: a document of the kind `decision` for each sample, with time, references,
+    The controller is sampled in the time of the rig. Its decisions are recorded beside the
+    readings: one document of the kind `decision` for each sample, with time, references,
     measurements and duty.
 
     **Arguments:**
 
-    - `bench`: its links, started.
-    - `twin`: of the rig, whose file must state `limits.temperature`; its interlocks ask it.
-    - `controller`: what commands the cells.
+    - `bench`: the started links of the rig.
+    - `twin`: the twin of the rig, which the interlocks compare with the readings. The rig file must
+      state `limits.temperature`.
+    - `controller`: the controller that commands the cells.
     - `references`: as in `simulate_closed_loop`.
-    - `duration_s`: after which it ends, s of the rig: a multiple of the sample time.
+    - `duration_s`: the duration in the time of the rig, s, a multiple of the sample time.
     - `silence`, `reset`, `about`, `stop`, `on_progress`: as in `jaxtwin.live.operate`.
 
-    **Returns:** whether it came to its end, or was stopped.
+    **Returns:** `"completed"` at the end of the duration, `"stopped"` if `stop` was set before.
 
-    **Raises:** `SafetyStop` when an interlock trips, the rig does not come up, or the controller
-    asks for something that is no duty; `ControlError`, before anything is sent, for references
-    that are none or are out of reach, a sample time above the rig's time constants, and a PID, a
-    `DecoupledPI`, an `LQI` or an `MPC` whose loop with the twin is not stable.
+    **Raises:** `SafetyStop` if an interlock trips, if the rig does not start, or if the controller
+    returns something other than duty cycles; `ControlError`, before anything is sent, for invalid
+    references, references out of reach, a sample time above the time constants of the rig, and a
+    `PID`, a `DecoupledPI`, an `LQI` or an `MPC` whose loop with the twin is not stable.
     """
     loop = LiveLoop(
         bench, twin, controller, references, duration_s=duration_s, silence_s=float(silence)
@@ -76,10 +77,11 @@ def control(
 def checked_loop(
     twin: Twin, controller: AbstractController, references: Any, duration_s: float | int
 ) -> Float[np.ndarray, "samples outputs"]:
-    """The references at the samples of a loop that may run on a rig, degC.
+    """Checks a loop before it runs on a rig, and returns the references at its samples, degC.
 
-    **Raises:** `ControlError` for references that are none or are out of reach, a sample time above
-    the rig's time constants, a duration that is no multiple of it, or a loop that is not stable.
+    **Raises:** `ControlError` for invalid references, references out of reach, a sample time above
+    the time constants of the rig, a duration that is not a multiple of the sample time, or a loop
+    that is not stable.
     """
     weights = np.asarray(controller.output_weights(twin.channels), float)
     times = sample_times("control", duration_s, controller.sample_time_s)
@@ -96,17 +98,17 @@ def checked_loop(
 
 @final
 class LiveLoop:
-    """A controller as what `operate` asks for the duty.
+    """A controller in the form of a command, which `operate` calls for the duty.
 
-    Between two samples the duty stands; where the rig was not asked for longer than that, the
-    samples in between are left out. A channel without a number never reaches the controller: the
-    last reading stands for it, and after `silence_s` without any the run is stopped, as in
-    `simulate_closed_loop`. Before the first reading the cells stay off. (The interlocks of
-    `operate` do not wait: a channel that says that it has failed stops a rig at the next frame.)
+    The duty is held between two samples. If `operate` calls later than the next sample, the samples
+    in between are left out. The controller never receives a reading that is not a number: the last
+    complete reading replaces it, and after `silence_s` without one the run stops, as in
+    `simulate_closed_loop`. The cells stay off until the first reading. (The interlocks of `operate`
+    react faster: a channel that reports its failure stops the rig at the next frame.)
 
     **Arguments:** those of `control`, and
 
-    - `silence_s`: longest time without a reading, s of the rig.
+    - `silence_s`: the longest time without a reading, in the time of the rig, s.
     """
 
     def __init__(
@@ -126,7 +128,7 @@ class LiveLoop:
         self._references = checked_loop(twin, controller, references, duration_s)
         self._ahead = references_ahead(self._references, controller.preview_samples)
         with own_settings():
-            # Compiled now: a rig that is connected sends, and nobody would listen.
+            # Compiled here, because messages of a connected rig would wait during a compilation.
             off = np.zeros(len(twin.rig.cells))
             still = self._references[0]
             self._state: Any = jax.tree.map(np.asarray, controller.init(off, still))
@@ -137,7 +139,7 @@ class LiveLoop:
         self._duty = np.zeros(len(twin.rig.cells))
 
     def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
-        """The duty now; None at the end."""
+        """Returns the duty at a moment; None at the end of the run."""
         if moment.time >= self._duration - NEXT_SAMPLE:
             return None
         sample = int((moment.time + NEXT_SAMPLE) / self._controller.sample_time_s)
@@ -167,9 +169,10 @@ class LiveLoop:
         return self._duty
 
     def _measured(self, moment: Moment) -> Float[np.ndarray, " outputs"] | None:
-        """The outputs now, or as they were last read; None where nothing was read yet.
+        """Returns the present outputs, or the last ones that were read; None before the first
+        reading.
 
-        **Raises:** `SafetyStop` after too long without a reading.
+        **Raises:** `SafetyStop` if the last reading is too old.
         """
         temperatures = np.asarray(moment.temperatures, float)
         if np.isfinite(temperatures).all():

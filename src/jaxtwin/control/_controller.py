@@ -1,4 +1,4 @@
-"""What a controller is: a pure function with a state, sampled at its own interval."""
+"""The interface of controllers: pure functions with a state, sampled at a fixed interval."""
 
 import dataclasses
 from abc import abstractmethod
@@ -21,49 +21,50 @@ Numbers: TypeAlias = npt.ArrayLike | float | int
 """A parameter: a number or an array."""
 
 ControlFunction: TypeAlias = Callable[[Array, Array, Array], npt.ArrayLike]
-"""`(time_s, reference, measurement) -> duty`, the temperatures those of every channel, degC."""
+"""`(time_s, reference, measurement) -> duty`, with the temperatures of all channels, degC."""
 
 
 Controller = TypeVar("Controller", bound="AbstractController")
 
 
 class AbstractController(eqx.Module):
-    """A controller: from references and measurements to the duty of the cells, sample by sample.
+    """A controller computes the duty of the cells from references and measurements, sample by
+    sample.
 
-    It is a PyTree: its parameters can be differentiated, and many controllers side by side are one
-    whose parameters have a leading axis. What it remembers is a PyTree of its own, the state, which
-    `init` makes and `step` takes and returns.
+    A controller is a PyTree. Its parameters can be differentiated, and parameters with a leading
+    axis describe many controllers. Its state is a separate PyTree, which `init` creates and `step`
+    takes and returns.
 
-    References and measurements are those of the temperatures that it sees, its outputs: means over
-    channels of the rig, see `output_weights`.
+    References and measurements are temperatures of the controller's outputs. Each output is a
+    weighted sum of channels of the rig, see `output_weights`.
     """
 
     sample_time_s: eqx.AbstractVar[float]
-    """Between two samples, s."""
+    """The time between two samples, s."""
 
     @property
     def preview_samples(self) -> int:
-        """Of how many samples, from the present one on, `step` gets the references: then they are
-        `(preview_samples, outputs)`. With 0 it gets those of the present sample alone."""
+        """The number of samples, from the present one on, whose references `step` takes:
+        `(preview_samples, outputs)`. With 0 it takes only those of the present sample."""
         return 0
 
     @abstractmethod
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
-        """How much each channel of a rig counts in each output.
+        """Returns the weight of each channel of a rig in each output.
 
-        **Raises:** `ControlError` where the rig does not have a channel that it measures.
+        **Raises:** `ControlError` if the rig does not have a channel that the controller measures.
         """
 
     @abstractmethod
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
     ) -> PyTree:
-        """The state from which it goes on without a bump.
+        """Returns the state with which the controller takes over without a jump of the duty.
 
         **Arguments:**
 
-        - `duty`: what the cells get now, -1 to 1.
-        - `measurement`: of the outputs now, degC.
+        - `duty`: the present duty of the cells, -1 to 1.
+        - `measurement`: the present measurement of the outputs, degC.
         """
 
     @abstractmethod
@@ -73,14 +74,14 @@ class AbstractController(eqx.Module):
         reference: Float[ArrayLike, "*preview outputs"],
         measurement: Float[ArrayLike, " outputs"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
-        """The duty of the cells until the next sample, and the state there.
+        """Computes the duty of the cells until the next sample, -1 to 1, and the next state.
 
         **Arguments:**
 
-        - `state`: of the sample before, or of `init`.
-        - `reference`: of the outputs now, degC; with `preview_samples`, now and in the next
-          samples.
-        - `measurement`: of the outputs now, degC.
+        - `state`: the state that the previous `step`, or `init`, returned.
+        - `reference`: the references of the outputs at this sample, degC; with `preview_samples`,
+          those of this and of the next samples.
+        - `measurement`: the measurement of the outputs at this sample, degC.
         """
 
 
@@ -88,24 +89,26 @@ class AbstractChannelGroupController(AbstractController):
     """A controller whose outputs are each the mean over a group of channels."""
 
     measured: eqx.AbstractVar[tuple[tuple[str, ...], ...] | None]
-    """The channels of each output; None: a single output, the mean of all."""
+    """The channels of each output; None for a single output, the mean of all channels."""
 
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
-        """Equal weights for the channels of an output."""
+        """Returns equal weights for the channels of each output."""
         return means_of(self.measured, channels)
 
 
 @final
 class FunctionController(AbstractController):
-    """A plain function as a controller.
+    """A controller made from a plain function.
 
-    It sees every channel as an output of its own, and its state is the time.
+    Each channel of the rig is an output. The state consists of the time and the last duty.
 
     **Arguments:**
 
-    - `function`: of time (s), references and measurements `(channels,)`, degC, in `jax.numpy`;
-      returns the duty of the cells, -1 to 1.
-    - `sample_time_s`: s.
+    - `function`: a function in `jax.numpy` of the time, s, and of references and measurements,
+      `(channels,)`, degC. It returns the duty of the cells, -1 to 1.
+    - `sample_time_s`: the sample time, s.
+
+    **Raises:** `ControlError` if the function is not callable, or the sample time is not positive.
     """
 
     function: ControlFunction = eqx.field(static=True)
@@ -117,13 +120,13 @@ class FunctionController(AbstractController):
         self.sample_time_s = checked_sample_time("FunctionController", sample_time_s)
 
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
-        """Each channel is an output."""
+        """Returns the unit matrix: each channel is an output."""
         return np.eye(len(channels))
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
     ) -> PyTree:
-        """The time, and what the cells get."""
+        """Returns time 0 and the present duty."""
         duty = jnp.asarray(duty)
         return jnp.zeros((), duty.dtype), duty
 
@@ -133,7 +136,7 @@ class FunctionController(AbstractController):
         reference: Float[ArrayLike, " outputs"],
         measurement: Float[ArrayLike, " outputs"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
-        """What the function says."""
+        """Calls the function."""
         time, last = state
         asked = self.function(time, jnp.asarray(reference), jnp.asarray(measurement))
         duty = jnp.broadcast_to(jnp.asarray(asked, last.dtype), last.shape)
@@ -143,15 +146,15 @@ class FunctionController(AbstractController):
 def as_controller(
     where: str, controller: Any, sample_time_s: float | int | None = None
 ) -> AbstractController:
-    """A controller, or a plain function made one.
+    """Returns a controller unchanged, and makes one from a plain function.
 
     **Arguments:**
 
-    - `where`: function and argument, for the message.
-    - `sample_time_s`: of a plain function; None: 1 s.
+    - `where`: the name of function and argument, for error messages.
+    - `sample_time_s`: the sample time of a plain function, s; None for 1 s.
 
-    **Raises:** `ControlError` where it is neither, or a controller that has a sample time is
-    given another.
+    **Raises:** `ControlError` if it is neither, or if another sample time is given beside a
+    controller.
     """
     if isinstance(controller, AbstractController):
         if sample_time_s is not None and sample_time_s != controller.sample_time_s:
@@ -168,7 +171,7 @@ def as_controller(
 
 
 def parameter_names(controller: AbstractController) -> tuple[str, ...]:
-    """Those of its fields that are numbers: what can be drawn and tuned."""
+    """Returns the names of the fields that are numbers, which can be drawn and tuned."""
     return tuple(
         field.name
         for field in dataclasses.fields(controller)
@@ -178,14 +181,17 @@ def parameter_names(controller: AbstractController) -> tuple[str, ...]:
 
 
 def with_parameters(controller: Controller, values: Mapping[str, Any]) -> Controller:
-    """The same controller with other values of some parameters."""
+    """Returns the controller with other values of some parameters."""
     for name, value in values.items():
         controller = eqx.tree_at(lambda c, name=name: getattr(c, name), controller, value)
     return controller
 
 
 def checked_sample_time(where: str, sample_time_s: object) -> float:
-    """**Raises:** `ControlError` where it is no number above 0."""
+    """Returns a sample time as a float.
+
+    **Raises:** `ControlError` if it is not a number above 0.
+    """
     number = finite_number(f"{where}: sample_time_s", sample_time_s, ControlError)
     if number <= 0:
         raise ControlError(
@@ -197,9 +203,9 @@ def checked_sample_time(where: str, sample_time_s: object) -> float:
 def means_of(
     measured: Sequence[Sequence[str]] | None, channels: Sequence[str]
 ) -> Float[np.ndarray, "outputs channels"]:
-    """Weights of outputs that are each the mean of some channels; None: one mean over all.
+    """Returns the weights of outputs that are means of channels; None for the mean of all channels.
 
-    **Raises:** `ControlError` where the rig does not have one of them.
+    **Raises:** `ControlError` if the rig does not have one of the channels.
     """
     if measured is None:
         return np.full((1, len(channels)), 1 / len(channels))
@@ -215,9 +221,9 @@ def means_of(
 def checked_measured(
     where: str, measured: Sequence[str | Sequence[str]] | None
 ) -> tuple[tuple[str, ...], ...] | None:
-    """Outputs as tuples of channels; a single name is an output of one channel.
+    """Returns the outputs as tuples of channels. A single name is an output of one channel.
 
-    **Raises:** `ControlError` where there is none, or one without a channel.
+    **Raises:** `ControlError` if there is no output, or an output without a channel.
     """
     if measured is None:
         return None
@@ -231,9 +237,9 @@ def checked_measured(
 
 
 def checked_limits(where: str, limits: Sequence[float | int]) -> tuple[float, float]:
-    """Lowest and highest duty.
+    """Returns the lowest and the highest duty.
 
-    **Raises:** `ControlError` where they are not from -1 to 1, or not in this order.
+    **Raises:** `ControlError` if they are not within -1 to 1, or not in this order.
     """
     try:
         lowest, highest = (float(limit) for limit in limits)
@@ -248,13 +254,14 @@ def checked_limits(where: str, limits: Sequence[float | int]) -> tuple[float, fl
 
 
 def check_parameters(where: str, **parameters: Any) -> None:
-    """Refuses parameters that are no finite numbers of at least 0; traced ones have none yet.
+    """Refuses parameters that are not finite numbers of at least 0. Parameters that JAX traces have
+    no values yet and are not checked.
 
-    **Raises:** `ControlError` that names the first.
+    **Raises:** `ControlError` that names the first invalid parameter.
     """
     for name, value in parameters.items():
         if isinstance(value, Tracer) or not _is_array(value):
-            continue  # tree transformations put other things into the leaves of a module
+            continue  # tree transformations put other objects into the leaves of a module
         array = np.asarray(value)
         if array.dtype.kind not in "iuf" or not np.all(np.isfinite(array) & (array >= 0)):
             raise ControlError(
@@ -265,9 +272,10 @@ def check_parameters(where: str, **parameters: Any) -> None:
 def checked_deviations(
     where: str, name: str, value: Numbers, size: int
 ) -> Float[np.ndarray, " size"]:
-    """A deviation, or one for each output or cell, at which a design is aimed.
+    """Returns the accepted deviation, or the noise, of each output or cell as an array.
 
-    **Raises:** `ControlError` where it is neither, or not finite and above 0.
+    **Raises:** `ControlError` if the value is neither one number nor one for each, or is not finite
+    and above 0.
     """
     try:
         numbers = np.broadcast_to(np.asarray(value, float), (size,)).copy()

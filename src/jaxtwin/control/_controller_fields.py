@@ -1,4 +1,4 @@
-"""Values of the fields of a controller file: numbers with units, lists, matrices."""
+"""Reads and writes values of a controller file: numbers with units, lists, matrices."""
 
 import json
 from collections.abc import Callable
@@ -10,15 +10,19 @@ from jaxtyping import Float
 from ..rig._units import Kind, parse_quantity, range_problem, unit_scale
 
 Refuse: TypeAlias = Callable[[str, str], NoReturn]
-"""Of field and message."""
+"""A function of a field and a message that raises `ControlError`."""
 
 
 def quantity(found: object, name: str, kind: Kind, no: Refuse, *, is_list: bool = True) -> Any:
-    """A number with its unit, or a list with one for each cell or output; in SI units.
+    """Reads a number with its unit, or a list of such numbers, in SI units.
 
     **Arguments:**
 
-    - `is_list`: whether it may be a list.
+    - `found`: the value in the file.
+    - `name`: the name of the field, for messages.
+    - `kind`: the quantity that is allowed.
+    - `no`: raises the error.
+    - `is_list`: whether a list, with an entry for each cell or output, is allowed.
     """
     if is_list and isinstance(found, list) and found:
         parts = enumerate(found)
@@ -36,7 +40,7 @@ def quantity(found: object, name: str, kind: Kind, no: Refuse, *, is_list: bool 
 
 
 def numbers(found: Any, name: str, no: Refuse) -> list[float]:
-    """A list of numbers without units."""
+    """Reads a list of numbers without units."""
     is_list = isinstance(found, list)
     if not is_list or any(isinstance(n, bool) or not isinstance(n, int | float) for n in found):
         no(name, f"expected a list of numbers, got {found!r}")
@@ -49,12 +53,12 @@ def numbers(found: Any, name: str, no: Refuse) -> list[float]:
 def matrix(
     found: object, name: str, kind: Kind, shape: tuple[int | None, int | None], no: Refuse
 ) -> Float[np.ndarray, "rows columns"]:
-    """Rows of numbers; with a unit they are a table of `unit` and `rows`.
+    """Reads a matrix: a list of rows, or a table of `unit` and `rows` if the numbers have a unit.
 
     **Arguments:**
 
-    - `kind`: what the numbers measure; with the unit "" they are plain rows.
-    - `shape`: None for what may be any.
+    - `kind`: the quantity of the numbers; a matrix of the unit "" is a list of rows.
+    - `shape`: the required numbers of rows and columns; None for any number.
     """
     scale, rows = 1.0, found
     if kind.unit:
@@ -78,7 +82,7 @@ def matrix(
 
 
 def groups(found: object, no: Refuse) -> list[Any]:
-    """The outputs of a controller: channels, or lists of channels."""
+    """Reads the outputs of a controller: a list of channels, or of lists of channels."""
 
     def is_names(part: object) -> bool:
         return isinstance(part, list) and bool(part) and all(isinstance(n, str) for n in part)
@@ -91,13 +95,13 @@ def groups(found: object, no: Refuse) -> list[Any]:
 
 
 def as_quantity(value: Any, kind: Kind) -> str:
-    """The text of a number, or of one for each cell or output, in SI units."""
+    """Returns the text of a number, or of a list of numbers, with its SI unit."""
     texts = [f"{number!r} {kind.unit}".strip() for number in np.ravel(value).tolist()]
     return json.dumps(texts[0] if np.ndim(value) == 0 else texts)
 
 
 def as_matrix(value: object, kind: Kind) -> str:
-    """The text of rows, one a line."""
+    """Returns the text of a matrix with one row on each line."""
     rows = ",\n    ".join(json.dumps(row) for row in np.asarray(value, float).tolist())
     text = f"[\n    {rows},\n]"
     return f'{{ unit = "{kind.unit}", rows = {text} }}' if kind.unit else text

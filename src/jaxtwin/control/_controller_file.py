@@ -1,7 +1,7 @@
-"""Controllers as files.
+"""Reads and writes controllers as TOML files.
 
-A file of an `LQI` or an `MPC` is written by `save_controller`, see `_model_controller_file`; one of
-a `PID` may be written by hand:
+`save_controller` writes the file of an `LQI` or an `MPC`, see `_model_controller_file`. The file of
+a `PID` can also be written by hand:
 
 ```toml
 format = 1
@@ -72,7 +72,7 @@ _FIELDS: dict[str, dict[str, Kind]] = {
         "setpoint_weight": _WEIGHT,
     },
 }
-"""Kind of controller -> its parameters, as they are called in a file."""
+"""Kind of controller -> name of a parameter in the file -> its quantity."""
 
 _NAMES = {PID: "pid", DecoupledPI: "decoupled-pi", **KINDS}
 
@@ -91,7 +91,7 @@ _REQUIRED = {
 _COMMON = ("format", "rig", "kind", "sample_time", "measured", "limits")
 
 _ARGUMENTS = {"tracking_time": "tracking_time_s"}
-"""Fields that are called otherwise in Python, where the name carries the unit."""
+"""Name of a field -> name of its argument in Python, if the argument's name has a unit."""
 
 
 def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractController:
@@ -99,21 +99,28 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
 
     **Arguments:**
 
-    - `path`: of the file, .toml.
-    - `rig`: that it must be for.
+    - `path`: the .toml file.
+    - `rig`: the rig that the file must name.
 
-    **Raises:** `ControlError` that names the file, the field and what is allowed, where the file
-    cannot be read, is for another rig, or holds what no controller of its kind has.
+    **Returns:** a `PID`, a `DecoupledPI`, an `LQI` or an `MPC`.
+
+    **Raises:** `ControlError` if the file cannot be read, is for another rig, or has a field or a
+    value that is not allowed. The message names the file and the field.
     """
     return _controller(*read_toml(path, ControlError), rig)
 
 
 def save_controller(path: str | os.PathLike[str], controller: AbstractController, rig: Rig) -> None:
-    """Writes a controller for a rig: as a whole or not at all.
+    """Writes a controller for a rig to a .toml file. If writing fails, the file is left as it was.
 
-    **Raises:** `ControlError` where it is of a kind that has no file, it is not for this rig or
-    `read_controller` would refuse it, the ending is another than .toml, or the file cannot be
-    written.
+    **Arguments:**
+
+    - `path`: the .toml file.
+    - `controller`: a `PID`, a `DecoupledPI`, an `LQI` or an `MPC`.
+    - `rig`: the rig that the controller is for.
+
+    **Raises:** `ControlError` for another kind of controller, for a controller that does not fit
+    the rig, for another ending than .toml, and if the file cannot be written.
     """
     check_ending(path, [".toml"], ControlError)
     kind = _NAMES.get(type(controller))
@@ -147,11 +154,11 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
 
 
 def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractController:
-    """The controller of a file's tables.
+    """Makes a controller from the contents of a file.
 
     **Arguments:**
 
-    - `source`: what the file is called in messages.
+    - `source`: the name of the file in messages.
     """
 
     def no(field: str, message: str) -> NoReturn:
@@ -181,7 +188,7 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
     channels = [channel.name for channel in rig.channels]
     try:
         if kind in FIELDS:
-            # What is too large or too small is found at the end, as numbers that are not finite.
+            # Overflows warn here; they are refused at the end as numbers that are not finite.
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)  # LinAlgWarning is one
                 return model_controller(kind, data, arguments, rig, no)

@@ -1,4 +1,4 @@
-"""Some parameters of a controller in a row, as an optimiser has them."""
+"""The vector of a controller's parameters that an optimiser changes."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -12,10 +12,10 @@ from ._controller import AbstractController, parameter_names, with_parameters
 
 
 class ControllerVector(NamedTuple):
-    """Which parameters, in which shapes.
+    """The map between a vector and some parameters of a controller.
 
-    - `controller`: whose other parameters hold.
-    - `shapes`: name and shape of each parameter that may change.
+    - `controller`: the controller that provides the other parameters.
+    - `shapes`: the name and the shape of each parameter in the vector.
     """
 
     controller: AbstractController
@@ -23,7 +23,10 @@ class ControllerVector(NamedTuple):
 
     @classmethod
     def of(cls, where: str, controller: AbstractController, names: Iterable[str]) -> Any:
-        """**Raises:** `ControlError` where there is no such parameter, or none at all."""
+        """Makes the map for parameters by their names.
+
+        **Raises:** `ControlError` for an unknown name, and for no name at all.
+        """
         known = parameter_names(controller)
         shapes = []
         for name in names:
@@ -36,7 +39,7 @@ class ControllerVector(NamedTuple):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of the entries: `Kp`, or `Kp[0]` and `Kp[1]` where each cell has its own."""
+        """The labels of the entries: `Kp`, or `Kp[0]` and `Kp[1]` if each cell has a value."""
         return tuple(
             name if not shape else f"{name}[{', '.join(map(str, place))}]"
             for name, shape in self.shapes
@@ -45,18 +48,12 @@ class ControllerVector(NamedTuple):
 
     @property
     def values(self) -> Float[np.ndarray, " parameters"]:
-        """What they are."""
+        """The parameters of the controller as a vector."""
         parts = [np.ravel(np.asarray(getattr(self.controller, name))) for name, _ in self.shapes]
         return np.concatenate(parts).astype(float)
 
-    def spread(self, of_names: dict[str, float]) -> Float[np.ndarray, " parameters"]:
-        """A number for each name as one for each entry."""
-        return np.concatenate(
-            [np.full(int(np.prod(shape)), of_names[name]) for name, shape in self.shapes]
-        )
-
     def apply(self, values: Float[Array | np.ndarray, " parameters"]) -> Any:
-        """The controller with other values."""
+        """Returns the controller with the parameters of a vector."""
         parts, begin = {}, 0
         for name, shape in self.shapes:
             end = begin + int(np.prod(shape))

@@ -1,4 +1,4 @@
-"""A twin near an operating point as a linear model."""
+"""Linearises a twin at an operating point."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -33,10 +33,10 @@ from ._plain import plain
 from ._point_of_run import PointOfRun, point_of_run
 
 AT_REST = 1e-6
-"""Heat flow into any node per W of all flows beyond which a steady state was not found."""
+"""The largest heat flow into a node of a steady state, relative to all flows."""
 
 REACHED = 1e-3
-"""How near a temperature that was asked for has to be reached, K."""
+"""The largest distance from a requested temperature, K."""
 
 
 def linearize(
@@ -48,16 +48,16 @@ def linearize(
     run: Run | ClosedLoopRun | None = None,
     time: float | int | None = None,
 ) -> LinearModel:
-    r"""A twin near its steady state, or at a time of a run, as a linear model by exact derivatives.
+    r"""Linearises a twin at a steady state, or at a time of a run, by exact derivatives.
 
-    With $x$ the temperatures of the nodes, $u$ the duty of the cells and $y$ the readings of the
-    channels, all as deviations from the operating point:
+    With the temperatures of the nodes $x$, the duty of the cells $u$ and the readings of the
+    channels $y$, all as deviations from the operating point, the model is
 
     $$\dot x = r + A x + B u, \quad y = C x + D u$$
 
-    At a time of a run the plate is not at rest, and $r$ (`rates`) is how fast the temperatures
-    change there; at a steady state it is left out. $A$ and $B$ are the derivatives of the twin's
-    equations, taken by JAX, $D$ is 0. The driver's delay and lag stand beside the matrices.
+    At a steady state $r$ is left out. At a time of a run the plate is not at rest, and $r$ (`rates`)
+    is the rate at which the temperatures change there. JAX computes $A$ and $B$ as derivatives of
+    the twin's equations; $D$ is 0. The driver's delay and lag are separate fields of the model.
 
     ```python
     model = jt.linearize(jt.Twin("dual-cell"), duty=[0.4, 0.4])
@@ -65,32 +65,34 @@ def linearize(
     model = jt.linearize(run.twin, run=run, time=60.0)
     ```
 
-    The bridge of a cell has a kink at a duty of 0: heating and cooling both add Joule heat.
-    Exactly at 0 the model therefore has the mean of the two slopes, which is what a small signal
-    of both signs sees at first. The two can differ much: on `dual-cell` the gain at rest is 49 K
-    per unit of duty on the heating side and about 0 on the cooling side. A model at a small duty
-    of either sign has that side's slope.
+    The heat flows of a cell have a kink at a duty of 0, because heating and cooling both add Joule
+    heat. Exactly at 0, the model has the mean of the two slopes, the initial response to a small
+    signal of both signs. The slopes can differ much: on `dual-cell` the gain at rest is 49 K per
+    unit of duty for heating and about 0 for cooling. At a small duty of either sign, the model has
+    the slope of that side.
 
-    The result can be differentiated by the twin's parameters, and may be made inside of `jax.jit`,
-    `jax.vmap` and `jax.grad`. Outside of them it is computed in float64.
+    The function can be called inside `jax.jit`, `jax.vmap` and `jax.grad`, and its result can be
+    differentiated with respect to the twin's parameters. Outside of them it computes in float64.
 
     **Arguments:**
 
     - `twin`: the twin; or a fit, whose recordings' own values are averaged (`Fit.mean_twin`).
-    - `duty`: at the operating point, one for each cell or a single one for all, -1 to 1.
-    - `temperatures`: at the operating point, in place of a duty. A number: the mean of all
-      channels, degC, with the same duty for all cells. A mapping from channel to degC: of as many
-      channels as there are cells, or of more, which are then met as well as possible; of a single
-      channel, with the same duty for all cells.
-    - `ambient`: temperature of the surroundings, degC; None: that of the rig, or of the run.
-    - `run`: in place of duty and temperatures, a run of this rig, for its state at a `time`. The
-      duty of the operating point is the one that reaches the cells then, behind delay and lag.
-    - `time`: of the run, s; between two samples temperatures are linear.
+    - `duty`: the duty at the operating point, one value for all cells or one for each, -1 to 1.
+    - `temperatures`: the temperatures at the operating point, instead of a duty. A number is the
+      mean of all channels, degC, reached with the same duty for all cells. A mapping has
+      temperatures of channels, degC: of one channel, reached with the same duty for all cells; of
+      as many channels as cells; or of more, which are approximated in the sense of least squares.
+    - `ambient`: the temperature of the surroundings, degC; None for that of the rig, or of the run.
+    - `run`: a run of this rig, instead of duty and temperatures, for its state at a `time`. The duty
+      of the operating point is the one that reaches the cells then, behind delay and lag.
+    - `time`: the time of the run, s; temperatures are linear between two samples.
 
-    **Raises:** `ControlError` where not exactly one of duty, temperatures and run is given, a time
-    without a run or outside of it, they do not belong to the rig, no duty from -1 to 1 reaches the
-    temperatures, or the rig does not come to rest; `ParameterError` where a parameter has more than
-    one value, or a resistance, a heat capacity, a lag or a delay is not above 0.
+    **Returns:** a `LinearModel`, whose operating point has the duty and all temperatures.
+
+    **Raises:** `ControlError` if not exactly one of duty, temperatures and run is given, if a time
+    is given without a run or is outside of it, if they do not fit the rig, if no duty from -1 to 1
+    reaches the temperatures, or if no steady state is found; `ParameterError` if a parameter has
+    several values, or if a resistance, a heat capacity, a lag or a delay is not above 0.
     """
     twin = nominal_twin("linearize: twin", twin, ControlError)
     given_points = {"duty": duty, "temperatures": temperatures, "run": run}
@@ -167,7 +169,8 @@ def _linearized(
     target: Target | None,
     ambient: Float[Array, ""] | None,
 ) -> tuple[LinearModel, Float[Array, " targets"], Float[Array, ""]]:
-    """The model, the temperatures that were reached, and how much heat flows on at rest."""
+    """Computes the model, the temperatures that were reached, and the relative heat flow that is
+    left in the steady state."""
     system = twin.system()
     reference = jnp.asarray(system.ambient_temperature)
     if ambient is not None:
@@ -202,7 +205,7 @@ def _model(
     duty: Float[Array, " cells"],
     reference: Float[Array, ""],
 ) -> tuple[LinearModel, Float[Array, "nodes cells"]]:
-    """The matrices at a state, as deviations from the ambient, and the heat by the duty, W."""
+    """Computes the model at a state, and the derivatives of the heat with respect to the duty, W."""
     by_nodes, by_duty = slopes(system, nodes, duty, reference)
     zero = jnp.zeros((), reference.dtype)
     celsius = reference - ZERO_CELSIUS

@@ -1,4 +1,4 @@
-"""Measures of many closed loops and their exact derivatives by the controller's parameters."""
+"""Measures of many closed loops, with exact derivatives with respect to controller parameters."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, final
@@ -19,14 +19,14 @@ from ._measures import Measure
 from ._simulate_closed_loop import CHUNK_BYTES, is_whole_delay, numbers_a_step, steppers_of
 
 LARGEST_CHUNK = 64
-"""Loops that a core works on at a time, each with all derivatives."""
+"""The largest number of loops, each with all derivatives, that a core computes at a time."""
 
 
 class Slopes(NamedTuple):
-    """Measures of loops, those of each controller in a row; NaN where a loop failed.
+    """The measures of loops and their derivatives; NaN for a loop that failed.
 
-    - `values`: `(controllers, draws, measures)`.
-    - `slopes`: `(controllers, draws, measures, parameters)`.
+    - `values`: the measures, `(controllers, draws, measures)`.
+    - `slopes`: their derivatives, `(controllers, draws, measures, parameters)`.
     """
 
     values: Float[np.ndarray, "controllers draws measures"]
@@ -35,20 +35,20 @@ class Slopes(NamedTuple):
 
 @final
 class LoopSlopes:
-    """Closed loops of a twin, or of draws of it, with a controller whose parameters change.
+    """Closed loops of a twin, or of draws of it, as a function of the controller's parameters.
 
-    The derivatives are taken forwards: beside the loop runs its change by each parameter. That
-    costs about as much again for each, and keeps nothing; backwards a loop would have to keep all
-    of its steps.
+    Forward differentiation computes the change of the loop with each parameter beside the loop. It
+    costs about as much again for each parameter, and needs no memory. Reverse differentiation would
+    have to keep all steps of the loop.
 
     **Arguments:**
 
-    - `twin`: whose other parameters hold. `draws`: name -> values `(draws,)`, none for the twin
-      alone.
-    - `vector`: of the parameters that change.
-    - `happens`: in the loops.
+    - `twin`: the twin; parameters that are not drawn keep its values.
+    - `draws`: name of a parameter -> values `(draws,)`; empty for the twin without draws.
+    - `vector`: the map from the vector to the controller.
+    - `happens`: the scenario of all loops.
     - `measures`: name -> function.
-    - `workers`: threads, None for one a core.
+    - `workers`: the number of threads, None for one for each core.
     """
 
     def __init__(
@@ -82,13 +82,13 @@ class LoopSlopes:
     def __call__(
         self, controllers: Sequence[Float[np.ndarray, " parameters"]], room: int
     ) -> Slopes:
-        """The measures of some controllers with every draw.
+        """Computes the measures of some controllers for each draw.
 
         **Arguments:**
 
-        - `controllers`: their parameters.
-        - `room`: for how many controllers the program is compiled at first, so that fewer of them
-          compile nothing anew.
+        - `controllers`: the vectors of their parameters.
+        - `room`: the number of controllers for which the program is compiled, so that calls with
+          fewer controllers use the same program.
         """
         loops = len(controllers) * self.count
         rows = {

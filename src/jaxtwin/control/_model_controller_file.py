@@ -1,7 +1,7 @@
-"""What a controller file says of controllers that are designed on a linear model, `LQI` and `MPC`.
+"""The part of a controller file that describes an `LQI` or an `MPC`.
 
-The file has what they compute with: the model of the outputs, the gain of the Kalman filter, and
-the gains of the LQI or the deviations of the MPC. What follows from these is computed anew.
+The file contains the model of the outputs, the gain of the Kalman filter, and the gains of the LQI
+or the accepted deviations of the MPC. All other numbers follow from these and are computed again.
 """
 
 import json
@@ -60,7 +60,7 @@ FIELDS = {
         "temperature_limits",
     ),
 }
-"""Kind of controller -> its fields, beside those of all."""
+"""Kind of controller -> its fields, without those of all controllers."""
 
 REQUIRED = {
     "lqi": FIELDS["lqi"],
@@ -71,15 +71,16 @@ REQUIRED = {
 def model_controller(
     kind: str, data: Mapping[str, Any], common: Mapping[str, Any], rig: Rig, no: Refuse
 ) -> LQI | MPC:
-    """The controller of a file.
+    """Makes the controller of a file.
 
     **Arguments:**
 
     - `kind`: "lqi" or "mpc".
-    - `data`: the file, whose fields are known and complete.
-    - `common`: sample time, limits and measured channels, checked.
+    - `data`: the contents of the file, with all required fields and no unknown one.
+    - `common`: the checked sample time, limits and measured channels.
+    - `no`: raises the error.
 
-    **Raises:** `ControlError` through `no`.
+    **Raises:** `ControlError` for values that are not allowed.
     """
     cells = len(rig.cells)
     channels = [channel.name for channel in rig.channels]
@@ -123,7 +124,7 @@ def model_controller(
 
 
 def model_controller_lines(controller: LQI | MPC) -> list[str]:
-    """The lines of a file, without those of all controllers."""
+    """Returns the lines of the file of an `LQI` or an `MPC`, without those of all controllers."""
     filter_ = controller.kalman
     states = len(filter_.A) - len(filter_.C)
     duty = np.asarray(controller.duty, float).tolist()
@@ -176,7 +177,7 @@ def _plant(
     channels: Sequence[str],
     no: Refuse,
 ) -> tuple[Plant, np.ndarray]:
-    """The plant and the gain of the filter."""
+    """Reads the plant and the gain of the Kalman filter."""
     model = _table(data["model"], "model", no, _MODEL)
     A = matrix(model["A"], "model.A", _PLAIN, (None, None), no)
     n = len(A)
@@ -233,7 +234,7 @@ def _gains(
 
 
 def _check_regulator(lqi: LQI, plant: Plant, no: Refuse) -> None:
-    """Refuses gains with which the loop is not stable on the model."""
+    """Refuses gains with which the loop of the model is not stable."""
     Kx, Ki = np.asarray(lqi.Kx), np.asarray(lqi.Ki)
     outputs = len(plant.C)
     loop = np.block(
@@ -262,7 +263,7 @@ def _check_stable(transition: np.ndarray, field: str, expected: str, no: Refuse)
 def _table(
     found: object, name: str, no: Refuse, fields: Sequence[str] | Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """A table; with all of these fields and no other, if they are given."""
+    """Reads a table. If `fields` are given, it must have all of them and no other."""
     if not isinstance(found, dict):
         no(name, f"expected a table, got {found!r}")
     known = found if fields is None else fields
@@ -286,7 +287,7 @@ def _celsius(row: Mapping[str, Any], channel: str, key: str, no: Refuse) -> floa
 
 
 def _degrees_of(found: object, name: str, no: Refuse) -> float:
-    """A temperature in degC, with the digits of the file: 313.15 - 273.15 is not 40."""
+    """Converts a temperature to degC with the digits of the file: 313.15 - 273.15 is not 40."""
     if isinstance(found, str) and found.endswith(" degC"):
         try:
             number = float(found.removesuffix(" degC"))

@@ -8,11 +8,11 @@ $$\sum_{k=1}^{n - 1} \left[\left(\frac{y_k - y^*_k}{\Delta y}\right)^2
 + \sum_{k=1}^{n} \left(\frac{u_{k-1} - u_{k-2}}{\delta u}\right)^2 + V(x_n, u_{n-1})
 + \sum_{k=1}^{n} \sum_i \left(\frac{e_{i,k}}{\Delta e}\right)^2$$
 
-within the limits, where $e_{i,k}$ is by how much channel i exceeds its limit, and commands the
-first. $y^*_k$ and $u^*_k$ are where the plate comes to rest: the reference of sample $k - 1$ and
-its duty, under the disturbance that the Kalman filter finds, or the nearest that the limits leave.
-$V$ is the cost of going on for ever without limits: where no limit is active, this is the
-linear-quadratic regulator whatever the horizon (Rawlings, Mayne and Diehl, *Model Predictive
+within the limits, and commands the duty of the first sample. $e_{i,k}$ is the excess of channel i
+over its limit. $y^*_k$ and $u^*_k$ are the steady state with the reference of sample $k - 1$ under
+the disturbance that the Kalman filter estimates, or the nearest steady state within the limits. $V$
+is the cost of an infinite horizon without limits: where no limit is active, the controller is the
+linear-quadratic regulator, whatever the horizon (Rawlings, Mayne and Diehl, *Model Predictive
 Control*, 2017, chapters 1 and 2).
 """
 
@@ -194,8 +194,8 @@ class MPC(AbstractChannelGroupController):
     ) -> PyTree:
         """The state at rest under this duty, with the disturbance that explains the measurement.
 
-        With as many outputs as cells and the reference at the measurement the duty goes on where it
-        is; with fewer it goes from there to the smallest that holds them.
+        If there are as many outputs as cells and the reference equals the measurement, the duty
+        stays where it is. With fewer outputs, it moves to the smallest duty that holds them.
         """
         u, y = jnp.asarray(duty) - self.duty, jnp.asarray(measurement) - self.outputs
         return MPCState(self.kalman.init(u, y), u)
@@ -213,7 +213,7 @@ class MPC(AbstractChannelGroupController):
         if self.rate_limit is not None:
             reach = self.rate_limit * self.sample_time_s
             now = jnp.clip(now, state.duty - reach, state.duty + reach)
-        # Hard, whatever rounding left.
+        # Rounding must not violate the hard limits.
         now = jnp.clip(now, low, high)
         later = self.kalman.predict(states, now)
         return jnp.clip(now + self.duty, *self.limits), MPCState(later, now)
@@ -221,14 +221,15 @@ class MPC(AbstractChannelGroupController):
     def _plan(
         self, state: MPCState, reference: Array, measurement: Array
     ) -> tuple[Float[Array, " state"], Float[Array, "horizon cells"]]:
-        """The states after the reading, and the planned duty of the next samples as deviations."""
+        """Computes the states after a reading, and the planned duty of the next samples as
+        deviations from the operating point."""
         states, program = self._problem(state, reference, measurement)
         return states, minimised(program).reshape(self.horizon, len(self.duty))
 
     def _problem(
         self, state: MPCState, reference: Array, measurement: Array
     ) -> tuple[Float[Array, " state"], QuadraticProgram]:
-        """The states after the reading, and the program whose minimum is the plan."""
+        """Computes the states after a reading, and the program whose minimum is the plan."""
         states = self.kalman.correct(state.states, measurement - self.outputs)
         outputs, cells = self.gain.shape
         missing = reference - self.outputs - states[-outputs:]
@@ -261,8 +262,8 @@ class MPC(AbstractChannelGroupController):
     def _target(
         self, missing: Float[Array, " outputs"], heat: Float[Array, " cells"]
     ) -> Float[Array, " cells"]:
-        """The smallest duty that changes the outputs at rest by this; if the limits exclude it, the
-        duty that comes nearest, measured in the accepted deviations.
+        """Computes the smallest duty that changes the outputs at rest by a given amount. If the
+        limits exclude it, the nearest duty is used, in units of the accepted deviations.
 
         **Arguments:**
 
@@ -293,7 +294,7 @@ class MPC(AbstractChannelGroupController):
         return minimised(program)
 
     def _softness(self, hard: Array, soft: Array) -> Array:
-        """Of hard and soft limits."""
+        """The softness of all limits, 0 for the hard ones."""
         assert self.soft is not None
         accepted = jnp.asarray(self.soft.excess, soft.dtype) ** 2
         return jnp.concatenate([jnp.zeros_like(hard), jnp.full_like(soft, accepted)])
@@ -384,7 +385,10 @@ def _soft_limits(
 
 
 def _checked_temperature_limits(limits: Any, model: Any) -> tuple[tuple[str, float, float], ...]:
-    """**Raises:** `ControlError` where they are not name -> (lowest, highest) of channels."""
+    """Returns the temperature limits with numbers as floats.
+
+    **Raises:** `ControlError` if they are not a mapping from channels to (lowest, highest).
+    """
     where = "MPC: temperature_limits"
     if limits is None:
         return ()

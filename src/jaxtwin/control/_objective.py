@@ -1,4 +1,4 @@
-"""What a controller is tuned for: a weighted sum of measures, over many draws of the plant."""
+"""The objective of tuning: a weighted sum of measures over many draws of the plant."""
 
 import math
 from collections.abc import Mapping
@@ -16,20 +16,23 @@ STEPWISE = {
     "settling_time": "integral_time_absolute_error",
     "saturation_share": "peak_power",
 }
-"""Measures that change by whole samples, of which there is no derivative, and what to take."""
+"""Measures that change in steps of a sample and have no derivative -> the measure to use
+instead."""
 
 TAIL = 0.05
-"""The share of the draws that count as the worst."""
+"""The share of the draws that count as the worst ones."""
 
 OWN = "objective"
-"""The name under which a function of the user's own is kept."""
+"""The name of a function by the user."""
 
 
 class Objective(NamedTuple):
-    """A weighted sum.
+    """A weighted sum of measures.
 
-    - `measures`: all that are taken of each loop. `weights`: of each in the sum.
-    - `tail_weight`: of the mean over the worst draws, beside that over all.
+    - `measures`: name -> function, all measures that are computed of each loop.
+    - `weights`: the weight of each measure in the sum.
+    - `tail_weight`: the weight of the mean over the worst draws; the rest is that of the mean over
+      all draws.
     """
 
     measures: Mapping[str, Measure]
@@ -37,8 +40,8 @@ class Objective(NamedTuple):
     tail_weight: float
 
     def of_draws(self, values: Float[np.ndarray, "draws measures"]) -> Float[np.ndarray, " draws"]:
-        """The weighted sum of each draw."""
-        weighs = self.weights != 0  # a measure may be infinite, and of no weight
+        """Computes the weighted sum of each draw."""
+        weighs = self.weights != 0  # a measure of weight 0 may be infinite
         return values[:, weighs] @ self.weights[weighs]
 
     def over_draws(
@@ -46,8 +49,8 @@ class Objective(NamedTuple):
         values: Float[np.ndarray, "draws measures"],
         slopes: Float[np.ndarray, "draws measures parameters"],
     ) -> tuple[float, Float[np.ndarray, " parameters"]]:
-        """The objective and its derivatives: the mean over the draws, and over the worst of them
-        (the conditional value at risk, Rockafellar and Uryasev, Journal of Risk 2, 2000)."""
+        """Computes the objective and its derivatives: the mean over all draws and over the worst
+        ones (the conditional value at risk, Rockafellar and Uryasev, Journal of Risk 2, 2000)."""
         weighs = self.weights != 0
         sums = self.of_draws(values)
         by_parameters = np.einsum("dmp,m->dp", slopes[:, weighs], self.weights[weighs])
@@ -60,9 +63,10 @@ class Objective(NamedTuple):
 
 
 def checked_objective(where: str, objective: object, tail_weight: object) -> Objective:
-    """A name, name -> weight, or a function of a `ClosedLoop`.
+    """Makes an objective from the name of a measure, from name -> weight, or from a function of a
+    `ClosedLoop`.
 
-    **Raises:** `ControlError` for what is none of them, unknown measures, and those without a
+    **Raises:** `ControlError` for anything else, for unknown measures, and for measures without a
     derivative.
     """
     tail = finite_number(f"{where}: tail_weight", tail_weight, ControlError)

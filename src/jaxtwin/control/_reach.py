@@ -16,18 +16,18 @@ from ..physics import System, Twin
 from ..simulation._modes import network_modes
 
 LEVELS = 17
-"""Equal duty cycles that are tried: a cell cools best with less than full duty."""
+"""The equal duty cycles that are tried, because a cell cools best with less than full duty."""
 
 MARGIN = 1e-6
 
 TOGETHER = 0.1
-"""How near several outputs have to come to their references at the same time, K."""
+"""The largest distance of several outputs from their references at the same time, K."""
 
 MOST = 5
-"""References of several outputs that are looked at."""
+"""The largest number of references of several outputs that are checked."""
 
 STARTS = 64
-"""Of the search for the duty that holds several outputs, at most."""
+"""The largest number of starts of the search for the duty that holds several outputs."""
 
 
 def check_reach(
@@ -42,7 +42,7 @@ def check_reach(
 
     Each output by itself must be within the range of equal duty cycles of all cells. Several
     outputs, at most as many as there are cells, must also be reached at the same time; of many
-    references, the lowest, the highest and some between them are looked at.
+    references, the lowest, the highest and some between them are checked.
 
     **Arguments:**
 
@@ -63,13 +63,13 @@ def check_reach(
         )
     if not 1 < len(weights) <= len(system.wiring.cold):
         return
-    middle, spread = (ambient.min() + ambient.max()) / 2, np.ptp(ambient)
+    middle, ambient_range = (ambient.min() + ambient.max()) / 2, np.ptp(ambient)
     distinct, samples = np.unique(reference, axis=0, return_index=True)
     for number in np.unique(np.linspace(0, len(distinct) - 1, MOST).round().astype(int)):
         aim = distinct[number] - middle
         start = levels[np.argmin(np.abs(reached - aim[:, None]).max(axis=0))]
         nearest = _nearest(system, weights, aim, float(start), limits)
-        if np.abs(nearest - aim).max() > TOGETHER + spread:
+        if np.abs(nearest - aim).max() > TOGETHER + ambient_range:
             wanted, found = (
                 "/".join(f"{value:.4g}" for value in values + middle) for values in (aim, nearest)
             )
@@ -99,7 +99,7 @@ def _nearest(
     start: float,
     limits: tuple[float, float],
 ) -> Float[np.ndarray, " outputs"]:
-    """The steady rises of the outputs nearest to an aim, K.
+    """Computes the steady rises of the outputs that are nearest to an aim, K.
 
     A small cooling duty may warm the plate, so that a search can end at a duty of 0 although more
     cooling would be nearer. It therefore starts at several places.
@@ -125,7 +125,8 @@ def _nearest(
 def _steady_channels(
     system: System, levels: Float[Array | np.ndarray, " levels"]
 ) -> Float[Array, "levels channels"]:
-    """Steady rises of the channels above the surroundings under equal duty of all cells, K."""
+    """Computes the steady rises of the channels above the surroundings under equal duty cycles,
+    K."""
     cells = len(system.wiring.cold)
     return jax.vmap(lambda level: _rises(system, jnp.full(cells, level)))(jnp.asarray(levels))
 
@@ -134,7 +135,7 @@ def _steady_channels(
 def _steady_rises(
     system: System, duty: Float[Array | np.ndarray, " cells"]
 ) -> Float[Array, " channels"]:
-    """Steady rises of the channels above the surroundings, K."""
+    """Computes the steady rises of the channels above the surroundings, K."""
     return _rises(system, jnp.asarray(duty))
 
 

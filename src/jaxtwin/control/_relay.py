@@ -1,8 +1,9 @@
-r"""Relay feedback: the plate oscillates about a reference at its own critical frequency.
+r"""Relay feedback: the plate oscillates about a reference at the critical frequency of the loop.
 
-The relay gives the cells a bias plus or minus an amplitude, and switches where the output leaves a
-band of hysteresis about the reference. The loop oscillates where the plant's phase is about -180
-degrees; period and amplitude of the oscillation give the gain there, and with it a controller
+The relay commands a bias plus or minus an amplitude, and switches when the output leaves a band of
+hysteresis about the reference. The loop oscillates at the frequency at which the phase of the plant
+is about -180 degrees. Period and amplitude of the oscillation give the gain at this frequency, and
+from both follows a controller
 (Åström and Hägglund, *Automatica* 20 (1984) 645-651).
 """
 
@@ -28,12 +29,14 @@ from ._pid import Parameter, as_parameter
 
 
 class RelayState(NamedTuple):
-    """What it remembers.
+    """The state of a `Relay`.
 
-    - `is_up`: which way the relay lies. `half_s`: since it switched last, s. `up_s`: how long it
-      was up before, s.
-    - `shift`: of the bias of each cell, in amplitudes.
-    - `switches`: how often it switched. `is_over`: whether it has given up.
+    - `is_up`: whether the relay is up.
+    - `half_s`: the time since it last switched, s. `up_s`: the duration of the last half in which
+      it was up, s.
+    - `shift`: the shift of the bias of each cell, in amplitudes.
+    - `switches`: the number of times that it has switched.
+    - `is_over`: whether the time-out has passed.
     """
 
     is_up: Bool[Array, ""]
@@ -55,23 +58,24 @@ class Relay(AbstractChannelGroupController):
     pid = point.pid(limits=(0, 1))
     ```
 
-    Where the bias is not what holds the reference, the relay is up for longer than down, or the
-    other way round. After each cycle the bias moves by what makes both alike.
+    If the bias does not hold the reference, the two halves of a cycle differ in length. After each
+    cycle, the bias moves such that they become equal.
 
     **Arguments:**
 
-    - `amplitude`: of the duty, a single number, or one for each cell; 0 for a cell that does not
-      switch.
-    - `bias`: about which the duty switches, -1 to 1, likewise.
-    - `hysteresis`: half the width of the band, K; some times the noise of the output.
-    - `timeout_s`: so long without a switch, and the cells are off for good, s. The way to the
-      reference counts.
-    - `measured`: the output, a channel or a group of channels whose mean counts; None: the mean
+    - `amplitude`: the amplitude of the duty, one number for all cells or one for each; 0 for a cell
+      that does not switch.
+    - `bias`: the duty about which the relay switches, -1 to 1, one number for all cells or one for
+      each.
+    - `hysteresis`: half the width of the band, K; several times the noise of the output.
+    - `timeout_s`: the relay switches the cells off for good after this time without a switch, s.
+      The way to the reference is included.
+    - `measured`: the output, a channel or a group of channels that is averaged; None for the mean
       over all channels.
     - `limits`, `sample_time_s`: as in `PID`.
 
-    **Raises:** `ControlError` where the amplitude, the hysteresis or the time-out is not above 0,
-    the bias is no duty, or there is more than one output.
+    **Raises:** `ControlError` if the amplitude, the hysteresis or the time-out is not above 0, if
+    the bias is not within -1 to 1, or if there are several outputs.
     """
 
     amplitude: Parameter
@@ -111,7 +115,7 @@ class Relay(AbstractChannelGroupController):
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
     ) -> PyTree:
-        """The relay lies up, as if it had just switched."""
+        """Returns the state of a relay that has just switched up."""
         shift = jnp.zeros_like(jnp.asarray(duty))
         zero = jnp.zeros((), shift.dtype)
         return RelayState(jnp.asarray(True), zero, zero, shift, zero, jnp.asarray(False))
@@ -122,12 +126,12 @@ class Relay(AbstractChannelGroupController):
         reference: Float[ArrayLike, " outputs"],
         measurement: Float[ArrayLike, " outputs"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
-        """One sample."""
+        """Computes the duty of a sample and the next state."""
         error = (jnp.asarray(reference) - jnp.asarray(measurement))[0]
         goes_up = ~state.is_up & (error > self.hysteresis)
         goes_down = state.is_up & (error < -jnp.asarray(self.hysteresis))
         has_switched = goes_up | goes_down
-        # The first way up to the reference is no half of a cycle.
+        # The way to the reference is not a half of a cycle.
         up_s = jnp.where(goes_down & (state.switches > 0), state.half_s, state.up_s)
         is_cycle = goes_up & (state.up_s > 0)
         both = jnp.where(is_cycle, state.up_s + state.half_s, 1.0)

@@ -25,7 +25,7 @@ def regulator(
     Q: Float[np.ndarray, "state state"],
     R: Float[np.ndarray, "input input"],
 ) -> tuple[Float[np.ndarray, "input state"], Float[np.ndarray, "state state"]]:
-    """The gain K, and P of the cost-to-go.
+    """Computes the gain K, and the matrix P of the cost-to-go.
 
     **Raises:** `ControlError` if no gain makes the loop stable.
     """
@@ -47,7 +47,7 @@ def filter_gain(
     process: Float[np.ndarray, "state state"],
     reading: Float[np.ndarray, "output output"],
 ) -> Float[np.ndarray, "state output"]:
-    r"""The gain L of $\hat x_{k|k} = \hat x_{k|k-1} + L (y_k - C \hat x_{k|k-1})$.
+    r"""Computes the gain L of $\hat x_{k|k} = \hat x_{k|k-1} + L (y_k - C \hat x_{k|k-1})$.
 
     **Arguments:**
 

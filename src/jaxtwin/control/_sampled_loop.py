@@ -1,14 +1,15 @@
-r"""The loop that a sampled controller closes about a linear plant, at sample times and exact there.
+r"""The loop of a sampled controller and a linear plant, exact at the sample times.
 
 The plant under a held duty is that of `LinearModel.discretise`, with the driver's delay and lag;
-the controller is its own step, linear about its rest. With $z = e^{j \omega h}$
+the controller is the linearisation of its `step` about the steady state. With
+$z = e^{j \omega h}$
 
 $$L(z) = -G(z) K(z), \quad
 K(z) = C_c (z I - A_c)^{-1} B_c + D_c, \quad M_s = \max_\omega \lVert (I + L)^{-1} \rVert$$
 
-The minus sign is that of the feedback, which $K$ has in it: it is the response of the duty to the
-measurement. The derivative of $M_s$ is that of the singular value at the frequency, and in the
-draw, where it is largest.
+$K$ is the response of the duty to the measurement and contains the sign of the feedback, hence the
+minus. The derivative of $M_s$ is that of the singular value at the frequency and in the draw where
+it is largest.
 """
 
 from collections.abc import Mapping
@@ -30,30 +31,32 @@ from ._operating_point import Target
 from ._references import references_ahead
 
 LOWEST = 1e-4
-"""Of the frequencies that are looked at, rad/s."""
+"""The lowest frequency that is evaluated, rad/s."""
 
 FREQUENCIES = 160
-"""Up to that of half the sample rate, in equal ratios: 4 % apart at a sample time of 1 s."""
+"""The number of frequencies up to half the sample rate, in equal ratios: 4 % apart at a sample time
+of 1 s."""
 
 ROUNDING = 1e-6
-"""How far outside the unit circle a pole may lie by rounding. Two integrals that follow the same
-output differ by what they differed by at the start: a pole at 1 that nothing moves."""
+"""The distance from the unit circle that a pole may have by rounding. Two integrals of the same
+output keep their initial difference, which is a pole at 1."""
 
 INSIDE = 0.02
-"""Of the width of the limits: the duty at rest is at least so far inside, where the controller is
-linear."""
+"""The smallest distance of the duty at rest from the limits, relative to their width, so that the
+controller is linear there."""
 
 Matrix: TypeAlias = Float[np.ndarray, "..."]
 
 Matrices: TypeAlias = tuple[Matrix, Matrix, Matrix, Matrix]
-"""A, B, C and D; those of draws have a leading axis, derivatives a last one for the parameters."""
+"""A, B, C and D. Matrices of draws have a leading axis; derivatives have a last axis for
+parameters."""
 
 
 class SensitivityPeak(NamedTuple):
-    """Of a controller, over all draws of the plant.
+    """The sensitivity peak of a controller over all draws of the plant.
 
-    - `value`: the largest $M_s$. `slope`: its derivatives by the parameters.
-    - `is_stable`: whether all loops are, to which the value says nothing.
+    - `value`: the largest $M_s$. `slope`: its derivatives with respect to the parameters.
+    - `is_stable`: whether all loops are stable, which the value does not show.
     """
 
     value: float
@@ -63,16 +66,18 @@ class SensitivityPeak(NamedTuple):
 
 @final
 class SampledLoops:
-    """A plant, or draws of it, about the rest at some outputs.
+    """The linear loops of a controller with a plant, or with draws of it, about a steady state.
 
     **Arguments:**
 
-    - `twin`: whose other parameters hold. `draws`: name -> values `(draws,)`, in the unit of the
-      rig's table; none for the twin alone.
-    - `vector`: of the parameters that change the controller.
-    - `weights`: of the channels in the controller's outputs.
-    - `outputs`: at rest, degC.
-    - `longest_delay_s`: of the driver in all draws. `sensor_delay_s`: of the readings.
+    - `twin`: the twin; parameters that are not drawn keep its values.
+    - `draws`: name of a parameter -> values `(draws,)` in the unit of the rig's table; empty for
+      the twin without draws.
+    - `vector`: the map from the vector to the controller.
+    - `weights`: the weights of the channels in the controller's outputs.
+    - `outputs`: the outputs in the steady state, degC.
+    - `longest_delay_s`: the longest delay of the driver in all draws, s.
+    - `sensor_delay_s`: the delay of the readings, s.
     """
 
     def __init__(
@@ -90,7 +95,7 @@ class SampledLoops:
         interval = vector.controller.sample_time_s
         cells = len(twin.netlist.cells)
         directions = np.eye(cells) if len(outputs) >= cells else np.ones((cells, 1))
-        if not draws:  # a single draw of what it is anyway
+        if not draws:  # a single draw with the twin's value
             name, value = next(iter(twin.parameters.items()))
             draws = {name: np.array([float(value)])}
         shifts = int(np.ceil(longest_delay_s / interval * (1 - 1e-9)))
@@ -110,12 +115,12 @@ class SampledLoops:
     def sensitivity(
         self, values: Float[np.ndarray, " parameters"]
     ) -> Float[np.ndarray, "draws frequency"]:
-        r"""$\lVert (I + L)^{-1} \rVert$ of each draw."""
+        r"""Computes $\lVert (I + L)^{-1} \rVert$ of each draw."""
         matrices, _ = self._controller(values)
         return 1 / _smallest(self._distance(_response(matrices, self._z)))[0]
 
     def peak(self, values: Float[np.ndarray, " parameters"]) -> SensitivityPeak:
-        """The largest sensitivity of a controller with these parameters."""
+        """Computes the sensitivity peak of a controller with given parameters."""
         matrices, slopes = self._controller(values)
         distance = self._distance(_response(matrices, self._z))
         smallest, left, right = _smallest(distance)
@@ -141,18 +146,19 @@ class SampledLoops:
         return np.eye(len(self._outputs)) - self._response @ controller
 
     def _is_stable(self, controller: Matrices) -> bool:
-        """Whether all poles of the closed loops lie inside the unit circle."""
+        """Whether all poles of the closed loops are inside the unit circle."""
         return bool(self._radius(controller) < 1 + ROUNDING)
 
     def growth(self) -> float:
-        """By how much deviations from the rest grow in a sample, with the controller as it is: the
-        largest size of a pole of the closed loops; up to `1 + ROUNDING` they do not."""
+        """Computes the factor by which deviations from the steady state grow in a sample: the
+        largest absolute value of a pole of the closed loops. A loop is stable up to `1 +
+        ROUNDING`."""
         controller = _linear_steps(self._vector.controller, self._duty, self._outputs)
         return self._radius(jax.tree.map(np.asarray, controller))
 
     def _radius(self, controller: Matrices) -> float:
         (A, B, C, D), (Ac, Bc, Cc, Dc) = self._plants, controller
-        # u = Cc xc + Dc y and y = C x + D u; the readings' own delay is left out.
+        # u = Cc xc + Dc y and y = C x + D u; the delay of the readings is neglected.
         unit = np.eye(B.shape[-1])
         inner = np.linalg.inv(unit - Dc @ D)
         by_plant, by_controller = inner @ Dc @ C, inner @ Cc
@@ -171,7 +177,7 @@ def _sampled_plants(
     interval: Float[Array, ""],
     shifts: int,
 ) -> tuple[tuple[Any, ...], Float[Array | np.ndarray, "draws cells"]]:
-    """The discrete plants from duty to outputs, and their duty at rest."""
+    """Computes the discrete plants from duty to outputs, and their duty at rest."""
 
     def of_draw(
         values: Mapping[str, Array],
@@ -193,8 +199,8 @@ def _linear_controller(
     duty: Float[Array | np.ndarray, " cells"],
     outputs: Float[Array | np.ndarray, " outputs"],
 ) -> tuple[tuple[Array, Array, Array, Array], tuple[Array, Array, Array, Array]]:
-    """Ac, Bc, Cc and Dc from measurement to duty about the rest, and their derivatives by the
-    parameters, which are the last axis."""
+    """Computes Ac, Bc, Cc and Dc from measurement to duty about the steady state, and their
+    derivatives with respect to the parameters, which have a last axis."""
 
     def matrices(values: Array) -> tuple[Array, Array, Array, Array]:
         return _linear_steps(ControllerVector(controller, shapes).apply(values), duty, outputs)
@@ -208,7 +214,7 @@ def _linear_steps(
     duty: Float[Array | np.ndarray, " cells"],
     outputs: Float[Array | np.ndarray, " outputs"],
 ) -> tuple[Array, Array, Array, Array]:
-    """Ac, Bc, Cc and Dc from measurement to duty about the rest."""
+    """Computes Ac, Bc, Cc and Dc from measurement to duty about the steady state."""
     rest, unravel = ravel_pytree(controller.init(duty, outputs))
     (references,) = references_ahead(jnp.asarray(outputs)[None], controller.preview_samples)
 
@@ -231,7 +237,7 @@ def _response(
 def _response_slopes(
     matrices: Matrices, slopes: Matrices, z: complex
 ) -> Complex[np.ndarray, "outputs inputs parameters"]:
-    """The derivatives of a response at a frequency."""
+    """Computes the derivatives of a frequency response at one frequency."""
     A, B, C, _ = matrices
     dA, dB, dC, dD = slopes
     inverse = np.linalg.inv(z * np.eye(len(A)) - A)
@@ -249,7 +255,7 @@ def _smallest(
 ) -> tuple[
     Float[np.ndarray, "*shape"], Complex[np.ndarray, "*shape n"], Complex[np.ndarray, "*shape n"]
 ]:
-    """The smallest singular value, and its vectors on the left and on the right."""
+    """Computes the smallest singular value with its left and right singular vectors."""
     if matrix.shape[-1] == 1:
         value = np.abs(matrix[..., 0, 0])
         return value, matrix[..., 0] / value[..., None], np.ones_like(matrix[..., 0])

@@ -1,4 +1,4 @@
-"""Bounds of a controller's parameters, and the unit box that a search sees of them."""
+"""Bounds of a controller's parameters, scaled to the unit box in which a search runs."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
@@ -13,11 +13,12 @@ from ._decoupled_pi import DecoupledPI
 from ._pid import PID
 
 FACTOR = 30.0
-"""By which a parameter without bounds may grow or fall."""
+"""The factor by which a parameter without bounds may grow or fall."""
 
 
 class SearchBox(NamedTuple):
-    """Parameters between bounds. One that stays above 0 is searched for by its logarithm."""
+    """The map between parameters with bounds and the unit box. Parameters whose bounds are above 0
+    are scaled by their logarithm."""
 
     lower: Float[np.ndarray, " parameters"]
     upper: Float[np.ndarray, " parameters"]
@@ -27,7 +28,7 @@ class SearchBox(NamedTuple):
         return self.lower > 0
 
     def values(self, point: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
-        """The parameters at a point of the unit box, inside of their bounds."""
+        """Returns the parameters at a point of the unit box, within their bounds."""
         lower, upper = self._ends()
         found = lower + point * (upper - lower)
         found = np.where(
@@ -36,14 +37,14 @@ class SearchBox(NamedTuple):
         return np.clip(found, self.lower, self.upper)
 
     def point(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
-        """The point of parameters, or of those that are nearest to them inside of the bounds."""
+        """Returns the point of parameters, which are clipped to their bounds."""
         lower, upper = self._ends()
         inside = np.clip(values, self.lower, self.upper)
         found = np.where(self.is_logarithmic, np.log(np.where(inside > 0, inside, 1)), inside)
         return np.clip((found - lower) / (upper - lower), 0, 1)
 
     def slopes(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
-        """The derivatives of the parameters by the point."""
+        """Returns the derivatives of the parameters with respect to the point."""
         lower, upper = self._ends()
         return (upper - lower) * np.where(self.is_logarithmic, values, 1.0)
 
@@ -61,9 +62,9 @@ def search_box(
     controller: Any,
     parameters: Iterable[str] | Mapping[str, tuple[float, float]] | None,
 ) -> tuple[ControllerVector, SearchBox]:
-    """The checked arguments of `tune` that concern parameters.
+    """Checks the arguments of `tune` that concern parameters, and makes the search box.
 
-    **Raises:** `ControlError` for unknown names, bounds that are none, and a parameter that needs
+    **Raises:** `ControlError` for unknown names, for invalid bounds, and for a parameter that needs
     bounds and has none.
     """
     if parameters is None:

@@ -5,10 +5,10 @@ Each descent minimises $f(z)$ under $c(z) \le 0$ and $0 \le z \le 1$ by steps $d
 $$\min_d g^T d + \tfrac12 d^T B d, \quad a^T d \le -c, \quad \lVert d \rVert_\infty \le \Delta$$
 
 with $B$ Powell's damped BFGS approximation of the Lagrangian's Hessian (Nocedal and Wright,
-*Numerical Optimization*, 2006, chapter 18), and takes a step where the merit
-$f + \mu \max(c, 0)$ falls; else the trust region $\Delta$ shrinks. All descents ask for their next
-point in the same round, because a batch of loops costs less than one loop after the other. No
-library that is at hand does that, with bounds and a constraint.
+*Numerical Optimization*, 2006, chapter 18). A step is accepted if the merit $f + \mu \max(c, 0)$
+falls, otherwise the trust region $\Delta$ shrinks. All descents request their next point in the
+same round, because a batch of loops costs less than single loops. None of the libraries in use
+(SciPy, optimistix, optax) runs several descents with bounds and a constraint in this way.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,19 +20,19 @@ from jaxtyping import Float
 Vector = Float[np.ndarray, " unknowns"]
 
 FIRST_STEP, LONGEST_STEP, SHORTEST_STEP = 0.1, 0.4, 1e-3
-"""Of the width of the box: a step of the shortest length changes a parameter that may change by a
-factor of 1000 by 0.7 %."""
+"""Step lengths relative to the width of the box. A step of the shortest length changes a parameter
+whose bounds differ by a factor of 1000 by 0.7 %."""
 
 ENOUGH = 1e-4
-"""Part of the predicted fall of the merit that a step has to reach to be taken."""
+"""The part of the predicted decrease of the merit that a step has to reach to be accepted."""
 
 CONVERGED = 1e-4
-"""Predicted fall of the merit, relative to the objective, at which a descent ends."""
+"""The predicted decrease of the merit, relative to the objective, at which a descent ends."""
 
 
 class Evaluation(NamedTuple):
-    """What is minimised, `f`, and the constraint, `c`, with their slopes; infinite where a point
-    has none."""
+    """The objective `f` and the constraint `c` at a point, with their gradients. They are infinite
+    if the loop of the point fails."""
 
     f: float
     g: Vector
@@ -46,10 +46,11 @@ class Evaluation(NamedTuple):
 
 
 class Round(NamedTuple):
-    """One point that a descent asked for.
+    """A point that a descent requested.
 
-    - `start`: the number of the descent. `number`: of the round, 0 for the start.
-    - `accepted`: whether the descent went there.
+    - `start`: the number of the descent.
+    - `number`: the number of the round, 0 for the start.
+    - `accepted`: whether the descent moved to the point.
     """
 
     start: int
@@ -63,7 +64,7 @@ Evaluate = Callable[[Sequence[Vector]], list[Evaluation]]
 
 
 def descents(evaluate: Evaluate, starts: Sequence[Vector], *, rounds: int) -> list[Round]:
-    """All points of descents from these starts, in the order in which they were asked for."""
+    """Runs a descent from each start, and returns all points in the order of the requests."""
     history: list[Round] = []
     running: dict[int, _Descent] = {}
     for start, (point, found) in enumerate(zip(starts, evaluate(starts), strict=True)):
@@ -97,13 +98,13 @@ class _Descent:
         self._is_first = True
 
     def ask(self) -> Vector | None:
-        """The next point; None at the end."""
+        """Returns the next point; None at the end of the descent."""
         if self._reach < SHORTEST_STEP:
             return None
         z, at = self._z, self._at
         low = np.maximum(-z, -self._reach)
         high = np.minimum(1 - z, self._reach)
-        # As far down as the step can bring the constraint, where it cannot bring it to 0.
+        # If no step brings the constraint to 0, as far down as a step can bring it.
         lowest = float(np.minimum(at.a * low, at.a * high).sum())
         room = max(-at.c, 0.9 * lowest)
         self._step = _quadratic_minimum(self._hessian, at.g, at.a, room, low, high)
@@ -114,14 +115,15 @@ class _Descent:
         return z + self._step
 
     def receive(self, found: Evaluation) -> bool:
-        """Whether the descent goes to the point that it asked for."""
+        """Takes the evaluation of the requested point, and returns whether the descent moves
+        there."""
         fall = self._merit(self._at) - self._merit(found) if found.is_finite else -np.inf
         if not fall > ENOUGH * self._predicted():
             self._reach = 0.4 * min(self._reach, float(np.abs(self._step).max()))
             return False
         if fall > 0.7 * self._predicted():
             self._reach = min(2 * self._reach, LONGEST_STEP)
-        self._learn(found)
+        self._update_hessian(found)
         self._z, self._at = self._z + self._step, found
         return True
 
@@ -135,7 +137,7 @@ class _Descent:
         return -model + self._weight * (max(at.c, 0.0) - after)
 
     def _estimated_multiplier(self, low: Vector, high: Vector) -> float:
-        """Of the constraint, from the entries that no bound holds."""
+        """Estimates the multiplier of the constraint from the entries that are not at a bound."""
         d, a = self._step, self._at.a
         is_free = (d > low + 1e-9) & (d < high - 1e-9)
         if self._at.c + a @ d < -1e-9 * (1 + abs(self._at.c)) or not (a[is_free] ** 2).sum() > 0:
@@ -143,8 +145,8 @@ class _Descent:
         slope = (self._at.g + self._hessian @ d)[is_free]
         return max(-float(slope @ a[is_free]) / float(a[is_free] @ a[is_free]), 0.0)
 
-    def _learn(self, found: Evaluation) -> None:
-        """Powell's damped BFGS."""
+    def _update_hessian(self, found: Evaluation) -> None:
+        """Updates the approximation of the Hessian by Powell's damped BFGS formula."""
         d, was = self._step, self._at
         y = found.g - was.g + self._multiplier * (found.a - was.a)
         if self._is_first and float(d @ y) > 0:
@@ -162,7 +164,7 @@ class _Descent:
 def _quadratic_minimum(
     hessian: Float[np.ndarray, "n n"], g: Vector, a: Vector, room: float, low: Vector, high: Vector
 ) -> Vector:
-    """Of $g^T d + d^T B d / 2$ with $a^T d$ at most `room`, between bounds."""
+    """Minimises $g^T d + d^T B d / 2$ between bounds, with $a^T d$ at most `room`."""
     from scipy.optimize import minimize
 
     size = float(np.abs(g).max()) or 1.0

@@ -1,4 +1,4 @@
-"""Closed loops with checks and labels: one, or many draws of plant and controller."""
+"""Simulates a closed loop, or many draws of plant and controller, with checks and labels."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -42,13 +42,15 @@ from ._reading_errors import reading_errors
 from ._references import reference_samples, sample_times
 
 LONGEST_STEP = 1.0
-"""Of the plant, s: with a step of 1 s the channels are right to some millikelvin."""
+"""The longest step of the plant, s. With a step of 1 s the error of the channels is some
+millikelvins."""
 
 LARGEST_CHUNK = 256
-"""Loops that one core works on at a time: with 64 a step costs twice as much, with 512 no less."""
+"""The number of loops that a core computes at a time. With 64, a step of a loop costs twice as
+much; with 512, no less."""
 
 CHUNK_BYTES = 2**28
-"""Of the loops that one core works on, which are whole in memory before they are reduced."""
+"""The memory for the loops that a core computes at a time, before their measures are computed."""
 
 
 @overload
@@ -94,7 +96,7 @@ def simulate_closed_loop(
     workers: int | None = None,
     **settings: Any,
 ) -> ClosedLoopRun | Reductions:
-    """Runs a controller on a twin.
+    """Simulates a controller on a twin.
 
     ```python
     pid = jaxtwin.control.PID(Kp=0.1, Ki=0.001)
@@ -102,37 +104,38 @@ def simulate_closed_loop(
     run.measures()
     ```
 
-    The controller reads the channels at its own sample time, with the noise that the rig file
-    states, and commands a duty that is rounded to the driver's counts; the plant goes on in the
-    exact steps of `Stepper`, with the driver's delay and lag. A reading that does not come, or is
-    NaN, leaves the last one standing; after `silence_s` without any the cells are off for the rest,
-    as `jaxtwin control` switches a rig off.
+    The controller reads the channels at its sample time, with the noise that the rig file states.
+    The commanded duty is rounded to the driver's counts. The plant is solved in the steps of
+    `Stepper`, with the driver's delay and lag. If a reading is lost or NaN, the controller receives
+    the last one again. After `silence_s` without a reading, the cells are off for the rest of the
+    run, as `jaxtwin control` switches a rig off.
 
     **Arguments:**
 
-    - `twin`: rig and parameters; or a fit, whose recordings' own values are averaged
-      (`Fit.mean_twin`), as in `linearize`.
-    - `controller`: a controller, or a function `(time_s, reference, measurement) -> duty` in
-      `jax.numpy` that sees every channel.
-    - `references`: for its outputs, degC: a number, text such as `"0:35,600:45"` or
+    - `twin`: the twin; or a fit, whose recordings' own values are averaged (`Fit.mean_twin`), as in
+      `linearize`.
+    - `controller`: a controller; or a function `(time_s, reference, measurement) -> duty` in
+      `jax.numpy`, whose outputs are all channels.
+    - `references`: the references of the outputs, degC: a number, text such as `"0:35,600:45"` or
       `"0:35/37"`, or an array `(outputs,)` or `(samples, outputs)`.
-    - `duration_s`: a multiple of the controller's sample time, s.
-    - `draws`: many loops at once: parameter of the twin -> values `(draws,)`, in the unit of the
-      rig's table.
-    - `controller_draws`: parameter of the controller, such as `"Kp"` -> values `(draws, ...)`.
-    - `measures`: of many loops, what to keep of each: names of `jaxtwin.control.MEASURES`, or name
-      -> a pure JAX function of a `ClosedLoop`. None: all measures that have a name.
-    - `precision`: of many loops. Losses of the plate that are not linear are computed in float32 in
-      both, which costs less than a microkelvin.
-    - `workers`: threads that work on many loops, by default one a core.
+    - `duration_s`: the duration, s, a multiple of the controller's sample time.
+    - `draws`: for many loops, parameter of the twin -> values `(draws,)` in the unit of the rig's
+      table.
+    - `controller_draws`: for many loops, parameter of the controller, such as `"Kp"` -> values
+      `(draws, ...)`.
+    - `measures`: the measures that are kept of many loops: names of `jaxtwin.control.MEASURES`, or
+      name -> a pure JAX function of a `ClosedLoop`. None for all of `MEASURES`.
+    - `precision`: the precision of many loops. Nonlinear losses of the plate are always computed in
+      float32, with an error below a microkelvin.
+    - `workers`: the number of threads for many loops, None for one for each core.
     - `settings`: the further keywords of `jaxtwin.control.scenario`: disturbances, noise, faults,
       delays.
 
-    **Returns:** a `ClosedLoopRun`; of many loops `Reductions`, whose quantities are the measures.
+    **Returns:** a `ClosedLoopRun`; or, for many loops, `Reductions` with the measures.
 
-    **Raises:** `ControlError` where twin, controller, references and settings do not fit each
-    other, or a reference is out of reach; `ParameterError` where a parameter of the twin is wrong;
-    `SimulationError` where the temperatures or the duty of a single loop do not stay finite.
+    **Raises:** `ControlError` if twin, controller, references and settings do not fit each other,
+    or if a reference is out of reach; `ParameterError` for an invalid parameter of the twin;
+    `SimulationError` if the temperatures or the duty of a single loop do not stay finite.
     """
     plant = nominal_twin("simulate_closed_loop: twin", twin, ControlError)
     chosen = as_controller(
@@ -192,27 +195,28 @@ def scenario(
     sensor_delay_s: float | int = 0.0,
     silence_s: float | int = 3.0,
 ) -> Scenario:
-    """What a closed loop goes through, for `closed_loop` and `simulate_closed_loop`.
+    """Makes the scenario of a closed loop, for `closed_loop` and `simulate_closed_loop`.
 
     **Arguments:**
 
     - `twin`, `controller`, `references`, `duration_s`: as in `simulate_closed_loop`.
-    - `initial`: temperatures at the start: a number for all nodes or `(nodes,)`, degC; None: as the
-      rig says.
-    - `ambient`: of the room: a number, a schedule such as `"0:16,600:22"`, or `(samples,)`, degC;
-      None: that of the rig.
+    - `initial`: the temperatures at the start, degC: a number for all nodes, or `(nodes,)`; None
+      for those of the rig file.
+    - `ambient`: the ambient temperature, degC: a number, text such as `"0:16,600:22"`, or
+      `(samples,)`; None for that of the rig.
     - `disturbances`: each a `Draught` or a `HeatInput`.
     - `noise`: whether readings have the noise that the rig file states, the same in all draws.
-    - `faults`: of camera and link, as `jaxtwin virtual-rig` has them: `"drop=0.01,jumps=164"`,
-      `"stall=30/5"`. The same seed gives the same jumps.
-    - `failed_channels`: channel -> time from which on it reads NaN, s.
-    - `seed`: of noise and faults.
+    - `faults`: faults of camera and link in the words of `jaxtwin virtual-rig`, such as
+      `"drop=0.01,jumps=164"` or `"stall=30/5"`. The same seed gives the same jumps.
+    - `failed_channels`: channel -> time from which it reads NaN, s.
+    - `seed`: the seed of noise and faults.
     - `quantised`: whether the duty is rounded to the driver's counts.
-    - `sensor_delay_s`: by how much readings are late, s.
-    - `silence_s`: so long without a reading, and the cells are off for the rest, s.
+    - `sensor_delay_s`: the delay of the readings, s.
+    - `silence_s`: the cells are switched off for the rest of the run after this time without a
+      reading, s.
 
-    **Raises:** `ControlError` for what is none of these, a reference out of the duty's reach, or
-    a sample time above the plant's time constants.
+    **Raises:** `ControlError` for an invalid argument, for a reference out of reach, and for a
+    sample time above the time constants of the plant.
     """
     where = "scenario"
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
@@ -221,7 +225,7 @@ def scenario(
     times = sample_times(where, duration_s, interval)
     weights = np.asarray(chosen.output_weights(plant.channels), float)
     reference = reference_samples(f"{where}: references", references, times, len(weights))
-    # A hair more than a whole number of steps is that number.
+    # Rounding must not add a step to a whole number of steps.
     substeps = max(1, math.ceil(interval / LONGEST_STEP * (1 - 1e-9)))
     step = interval / substeps
     with own_settings():
@@ -304,7 +308,7 @@ def _checked_plant_draws(
     draws: Mapping[str, ArrayLike] | None,
     controller_draws: Mapping[str, ArrayLike] | None,
 ) -> dict[str, Float[np.ndarray, " draws"]]:
-    """Those of the twin's parameters, none where nothing of it is drawn."""
+    """Checks the draws of the twin's parameters; empty if none are drawn."""
     if draws is not None and not draws and not controller_draws:
         raise ControlError("simulate_closed_loop: draws: expected name -> values, got none")
     return _checked_draws(twin, draws) if draws else {}
@@ -315,7 +319,7 @@ def _count(
     draws: Mapping[str, Float[np.ndarray, " draws"]],
     controller_draws: Mapping[str, ArrayLike] | None,
 ) -> int | None:
-    """How many loops are asked for; None for a single one."""
+    """Returns the number of loops; None for a single one without draws."""
     where = "simulate_closed_loop"
     lengths = {name: len(values) for name, values in draws.items()}
     if controller_draws is not None:
@@ -340,12 +344,13 @@ def _count(
 
 
 def held_at_medians(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> Twin:
-    """The twin with a single value of what is drawn, for whatever is checked beforehand."""
+    """Returns the twin with the medians of the drawn parameters, for checks before the
+    simulation."""
     return twin.with_parameters({name: float(np.median(v)) for name, v in draws.items()})
 
 
 def longest_delay(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> float:
-    """Of the driver in all draws, s."""
+    """Returns the longest delay of the driver in all draws, s."""
     own = twin.system().delay
     if own is None:
         return 0.0
@@ -422,19 +427,19 @@ def _many(
     loop_bytes = jnp.dtype(dtype).itemsize * happens.ambient.size * numbers_a_step(twin, happens)
     chunk_size = min(max(CHUNK_BYTES // loop_bytes, 1), LARGEST_CHUNK)
     results = work_in_chunks(rows, work, chunk_size=chunk_size, workers=workers)
-    # Energy and peak power of a loop are measures, at every step of the plant.
+    # Energy and peak power are measures of the loop here, computed at every step of the plant.
     own = {name: values for name, values in results.items() if name != "failed"}
     return Reductions(twin.channels, results["failed"], own=own)
 
 
 def numbers_a_step(twin: Twin, happens: Scenario) -> int:
-    """Of a `ClosedLoop`, at each step of the plant."""
+    """Returns how many numbers a `ClosedLoop` has at each step of the plant."""
     outputs, cells = len(happens.output_weights), len(twin.netlist.cells)
     return 2 + len(twin.netlist.nodes) + len(twin.channels) + 3 * outputs + 2 * cells
 
 
 def is_whole_delay(twin: Twin, drawn: Iterable[str], step_s: float) -> bool:
-    """Whether the driver's delay is the same multiple of the step of the plant in all draws."""
+    """Whether the driver's delay is the same whole number of plant steps in all draws."""
     delay = twin.wiring.delay
     return delay is None or (
         delay.parameters.isdisjoint(drawn) and is_multiple(twin.system().delay, step_s)
@@ -449,7 +454,7 @@ def steppers_of(
     longest_delay_s: float,
     is_whole_delay: bool,
 ) -> Stepper:
-    """A stepper for each draw; of a draw that is no twin it is NaN."""
+    """Makes a stepper for each draw; its numbers are NaN for invalid draws."""
 
     def stepper_of(values: Mapping[str, Array]) -> Stepper:
         made = Stepper(
@@ -477,7 +482,7 @@ def _measured(
     happens: Scenario,
     measures: tuple[tuple[str, Measure], ...],
 ) -> dict[str, Array]:
-    """The measures of a chunk of loops, each with a stepper of its own."""
+    """Computes the measures of a chunk of loops, each with its stepper."""
 
     def of_draw(stepper: Stepper, values: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
         changed = with_parameters(controller, values)

@@ -1,4 +1,4 @@
-"""A check before a rig is switched on: whether the loop that a controller closes is stable."""
+"""Checks before a rig is switched on whether the closed loop is stable."""
 
 import math
 
@@ -16,10 +16,10 @@ from ._pid import PID
 from ._sampled_loop import ROUNDING, SampledLoops
 
 LINEAR = (PID, DecoupledPI, LQI, MPC)
-"""Controllers that are linear about their rest; others, such as a relay, are not checked."""
+"""Controllers that are linear about a steady state. Others, such as a relay, are not checked."""
 
 MOST = 5
-"""References that are looked at."""
+"""The largest number of references at which the loop is checked."""
 
 
 def check_stability(
@@ -28,12 +28,12 @@ def check_stability(
     weights: Float[np.ndarray, "outputs channels"],
     references: Float[np.ndarray, "samples outputs"],
 ) -> None:
-    """Refuses a controller whose loop with the twin is not stable about its references.
+    """Refuses a controller whose loop with the twin is not stable at one of its references.
 
-    The loop is linear, sampled as the controller is, with the driver's delay and lag. Of many
-    references, the lowest, the highest and some between them are taken.
+    The check uses the linear loop at the sample time of the controller, with the driver's delay and
+    lag. Of many references, it uses the lowest, the highest and some between them.
 
-    **Raises:** `ControlError` that names the reference, and how fast deviations grow there.
+    **Raises:** `ControlError` that names the reference and the growth of deviations there.
     """
     if not isinstance(controller, LINEAR):
         return

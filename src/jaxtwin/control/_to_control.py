@@ -1,4 +1,4 @@
-"""Models as those of python-control."""
+"""Converts linear models to those of python-control."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def continuous(model: "LinearModel", pade_order: int | None) -> Any:
-    """A `control.StateSpace` with the lag among its states."""
+    """Converts a continuous model to a `control.StateSpace` with the lag among its states."""
     control = _library()
     if model.is_delayed and pade_order is None:
         raise ControlError(
@@ -40,7 +40,7 @@ def continuous(model: "LinearModel", pade_order: int | None) -> Any:
 
 
 def discrete(model: "DiscreteModel") -> Any:
-    """A discrete `control.StateSpace`."""
+    """Converts a discrete model to a discrete `control.StateSpace`."""
     return _library().ss(
         model.A,
         model.B,

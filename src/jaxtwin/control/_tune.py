@@ -1,4 +1,4 @@
-"""Controllers tuned on a twin, through the whole closed loop."""
+"""Tunes controllers by derivatives of the whole closed loop."""
 
 import math
 import time
@@ -32,10 +32,10 @@ from ._simulate_closed_loop import held_at_medians, longest_delay, scenario
 from ._tuning import TunedLoop, Tuning, TuningStep
 
 WITHIN = 1e-3
-"""By which part a sensitivity peak may be above its limit."""
+"""The relative excess of a sensitivity peak over its limit that is accepted."""
 
 TRIES = 200
-"""Random controllers that are looked at for each start, by their linear loop alone."""
+"""The number of random controllers for each start of which only the linear loop is evaluated."""
 
 
 @announced("tuning")
@@ -67,40 +67,46 @@ def tune(
     ```
 
     The objective is a weighted sum of measures of the loop that `simulate_closed_loop` simulates,
-    with its nonlinear plant, limits, delay, lag and noise. Its derivatives are exact. A limit on
+    with the nonlinear plant, limits, delay, lag and noise. Its derivatives are exact. A limit on
     the sensitivity peak, $M_s = \max_\omega |S(j \omega)|$ of the linearised loop, keeps the loop
-    robust against everything that is not among the draws: 1.4 is cautious, 2 usual. Delay, lag and
-    sample time are in it exactly. It is taken at the rest that the last references ask for.
+    robust against changes of the plant that the draws do not contain: 1.4 is cautious, 2 is usual.
+    The sensitivity peak includes delay, lag and sample time exactly, and is computed at the steady
+    state of the last references.
 
-    With draws of the plant the objective is the mean over them and, by `tail_weight`, the mean over
-    the worst 5 % of them; the limit holds for every draw.
+    With draws of the plant, the objective is the weighted sum of the mean over all draws and the
+    mean over the worst 5 % (`tail_weight`); the limit holds for every draw.
 
     The search is sequential quadratic programming from several starts: the given controller, and
-    random ones between the bounds whose linear loop keeps to the limit. It finds a local optimum.
-    The duty is not rounded to the driver's counts, because rounding has no derivative.
+    random controllers within the bounds whose linear loop satisfies the limit. It finds a local
+    optimum. The duty is not rounded to the driver's counts, because rounding has no derivative.
 
     **Arguments:**
 
-    - `controller`: where the search starts; what is not tuned stays as it is.
-    - `twin`: rig and parameters, or a fit (`Fit.mean_twin`).
+    - `controller`: the start of the search. Parameters that are not tuned keep their values.
+    - `twin`: the twin, or a fit (`Fit.mean_twin`).
     - `references`, `duration_s`: as in `simulate_closed_loop`.
-    - `parameters`: of the controller, name -> (lowest, highest); or names, whose bounds are a
-      thirtieth and thirty times their value. None: the gains above 0 of a `PID` or a
-      `DecoupledPI`. A parameter whose bounds are above 0 is searched for by its logarithm.
-    - `objective`: the name of a measure of `jaxtwin.control.MEASURES`; name -> weight, in one over
-      the measure's unit; or a JAX function of a `ClosedLoop`.
-    - `draws`: of the plant's parameters, name -> values `(draws,)`; or, of a fit, how many draws of
-      what it leaves open (`jaxtwin.matching.posterior_draws`). None: the twin alone.
-    - `tail_weight`: share of the worst draws in the objective, 0 to 1.
-    - `sensitivity_limit`: above 1; None: no limit, and stability is not tested.
-    - `starts`: descents side by side.
-    - `rounds`: of the search; in each, every descent looks at one controller.
-    - `seed`: of starts and posterior draws, and of noise and faults.
-    - `workers`: threads, None for one a core.
+    - `parameters`: the parameters of the controller that are tuned, name -> (lowest, highest); or
+      names, whose bounds are then a thirtieth and thirty times their values. None for the gains
+      above 0 of a `PID` or a `DecoupledPI`. The search uses the logarithm of a parameter whose
+      bounds are above 0.
+    - `objective`: the name of a measure of `jaxtwin.control.MEASURES`; name -> weight, in the
+      inverse of the measure's unit; or a JAX function of a `ClosedLoop`.
+    - `draws`: draws of the plant's parameters, name -> values `(draws,)`; or, for a fit, the number
+      of posterior draws (`jaxtwin.matching.posterior_draws`). None for the twin without draws.
+    - `tail_weight`: the weight of the worst draws in the objective, 0 to 1.
+    - `sensitivity_limit`: the limit of $M_s$, above 1; None for no limit. Stability is then not
+      checked.
+    - `starts`: the number of descents, which run side by side.
+    - `rounds`: the number of rounds, in each of which every descent evaluates one controller.
+    - `seed`: the seed of starts, posterior draws, noise and faults.
+    - `workers`: the number of threads, None for one for each core.
     - `settings`: the further keywords of `jaxtwin.control.scenario`.
 
-    **Raises:** `ControlError` where arguments do not fit each other, and where no controller
-    within the bounds is found whose loops are finite and keep to the limit.
+    **Returns:** a `Tuning` with the tuned controller, its measures before and after, and the
+    history of the search.
+
+    **Raises:** `ControlError` if arguments do not fit each other, and if the search finds no
+    controller within the bounds whose loops are finite and satisfy the limit.
     """
     began = time.perf_counter()
     problem = tuning_problem(
@@ -139,7 +145,7 @@ def tuning_problem(
     workers: int | None,
     settings: Mapping[str, Any],
 ) -> "TuningProblem":
-    """The arguments of `tune`, checked."""
+    """Checks the arguments of `tune`, and makes the problem."""
     if not isinstance(controller, AbstractController):
         raise ControlError(
             f"{where}: controller: expected a controller with parameters, got {controller!r}"
@@ -184,10 +190,12 @@ def tuning_problem(
 class TuningProblem(NamedTuple):
     """A search for the parameters of a controller.
 
-    - `rig`: its name. `vector`, `box`: the parameters and their bounds. `objective`.
-    - `limit`: of the sensitivity peak, None for none.
-    - `loops`: closed loops with derivatives. `linear`: those loops as linear ones.
-    - `starts`: descents. `seed`: of the random ones.
+    - `rig`: the name of the rig.
+    - `vector`, `box`: the parameters and their bounds.
+    - `objective`: the objective.
+    - `limit`: the limit of the sensitivity peak, None for none.
+    - `loops`: the closed loops with derivatives. `linear`: the linearised loops.
+    - `starts`: the number of descents. `seed`: the seed of the random starts.
     """
 
     rig: str
@@ -201,7 +209,7 @@ class TuningProblem(NamedTuple):
     seed: int
 
     def solved(self, rounds: int, began: float) -> Tuning:
-        """The best of all descents."""
+        """Runs all descents, and returns the best controller."""
         found: dict[bytes, Float[np.ndarray, "draws measures"]] = {}
 
         def evaluate(points: Sequence[Float[np.ndarray, " parameters"]]) -> list[Evaluation]:
@@ -237,7 +245,7 @@ class TuningProblem(NamedTuple):
     def _evaluated(
         self, controllers: Sequence[Float[np.ndarray, " parameters"]]
     ) -> list[tuple[Evaluation, Float[np.ndarray, "draws measures"]]]:
-        """Objective and constraint by the points of the unit box, and the measures."""
+        """Evaluates objective and constraint at points of the unit box, and the measures."""
         with own_settings():
             loops = self.loops(controllers, self.starts)
             peaks = [None if self.linear is None else self.linear.peak(v) for v in controllers]
@@ -255,7 +263,8 @@ class TuningProblem(NamedTuple):
         return results
 
     def _first_points(self) -> list[Float[np.ndarray, " parameters"]]:
-        """The given controller, and random ones whose linear loop keeps to the limit."""
+        """Returns the points of the given controller and of random controllers whose linear loop
+        satisfies the limit."""
         random = np.random.default_rng([self.seed, 1])
         points = [self.box.point(self.vector.values)]
         for _ in range(self.starts - 1):

@@ -1,4 +1,4 @@
-"""What tuning a controller gives."""
+"""The result of tuning a controller."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 class TuningStep(NamedTuple):
-    """One controller that the search looked at.
+    """A controller that the search evaluated.
 
-    - `start`: number of the descent. `round`: 0 is its start.
-    - `objective`: infinite where a loop is unstable or not finite.
-    - `sensitivity_peak`: the largest of all draws; NaN without a limit.
-    - `accepted`: whether the descent went there.
+    - `start`: the number of the descent. `round`: the number of the round, 0 for its start.
+    - `objective`: the objective; infinite if a loop is unstable or not finite.
+    - `sensitivity_peak`: the largest sensitivity peak of all draws; NaN without a limit.
+    - `accepted`: whether the descent moved to this controller.
     - `parameters`: name -> value.
     """
 
@@ -36,12 +36,12 @@ class TuningStep(NamedTuple):
 
 
 class TunedLoop(NamedTuple):
-    """A controller and what its loops do.
+    """A controller with the measures of its loops.
 
-    - `parameters`: those that are tuned. `objective`: over all draws.
-    - `sensitivity_peak`: the largest of all draws; NaN without a limit.
-    - `measures`: of each draw; a single row where nothing of the plant is drawn.
-    - `sensitivity`: of the linearised loop of each draw over frequency.
+    - `parameters`: the values of the tuned parameters. `objective`: the objective over all draws.
+    - `sensitivity_peak`: the largest sensitivity peak of all draws; NaN without a limit.
+    - `measures`: the measures of each draw; a single row without draws.
+    - `sensitivity`: the sensitivity of the linearised loop of each draw over frequency.
     """
 
     parameters: Float[np.ndarray, " parameters"]
@@ -54,19 +54,19 @@ class TunedLoop(NamedTuple):
 @final
 @dataclass(frozen=True, repr=False, eq=False)
 class Tuning:
-    """A tuned controller.
+    """A tuned controller with its measures and the history of the search.
 
     **Arguments:**
 
-    - `rig`: name of the twin's rig.
-    - `controller`: the tuned one. `start`: the given one.
-    - `parameters`: names of those that were tuned. `lower`, `upper`: their bounds.
-    - `sensitivity_limit`: None for none.
-    - `before`, `after`: the given controller and the tuned one, with the measures of their loops.
-    - `measures`: names of the measures. `weights`: in the objective.
-    - `omega`: frequencies of the sensitivity, rad/s.
-    - `history`: every controller that the search looked at.
-    - `wall_time`: s, with compilation.
+    - `rig`: the name of the twin's rig.
+    - `controller`: the tuned controller. `start`: the given controller.
+    - `parameters`: the names of the tuned parameters. `lower`, `upper`: their bounds.
+    - `sensitivity_limit`: the limit of the sensitivity peak, None for none.
+    - `before`, `after`: the given and the tuned controller with the measures of their loops.
+    - `measures`: the names of the measures. `weights`: their weights in the objective.
+    - `omega`: the frequencies of the sensitivity, rad/s.
+    - `history`: all controllers that the search evaluated.
+    - `wall_time`: the duration of the search with compilation, s.
     """
 
     rig: str
@@ -86,20 +86,20 @@ class Tuning:
 
     @property
     def at_bounds(self) -> tuple[str, ...]:
-        """Parameters that ended at a bound: what the objective would rather have lies outside."""
+        """The parameters that ended at a bound; wider bounds may give a better controller."""
         values = self.after.parameters
         near = 1e-6 * (self.upper - self.lower)
         is_near = (values <= self.lower + near) | (values >= self.upper - near)
         return tuple(name for name, at in zip(self.parameters, is_near, strict=True) if at)
 
     def plot(self) -> "Figure":
-        """Objective over the rounds, sensitivity over frequency, and the measures before and after:
-        `jaxtwin.plots.plot_tuning`."""
+        """Plots the objective over the rounds, the sensitivity over frequency, and the measures
+        before and after (`jaxtwin.plots.plot_tuning`)."""
         return picture("plot_tuning", self)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each controller that the search looked at (start, round): objective,
-        sensitivity peak, whether it was accepted, and the parameters."""
+        """Returns a table with a row for each controller that the search evaluated (start, round):
+        objective, sensitivity peak, whether it was accepted, and the parameters."""
         import pandas
 
         rows = [
@@ -116,8 +116,9 @@ class Tuning:
         return pandas.DataFrame(rows).set_index(["start", "round"])
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Before and after (controller): parameters, the measures of each draw, and the sensitivity
-        of each draw over frequency (rad/s)."""
+        """Returns a labelled dataset of the two controllers (dimension controller: before and
+        after) with parameters, the measures of each draw, and the sensitivity of each draw over
+        frequency, rad/s."""
         import xarray
 
         both = (self.before, self.after)

@@ -1,9 +1,10 @@
-r"""What an oscillation under relay feedback says of the plant, and a controller from it.
+r"""Computes the critical point of a plant from an oscillation under relay feedback, and a
+controller.
 
-Over whole periods the fundamental waves of duty and output give the plant's response at the
-frequency of the oscillation, $G(j \omega) = Y / U$, whatever the waves' other harmonics, and noise
-is averaged out. At small hysteresis its phase is -180 degrees: $1 / |G|$ is the ultimate gain, the
-proportional gain at which the loop would oscillate.
+The fundamental waves of duty and output over whole periods give the response of the plant at the
+frequency of the oscillation, $G(j \omega) = Y / U$. Other harmonics do not enter, and noise is
+averaged out. With a small hysteresis the phase of $G$ is -180 degrees, and $1 / |G|$ is the
+ultimate gain, the proportional gain at which the loop would oscillate.
 """
 
 from dataclasses import dataclass
@@ -27,29 +28,30 @@ _RULES: dict[tuple[str, bool], tuple[float, float, float]] = {
     ("ziegler-nichols", False): (0.45, 1 / 1.2, 0.0),
     ("ziegler-nichols", True): (0.6, 0.5, 0.125),
 }
-"""Rule and whether with a derivative -> Kp per ultimate gain, and integral and derivative time per
-ultimate period (Tyreus and Luyben, Ind. Eng. Chem. Res. 31 (1992) 2625; Luyben and Luyben,
+"""(Rule, with derivative) -> Kp per ultimate gain, and integral and derivative time per ultimate
+period (Tyreus and Luyben, Ind. Eng. Chem. Res. 31 (1992) 2625; Luyben and Luyben,
 *Essentials of Process Control*, 1997; Ziegler and Nichols, Trans. ASME 64 (1942) 759)."""
 
 FILTER = 1 / 8
-"""Time constant of the derivative's filter per derivative time."""
+"""The time constant of the derivative's filter per derivative time."""
 
 SAME_PERIOD = 0.15
-"""Part by which periods may differ; two samples more are always allowed."""
+"""The relative difference that periods may have; two samples more are always allowed."""
 
 SAME_LEVEL = 0.15
-"""Part of the oscillation's height by which its mean may move from period to period."""
+"""The change of the mean from period to period that is allowed, relative to the oscillation's
+height."""
 
 
 @final
 @dataclass(frozen=True)
 class UltimatePoint:
-    """A plant at its critical frequency.
+    """The response of a plant at its critical frequency.
 
-    - `gain`: the ultimate gain, 1/K. `period_s`: of the oscillation, s.
-    - `phase_deg`: of the plant there, -180 where there is no hysteresis.
-    - `amplitude`: of the output's fundamental wave, K.
-    - `cycles`: how many periods were looked at.
+    - `gain`: the ultimate gain, 1/K. `period_s`: the period of the oscillation, s.
+    - `phase_deg`: the phase of the plant, degrees; -180 without hysteresis.
+    - `amplitude`: the amplitude of the output's fundamental wave, K.
+    - `cycles`: the number of periods that were evaluated.
     """
 
     gain: float
@@ -59,14 +61,14 @@ class UltimatePoint:
     cycles: int
 
     def pid(self, rule: Rule = "tyreus-luyben", *, derivative: bool = True, **settings: Any) -> PID:
-        """A PID from it.
+        """Makes a PID by a tuning rule.
 
         **Arguments:**
 
-        - `rule`: Tyreus and Luyben's, which is cautious, or Ziegler and Nichols', whose loops
-          overshoot by half.
-        - `derivative`: whether with a derivative; else a PI.
-        - `settings`: the further keywords of `PID`, such as limits and `measured`.
+        - `rule`: the rule of Tyreus and Luyben, which is cautious, or that of Ziegler and Nichols,
+          whose loops overshoot by half.
+        - `derivative`: whether the controller has a derivative part.
+        - `settings`: the further keywords of `PID`, such as `limits` and `measured`.
 
         **Raises:** `ControlError` for another rule.
         """
@@ -84,16 +86,16 @@ class UltimatePoint:
 def ultimate_point(
     run: ClosedLoopRun | tuple[ArrayLike, ArrayLike, ArrayLike], *, cycles: int = 3
 ) -> UltimatePoint:
-    """The critical frequency and gain of a plant, from a run with a `Relay`.
+    """Computes the critical frequency and gain of a plant from a run with a `Relay`.
 
     **Arguments:**
 
-    - `run`: of `simulate_closed_loop` with a `Relay`; or times (s), measured output (degC) and duty
-      of a cell that switches, each `(times,)` at equal steps, such as the decisions in a recording
-      of `jaxtwin control` hold them.
-    - `cycles`: how many of the last periods are looked at.
+    - `run`: the result of `simulate_closed_loop` with a `Relay`; or times (s), measured output
+      (degC) and duty of a cell that switches, each `(times,)` at equal steps, as in the decisions
+      of a recording by `jaxtwin control`.
+    - `cycles`: the number of periods, from the end, that are evaluated.
 
-    **Raises:** `ControlError` where there are fewer periods, or the oscillation still drifts.
+    **Raises:** `ControlError` if the run has fewer periods, or if the oscillation still drifts.
     """
     count = whole_number("ultimate_point: cycles", cycles, 1, ControlError)
     time, output, duty = _arrays(run)
@@ -160,7 +162,10 @@ def _check_drift(
     height: float,
     step: float,
 ) -> None:
-    """**Raises:** `ControlError` where the periods or the level still change."""
+    """Refuses an oscillation that is not periodic yet.
+
+    **Raises:** `ControlError` if the periods or the level still change.
+    """
     if np.ptp(periods) > SAME_PERIOD * periods.mean() + 2 * step:
         raise ControlError(
             "ultimate_point: run: expected periods that do not change, got "

@@ -236,10 +236,10 @@ class _Search:
 
     def _errors(self, covariance: Float[np.ndarray, "some some"]) -> dict[str, float]:
         """Parameter -> standard error in its unit."""
-        deviations = np.sqrt(np.diag(covariance))
+        standard_deviations = np.sqrt(np.diag(covariance))
         slopes = self.prior.unknowns.value_derivatives(self.prior.vector)[self.places]
-        lost = deviations > 0.1 * UNKNOWN * self.scale
-        errors = np.where(lost, math.inf, deviations * slopes)
+        lost = standard_deviations > 0.1 * UNKNOWN * self.scale
+        errors = np.where(lost, math.inf, standard_deviations * slopes)
         rows = self.prior.unknowns.entry_parameters
         return {
             rows[place].name: float(error) for place, error in zip(self.places, errors, strict=True)

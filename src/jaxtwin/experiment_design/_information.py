@@ -112,12 +112,12 @@ def make_design_problem(
     grid = padded_time_grid(twin, example)
     step_of = np.rint(np.asarray(grid.duty)[:, 0] * schedules.steps).astype(np.int32) - 1
     times, channels = len(example.time), len(twin.channels)
-    shapes, deviations = np.zeros((times, 0)), np.zeros(0)
+    shapes, standard_deviations = np.zeros((times, 0)), np.zeros(0)
     if (error := twin.rig.common_error) is not None:
         shape_count = count_shapes(error, example.time, events)
-        shapes, deviations = camera_shapes(error, example.time, events, shape_count)
+        shapes, standard_deviations = camera_shapes(error, example.time, events, shape_count)
     weights = residual_weights(
-        np.ones((times, channels)), np.ones(times), *noise.assumed, shapes, deviations
+        np.ones((times, channels)), np.ones(times), *noise.assumed, shapes, standard_deviations
     )
     ratios = [
         (of.standard_deviation / assumed) ** 2

@@ -91,7 +91,9 @@ class PriorInformation:
         else:
             normal, meat, of_group = _with_new_group(fit, normal, meat, inside)
         rows = matched.per_recording
-        weights = [0.0 if row.deviation is None else 1 / row.deviation**2 for row in rows]
+        weights = [
+            0.0 if row.standard_deviation is None else 1 / row.standard_deviation**2 for row in rows
+        ]
         own = len(normal) + np.arange(len(rows))
         return cls._make(
             fit.twin_of_group(groups[0] if len(groups) == 1 else group or ""),

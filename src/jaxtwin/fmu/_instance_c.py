@@ -107,16 +107,16 @@ static void initialize(instance_t *self)
 
 /* The derivatives of the states, under the duty that has passed the delay. */
 static void slopes(const instance_t *self, const double *nodes, const double *lagged,
-                   const double *arriving, double *values)
+                   const double *delayed, double *values)
 {{
     int i;
-    {name}_slopes(nodes, LAG_S > 0.0 ? lagged : arriving, self->ambient, values);
+    {name}_slopes(nodes, LAG_S > 0.0 ? lagged : delayed, self->ambient, values);
     for (i = {upper}_NODES; i < STATES; ++i) {{
-        values[i] = (arriving[i - {upper}_NODES] - lagged[i - {upper}_NODES]) / LAG_S;
+        values[i] = (delayed[i - {upper}_NODES] - lagged[i - {upper}_NODES]) / LAG_S;
     }}
 }}
 
-static const double *arriving(const instance_t *self)
+static const double *delayed_duty(const instance_t *self)
 {{
     return DELAY_S > 0.0 ? self->arrived : self->duty;
 }}
@@ -131,7 +131,7 @@ static int get(const instance_t *self, const uint32_t *numbers, size_t count, do
     }}
     {name}_output(&state, self->ambient, channels);
     {name}_nodes(&state, nodes);
-    slopes(self, nodes, state.duty, self->is_exchange ? arriving(self) : self->duty, changes);
+    slopes(self, nodes, state.duty, self->is_exchange ? delayed_duty(self) : self->duty, changes);
     for (k = 0; k < count; ++k) {{
         const uint32_t number = numbers[k];
         if (number == 0) {{
@@ -230,7 +230,7 @@ static int get_slopes(const instance_t *self, double *values, size_t count)
     if (count != STATES) {{
         return 0;
     }}
-    slopes(self, self->nodes, self->lagged, arriving(self), values);
+    slopes(self, self->nodes, self->lagged, delayed_duty(self), values);
     return 1;
 }}
 

@@ -17,7 +17,7 @@ AGREE = 10
 taken to have stepped."""
 
 
-class _Doubt(NamedTuple):
+class _SuspectedStep(NamedTuple):
     """The first of some implausible messages in a row that are consistent with each other."""
 
     device_us: int
@@ -40,7 +40,7 @@ class DeviceTime:
         """Number of steps of the clock."""
         self._rate = rate
         self._first: tuple[int, int] | None = None  # device microseconds, arrival in ns
-        self._doubts: dict[Stream, _Doubt] = {}
+        self._suspected: dict[Stream, _SuspectedStep] = {}
 
     def check(self, stream: Stream, device_us: int, arrival: int, before: int) -> bool:
         """Checks the time of a message. Returns whether the clock has stepped, and is accepted.
@@ -54,13 +54,13 @@ class DeviceTime:
         if self._first is None:
             self._first = device_us, arrival
         if device_us >= before and self._believable(self._first, device_us, arrival):
-            self._doubts.pop(stream, None)
+            self._suspected.pop(stream, None)
             return False
-        doubt = self._doubts.get(stream)
-        if doubt is None or not self._believable(doubt[:2], device_us, arrival):
-            doubt = _Doubt(device_us, arrival, 0)
-        doubt = self._doubts[stream] = doubt._replace(agreeing=doubt.agreeing + 1)
-        if doubt.agreeing < AGREE:
+        suspected = self._suspected.get(stream)
+        if suspected is None or not self._believable(suspected[:2], device_us, arrival):
+            suspected = _SuspectedStep(device_us, arrival, 0)
+        suspected = self._suspected[stream] = suspected._replace(agreeing=suspected.agreeing + 1)
+        if suspected.agreeing < AGREE:
             if device_us < before:
                 raise LinkError(f"device time {device_us} after {before}")
             ahead = (device_us - self._first[0]) * 1e-6 / self._rate
@@ -70,7 +70,7 @@ class DeviceTime:
                 f"host saw {passed:.6g} s"
             )
         self._first = device_us, arrival
-        self._doubts.clear()
+        self._suspected.clear()
         self.steps += 1
         return True
 

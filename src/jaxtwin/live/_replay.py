@@ -141,7 +141,7 @@ class Replay:
         }
 
         def rows(query: str) -> Generator[tuple[Any, ...], None, None]:
-            # A cursor of its own: five are read in turns.
+            # A separate cursor, because five tables are read in turns.
             yield from sqlite3.Cursor(database).execute(query)
 
         def greetings() -> Rows:

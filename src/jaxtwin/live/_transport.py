@@ -1,4 +1,4 @@
-"""Bytes to and from a device: serial ports through pyserial, TCP through a socket of our own."""
+"""Bytes to and from a device: serial ports through pyserial, TCP through a plain socket."""
 
 import contextlib
 import socket

@@ -53,7 +53,7 @@ def estimate_heterogeneity(
     scores: Sequence[RecordingScore],
     prior: Float[np.ndarray, "unknowns unknowns"],
     shared: Int[np.ndarray, " shared"],
-    prior_deviations: Float[np.ndarray, " shared"],
+    prior_standard_deviations: Float[np.ndarray, " shared"],
 ) -> float:
     r"""Estimates $\tau$, the heterogeneity of a random-effects model: the standard deviation of
     shared parameters between recordings, as a fraction of their priors' standard deviations.
@@ -63,11 +63,12 @@ def estimate_heterogeneity(
     - `scores`: the score of each recording.
     - `prior`: the precision of the priors.
     - `shared`: which unknowns are shared by all recordings; the others are eliminated.
-    - `prior_deviations`: the standard deviations of the priors. Unknowns without a prior have 0
-      here and are assumed to be the same in all recordings.
+    - `prior_standard_deviations`: the standard deviations of the priors. Unknowns without a prior
+      have 0 here and are assumed to be the same in all recordings.
     """
     reduced = [
-        _without_nuisance(of_recording, prior, shared, prior_deviations) for of_recording in scores
+        _without_nuisance(of_recording, prior, shared, prior_standard_deviations)
+        for of_recording in scores
     ]
     count, size = len(reduced), len(shared)
     inverse = np.linalg.pinv(
@@ -100,7 +101,7 @@ def _without_nuisance(
     of_recording: RecordingScore,
     prior: Float[np.ndarray, "unknowns unknowns"],
     shared: Int[np.ndarray, " shared"],
-    prior_deviations: Float[np.ndarray, " shared"],
+    prior_standard_deviations: Float[np.ndarray, " shared"],
 ) -> RecordingScore:
     """The efficient score for the shared parameters, in units of their priors' standard deviations.
 
@@ -111,8 +112,8 @@ def _without_nuisance(
     across = normal[np.ix_(shared, others)]
     eliminate = across @ np.linalg.pinv(normal[np.ix_(others, others)], hermitian=True)
     lift = np.zeros((len(shared), len(of_recording.score)))
-    lift[np.arange(len(shared)), shared] = prior_deviations
-    lift[:, others] = -prior_deviations[:, None] * eliminate
+    lift[np.arange(len(shared)), shared] = prior_standard_deviations
+    lift[:, others] = -prior_standard_deviations[:, None] * eliminate
     of_others = np.zeros_like(prior)
     of_others[np.ix_(others, others)] = prior[np.ix_(others, others)]
     return RecordingScore(

@@ -41,20 +41,20 @@ def camera_shapes(
       time.
     - `count`: the number of shapes, at least `count_shapes`; the others are zeros.
     """
-    shapes, deviations = [np.ones_like(time)], [error.offset]
+    shapes, standard_deviations = [np.ones_like(time)], [error.offset]
     corners = _corners(error, time)
     for number in range(len(corners)):
         shapes.append(np.interp(time, corners, np.eye(len(corners))[number]))
-        deviations.append(error.drift)
+        standard_deviations.append(error.drift)
     for event in events:
         after = time >= event
         elapsed = np.where(after, time - event, 0.0)
         shapes += [after * np.exp(-elapsed / tau) for tau in error.relaxation]
-        deviations += [error.jump] * len(error.relaxation)
+        standard_deviations += [error.jump] * len(error.relaxation)
     empty = count - len(shapes)
     shapes += [np.zeros_like(time)] * empty
-    deviations += [1.0] * empty
-    return np.stack(shapes, axis=1), np.array(deviations)
+    standard_deviations += [1.0] * empty
+    return np.stack(shapes, axis=1), np.array(standard_deviations)
 
 
 def _corners(

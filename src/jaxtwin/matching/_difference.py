@@ -15,6 +15,7 @@ from ._fitted_parameters import FittedParameter
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
     from matplotlib.axes import Axes
 
 HEAD = ("parameter", "old", "new", "unit", "standard errors", "")
@@ -105,9 +106,16 @@ class FitDifference:
         rows = [vars(row) | {"notes": ", ".join(row.notes)} for row in self.parameters]
         return pandas.DataFrame(rows).set_index("name")
 
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns the numbers of `to_dataframe` as a dataset: old, new, error and standard_errors
+        (parameter), with the units as a coordinate."""
+        table = self.to_dataframe().rename_axis("parameter")
+        numbers = table[["old", "new", "error", "standard_errors"]].to_xarray()
+        return numbers.assign_coords(unit=("parameter", table["unit"].tolist()))
+
     def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """The differences in standard errors, the largest on top:
-        `jaxtwin.plots.plot_fit_difference`."""
+        """Plots the differences in standard errors, the largest on top
+        (`jaxtwin.plots.plot_fit_difference`)."""
         return picture("plot_fit_difference", self, ax=ax)
 
     def _rows(self) -> list[tuple[str, ...]]:

@@ -41,7 +41,7 @@ def estimate_uncertainty(
     scales = (noise_model.channel.effective, noise_model.common_mode.effective)
     noise = [mixture.noise(scale) for mixture, scale in zip(mixtures, scales, strict=True)]
     if all(series.kind == 1 for series in all_series):
-        # Recordings of one channel: the common mode is all there is.
+        # A recording of one channel has only a common mode.
         noise[0] = noise[1]
     slopes = unknowns.value_derivatives(vector)
     entries = VectorEntries(problem.labels, precision, unknowns.scales(), slopes, inside)
@@ -80,7 +80,7 @@ def _series(
             d_channel, d_common_mode = d_channel[times], d_common_mode[times]
             if (beside := beside_others(counted)).any():
                 of_channels = weights.channel[times] * errors[position].channel
-                # Of the channels that count at a time, their mean takes one away.
+                # Subtracting the mean of the channels leaves one independent channel less.
                 channels = float(beside.sum() / np.count_nonzero(beside.any(axis=1)))
                 roots = np.sqrt(counted * beside)
                 series = Series(
@@ -97,7 +97,7 @@ def _series(
             used = weights.shapes.any(axis=0)
             common_mode = weights.common_mode[times]
             shapes = weights.shapes[times] * common_mode[:, None] / weights.sizes
-            # The match has each value move the sizes too: undone here.
+            # The Jacobian of the match includes the change of the amplitudes; it is removed here.
             slopes = np.zeros((len(shapes), 1, count + int(used.sum())))
             slopes[:, 0, : jacobian.shape[1]] = d_common_mode + shapes @ d_sizes
             slopes[:, 0, count:] = -shapes[:, used]
@@ -146,11 +146,13 @@ def _between_recordings(
         own = [place for place in unknowns.layout.entry_indices()[number] if inside[place]]
         own = np.cumsum(inside)[[place for place in own if place >= behind]] - 1
         of.score[own] += pull[own]
-        # The camera's sizes are solved for exactly.
+        # The camera's amplitudes are solved for exactly.
         of.score[values:] = 0.0
-    deviations = np.array([row.prior_spread or 0.0 for row in unknowns.entry_parameters])
-    deviations[len(unknowns.shared) :] = 0.0
+    standard_deviations = np.array([row.prior_spread or 0.0 for row in unknowns.entry_parameters])
+    standard_deviations[len(unknowns.shared) :] = 0.0
     is_shared = (np.arange(unknowns.size) < len(unknowns.shared)) & inside
-    # The unknowns of the series are the entries inside their bounds, then the camera's sizes.
+    # The unknowns of the series are the entries inside their bounds, then the amplitudes.
     shared = np.flatnonzero(is_shared[inside])
-    return deviations * estimate_heterogeneity(scores, prior, shared, deviations[is_shared])
+    return standard_deviations * estimate_heterogeneity(
+        scores, prior, shared, standard_deviations[is_shared]
+    )

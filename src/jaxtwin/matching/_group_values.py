@@ -58,10 +58,10 @@ def new_group_values(unknowns: Unknowns, vector: Float[np.ndarray, " unknowns"])
     """The values expected of a group that was not matched, for the parameters that differ between
     groups."""
     rows, places = unknowns.rows_of_groups()
-    deviations = np.array([(row.prior_spread, row.group_spread) for row in rows], float).reshape(
-        -1, 2
-    )
-    shared, between = np.square(deviations.T)
+    standard_deviations = np.array(
+        [(row.prior_spread, row.group_spread) for row in rows], float
+    ).reshape(-1, 2)
+    shared, between = np.square(standard_deviations.T)
     count = places.shape[1]
     weight = shared / (between + count * shared)
     lift = np.zeros((len(rows), unknowns.size))

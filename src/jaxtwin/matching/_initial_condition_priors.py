@@ -40,9 +40,9 @@ def with_prior(
 ) -> Parameter:
     """A parameter of a recording with its prior."""
     if row.name in _plate(rig) | _sinks(rig):
-        # The first readings and the differences from the room say the rest.
-        deviation = 10.0 + 0.5 * abs(first - row.value)
-        return _around(replace(row, value=first), first, deviation)
+        # The first readings and the prior of differences determine the other values.
+        standard_deviation = 10.0 + 0.5 * abs(first - row.value)
+        return _around(replace(row, value=first), first, standard_deviation)
     known = np.array([values[row.name] for values in earlier.values() if row.name in values])
     if row.is_logarithmic:
         known = np.log(known)
@@ -55,12 +55,17 @@ def with_prior(
     return _around(row, centre, math.sqrt(variance))
 
 
-def _around(row: Parameter, centre: float, deviation: float) -> Parameter:
+def _around(row: Parameter, centre: float, standard_deviation: float) -> Parameter:
     """The parameter with a prior, and with bounds that do not cut the prior off."""
     if row.is_logarithmic:
-        return replace(row, prior_value=centre, prior_spread=deviation)
-    lower, upper = min(row.lower, centre - 5 * deviation), max(row.upper, centre + 5 * deviation)
-    return replace(row, prior_value=centre, prior_spread=deviation, lower=lower, upper=upper)
+        return replace(row, prior_value=centre, prior_spread=standard_deviation)
+    lower, upper = (
+        min(row.lower, centre - 5 * standard_deviation),
+        max(row.upper, centre + 5 * standard_deviation),
+    )
+    return replace(
+        row, prior_value=centre, prior_spread=standard_deviation, lower=lower, upper=upper
+    )
 
 
 def prior_of_differences(
@@ -78,13 +83,13 @@ def prior_of_differences(
     if not rooms:
         return LinearPrior.none(len(names))
     away = 0.0 if room is None else first - room
-    deviations = dict.fromkeys(_plate(rig), math.hypot(REST_SCALE, away))
-    deviations |= dict.fromkeys(_sinks(rig), math.hypot(REST_SCALE, SINK_SHARE * away))
+    standard_deviations = dict.fromkeys(_plate(rig), math.hypot(REST_SCALE, away))
+    standard_deviations |= dict.fromkeys(_sinks(rig), math.hypot(REST_SCALE, SINK_SHARE * away))
     rows = []
-    for name, deviation in deviations.items():
+    for name, standard_deviation in standard_deviations.items():
         if name in names:
             row = np.zeros(len(names))
-            row[names.index(name)], row[rooms[0]] = 1 / deviation, -1 / deviation
+            row[names.index(name)], row[rooms[0]] = 1 / standard_deviation, -1 / standard_deviation
             rows.append(row)
     return LinearPrior(np.array(rows).reshape(-1, len(names)), np.zeros(len(rows)))
 

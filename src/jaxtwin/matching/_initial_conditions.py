@@ -198,8 +198,8 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
         (result,) = results
         if not np.isfinite(result.cost):
             break
-        # A correction of the camera in this minute must not be taken for a plate that cools. Only
-        # their times are estimated: a minute is too short to estimate the noise.
+        # Corrections of the camera are detected, because they would otherwise look like a plate
+        # that cools. A minute is too short to estimate the noise as well.
         events = update_noise_model(problem, noise_model, result.recording_errors()).events
         (simulated,) = result.temperatures()
         weights = _weights(part, sensor.effective, simulated)

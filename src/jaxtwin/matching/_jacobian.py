@@ -63,7 +63,7 @@ def weighted_jacobian(
             columns.append(whole.at[entries, recording].set(flat).reshape(size, -1))
     columns.append(jnp.diag(jnp.asarray(objective.prior_weights)))
     columns.append(jnp.asarray(objective.linear_prior.matrix).T)
-    # Turned last, where it costs nothing: products of the columns do not care how they lie.
+    # Transposed last, which costs nothing: products of columns do not depend on the layout.
     return jnp.concatenate(columns, axis=1).T
 
 

@@ -140,7 +140,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
         aux_struct: PyTree,
         tags: frozenset[object],
     ) -> LMState:
-        """A state with nothing computed yet: the first step evaluates the start."""
+        """Returns a state in which nothing is computed yet. The first step evaluates the start."""
         del fn, args, f_struct, tags
         vector, _ = ravel_pytree(y)
         return self.first_state(vector, _search_space(options, vector), aux_struct)
@@ -180,12 +180,12 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
         return unravel(new_vector), new_state, new_state.aux
 
     def first_state(self, vector: Vector, space: SearchSpace, aux_struct: PyTree) -> LMState:
-        """The state before anything was computed.
+        """Returns the state before the first evaluation.
 
         **Arguments:**
 
         - `vector`: the start. `space`: its bounds and scale.
-        - `aux_struct`: shapes and types of what the residuals come with.
+        - `aux_struct`: shapes and types of the auxiliary output of the residuals.
         """
         n, dtype = vector.size, vector.dtype
         return LMState(
@@ -239,7 +239,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
         )
         steepest = jnp.max(jnp.where(held, 0.0, cosine), initial=0.0)
 
-        # Nielsen: less damping the better the linear model was, else ever more.
+        # Nielsen: the better the linear model, the less damping; after rejections it grows ever
+        # faster.
         eased = state.damping * jnp.maximum(1 / 3, 1 - (2 * ratio - 1) ** 3)
         damping = chosen(eased, state.damping * state.growth)
         damping = jnp.where(state.is_first, state.damping, jnp.clip(damping, 1e-12, 1e12))
@@ -349,7 +350,7 @@ def _triangle_of(columns: Float[Array, "columns rows"]) -> Float[Array, "columns
         products = q @ q.T
         lengths = jnp.sqrt(jnp.diag(products))
         divisors = jnp.where(lengths > 0, lengths, 1.0)
-        # Columns that depend on others leave nothing behind: the shift keeps the factor defined.
+        # Dependent columns leave a zero on the diagonal; the shift keeps the factor defined.
         factor = jnp.linalg.cholesky(products / jnp.outer(divisors, divisors) + shift)
         lower = lower @ (lengths[:, None] * factor)
         q = (jax.scipy.linalg.solve_triangular(factor, identity, lower=True) / divisors) @ q

@@ -204,7 +204,7 @@ def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]])
     if table.get("format") != FORMAT:
         _refuse(source, "fit.format", f"expected {FORMAT}, got {table.get('format')!r}")
     try:
-        # As JSON: strict about types, and lists may stand for tuples.
+        # Validated as JSON, which is strict about types and accepts lists as tuples.
         text = json.dumps(table | {"parameters": rows}, default=str)
         stored = STORED.validate_json(text, strict=True)
     except pydantic.ValidationError as problem:
@@ -337,7 +337,7 @@ def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Co
     count = shapes_needed(problem, noise_model)
     weights = recording_weights(problem, noise_model, number, count)
     with jax.enable_x64(True):
-        # A sample that is missing has no weight.
+        # Missing samples have no weight.
         difference = np.nan_to_num(run.temperatures - np.asarray(experiment.temperatures))
         sizes = weights.split(jnp.asarray(difference)).sizes
         error = np.asarray(weights.shapes) @ np.asarray(sizes)

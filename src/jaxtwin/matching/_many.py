@@ -69,9 +69,9 @@ def match_many(
       eighth, or freely where they are small.
     - `groups`: the name of each recording's group in every set, as in `match`; by default the
       groups that the recordings name. The recordings of all sets must be grouped alike.
-    - `executor`: who matches the sets in place of this process, four at a time; see
-      `simulate_batch`. A fit is the same for any number of workers, and up to rounding the same as
-      without an executor.
+    - `executor`: an executor whose workers match the sets instead of this process, four at a time;
+      see `simulate_batch`. A fit is the same for any number of workers, and up to rounding the same
+      as without an executor.
     - `on_progress`: called with each `Iteration` when it ends, with an executor when its four sets
       are done; its `start` is the number of the set, counted from 0.
     - the others: as in `match`.
@@ -142,7 +142,7 @@ def _match_unit(
     optimiser: optx.AbstractLeastSquaresSolver,
     max_iterations: int,
 ) -> tuple[tuple[Fit | None, ...], list[Iteration]]:
-    """The fits of some sets, and all steps that led there."""
+    """Matches some sets, and returns their fits and all iterations."""
     iterations: list[Iteration] = []
     return _match_sets(problems, optimiser, max_iterations, iterations.append), iterations
 
@@ -153,7 +153,7 @@ def _match_sets(
     max_iterations: int,
     report: Callable[[Iteration], None],
 ) -> tuple[Fit | None, ...]:
-    """The fits of some sets, side by side."""
+    """Matches some sets side by side."""
     began = time.perf_counter()
 
     def report_step(number: int, step: DescentStep) -> None:
@@ -170,6 +170,6 @@ def _fit(problem: MatchProblem, estimate: Estimate, began: float) -> Fit | None:
     try:
         return make_fit(problem, estimate, 0, (), began)
     except (ParameterError, SimulationError, np.linalg.LinAlgError):
-        # Values without a meaning, temperatures or derivatives that are not finite: descents do not
-        # look at all of that.
+        # Values without a meaning, and temperatures or derivatives that are not finite: descents do
+        # not look at all of that.
         return None

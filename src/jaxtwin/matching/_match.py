@@ -146,7 +146,7 @@ def match(
     )
     results = [result]
     if others:
-        # They descend with the weights of the first, so that their costs can be compared.
+        # All starts use the weights of the first, so that their costs can be compared.
         results += descend(
             [make_objective(problem, noise_model)] * len(others),
             solver,

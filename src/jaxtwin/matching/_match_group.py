@@ -164,20 +164,25 @@ def _descend(problem: MatchProblem, noise_model: NoiseModel, max_iterations: int
 
 def _rows_of_start(rows: Sequence[Parameter], start: InitialConditions) -> dict[str, Parameter]:
     """The parameters of one recording, with the estimates from its first minute as priors."""
-    deviations = dict(zip(start.values, np.sqrt(np.diag(start.covariance)).tolist(), strict=True))
+    standard_deviations = dict(
+        zip(start.values, np.sqrt(np.diag(start.covariance)).tolist(), strict=True)
+    )
     found = {}
     for row in rows:
         if row.name in start.values:
-            value, deviation = start.values[row.name], deviations[row.name]
+            value, standard_deviation = start.values[row.name], standard_deviations[row.name]
             lower, upper = row.lower, row.upper
             if not row.is_logarithmic:
-                lower, upper = min(lower, value - 5 * deviation), max(upper, value + 5 * deviation)
+                lower, upper = (
+                    min(lower, value - 5 * standard_deviation),
+                    max(upper, value + 5 * standard_deviation),
+                )
             found[row.name] = replace(
                 row,
                 value=value,
                 lower=lower,
                 upper=upper,
                 prior_value=value,
-                prior_spread=deviation,
+                prior_spread=standard_deviation,
             )
     return found

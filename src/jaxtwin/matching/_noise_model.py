@@ -124,7 +124,7 @@ def _residual_noise(
             errors, common_mode_weights, channel_weights, strict=True
         )
     ]
-    # Samples that do not count are no samples.
+    # Samples without weight are left out.
     times = [weights.sum(axis=1) > 0 for weights in channel_weights]
     of_common_mode = estimate_noise(common_modes, float(sum(part.sum() for part in times)))
     if not several:

@@ -55,7 +55,7 @@ class Objective(eqx.Module):
     - `twin`: the twin with the values of the held parameters.
     - `groups`: the recordings, grouped by shape.
     - `prior_means`: prior means of the vector's entries. `prior_weights`: the reciprocals of their
-      prior standard deviations, 0 for an entry without a prior of its own.
+      prior standard deviations, 0 for an entry without a prior or with one in `linear_prior`.
     - `linear_prior`: priors of combinations of entries.
     - `layout`: the layout of the vector of unknowns.
     """
@@ -134,17 +134,17 @@ def recording_weights(
 ) -> ResidualWeights:
     """Weights of one recording, with the given number of shapes of the camera's common error."""
     time = problem.experiments[number].time
-    shapes, deviations = np.zeros((len(time), 0)), np.zeros(0)
+    shapes, standard_deviations = np.zeros((len(time), 0)), np.zeros(0)
     if problem.common_error is not None:
         events = noise_model.events[number]
-        shapes, deviations = camera_shapes(problem.common_error, time, events, count)
+        shapes, standard_deviations = camera_shapes(problem.common_error, time, events, count)
     return residual_weights(
         noise_model.channel_weights[number],
         noise_model.common_mode_weights[number],
         noise_model.channel.effective,
         noise_model.common_mode.effective,
         shapes,
-        deviations,
+        standard_deviations,
     )
 
 

@@ -1,4 +1,4 @@
-"""Random draws of what a match leaves open."""
+"""Random draws from the uncertainty of a match."""
 
 import numpy as np
 from jaxtyping import Float
@@ -13,29 +13,30 @@ from ._group_values import group_and_shared_values
 def posterior_draws(
     fit: Fit, draws: int, *, seed: int = 0, group: str | None = None
 ) -> dict[str, Float[np.ndarray, " draws"]]:
-    """Values of the rig's own parameters that a match leaves open.
+    """Draws the matched parameters of the rig from the covariance of a match.
 
-    They are drawn together from the normal distribution that the match's covariance describes, in
-    the logarithms of positive parameters, and kept inside of the parameters' bounds. Its spread
-    contains by how much the rig's own values differ from recording to recording. What belongs to a
-    single recording, such as the temperature of the room, is not drawn.
+    The parameters are drawn jointly from a normal distribution, positive parameters by their
+    logarithms, and clipped to their bounds. The covariance includes the differences of the rig
+    between recordings (`Uncertainty.between_recordings`). Values that belong to a single recording,
+    such as the ambient temperature, are not drawn.
 
-    The distribution is that of a linear model about the match. Where the recordings determine a
-    combination of parameters far better than each of them, and the combination is curved, some
-    draws lie beside the recordings: `prediction_band` is linear and has no such draws.
+    The distribution is that of a linear model at the match. If the recordings determine a nonlinear
+    combination of parameters far better than each parameter, simulations of some draws deviate from
+    the recordings. `prediction_band` is linear and is not affected.
 
     **Arguments:**
 
     - `fit`: a match.
-    - `draws`: how many.
-    - `seed`: the same seed gives the same draws.
-    - `group`: of recordings, whose values are drawn; None for a group that the match has not seen,
-      which differ more.
+    - `draws`: the number of draws.
+    - `seed`: the seed; the same seed gives the same draws.
+    - `group`: the group of recordings whose values are drawn; None for a group that was not
+      matched, whose values vary more.
 
-    **Returns:** name -> values `(draws,)` in the unit of the rig's table: `draws` of
-    `simulate_batch`, `simulate_closed_loop` and others.
+    **Returns:** name -> values `(draws,)` in the unit of the rig's table, as `simulate_batch` and
+    `simulate_closed_loop` take them.
 
-    **Raises:** `MatchError` where this is no fit, or the number is not above 0.
+    **Raises:** `MatchError` if `fit` is not a fit, the group was not matched, or a number is not a
+    positive whole number.
     """
     of_kind("posterior_draws: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     count = whole_number("posterior_draws: draws", draws, 1, MatchError)
@@ -50,12 +51,14 @@ def posterior_draws(
     known = group_and_shared_values(solution.problem.unknowns, solution.vector, number)
     between = np.diag(fit.uncertainty.between_recordings**2)
     covariance = known.covariance(fit.uncertainty.vector_covariance + between)
-    # By eigenvectors: a covariance with directions of no width has no Cholesky factor.
+    # By eigenvectors, because a singular covariance has no Cholesky factor.
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     random = np.random.default_rng(whole_number("posterior_draws: seed", seed, 0, MatchError))
     entries = known.mean + random.normal(size=(count, len(values))) @ root.T
-    with np.errstate(over="ignore"):  # of what is hardly known, which then is at its bound
+    with np.errstate(
+        over="ignore"
+    ):  # of values that are hardly known; they are clipped to their bounds
         return {
             row.name: np.clip(
                 np.exp(column) if row.is_logarithmic else column, row.lower, row.upper

@@ -153,10 +153,10 @@ def profile(
     row = unknowns.shared[entry]
     lower, upper = unknowns.lower()[entry], unknowns.upper()[entry]
     if values is None:
-        deviation = float(np.sqrt(fit.uncertainty.vector_covariance[entry, entry]))
-        if not np.isfinite(deviation) or deviation == 0:
-            deviation = float(unknowns.default_scales()[entry])
-        at = solution.vector[entry] + np.linspace(-3, 3, points) * deviation
+        standard_deviation = float(np.sqrt(fit.uncertainty.vector_covariance[entry, entry]))
+        if not np.isfinite(standard_deviation) or standard_deviation == 0:
+            standard_deviation = float(unknowns.default_scales()[entry])
+        at = solution.vector[entry] + np.linspace(-3, 3, points) * standard_deviation
         at = np.unique(np.clip(at, lower, upper))
     else:
         given = np.sort(np.asarray(values, dtype=float))
@@ -204,8 +204,8 @@ def _adjustment(fit: Fit, entry: int) -> float:
     variance = float(known.vector_covariance[entry, entry])
     if known.labels[entry] not in known.insensitive and 0 < variance < np.inf:
         return float(known.inverse_hessian[entry, entry]) / variance
-    # A value at a bound, or an undetermined one, has no covariance: all residuals by their
-    # size and correlation, the stronger of their two kinds for both.
+    # A value at a bound, or an undetermined one, has no covariance. The factor is then that of the
+    # noisier kind of residuals.
     assumed = solution_of(fit).noise_model
     pairs = zip(fit.noise, (assumed.channel, assumed.common_mode), strict=True)
     stronger = max(found.effective / counted.effective for found, counted in pairs)

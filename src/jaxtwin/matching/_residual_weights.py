@@ -18,7 +18,7 @@ class SplitErrors(NamedTuple):
 
     - `channel`: of each channel, without the common mode.
     - `common_mode`: the weighted mean over the channels, without the camera's common error.
-    - `sizes`: amplitudes of the camera's shapes.
+    - `sizes`: the amplitudes of the camera's shapes.
     """
 
     channel: Float[AnyArray, "times channels"]
@@ -73,7 +73,7 @@ def residual_weights(
     channel: float,
     common_mode: float,
     shapes: Float[np.ndarray, "times shapes"],
-    size_deviations: Float[np.ndarray, " shapes"],
+    size_standard_deviations: Float[np.ndarray, " shapes"],
 ) -> ResidualWeights:
     """Computes the weights of one recording.
 
@@ -83,19 +83,19 @@ def residual_weights(
     - `channel`, `common_mode`: standard deviations of a channel without the common mode, and of the
       common mode times the root of the number of channels, K. If they are equal, all samples have
       equal weights.
-    - `shapes`: shapes of the camera's common error. `size_deviations`: prior standard deviations of
-      their amplitudes.
+    - `shapes`: shapes of the camera's common error. `size_standard_deviations`: prior standard
+      deviations of their amplitudes.
     """
     total = samples.sum(axis=1, keepdims=True)
     share = np.divide(samples, total, out=np.zeros_like(samples), where=total > 0)
     weight = moments * total[:, 0] / common_mode**2
     weighted = shapes.T * weight
-    normal = weighted @ shapes + np.diag(1 / size_deviations**2)
+    normal = weighted @ shapes + np.diag(1 / size_standard_deviations**2)
     return ResidualWeights(
         channel=np.sqrt(samples) / channel,
         share=share,
         common_mode=np.sqrt(weight),
         shapes=shapes,
         solve=np.linalg.solve(normal, weighted),
-        sizes=1 / size_deviations,
+        sizes=1 / size_standard_deviations,
     )

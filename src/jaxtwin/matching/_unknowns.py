@@ -91,7 +91,10 @@ class Unknowns:
         """The reciprocal of the prior standard deviation of each entry by itself; 0 for an entry
         without a prior."""
         return np.array(
-            [0.0 if row.deviation is None else 1 / row.deviation for row in self.entry_parameters]
+            [
+                0.0 if row.standard_deviation is None else 1 / row.standard_deviation
+                for row in self.entry_parameters
+            ]
         )
 
     def group_entries(self) -> Int[np.ndarray, "groups entries"]:

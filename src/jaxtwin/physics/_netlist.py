@@ -118,7 +118,7 @@ class Netlist:
 
     - `nodes`, `links`, `cells`: in the order in which all arrays hold them.
     - `loss`: what makes losses nonlinear, None for nothing.
-    - `reservoirs`: what is held at temperatures of its own, beside the surroundings.
+    - `reservoirs`: what is held at a fixed temperature, beside the surroundings.
     """
 
     nodes: tuple[Node, ...]

@@ -7,7 +7,7 @@ $$C \dot x = -G x + g_{amb} a + q(x, u, a)$$
 
 $G$ is the conductance matrix of the network, $q$ the heat that the cells move (eq. 9 of the
 paper), which acts on the two sides of each cell alone, what the plate loses beyond $G$ where the
-rig's losses are nonlinear, and the constant heat of what is held at a temperature of its own.
+rig's losses are nonlinear, and the constant heat of what is held at a fixed temperature.
 Deviations instead of temperatures near 300 K keep float32 usable.
 """
 
@@ -28,7 +28,7 @@ from ._wiring import Wiring
 
 @final
 class Reservoirs(eqx.Module):
-    """What is held at temperatures of its own, beside the surroundings: coolant, an ice bath.
+    """What is held at fixed temperatures, beside the surroundings: coolant, an ice bath.
 
     **Arguments:**
 
@@ -61,7 +61,7 @@ class System(eqx.Module):
     - `gain`: of the channels. `moved_weights`: of the nodes in the channels, where the camera's
       registration says; None where they are the wiring's.
     - `loss`: what the plate loses beyond the network's links, None for nothing.
-    - `reservoirs`: what is held at temperatures of its own, None for nothing.
+    - `reservoirs`: what is held at fixed temperatures, None for nothing.
     - `lag`, `delay`: of the duty cycle that reaches the cells behind the command, s, or None.
     - `is_valid`: whether all resistances and capacitances are above 0.
     """

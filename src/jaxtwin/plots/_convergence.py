@@ -34,7 +34,7 @@ def plot_convergence(
     - `sensitivity`: the result of `jaxtwin.sensitivity` by a global method.
     - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
     - `index`: its name; None for the method's main index.
-    - `ax`: axes to draw into, or None for a figure of their own.
+    - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
 
@@ -48,7 +48,7 @@ def plot_convergence(
     has_parts = not (sensitivity.method.needs_slopes or isinstance(sensitivity.method, OneAtATime))
     if not has_parts or blocks < 2 * FEWEST:
         raise ParameterError(
-            f"sensitivity: expected a method whose first draws are an analysis of their own, with "
+            f"sensitivity: expected a method whose first draws are an analysis by themselves, with "
             f"{2 * FEWEST} draws at least, got {sensitivity.method.name} with {blocks}"
         )
     numbers = [1 << power for power in range(FEWEST.bit_length() - 1, blocks.bit_length())]

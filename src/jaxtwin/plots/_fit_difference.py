@@ -13,13 +13,13 @@ from ._style import palette, styled
 def plot_fit_difference(difference: FitDifference, *, ax: Axes | None = None) -> Axes:
     """The difference of each parameter in standard errors, the largest on top.
 
-    95 % of the differences between two matches of one rig to recordings of their own lie in the
+    95 % of the differences between two matches of one rig to different recordings lie in the
     band. Parameters without a standard error are left out.
 
     **Arguments:**
 
     - `difference`: the result of `jaxtwin.compare_fits`.
-    - `ax`: axes to draw into, or None for a figure of their own.
+    - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
     """

@@ -20,7 +20,7 @@ def plot_index_bars(
 
     - `sensitivity`: the result of `jaxtwin.sensitivity` by any global method.
     - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
-    - `ax`: axes to draw into, or None for a figure of their own.
+    - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
 

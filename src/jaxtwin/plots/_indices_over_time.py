@@ -30,7 +30,7 @@ def plot_indices_over_time(
       among its outputs.
     - `channel`: its name; None for the first. Of several recordings, the first that has it.
     - `index`: its name; None for the method's main index.
-    - `ax`: axes to draw into, or None for a figure of their own.
+    - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
 

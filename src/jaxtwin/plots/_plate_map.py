@@ -77,7 +77,7 @@ def _draw_map(
 ) -> None:
     frame(axes, rig.plate)
     for element, color in zip(rig.plate.element_names, scale.to_rgba(values), strict=True):
-        # A rim of its own colour closes the hairline between neighbours.
+        # A rim of the same colour closes the hairline between neighbours.
         axes.add_patch(rectangle(rig.plate.extent(element), fc=color, ec=color, lw=0.3))
     draw_cells(axes, rig)
     axes.set_title(title)

@@ -18,7 +18,7 @@ def plot_sensitivity_indices(
 
     - `sensitivity`: the result of `jaxtwin.sensitivity` by a global method.
     - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
-    - `ax`: axes to draw into, or None for a figure of their own.
+    - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
 

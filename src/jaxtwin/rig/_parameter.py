@@ -46,7 +46,7 @@ class Parameter:
     group_spread: float | None = None
 
     @property
-    def deviation(self) -> float | None:
+    def standard_deviation(self) -> float | None:
         """Standard deviation of a single value beforehand: of the shared one, and of a group about
         it. None where nothing is known."""
         if self.prior_spread is None or self.group_spread is None:

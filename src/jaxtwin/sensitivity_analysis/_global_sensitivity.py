@@ -119,7 +119,7 @@ class GlobalSensitivity:
 
         **Arguments:** as in `ranking`, and
 
-        - `ax`: axes to draw into, or None for a figure of their own.
+        - `ax`: axes to draw into, or None for a new figure.
         """
         return picture("plot_sensitivity_indices", self, output, ax=ax)
 
@@ -132,7 +132,7 @@ class GlobalSensitivity:
 
         - `channel`: its name; None for the first.
         - `index`: its name; None for the method's main index.
-        - `ax`: axes to draw into, or None for a figure of their own.
+        - `ax`: axes to draw into, or None for a new figure.
 
         **Raises:** `ParameterError` where there is no such channel with several times.
         """

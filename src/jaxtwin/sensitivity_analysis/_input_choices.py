@@ -91,19 +91,19 @@ def _in_bounds(twin: Twin, row: Parameter) -> Uniform:
 def _priors(twin: Twin, parameters: Iterable[str] | None) -> Inputs:
     rows = [twin.rig.parameters[name] for name in drawn_names(twin, parameters)]
     if parameters is None:
-        rows = [row for row in rows if row.deviation is not None]
+        rows = [row for row in rows if row.standard_deviation is not None]
     marginals: dict[str, AbstractMarginal] = {}
     for row in rows:
-        if row.deviation is None:
+        if row.standard_deviation is None:
             raise ParameterError(
                 f"{twin.rig.name}: parameter {row.name}: expected a prior, got none; give it one "
                 "in the rig file, or leave it out with parameters=[...]"
             )
         middle = row.value if row.prior_value is None else row.prior_value
         if row.is_logarithmic:
-            marginals[row.name] = LogNormal(middle, row.deviation)
+            marginals[row.name] = LogNormal(middle, row.standard_deviation)
         else:
-            marginals[row.name] = Normal(middle, row.deviation, row.lower, row.upper)
+            marginals[row.name] = Normal(middle, row.standard_deviation, row.lower, row.upper)
     if not marginals:
         raise ParameterError(
             f'{twin.rig.name}: inputs "priors": expected priors in the rig file, got none; use '

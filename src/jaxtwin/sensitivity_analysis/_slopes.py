@@ -30,7 +30,7 @@ def slopes_of(
     draws: Mapping[str, Float[np.ndarray, " draws"]],
     reductions: AskedReductions,
 ) -> list[Reductions]:
-    """The derivatives of reductions in each parameter, as reductions of their own.
+    """The derivatives of reductions with respect to each parameter, as further reductions.
 
     They are NaN for draws that the default solver would run again on shorter steps.
 

@@ -53,8 +53,8 @@ def compress(grid: TimeGrid, recorded: Float[np.ndarray, "times channels"]) -> C
     steps, first, counts = np.unique(step_of, return_index=True, return_counts=True)
     is_long = (counts > POWERS) & np.logical_and.reduceat(whole, first)
     short = ~np.repeat(is_long, counts)
-    # The samples of each long step in a table of its own, filled up with nothing: one
-    # factorisation of all, as a loop over steps would take longer than many a draw.
+    # The samples of each long step in a separate table, padded with zeros. One factorisation of all
+    # tables is faster than a loop over steps, which would take longer than many draws.
     place = np.arange(counts.max())
     filled = place < counts[is_long, None]
     own = samples[np.where(filled, first[is_long, None] + place, 0)]

@@ -1,6 +1,6 @@
 """The compiled programs in which a diffrax solver runs a twin: one run, or a chunk of draws.
 
-They are in a module of their own because diffrax takes a third of a second to import, and the
+They are in a separate module because diffrax takes a third of a second to import, and the
 default solver does not need it.
 """
 

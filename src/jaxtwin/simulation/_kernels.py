@@ -105,7 +105,7 @@ def step_chunk(
 
     **Arguments:**
 
-    - `grid`: the time grid that draws without a grid of their own use.
+    - `grid`: the time grid that the draws share.
     - `columns`: the positions of the requested channels among those of the rig.
     - `with_plate`, `with_sides`: whether the plate's elements and the sides of the cells are read.
     """

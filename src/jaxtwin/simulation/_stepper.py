@@ -329,13 +329,13 @@ def advance(
     surroundings = ambient + ZERO_CELSIUS - stepper.reference
     modal_heat = None if heat is None else modes.shapes.T @ heat
     if system.delay is None:
-        commands, arriving = state.commands, command[None]
+        commands, delayed = state.commands, command[None]
     else:
         commands = jnp.concatenate([command[None], state.commands[:-1]])
         places = stepper.delay_steps + jnp.arange(len(stepper.sizes))[::-1]
-        arriving = commands[places]
+        delayed = commands[places]
     amplitudes, duty = state.amplitudes, state.duty
-    now = arriving[0] if system.lag is None else duty
+    now = delayed[0] if system.lag is None else duty
     line = _loss_line(stepper, state, now, surroundings, modal_heat, loss_dtype)
     begin = jnp.zeros_like(stepper.sizes[0])
     for number in range(len(stepper.sizes)):
@@ -343,7 +343,7 @@ def advance(
         factors = jax.tree.map(lambda table, n=number: table[n], stepper.factors)
         times = begin + size * _stages(size)
         flow = modal_heat if line is None else line.first + times[:, None] * line.slope
-        inputs, duty = _inputs(system, duty, arriving[number], size, surroundings, flow)
+        inputs, duty = _inputs(system, duty, delayed[number], size, surroundings, flow)
         if line is not None and len(stepper.sizes) == 1:
             force = line.force
         else:
