@@ -10,8 +10,8 @@ from jaxtyping import Array, Float, Int
 
 
 def eliminate(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:
-    """What `matrix @ x = right` is solved by, for a matrix of a few rows, with pivots from each
-    column's largest entry."""
+    """Solves `matrix @ x = right` for a matrix of a few rows. The pivots are the largest entries of
+    the columns."""
     rows = jnp.arange(right.size)
 
     def clear_column(

@@ -7,7 +7,7 @@ Catch `JaxtwinError` to catch them all.
 
 
 class JaxtwinError(Exception):
-    """What every error that jaxtwin raises on bad input is."""
+    """The base class of all errors that jaxtwin raises on bad input."""
 
 
 class RigError(JaxtwinError):

@@ -24,7 +24,7 @@ POLL = 0.2
 
 @runtime_checkable
 class Job(Protocol):
-    """What an executor gives for a unit: a `concurrent.futures.Future`, or the like."""
+    """The job of a unit on an executor: a `concurrent.futures.Future`, or an object like it."""
 
     def result(self) -> Any: ...
 

@@ -29,13 +29,13 @@ def eigh(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, 
 
 @custom_vmap
 def solve_definite(matrix: Float[Array, "n n"], right: Float[Array, "n m"]) -> Float[Array, "n m"]:
-    """What `matrix @ x = right` is solved by for a matrix that is symmetric and positive definite;
+    """Solves `matrix @ x = right` for a matrix that is symmetric and positive definite;
     NaN for one that is not. Has no derivatives."""
     return jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), right)
 
 
 def solve(matrix: Float[Array, "n n"], right: Float[Array, "n *m"]) -> Float[Array, "n *m"]:
-    """What `matrix @ x = right` is solved by; differentiable in both."""
+    """Solves `matrix @ x = right`; differentiable in both."""
     return jax.lax.custom_linear_solve(
         lambda x: matrix @ x,
         right,

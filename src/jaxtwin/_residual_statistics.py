@@ -84,7 +84,8 @@ def about_mean(residuals: Float[np.ndarray, " times"]) -> Float[np.ndarray, " ti
 
 
 def normal_quantiles(count: int) -> Float[np.ndarray, " count"]:
-    """Where `count` sorted samples of a standard normal distribution are expected (Blom 1958)."""
+    """The expected values of `count` sorted samples of a standard normal distribution (Blom
+    1958)."""
     from scipy.special import ndtri
 
     return ndtri((np.arange(1, count + 1) - 0.375) / (count + 0.25))

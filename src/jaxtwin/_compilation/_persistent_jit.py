@@ -212,7 +212,7 @@ class _PersistentJit(Generic[P, T]):
 
 
 def _signature(array: Any) -> Hashable:
-    """What a program depends on of an array."""
+    """The properties of an array on which a program depends."""
     committed = isinstance(array, jax.Array) and array.committed
     return (
         array.shape,
@@ -228,7 +228,7 @@ def _settings() -> Hashable:
 
 
 def _default_device() -> Any:
-    """What `jax.default_device` says: a device, a platform's name, or None."""
+    """The value of `jax.default_device`: a device, the name of a platform, or None."""
     return jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -242,7 +242,7 @@ def _jax_keeps_programs() -> bool:
 
 
 def _only_device(arrays: list[Any]) -> Any:
-    """Where a program runs, None if it is spread over several devices."""
+    """The device on which a program runs, None if it runs on several."""
     committed = {
         device
         for array in arrays

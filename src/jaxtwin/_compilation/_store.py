@@ -24,13 +24,13 @@ DIGEST = hashlib.sha256().digest_size
 @final
 @dataclass(frozen=True)
 class CacheState:
-    """Where compiled programs are kept.
+    """The state of the folder in which compiled programs are kept.
 
     **Arguments:**
 
-    - `folder`: None where none are kept.
-    - `reason`: who decided.
-    - `files`, `size`: what lies there, bytes.
+    - `folder`: the folder; None if programs are not kept.
+    - `reason`: the setting that determined the folder.
+    - `files`, `size`: the number of its files and their size, bytes.
     """
 
     folder: Path | None
@@ -40,7 +40,7 @@ class CacheState:
 
 
 def cache_state() -> CacheState:
-    """Where compiled programs are kept in this process, and what is there."""
+    """The folder in which this process keeps compiled programs, and its contents."""
     folder, reason = _chosen()
     if folder is not None and not os.access(_existing(folder), os.W_OK):
         return CacheState(None, f"off, {folder} cannot be written to", 0, 0)

@@ -97,7 +97,7 @@ def decoupled_pi_law(controller: DecoupledPI, name: str, precision: str) -> Law:
 def _matrix(
     name: str, mean: Numbers, difference: Numbers, cells: int
 ) -> Float[np.ndarray, "cells cells"]:
-    """From the errors to what the two gains make of them."""
+    """The matrix of the two gains, from the errors to the cells."""
     of_mean = np.full((cells, cells), 1 / cells)
     return of_cells(f"{name}_mean", mean, cells)[:, None] * of_mean + of_cells(
         f"{name}_difference", difference, cells

@@ -43,7 +43,7 @@ def discrete_model_c(model: DiscreteModel, name: str, precision: str, origin: st
 
 
 def _moved_commands(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n inputs"]) -> int:
-    """How many of the last states are commands that are moved from place to place."""
+    """The number of states at the end that are commands in transit."""
     states, inputs = B.shape
     shifts = 0
     while (shifts + 1) * inputs < states:

@@ -22,10 +22,10 @@ PRECISIONS = ("double", "float")
 @final
 @dataclass(frozen=True)
 class CSources:
-    """What `export_c` wrote.
+    """The files that `export_c` wrote, and their sizes.
 
     - `header`, `source`: the two files.
-    - `coefficient_bytes`: of constants. `state_bytes`: of the struct that holds the state.
+    - `coefficient_bytes`: the size of the constants. `state_bytes`: the size of the state's struct.
     """
 
     header: Path

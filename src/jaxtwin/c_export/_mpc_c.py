@@ -72,7 +72,7 @@ def _parameters(controller: MPC) -> list[str]:
 
 
 def _scale(hessian: np.ndarray) -> float:
-    """By what a program is divided."""
+    """The number by which a quadratic program is divided."""
     return float(np.max(np.abs(np.diag(hessian))))
 
 

@@ -50,7 +50,7 @@ def stepper_c(
 
 
 class _Sizes:
-    """How large everything is, and which terms the equations have."""
+    """The sizes of all arrays, and the terms of the equations."""
 
     def __init__(self, stepper: Stepper):
         system = stepper.system
@@ -347,7 +347,7 @@ static void {name}_losses(const {real} z[{sizes.modes}], {real} ambient,
 
 
 def _held(sizes: _Sizes, name: str) -> str:
-    """What adds the forces by reservoirs, where there are any."""
+    """The C that adds the forces of reservoirs; empty without any."""
     return f" + {name}_held[m]" if sizes.has_reservoirs else ""
 
 

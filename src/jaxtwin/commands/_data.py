@@ -42,7 +42,7 @@ def fetch(
 
 
 def _place(name: str) -> str:
-    """Where a published recording lies; empty where it does not."""
+    """The path of a published recording; empty if it was not downloaded."""
     from .._errors import RecordingError
     from ..io import find_recordings
 

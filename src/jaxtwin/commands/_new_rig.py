@@ -107,7 +107,7 @@ def new_rig(
 
 
 def _answer(given: str | None, asked: Asked, check: Callable[[str], object]) -> str:
-    """What an option gives, or what a person answers; who answers wrongly is asked again.
+    """The value of an option, or the answer of a person, who is asked again after a wrong answer.
 
     **Arguments:**
 

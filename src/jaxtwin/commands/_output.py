@@ -42,7 +42,7 @@ def check_output(path: Path | None, *endings: str, option: str = "--out") -> Non
 
 
 def check_json(path: Path | None) -> None:
-    """The same for `--json`, where - is standard output."""
+    """Checks the file of `--json` in the same way; - is standard output."""
     if path != STDOUT:
         check_output(path, ".json", option="--json")
 

@@ -143,12 +143,11 @@ def run_loop(
     scenario: Scenario,
     single_precision_losses: bool = False,
 ) -> ClosedLoop:
-    """The same on a twin that is prepared for stepping, in its precision.
+    """Runs a controller on a stepper, in the precision of the stepper.
 
     **Arguments:**
 
-    - `single_precision_losses`: whether the losses of the plate that are not linear are computed in
-      float32, whatever the precision of the rest.
+    - `single_precision_losses`: whether the nonlinear losses of the plate are computed in float32.
     """
     dtype = stepper.reference.dtype
     controller, scenario = in_precision((controller, scenario), dtype)

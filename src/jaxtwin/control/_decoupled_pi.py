@@ -175,7 +175,10 @@ def decoupling_of(gain: npt.ArrayLike) -> Float[np.ndarray, "cells cells"]:
 
 
 def check_decoupling(where: str, decoupling: np.ndarray, cells: int) -> None:
-    """**Raises:** `ControlError` if the decoupling is not an invertible, finite matrix."""
+    """Refuses a decoupling that is not an invertible, finite matrix.
+
+    **Raises:** `ControlError`.
+    """
     size = (cells, cells)
     if (
         decoupling.shape != size

@@ -23,7 +23,7 @@ AT_ONCE = 256
 def frequency_response(
     model: "LinearModel", omega: Float[np.ndarray, " frequency"]
 ) -> Complex[np.ndarray, "frequency output input"]:
-    """The response of a model with NumPy numbers at frequencies, rad/s."""
+    """Computes the response of a model with NumPy numbers at frequencies, rad/s."""
     A, B, C, D = (np.asarray(matrix) for matrix in (model.A, model.B, model.C, model.D))
     unit = np.eye(len(A))
     parts = [omega[first : first + AT_ONCE] for first in range(0, len(omega), AT_ONCE)]
@@ -37,7 +37,7 @@ def frequency_response(
 def traced_response(
     model: "LinearModel", omega: Float[Array, " frequency"]
 ) -> Complex[Array, "frequency output input"]:
-    """The same inside JAX transformations."""
+    """Computes the response of a model inside JAX transformations."""
     A, B, C, D = (jnp.asarray(matrix) for matrix in (model.A, model.B, model.C, model.D))
     unit = jnp.eye(len(A), dtype=A.dtype)
     right = jnp.concatenate([B, jnp.zeros_like(B)])

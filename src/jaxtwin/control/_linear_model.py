@@ -347,7 +347,7 @@ class LinearModel(eqx.Module):
         return balanced(np.asarray(self.A), np.asarray(self.B), np.asarray(self.C))
 
     def _shifts(self, sample_time: float, longest_delay_s: float | int | None) -> int:
-        """How many commands can be on their way."""
+        """The number of commands that can be in transit."""
         if not self.is_delayed:
             return 0
         where = "discretise: longest_delay_s"

@@ -46,7 +46,7 @@ class Margins(NamedTuple):
 
 
 class DiskMargin(NamedTuple):
-    """How much gain and phase of all channels may change at the same time.
+    """The changes of gain and phase of all channels at the same time that keep the loop stable.
 
     - `margin`: the size of the disk in which they may change.
     - `gain`: the smallest and the largest factor of the gain if the phase does not change.

@@ -99,7 +99,7 @@ def _recording_parameter(parameter: Parameter) -> Parameter:
 def _write_csv(
     path: Path, experiment: Experiment, temperatures: Float[np.ndarray, "times channels"]
 ) -> None:
-    """As counts and hundredths of a degree, which is a third of the size of all digits."""
+    """Writes counts and hundredths of a degree, a third of the size of all digits."""
     titles = [f"{name}_degC" for name in experiment.channels]
     lines = [
         f"# Synthetic: made by the twin of {RIG} with the parameters in synthetic-truth.toml and",

@@ -35,7 +35,7 @@ TRAPS = {
 
 
 def examine() -> dict[str, dict[str, str]]:
-    """What jaxtwin runs on.
+    """Examines versions, machine, JAX, caches and recordings.
 
     **Returns:** section -> entry -> text, in the order in which to print them.
     """

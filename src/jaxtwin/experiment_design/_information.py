@@ -54,7 +54,7 @@ class NoisePrediction(NamedTuple):
 
 
 class Evaluated(NamedTuple):
-    r"""What is known about a schedule.
+    r"""The information in the recording of a schedule, and its highest temperatures.
 
     - `normal`, `meat`: $J^T J$ and $J^T \Gamma J$.
     - `reading`, `side`: the highest temperature of a channel, and of a cell's side, degC.

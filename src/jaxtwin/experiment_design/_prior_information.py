@@ -34,10 +34,10 @@ Square = Float[np.ndarray, "entries entries"]
 @final
 @dataclass(frozen=True, eq=False)
 class PriorInformation:
-    r"""What is known before the new recording.
+    r"""The information before the new recording.
 
     - `twin`: the twin with the values that are expected in the new recording.
-    - `unknowns`: of a match of the new recording alone.
+    - `unknowns`: those of a match of only the new recording.
     - `vector`: their values. `scale`: how far each is expected to move.
     - `normal`, `meat`: $A_0$ and $M_0$ of all entries: those of the match of today, followed by
       those that the new recording brings.

@@ -47,7 +47,7 @@ class Schedules:
 
     @property
     def duration(self) -> float:
-        """From the first sample to the last, s."""
+        """The time from the first sample to the last, s."""
         return self.hold * self.steps
 
     def experiment(self, counts: Counts, name: str = "") -> Experiment:

@@ -38,7 +38,7 @@ SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": (
 @final
 @dataclass(frozen=True)
 class FMU:
-    """What `export_fmu` wrote.
+    """The file that `export_fmu` wrote, and its variables.
 
     - `path`: the file.
     - `inputs`, `outputs`: names of its variables. Those of the nodes, `node.NAME`, can be set
@@ -145,7 +145,7 @@ def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str
 
 
 def _platform(version: str) -> tuple[str, str]:
-    """How FMI calls this machine, and the ending of its libraries.
+    """The name of this platform in FMI, and the ending of its libraries.
 
     **Raises:** `ControlError` for a system that FMI has no name for.
     """

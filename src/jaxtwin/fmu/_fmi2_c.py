@@ -9,7 +9,7 @@ from ._c_functions import NOTHING_AT_ALL, of_state, refused
 
 
 def fmi2_c() -> str:
-    """What follows the instance."""
+    """Returns the functions of FMI 2, which follow the instance in the source."""
     return _TYPES + "".join(_refused()) + _FUNCTIONS + of_state("fmi2", "FMUstate")
 
 

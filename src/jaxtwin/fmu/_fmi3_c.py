@@ -10,7 +10,7 @@ from ._c_functions import NOTHING_AT_ALL, of_state, refused
 
 
 def fmi3_c() -> str:
-    """What follows the instance."""
+    """Returns the functions of FMI 3, which follow the instance in the source."""
     return _TYPES + "".join(_refused()) + _FUNCTIONS + of_state("fmi3", "FMUState")
 
 

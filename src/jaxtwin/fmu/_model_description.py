@@ -89,7 +89,7 @@ def model_description(
 
 
 def build_description(identifier: str, sources: Sequence[str]) -> bytes:
-    """What FMI 3 wants to know of the sources."""
+    """The build description of the sources, which FMI 3 requires."""
     root = ET.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
     configuration = ET.SubElement(root, "BuildConfiguration", {"modelIdentifier": identifier})
     group = ET.SubElement(configuration, "SourceFileSet", {"language": "C99"})

@@ -90,7 +90,7 @@ def experiment_of_columns(
 
 
 def _hint(name: str) -> str:
-    """What a column of another name might be meant for: the end of a message, or nothing."""
+    """Suggests what an unknown column may mean, for the end of a message; empty without an idea."""
     cell = re.fullmatch(r"(duty|pwm|)[ _-]*(p|cell|)[ _-]*0*([1-9]\d*)(_%)?", name.lower())
     if cell and (cell[1] or cell[2]):
         return f"; is it {cell[1] or 'duty'}_P{cell[3]}{cell[4] or ''}?"

@@ -149,7 +149,7 @@ def _decoded(content: bytes) -> str:
 
 
 def _separator(text: str) -> str:
-    """What the line of names is divided by."""
+    """The separator of the line of names."""
     lines = (line for line in text.splitlines() if line.strip() and not _is_note(line))
     names = re.sub(r'"[^"]*"', "", next(lines, ""))
     return max(",", ";", "\t", key=names.count)

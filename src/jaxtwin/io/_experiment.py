@@ -176,17 +176,17 @@ class Experiment:
 
     @property
     def n_cells(self) -> int:
-        """How many cells are driven."""
+        """The number of cells."""
         return self.duty.shape[1]
 
     @property
     def duration(self) -> float:
-        """From the first sample to the last, s."""
+        """The time from the first sample to the last, s."""
         return float(self.time[-1] - self.time[0])
 
     @property
     def sampled(self) -> Bool[np.ndarray, "times channels"]:
-        """Where there is a recorded temperature: False at a missing sample."""
+        """Whether a temperature was recorded, `(times, channels)`: False at a missing sample."""
         if self.temperatures is None:
             return np.zeros((len(self.time), len(self.channels)), bool)
         return ~np.isnan(self.temperatures)
@@ -262,7 +262,7 @@ class Experiment:
         )
 
     def select(self, channels: Iterable[str]) -> "Experiment":
-        """The same experiment with these channels only, in this order.
+        """Returns the experiment with only these channels, in this order.
 
         **Arguments:**
 
@@ -340,7 +340,7 @@ class Experiment:
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time_s"))
 
     def plot(self) -> "Figure":
-        """What was recorded: the channels' temperatures above the cells' duty cycles. Several
+        """Plots the channels' temperatures above the cells' duty cycles. Several
         experiments side by side are drawn by `jaxtwin.plots.plot_recordings`."""
         return picture("plot_recordings", [self])
 
@@ -383,7 +383,7 @@ class Experiment:
         ]
 
     def _missing(self) -> str:
-        """How many samples are missing, and which channels have none at all."""
+        """Text on the number of missing samples, and on channels without any sample."""
         number = self.sampled.size - np.count_nonzero(self.sampled)
         text = f"{number} of {_count(self.sampled.size, 'sample')} missing"
         return f"{text}, {', '.join(self.unsampled)} without any" if self.unsampled else text

@@ -54,7 +54,7 @@ def find_recordings(
 
 
 def cache_folder() -> Path:
-    """Where `fetch_recordings` puts what it fetches, by the custom of the operating system."""
+    """The folder in which `fetch_recordings` puts recordings, by the convention of the system."""
     import pooch
 
     return Path(pooch.os_cache("jaxtwin")) / "recordings"

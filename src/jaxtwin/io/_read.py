@@ -121,7 +121,8 @@ def _content(file: Path) -> bytes:
 
 
 def _kind(file: Path, content: bytes) -> str:
-    """What the content is; the ending only decides what is said about a file that is broken."""
+    """Recognises the format by the content. The ending only determines the message about a broken
+    file."""
     ending = file.suffix.lower()
     if is_matlab5(content):
         return "mat"

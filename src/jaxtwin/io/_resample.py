@@ -49,12 +49,12 @@ def bin_means_by_run(
     grid: Float[np.ndarray, " grid"],
     step: float,
 ) -> Float[np.ndarray, "grid columns"]:
-    """The same, with NaN where two runs of a recorder meet: no mean is taken over both.
+    """Computes the means of `bin_means`, with NaN for bins that contain samples of two runs.
 
     **Arguments:**
 
     - `time`, `values`, `grid`, `step`: as for `bin_means`.
-    - `run`: the number of the run that each sample is of.
+    - `run`: the number of the run to which each sample belongs.
     """
     means = np.full((len(grid), values.shape[1]), np.nan)
     found = np.zeros(len(grid), np.int64)

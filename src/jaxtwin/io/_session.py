@@ -271,7 +271,7 @@ class Session:
 
 
 def _longest_gap(time: Float[np.ndarray, " samples"]) -> str:
-    """Where nothing was recorded for longest, in words."""
+    """Text on the longest time without a record."""
     last = int(np.argmax(np.diff(time)))
     return f"nothing was recorded from {time[last]:g} s to {time[last + 1]:g} s"
 

@@ -63,7 +63,7 @@ class Columns:
 
     @classmethod
     def of(cls, metadata: dict[str, Any]) -> "Columns":
-        """From a recording's metadata."""
+        """Makes the names from the metadata of a recording."""
         return cls(
             pwm=tuple(f"pwm_{cell}" for cell in metadata["cells"]),
             temperatures=tuple(f"{channel}_degC" for channel in metadata["channels"]),

@@ -29,7 +29,7 @@ ASK_AGAIN = 1.0
 
 @runtime_checkable
 class Journal(Protocol):
-    """What keeps the records: a `Recorder`, for example."""
+    """An object that keeps the records, such as a `Recorder`."""
 
     def counted(self, link: str) -> Counters:
         """Up to which message each device of a link has been recorded."""

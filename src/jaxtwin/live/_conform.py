@@ -23,7 +23,7 @@ OWNER, OTHER = "conform-1", "conform-2"
 
 
 class Finding(NamedTuple):
-    """What a step of the script tested, and what was wrong (`""`: nothing)."""
+    """The test of one step of the script, and the error that it found (`""` for none)."""
 
     step: str
     wrong: str

@@ -41,9 +41,9 @@ class Faults:
 
     @classmethod
     def parse(cls, text: str) -> "Faults":
-        """From words such as `"drop=0.01,stall=30/5,loosen=P1@300/10"`.
+        """Parses text such as `"drop=0.01,stall=30/5,loosen=P1@300/10"`.
 
-        **Raises:** `LinkError`, which quotes the wrong word.
+        **Raises:** `LinkError` that quotes the wrong word.
         """
         fields: dict[str, object] = {}
         for word in filter(None, (part.strip() for part in text.split(","))):
@@ -55,7 +55,10 @@ class Faults:
         return cls(**fields)  # pyright: ignore[reportArgumentType]
 
     def check_cells(self, cells: tuple[str, ...]) -> None:
-        """**Raises:** `LinkError` where a fault names a cell that the rig does not have."""
+        """Checks the cells that faults name.
+
+        **Raises:** `LinkError` if the rig does not have one of them.
+        """
         for fault in (self.loosen, self.fail):
             if fault is not None and fault[0] not in cells:
                 raise LinkError(

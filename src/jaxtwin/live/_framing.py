@@ -29,7 +29,7 @@ _ZERO, _NEWLINE = b"\x00", b"\n"
 
 
 class Deframed(NamedTuple):
-    """What some bytes held.
+    """The frames in some bytes.
 
     - `frames`: in their order; a line without its checksum is a `str`, a packet without its
         checksum is `bytes`.
@@ -70,8 +70,8 @@ def deframe(rest: bytes, data: bytes) -> Deframed:
 
 
 def delines(rest: bytes, data: bytes) -> tuple[list[str], bytes]:
-    """The same for a link that carries lines only, as from a host: nothing waits for the end of a
-    packet that never comes.
+    """Divides the bytes of a link that carries only lines, such as those of a host. Unlike
+    `deframe` it does not wait for the end of a packet.
 
     **Returns:** the lines, and the rest for the next call, at most `LINE_BYTES`.
     """

@@ -44,7 +44,7 @@ class LiveTwin:
 
     @property
     def temperatures(self) -> Float[np.ndarray, " channels"]:
-        """What the camera should read now, degC."""
+        """The readings that the twin predicts for now, degC."""
         if self._temperatures is None:  # the ambient has changed since the last step
             self._temperatures = self._step(0)
         return self._temperatures

@@ -86,7 +86,7 @@ def _name_after(origin: str, steps: int) -> str:
 
 
 def _steps(name: str, origin: str) -> int:
-    """How often the clock has stepped of a start that is counted under this name."""
+    """The number of clock steps of the start that is counted under this name."""
     return 0 if name == origin else int(name.rpartition(".")[2])
 
 

@@ -40,9 +40,9 @@ class MqttAddress:
 
     @classmethod
     def parse(cls, url: str) -> "MqttAddress":
-        """From a URL.
+        """Parses a URL.
 
-        **Raises:** `LinkError`, without the password, where it is something else.
+        **Raises:** `LinkError`, without the password, if it is not an MQTT address.
         """
         shown = without_password(url)
         try:

@@ -113,7 +113,7 @@ def _number(value: ArrayLike) -> float:
 
 
 def _fastest(live: LiveTwin) -> float:
-    """How fast any reading can change, K/s: heated, cooled and heated again with full duty."""
+    """The fastest change of any reading, K/s: heated, cooled and heated again with full duty."""
     full = np.ones(len(live.system.wiring.cold))
     reading, fastest = live.temperatures, 0.0
     for duty in (full, -full, full):

@@ -105,7 +105,7 @@ def _is_fresh(record: Sample | Reading | None, bench: Bench) -> bool:
 
 
 def _missing(bench: Bench, sample: Sample | None, reading: Reading | None) -> str:
-    """What a rig lacks that did not become ready."""
+    """Text on what a rig that did not become ready lacks."""
     words = [", ".join(f"{name} {state}" for name, state in bench.states.items())]
     words += [f"{name}: {why}" for name, why in bench.refusals.items()]
     words += [] if reading is not None else ["no temperatures"]

@@ -29,7 +29,7 @@ log = logging.getLogger("jaxtwin.live")
 
 @runtime_checkable
 class Server(Protocol):
-    """Where a virtual rig is reached."""
+    """A server behind which a virtual rig is reached."""
 
     url: str
     """The address to connect to."""

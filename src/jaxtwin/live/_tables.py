@@ -28,10 +28,10 @@ _APPEND_ONLY = (
 
 
 def metadata_of(rig: Rig) -> dict[str, Any]:
-    """What a recording says about its rig.
+    """The metadata of a recording about its rig.
 
-    **Raises:** `RecordingError` where names differ in upper and lower case only: SQLite does not
-    tell such columns apart.
+    **Raises:** `RecordingError` if names differ only in upper and lower case, which SQLite does not
+    distinguish.
     """
     identity = Identity.of(rig)
     for names in (identity.cells, identity.channels):
@@ -55,7 +55,7 @@ def metadata_of(rig: Rig) -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Of the programs that make a recording."""
+    """The versions of the programs that make a recording."""
     return {
         "jaxtwin": version("jaxtwin"),
         "python": platform.python_version(),

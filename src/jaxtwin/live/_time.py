@@ -22,7 +22,7 @@ class Clock(Protocol):
         ...
 
     def utc(self) -> int:
-        """What the system's clock says, ns since 1970; it may step."""
+        """The time of the system's clock, ns since 1970; it may step."""
         ...
 
     def is_synchronised(self) -> bool | None:

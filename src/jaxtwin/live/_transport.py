@@ -18,7 +18,7 @@ class Transport(Protocol):
     """An open connection. Its calls raise `OSError` once it is broken."""
 
     def read(self) -> bytes:
-        """What is there, after waiting at most `READ_SECONDS`; empty where nothing came."""
+        """Returns the bytes that arrived, after waiting at most `READ_SECONDS`; empty for none."""
         ...
 
     def write(self, data: bytes) -> None:

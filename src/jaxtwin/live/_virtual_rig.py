@@ -126,7 +126,7 @@ class VirtualRig:
         return self.stage.pwm
 
     def connected(self, client: object = None) -> bytes:
-        """What a new connection is greeted with; `client` names it."""
+        """Returns the greeting of a new connection; `client` is its name."""
         self._rests[client] = b""
         return encode(self.hello)
 

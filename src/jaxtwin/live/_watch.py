@@ -25,11 +25,12 @@ _RATE_SECONDS = 5.0
 
 @final
 class Screen:
-    """What is shown, from records alone: a link, a recording or a test may feed it.
+    """The contents of the screen, computed from records: a link, a recording or a test may provide
+    them.
 
     **Arguments:**
 
-    - `twin`: rig and parameters; predicts what should be measured.
+    - `twin`: the twin that predicts the readings.
     """
 
     def __init__(self, twin: Twin):

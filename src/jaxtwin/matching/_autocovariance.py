@@ -61,7 +61,7 @@ class Series:
     independent: float
 
     def dependent_part(self) -> "Series":
-        """The same series with derivatives only for the unknowns on which it depends."""
+        """Returns the series with derivatives only for the unknowns on which it depends."""
         depends = self.slopes.any(axis=(0, 1))
         return replace(self, slopes=self.slopes[..., depends], entries=self.entries[depends])
 

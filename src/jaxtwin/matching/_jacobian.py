@@ -48,7 +48,7 @@ def weighted_jacobian(
     jacobians: Sequence[Float[Array, "_recordings _entries _times _channels"]],
     objective: Objective,
 ) -> Float[Array, "residuals unknowns"]:
-    """The same as `residual_jacobian`, from the derivatives of the output errors."""
+    """Computes the derivatives of `residuals` from those of the output errors."""
     size, columns = np.shape(objective.prior_means)[0], []
     for group, jacobian in zip(objective.groups, jacobians, strict=True):
 

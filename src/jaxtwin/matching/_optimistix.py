@@ -109,7 +109,7 @@ def _residual_vector(
 def _(
     primals: tuple[Array, Objective], tangents: tuple[Array, object]
 ) -> tuple[Float[Array, " residuals"], Float[Array, " residuals"]]:
-    """By our own Jacobian, which knows which unknowns concern which recording."""
+    """Uses jaxtwin's Jacobian, which skips unknowns of other recordings."""
     vector, objective = primals
     value = ravel_pytree(residuals(vector, objective)[0])[0]
     return value, residual_jacobian(vector, objective) @ tangents[0]

@@ -60,7 +60,7 @@ def weighted_residuals(
     vector: Float[Array, " unknowns"],
     objective: Objective,
 ) -> tuple[Residuals, Float[Array, ""]]:
-    """The same as `residuals`, from the output errors."""
+    """Computes the result of `residuals` from the output errors."""
     parts: Residuals = []
     squares, samples = jnp.zeros(()), jnp.zeros((), int)
     for group, group_errors in zip(objective.groups, errors, strict=True):

@@ -81,7 +81,7 @@ def build_netlist(rig: Rig) -> Netlist:
 
 
 def _loss(rig: Rig) -> Loss | None:
-    """What makes the plate's losses nonlinear."""
+    """The nonlinear part of the plate's losses."""
     plate = rig.plate
     radiators = []
     if plate.emissivity is not None:

@@ -10,7 +10,7 @@ from ._zone_means import mean_weights
 
 
 def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
-    """How much each plate element counts in each channel; every row sums to 1, less the part of
+    """The weight of each plate element in each channel. Every row sums to 1, minus the part of
     bodies beside the plate.
 
     A channel given by named nodes takes their plain mean, one given by a rectangle the mean of the
@@ -70,9 +70,9 @@ def checked_frames(
 
 
 def pixel_weights(rig: Rig) -> Float[np.ndarray, "channels height width"]:
-    """How much each pixel counts in each channel; every channel sums to 1.
+    """The weight of each pixel in each channel; every channel sums to 1.
 
-    **Raises:** `RigError` where the rig has no camera.
+    **Raises:** `RigError` if the rig has no camera.
     """
     camera, plate = _camera(rig), rig.plate
     x = _pixel_edges(camera.width, camera.view_x, plate.width)

@@ -117,7 +117,7 @@ class Bridge(eqx.Module):
         return share * self._power(drive, emf, loop + self.supply_resistance)
 
     def _limited(self, current: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """What the controller lets through of the current of a connected cell, A."""
+        """The current of a connected cell within the controller's limit, A."""
         if self.current_limit is None:
             return current
         limit = jnp.asarray(self.current_limit)
@@ -129,7 +129,7 @@ class Bridge(eqx.Module):
         emf: Float[Array, "*shape"],
         resistance: Float[ArrayLike, "*#shape"],
     ) -> Float[Array, "*shape"]:
-        """What a connected cell draws through a resistance, with the drive or less, W."""
+        """The power that a connected cell draws through a resistance, with the drive or less, W."""
         if self.current_limit is None:
             return drive * (drive - emf) / resistance
         current = self._limited((drive - emf) / resistance)

@@ -25,7 +25,7 @@ has no derivative."""
 
 @final
 class NonlinearLoss(eqx.Module):
-    r"""What the plate loses beyond its linear film.
+    r"""The losses of the plate beyond its linear film.
 
     $$q = g \left[\left(\frac{\Delta T^2 + s^2}{\Delta T_0^2 + s^2}\right)^{n/2} - 1\right]
     \Delta T + \varepsilon \sigma A (T^4 - T_a^4)$$

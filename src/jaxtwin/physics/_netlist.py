@@ -35,7 +35,7 @@ class Node:
 @final
 @dataclass(frozen=True)
 class Reservoir:
-    """What is held at a temperature, whatever heat flows into it: coolant, an ice bath.
+    """A body at a fixed temperature, whatever heat flows into it: coolant, an ice bath.
 
     **Arguments:**
 
@@ -96,7 +96,7 @@ class ThermoelectricElement:
 @final
 @dataclass(frozen=True)
 class Loss:
-    """How the plate's losses to the surroundings change with its temperature.
+    """The change of the plate's losses to the surroundings with its temperature.
 
     - `exponent`: links of the role `"film"` conduct as the temperature difference to this power,
       and as they say at `FILM_REFERENCE`; None where they do not change.
@@ -183,7 +183,7 @@ def network_counts(netlist: Netlist, rig: Rig) -> dict[str, float | int]:
 
 
 def network_text(counts: dict[str, float | int]) -> str:
-    """What there is of a network, in the words of all places that say it."""
+    """A summary of a network, for all places that print one."""
     names = {"states": "state", "plate_nodes": "plate element", "plate_resistances": "resistance"}
     parts = [f"{counts[key]} {noun}{'s' * (counts[key] != 1)}" for key, noun in names.items()]
     return f"{', '.join(parts)} on the plate"

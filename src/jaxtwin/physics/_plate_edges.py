@@ -123,7 +123,7 @@ def _edges(
 
 
 def _step(profile: Float[np.ndarray, " pixels"], noise: float) -> float:
-    """Where the largest step of a row of pixels lies, in pixels; NaN where none is clear."""
+    """The position of the largest step of a row of pixels, in pixels; NaN if none is clear."""
     steps = np.diff(profile)
     at = int(np.argmax(np.abs(steps)))
     if abs(steps[at]) <= CLEAR * noise:

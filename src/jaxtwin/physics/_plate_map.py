@@ -64,6 +64,6 @@ def plate_map(
 def _shares(
     at: Float[np.ndarray, " points"], sizes: tuple[float, ...]
 ) -> Float[np.ndarray, "points elements"]:
-    """How much each element of a row counts at each point; rows sum to 1."""
+    """The weight of each element of a row at each point; rows sum to 1."""
     centres = np.cumsum(sizes) - np.array(sizes) / 2
     return np.stack([np.interp(at, centres, unit) for unit in np.eye(len(sizes))], axis=1)

@@ -57,7 +57,7 @@ class RegisteredZones:
     def element_weights(
         self, parameters_si: Mapping[str, Float[Array, ""]]
     ) -> Float[Array, "channels elements"]:
-        """How much each plate element counts in the mean over each channel's zone.
+        """The weight of each plate element in the mean over each channel's zone.
 
         Rows of zones that reach beyond the plate sum to less than 1: the camera sees the
         surroundings there.

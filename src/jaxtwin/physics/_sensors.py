@@ -54,8 +54,8 @@ def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[L
 
 
 def node_weights(rig: Rig, netlist: Netlist) -> Float[np.ndarray, "channels nodes"]:
-    """How much each node counts in each channel: the plate's elements and the bodies, or the
-    sensor of a channel with a lag. Every row sums to 1."""
+    """The weight of each node in each channel: the plate's elements and the bodies, or the sensor
+    of a channel with a lag. Every row sums to 1."""
     elements = channel_weights(rig)
     weights = np.zeros((len(rig.channels), len(netlist.nodes)))
     weights[:, : elements.shape[1]] = elements

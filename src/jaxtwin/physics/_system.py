@@ -28,19 +28,19 @@ from ._wiring import Wiring
 
 @final
 class Reservoirs(eqx.Module):
-    """What is held at fixed temperatures, beside the surroundings: coolant, an ice bath.
+    """Bodies at fixed temperatures, beside the surroundings: coolant, an ice bath.
 
     **Arguments:**
 
-    - `conductance`: from each node to each of them, W/K.
-    - `temperature`: of each, absolute, K.
+    - `conductance`: the conductance from each node to each body, W/K.
+    - `temperature`: the absolute temperature of each body, K.
     """
 
     conductance: Float[Array, "reservoirs nodes"]
     temperature: Float[Array, " reservoirs"]
 
     def heat(self, reference: Float[Array, ""]) -> Float[Array, " nodes"]:
-        """What would flow from them into nodes at the reference temperature (K), W."""
+        """The heat that would flow from them into nodes at the reference temperature (K), W."""
         return (self.temperature - reference) @ self.conductance
 
 
@@ -171,7 +171,7 @@ class System(eqx.Module):
 
     @property
     def channel_weights(self) -> Float[Array | np.ndarray, "channels nodes"]:
-        """How much each node counts in what each channel looks at."""
+        """The weight of each node in what each channel looks at."""
         return self.wiring.channel_weights if self.moved_weights is None else self.moved_weights
 
     @property
@@ -184,8 +184,8 @@ class System(eqx.Module):
         deviation: Float[Array, "*times nodes"],
         ambient_deviation: Float[Array, "*times 1"] | float = 0.0,
     ) -> Float[Array, "*times channels"]:
-        """What the camera reads, as deviation from the reference: ambient + gain (T - ambient), and
-        the ambient where a channel looks beside the plate."""
+        """The readings of the channels as deviations from the reference: ambient + gain (T -
+        ambient), and the ambient where a channel looks beside the plate."""
         weights = jnp.asarray(self.channel_weights, deviation.dtype)
         rise = deviation @ weights.T - self.on_plate * ambient_deviation
         return self.gain * rise + ambient_deviation
@@ -219,7 +219,8 @@ def _conductance_matrix(
 
 
 def _to_held(wiring: Wiring, conductances: Float[Array, " links"]) -> Float[Array, " nodes"]:
-    """From each node to what is held at a temperature, the surroundings among it, W/K."""
+    """The conductance from each node to everything at a fixed temperature, with the surroundings,
+    W/K."""
     to_ambient = wiring.ambient_sums(conductances)
     if wiring.reservoir_sums is None:
         return to_ambient

@@ -59,8 +59,8 @@ class Twin(eqx.Module):
         self.parameters = _replaced(self.rig, values, _from_file(self.rig, parameters))
 
     def with_parameters(self, parameters: Mapping[str, Any] | str | os.PathLike[str]) -> "Twin":
-        """The same rig with other values, name -> value in the unit of the rig's table, or those of
-        a parameter file.
+        """Returns the twin with other values: name -> value in the unit of the rig's table, or
+        those of a parameter file.
 
         **Raises:** `ParameterError` as above.
         """

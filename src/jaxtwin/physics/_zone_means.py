@@ -16,14 +16,14 @@ def mean_weights(
     low: Float[np.ndarray | Array, "*zones"],
     high: Float[np.ndarray | Array, "*zones"],
 ) -> Float[np.ndarray | Array, "*zones elements"]:
-    """How much each element of one axis counts in the means over the ranges from low to high.
+    """The weight of each element of one axis in the means over the ranges from low to high.
 
     The weights of a range on the plate sum to 1. A part of the range beyond the plate counts as a
     temperature of 0.
 
     **Arguments:**
 
-    - `edges`: of the elements along the axis, ascending, m.
+    - `edges`: the edges of the elements along the axis, ascending, m.
     - `low`, `high`: the ranges, m; NumPy arrays, or JAX arrays under a transformation.
     """
     xp = low.__array_namespace__()  # numpy, or jax.numpy

@@ -70,7 +70,7 @@ def animate_plate(
 
 
 class _Film:
-    """What changes from picture to picture."""
+    """The parts that change from picture to picture."""
 
     def __init__(self, rig: Rig, run: Run, chosen: Int[np.ndarray, " frames"]):
         self._rig, self._run, self._chosen = rig, run, chosen

@@ -68,7 +68,7 @@ def plot_bode(
 
 
 def bode_frequencies(model: LinearModel) -> np.ndarray:
-    """From a tenth of the slowest pole to ten times the lag, rad/s."""
+    """The frequencies from a tenth of the slowest pole to ten times the lag, rad/s."""
     slowest = 1 / float(model.time_constants_s[0])
     slowest = slowest if slowest > 0 else 1e-3
     top = 10 / float(model.lag_s) if model.is_lagged else 100 * slowest

@@ -109,7 +109,7 @@ def _draw_column(
     top: float,
     inch: float,
 ) -> float:
-    """From the contacts down to the surroundings; returns where it ends, cm."""
+    """Draws a cell from its contacts down to the surroundings, and returns where it ends, cm."""
     kinds = {cell.cold: "plate side", cell.hot: "far side"}
     own = {cell.cold, cell.hot, f"{cell.name}.SINK"}
     alpha = cell.seebeck_coefficient.evaluate(values)

@@ -30,7 +30,7 @@ LEGEND = 6.0
 @final
 @dataclass(frozen=True)
 class Layout:
-    """Where things stand, on axes whose unit is 1 cm of the plate.
+    """The positions on axes whose unit is 1 cm of the plate.
 
     **Arguments:**
 
@@ -52,7 +52,7 @@ class Layout:
         return (left + right - self.width) / 2
 
     def cell_centre(self, number: int, count: int) -> float:
-        """Where a cell stands of which there are so many, cm from the plate's left edge."""
+        """The centre of one of several cells, cm from the plate's left edge."""
         row = number // self.columns
         in_row = min(self.columns, count - row * self.columns)
         return self.left + self.width * (number % self.columns + 0.5) / in_row

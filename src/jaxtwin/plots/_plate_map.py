@@ -147,7 +147,7 @@ def _draw_cell(axes: Axes, plate: Plate, cell: Cell, color: str, rim: str, **loo
 
 
 def places(channel: Channel, plate: Plate) -> list[tuple[float, float, float, float]]:
-    """Where on the plate a channel is read: left, right, top and bottom of each rectangle, m."""
+    """The rectangles of the plate that a channel reads: left, right, top and bottom of each, m."""
     if channel.x is not None and channel.y is not None:
         return [(*channel.x, *channel.y)]
     return [plate.extent(node) for node in channel.nodes if node in plate.element_names]

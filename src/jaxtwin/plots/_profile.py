@@ -13,10 +13,10 @@ LIMIT = 3.841
 
 @styled
 def plot_profile(profile: Profile) -> Figure:
-    """How much worse the match becomes with a parameter held at other values.
+    """Plots the increase of the cost with a parameter held at other values.
 
-    The dashed line is at 3.84, below which a value is inside the 95 % interval, which is shaded as
-    far as the profile reaches.
+    Values below the dashed line at 3.84 are inside the 95 % interval, which is shaded as far as the
+    profile reaches.
 
     **Arguments:**
 

@@ -15,13 +15,14 @@ from ._style import palette, styled
 
 @styled
 def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
-    """What was recorded: the channels' temperatures above the cells' duty cycles.
+    """Plots the channels' temperatures above the cells' duty cycles.
 
     Missing samples are gaps in the lines.
 
     **Arguments:**
 
-    - `experiments`: one column each. Those without recorded temperatures show their drive only.
+    - `experiments`: the experiments, one column each. Those without recorded temperatures have only
+      their duty cycles.
 
     **Returns:** the figure.
     """

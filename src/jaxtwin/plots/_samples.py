@@ -41,7 +41,7 @@ def shade_masked(
 
 
 def masked_key(weights: Iterable[Float[np.ndarray, "_ _"]]) -> list[Patch]:
-    """What a legend says of the shading; nothing where there is none."""
+    """The legend of the shading; empty without any."""
     shaded = any(bool((weight < 1).any()) for weight in weights)
     return [Patch(color=palette().faint, lw=0, label="counted less")] if shaded else []
 

@@ -64,7 +64,7 @@ class Palette:
 
     @property
     def cycle(self) -> tuple[str, ...]:
-        """Of several alike."""
+        """The colours of several lines of one kind."""
         return (self.blue, self.vermilion, self.green, self.purple, self.orange, self.sky)
 
 

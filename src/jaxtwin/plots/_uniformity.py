@@ -172,7 +172,7 @@ def _samples(run: Run, times: Sequence[float]) -> list[int]:
 
 
 def _at(run: Run, times: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """What the twin reads and what was recorded, each (times, channels), degC."""
+    """The simulated and the recorded readings, each (times, channels), degC."""
     if run.experiment.temperatures is None:
         raise SimulationError(
             "experiment: expected recorded temperatures to compare with, got none"

@@ -154,7 +154,7 @@ def _headline(published: dict[str, float], fixed: Fit, own: Fit) -> dict[str, fl
 
 
 def _document(source: Source) -> Section:
-    """What was recorded, and where the paper's numbers disagree with each other."""
+    """The section on the recordings, and on numbers of the paper that disagree with each other."""
     return Section(
         "2 Document: recordings and datasheets",
         (

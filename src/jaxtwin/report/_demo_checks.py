@@ -20,12 +20,12 @@ EXPECTED_OF_RECORDINGS = {
 
 
 def check_table(numbers: dict[str, float | int], real: bool) -> Table:
-    """What was reached against what is known from elsewhere.
+    """A table of the demo's numbers beside numbers that are known from elsewhere.
 
     **Arguments:**
 
     - `numbers`: of the demo.
-    - `real`: whether the recordings are the paper's; else there is less to compare with.
+    - `real`: whether the recordings are the paper's; otherwise there is less to compare with.
     """
     expected = EXPECTED | (EXPECTED_OF_RECORDINGS if real else {})
     rows = []

@@ -85,7 +85,7 @@ def match_fixed(
 def match_own(
     rig: Rig, source: Source, published: list[Run], fixed: Fit, progress: Progress
 ) -> tuple[Section, Fit]:
-    """The same with an ambient for each recording, start still at 15 degC.
+    """Matches with an ambient temperature for each recording; the start is still at 15 degC.
 
     **Returns:** the section and the fit.
     """
@@ -212,7 +212,7 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
 
 
 def _deviation(row: FittedParameter, truth: float) -> float:
-    """How many standard errors a value is off, in the scale of the match."""
+    """The error of a value in standard errors, on the scale of the match."""
     if row.is_logarithmic:
         return math.log(row.value / truth) / row.relative_standard_error
     return (row.value - truth) / row.standard_error

@@ -153,6 +153,6 @@ def fit_numbers(runs: Sequence[Run]) -> dict[str, float]:
 
 
 def _largest_difference(module: ThermoelectricModule, T_hot: float) -> float:
-    """Where Z T_c^2 / 2 = T_h - T_c: the difference that the module reaches without a load, K."""
+    """The difference that the module reaches without a load, from Z T_c^2 / 2 = T_h - T_c, K."""
     Z = 2 * module.maximum_temperature_difference(T_hot) / T_hot**2
     return T_hot - (np.sqrt(1 + 2 * Z * T_hot) - 1) / Z

@@ -10,8 +10,7 @@ from ._value import Value
 @final
 @dataclass(frozen=True)
 class CommonError:
-    """What a camera adds to all its channels alike, each part with its standard deviation
-    beforehand.
+    """The error that all channels of a camera share, each part with its prior standard deviation.
 
     An uncooled infrared camera drifts, and corrects itself from time to time behind a shutter
     (flat-field correction): its readings then jump and the jump fades as the shutter's heat does.
@@ -36,9 +35,9 @@ class CommonError:
 @final
 @dataclass(frozen=True)
 class Registration:
-    """Where a picture lies on the plate, beside where the rig file says.
+    """The position of a camera's picture on the plate, relative to the rig file.
 
-    A point $p$ of the rig file is looked for at $c + d + s R (p - c)$, with the plate's centre $c$.
+    A point $p$ of the rig file is at $c + d + s R (p - c)$, with the plate's centre $c$.
 
     **Arguments:**
 

@@ -9,7 +9,7 @@ from ._bundled import read_bundled
 @final
 @dataclass(frozen=True)
 class Datasheet:
-    r"""What a manufacturer states about a thermoelectric module.
+    r"""The datasheet of a thermoelectric module.
 
     **Arguments:**
 

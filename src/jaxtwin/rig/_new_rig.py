@@ -33,7 +33,7 @@ MOST_CELLS, MOST_ZONES = 100, 100
 
 
 class CellPlace(NamedTuple):
-    """Where the centre of a cell lies, from the left and from the top edge: `"2 cm"`, `"1 cm"`."""
+    """The centre of a cell, from the left and from the top edge: `"2 cm"`, `"1 cm"`."""
 
     x: str
     y: str

@@ -47,8 +47,8 @@ class Parameter:
 
     @property
     def standard_deviation(self) -> float | None:
-        """Standard deviation of a single value beforehand: of the shared one, and of a group about
-        it. None where nothing is known."""
+        """The prior standard deviation of a single value: that of the shared value, combined with
+        that of a group about it. None without a prior."""
         if self.prior_spread is None or self.group_spread is None:
             return self.prior_spread
         return math.hypot(self.prior_spread, self.group_spread)
@@ -59,7 +59,7 @@ class Parameter:
         return self.lower > 0 and self.offset == 0
 
     def to_entry(self, value: float) -> float:
-        """What stands for a value in the vector of a match: its logarithm, or itself."""
+        """The entry of a value in the vector of a match: its logarithm, or the value itself."""
         return math.log(value) if self.is_logarithmic else value
 
     def from_entry(self, entry: float) -> float:

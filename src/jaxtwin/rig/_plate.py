@@ -98,7 +98,7 @@ class Plate:
 
 
 def names_of_elements(rows: int, columns: int) -> tuple[str, ...]:
-    """What the elements of a plate are called, row by row from the top left."""
+    """The names of the elements of a plate, row by row from the top left."""
     joint = "_" if max(rows, columns) > 9 else ""
     return tuple(
         f"V{row}{joint}{column}" for row in range(1, rows + 1) for column in range(1, columns + 1)

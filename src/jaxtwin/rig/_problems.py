@@ -33,7 +33,7 @@ def nearest(names: Iterable[str], known: Iterable[str]) -> str:
 
 
 def label(item: object, index: int) -> str:
-    """What a table in a list is called in messages: its name, or its place counted from 1."""
+    """The label of a table of a list in messages: its name, or its position counted from 1."""
     if isinstance(item, dict):
         for key in ("name", "resistance"):
             if isinstance(item.get(key), str):

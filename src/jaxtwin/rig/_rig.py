@@ -64,7 +64,7 @@ class Rig:
 
     @property
     def common_error(self) -> CommonError | None:
-        """What a camera adds to all channels alike; `None` without one."""
+        """The error that all channels of a camera share; `None` without one."""
         return None if self.camera is None else self.camera.common_error
 
     @property
@@ -119,7 +119,7 @@ class Rig:
 
 
 def _parts(rig: Rig) -> dict[str, str]:
-    """What a rig consists of, part -> one line of text."""
+    """The parts of a rig, part -> one line of text."""
     plate = rig.plate
     circuit = "by finite volumes"
     if rig.circuit is not None:

@@ -88,7 +88,8 @@ def parse_quantity(text: str, kind: Kind) -> float:
 
 
 def range_problem(number: float, kind: Kind) -> str | None:
-    """What was expected, where a number in SI units is out of the range of its kind; else None."""
+    """The expected range, if a number in SI units is outside the range of its kind; otherwise
+    None."""
     if kind.least != "positive" and number == 0:
         return None
     if kind.least == "any":

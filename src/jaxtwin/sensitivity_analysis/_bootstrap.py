@@ -12,7 +12,8 @@ QUANTILE = float(ndtri(0.975))
 
 
 def resample_weights(blocks: int, seed: int) -> Float[np.ndarray, "resamples blocks"]:
-    """How often each block is in each resample, over their number.
+    """The weights of the blocks in each resample: how often a block is drawn, divided by their
+    number.
 
     Seeds other than 0 draw the resamples that SALib's analyser of Sobol's indices draws.
     """

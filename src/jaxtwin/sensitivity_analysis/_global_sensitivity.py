@@ -72,7 +72,7 @@ class GlobalSensitivity:
 
     @property
     def problem(self) -> dict[str, Any]:
-        """What `to_salib` gives."""
+        """The problem as `to_salib` returns it."""
         return self.to_salib()
 
     def __getitem__(self, name: str) -> Float[np.ndarray, "outputs ..."]:

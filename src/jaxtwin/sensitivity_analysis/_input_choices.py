@@ -30,14 +30,15 @@ def chosen_inputs(
     parameters: Iterable[str] | None,
     spread: float,
 ) -> Inputs:
-    """What is drawn.
+    """Returns the distributions of the drawn parameters.
 
     **Arguments:**
 
     - `asked`: a kind, or name -> distribution.
     - `origin`: the fit, for its posterior; anything else has none.
-    - `twin`: whose values are in the middle.
-    - `parameters`: which to draw; None for all that are free, have a prior, or were matched.
+    - `twin`: the twin whose values are the centres.
+    - `parameters`: names of the drawn parameters; None for all that are free, have a prior, or were
+      matched.
     - `spread`: relative standard deviation of "normal" and "lognormal".
 
     **Raises:** `ParameterError` for parameters that have no such distribution.

@@ -16,7 +16,8 @@ from ._marginals import SMALLEST, AbstractMarginal
 @final
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What is drawn: a distribution for each parameter, and how they hang together.
+    """The joint distribution of the drawn parameters: a distribution of each, and their
+    correlation.
 
     Correlated parameters are a Gaussian copula: their normal scores, `ndtri` of their
     probabilities, are jointly normal.
@@ -62,7 +63,10 @@ class Inputs:
         return np.column_stack([marginal.quantile(column) for marginal, column in pairs])
 
     def check_independent(self, method: str) -> None:
-        """**Raises:** `ParameterError` where parameters are correlated."""
+        """Refuses correlated parameters.
+
+        **Raises:** `ParameterError`.
+        """
         if self.correlation is not None:
             raise ParameterError(
                 f"sensitivity: inputs: expected independent parameters for {method}, whose indices "

@@ -71,8 +71,8 @@ def spearman_interval(
 def _rank_influences(
     y: Float[np.ndarray, "draws outputs"], x: Float[np.ndarray, " draws"]
 ) -> Float[np.ndarray, "draws outputs"]:
-    """Of each draw on the rank correlations of the outputs with one parameter, from standardised
-    ranks. One rank of its own shifts those of all draws above it by 1 / n."""
+    """The influence of each draw on the rank correlations of the outputs with one parameter, from
+    standardised ranks. Its presence shifts the ranks of all draws above it by 1 / n."""
     draws = len(y)
     # A step of one rank, in units of the standard deviation of ranks.
     step = np.sqrt(12.0) / draws
@@ -91,10 +91,10 @@ def _interval(
     influences: Iterable[Float[np.ndarray, "draws outputs"]],
     trend: Float[np.ndarray, "outputs parameters"] | float,
 ) -> Float[np.ndarray, "outputs parameters 2"]:
-    """From standardised columns and the influence of each draw on their correlations.
+    """Computes the interval from standardised columns and the influence of each draw.
 
-    Influences come a parameter at a time: all at once they would take gigabytes where there are
-    many draws.
+    Influences are computed for one parameter at a time, because those of all parameters would take
+    gigabytes for many draws.
     """
     draws = len(y)
     unknown = ~np.outer(np.any(y, axis=0), np.any(x, axis=0))
@@ -118,7 +118,7 @@ def _interval(
 def _trend(
     outputs: Float[np.ndarray, "draws outputs"], samples: Float[np.ndarray, "draws parameters"]
 ) -> Float[np.ndarray, "outputs parameters"] | float:
-    """How far a correlation may still move with the number of draws, on Fisher's scale."""
+    """The change of a correlation that more draws may bring, on Fisher's scale."""
     parts = min(PARTS, len(outputs) // LEAST)
     if parts < 2:
         return 0.0

@@ -104,9 +104,9 @@ class Normal(AbstractMarginal):
 @final
 @dataclass(frozen=True)
 class Uniform(AbstractMarginal):
-    """The same density everywhere between two values.
+    """A uniform distribution between two values.
 
-    **Raises:** `ParameterError` where `low` is not below `high`, or they are not finite.
+    **Raises:** `ParameterError` if `low` is not below `high`, or a value is not finite.
     """
 
     low: float

@@ -51,7 +51,7 @@ class Design:
 
     @property
     def blocks(self) -> int:
-        """How many there are."""
+        """The number of blocks."""
         return len(self.unit) // self.block
 
     @property

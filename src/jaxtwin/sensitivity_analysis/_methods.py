@@ -34,7 +34,10 @@ METHODS: dict[MethodName, AbstractMethod] = {
 
 
 def checked_method(method: MethodName | AbstractMethod) -> AbstractMethod:
-    """**Raises:** `SimulationError` where it is none, nor the name of one."""
+    """Returns a method, given as an object or by its name.
+
+    **Raises:** `SimulationError` for anything else.
+    """
     if isinstance(method, str):
         for name, known in METHODS.items():
             if name == method:

@@ -73,9 +73,9 @@ def mean_range(trajectory: Float[Array, "times channels"]) -> Float[Array, ""]:
 
 
 def checked_outputs(outputs: AskedOutputs) -> dict[str, OutputName | ReductionFunction]:
-    """What is asked of each run, by its name.
+    """Returns the requested outputs by their names.
 
-    **Raises:** `SimulationError` for names that are not known, or none.
+    **Raises:** `SimulationError` for unknown names, and for no name at all.
     """
     asked: dict[str, Any]
     if isinstance(outputs, Mapping):
@@ -127,7 +127,7 @@ def samples_at(times: Sequence[float] | None, experiment: Experiment) -> tuple[i
 def reductions_for(
     asked: Mapping[str, OutputName | ReductionFunction], samples: tuple[int, ...]
 ) -> dict[str, ReductionName | ReductionFunction]:
-    """What `simulate_batch` is asked for."""
+    """Returns the reductions that `simulate_batch` has to compute."""
     own: dict[Any, ReductionFunction] = {
         "uniformity": mean_range,
         "temperature": TemperatureAt(samples),

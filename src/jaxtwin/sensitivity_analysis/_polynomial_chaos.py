@@ -120,7 +120,7 @@ def _hermite(unit: Float[np.ndarray, " runs"], highest: int) -> Float[np.ndarray
 def _shares(
     coefficients: Float[np.ndarray, "terms outputs"], powers: Int[np.ndarray, "terms parameters"]
 ) -> Indices:
-    """Of the polynomial's variance."""
+    """The shares of the polynomial's variance."""
     squares = coefficients[1:] ** 2
     variance = squares.sum(axis=0)
     share = np.divide(squares, variance, out=np.full_like(squares, np.nan), where=variance > 0)

@@ -101,7 +101,7 @@ def _coefficients(
 def _partial(
     found: Float[np.ndarray, "columns columns"], count: int
 ) -> Float[np.ndarray, "outputs parameters"]:
-    """By block inversion: of parameters and each output in turn."""
+    """Computes partial correlations of parameters and each output by block inversion."""
     each, own = _times_inverse(found[count:, :count], found[:count, :count]), found[count:, :count]
     rest = np.maximum(1 - np.sum(each * own, axis=1), 0.0)[:, None]
     inverse = np.diag(_times_inverse(np.eye(count), found[:count, :count]))

@@ -92,8 +92,8 @@ def _slopes_of_chunk(
     recorded: Float[np.ndarray | Array, "filled channels"] | None,
     commands: Float[np.ndarray | Array, "filled cells"],
 ) -> tuple[dict[str, Array], Float[Array, " draws"], Float[Array, " draws"]]:
-    """By the name of the reduction `(draws, ..., parameters)`; stability numbers; error estimates
-    of the solutions, K."""
+    """Computes the derivatives, name of the reduction -> `(draws, ..., parameters)`; the stability
+    numbers; and the error estimates of the solutions, K."""
 
     def read(
         vector: Float[Array, " parameters"],

@@ -81,7 +81,7 @@ class Sobol(AbstractMethod):
             Float[np.ndarray, "*parameters outputs"],
             Float[np.ndarray, "resamples *parameters outputs"],
         ]:
-            """Of the variance: with all blocks, and in each resample."""
+            """The shares of the variance: with all blocks, and in each resample."""
             between = (1,) * (products.ndim - 2)
             once = products.mean(axis=0) / _variance(moments.mean(axis=1))
             spread = _variance(np.einsum("rb,mbo->mro", weights, moments, optimize=True))
@@ -111,6 +111,6 @@ class Sobol(AbstractMethod):
 
 
 def _variance(moments: Float[np.ndarray, "2 *shape"]) -> Float[np.ndarray, "*shape"]:
-    """From the mean and the mean square. A resample may have none."""
+    """Computes the variance from the mean and the mean square; a resample may have none."""
     variance = moments[1] - moments[0] ** 2
     return np.where(variance > 0, variance, np.nan)

@@ -39,7 +39,10 @@ def unit_samples(
 
 
 def checked_kind(kind: SampleKind) -> SampleKind:
-    """**Raises:** `SimulationError` where there is no such kind."""
+    """Returns the kind of samples.
+
+    **Raises:** `SimulationError` for an unknown kind.
+    """
     if kind not in get_args(SampleKind):
         raise SimulationError(
             f"sensitivity: samples: expected one of {', '.join(get_args(SampleKind))}, got {kind!r}"

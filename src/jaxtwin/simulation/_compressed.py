@@ -22,14 +22,14 @@ from ._time_grid import TimeGrid
 
 @final
 class CompressedRecording(eqx.Module):
-    """What is left of a recording for the sake of its mean squared error.
+    """The combinations of a recording's samples that suffice for its mean squared error.
 
-    - `grid`: with combinations of samples for samples.
-    - `target`: the recorded temperatures combined alike, degC; `ones`: a constant 1 combined alike.
-      Rows that fill up their number are zeros, as are their weights.
-    - `counted`: whether a combination counts in a channel: 0 where it is a missing sample, else 1.
-    - `beyond`: the mean square of what no temperatures around the steps could follow, K^2.
-    - `samples`: how many each channel has.
+    - `grid`: the time grid, with combinations of samples in place of samples.
+    - `target`: the same combinations of the recorded temperatures, degC; `ones`: those of a
+      constant 1. Padded rows are zeros, as are their weights.
+    - `counted`: whether a combination counts in a channel: 0 for a missing sample, otherwise 1.
+    - `beyond`: the mean square of the part that no values at the steps can represent, K^2.
+    - `samples`: the number of samples of each channel.
     """
 
     grid: TimeGrid

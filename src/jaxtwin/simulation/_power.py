@@ -20,11 +20,11 @@ ROUNDING = 1e-9
 
 
 class SupplyPower(NamedTuple):
-    """What the bridges draw from the supply.
+    """Power and energy that the bridges draw from the supply.
 
-    - `power`: of each cell's bridge from each time on, W.
-    - `energy`: of all together up to each time, J.
-    - `peak`: of all together at any time, W.
+    - `power`: the power of each cell's bridge from each time on, W.
+    - `energy`: the energy of all bridges together up to each time, J.
+    - `peak`: the largest power of all bridges together, W.
     """
 
     power: Float[Array | np.ndarray, "*draws times cells"]

@@ -354,8 +354,8 @@ def advance(
 
 
 class _LossLine(NamedTuple):
-    """What the plate loses within a step beyond the modes' linear losses, as forces on the modes:
-    at the start and its change in a second; and the whole force at the start."""
+    """The losses of the plate within a step beyond the modes' linear losses, as forces on the
+    modes: at the start, with their change per second; and the whole force at the start."""
 
     first: Float[Array, " modes"]
     slope: Float[Array, " modes"]
@@ -370,11 +370,11 @@ def _loss_line(
     heat: Float[Array, " modes"] | None,
     dtype: DTypeLike | None,
 ) -> _LossLine | None:
-    """What the plate loses beyond the modes' linear losses, with `heat`; None where losses are
-    linear.
+    """Computes the losses of the plate beyond the modes' linear losses, with `heat`; None if losses
+    are linear.
 
-    It changes by a thousandth in a second, and costs more than all the rest: it is computed at the
-    start of a step and where its middle will be, and lies on the line through both.
+    These losses change by a thousandth in a second, and cost more than all the rest. They are
+    therefore computed at the start and in the middle of a step, and interpolated linearly.
     """
     parts = stepper.plate, stepper.field.modes.linearised_loss, stepper.system.loss
     if any(part is None for part in parts):

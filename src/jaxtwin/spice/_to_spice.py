@@ -137,7 +137,7 @@ def _network(
 
 
 def _losses(twin: Twin, names: Mapping[str, str], values: Mapping[str, float]) -> list[str]:
-    """What the plate loses beyond its links; see `NonlinearLoss`."""
+    """The losses of the plate beyond its links; see `NonlinearLoss`."""
     with own_settings():
         loss = twin.system().loss
     if loss is None:
