@@ -35,11 +35,10 @@ def reductions() -> Reductions:
 
 @cache
 def shifted() -> jt.Fit:
-    """The fit with R_E larger by three of its standard errors."""
-    row = fit()["R_E"]
-    factor = np.exp(3 * row.relative_standard_error)
-    rows = FittedParameters({**fit().parameters, "R_E": replace(row, value=row.value * factor)})
-    return replace(fit(), parameters=rows)
+    """The fit with a room that is warmer by three of its standard errors."""
+    row = fit()["T_amb"]
+    warmer = replace(row, value=row.value + 3 * row.standard_error)
+    return replace(fit(), parameters=FittedParameters({**fit().parameters, "T_amb": warmer}))
 
 
 def dc_sweep() -> DCSweep:
@@ -179,9 +178,9 @@ def test_the_tables_hold_the_numbers_of_the_results():
     assert numbers.fit_percent == checked.fit_percent["synthetic-A", "T11"]
     assert float(checked.to_xarray().rmse.sel(channel="T11").item()) == numbers.rmse
     difference = jt.compare_fits(matched, shifted()).to_xarray()
-    assert float(difference.new.sel(parameter="R_E")) == shifted()["R_E"].value
+    assert float(difference.new.sel(parameter="T_amb")) == shifted()["T_amb"].value
     # Both fits have the same standard error: that of their difference is larger by sqrt(2).
-    three = float(difference.standard_errors.sel(parameter="R_E"))
+    three = float(difference.standard_errors.sel(parameter="T_amb"))
     assert three == pytest.approx(3 / np.sqrt(2))
     curves = dc_sweep()
     assert curves.to_dataframe().loc[(20.0, 3.0), "heat_flow"] == curves.heat_flow[1, -1]

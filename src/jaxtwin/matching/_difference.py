@@ -134,7 +134,10 @@ class FitDifference:
         ]
 
     def __repr__(self) -> str:
-        return f"<FitDifference: at most {self.largest:.2f} standard errors>"
+        return (
+            f"<FitDifference of {len(self.parameters)} parameters: at most {self.largest:.2f} "
+            "standard errors>"
+        )
 
     def _repr_html_(self) -> str:
         return html_table(repr(self), HEAD, self._rows())
