@@ -55,9 +55,10 @@ def linearize(
 
     $$\dot x = r + A x + B u, \quad y = C x + D u$$
 
-    At a steady state $r$ is left out. At a time of a run the plate is not at rest, and $r$ (`rates`)
-    is the rate at which the temperatures change there. JAX computes $A$ and $B$ as derivatives of
-    the twin's equations; $D$ is 0. The driver's delay and lag are separate fields of the model.
+    At a steady state $r$ is left out. At a time of a run the plate is not at rest, and $r$
+    (`rates`) is the rate at which the temperatures change there. JAX computes $A$ and $B$ as
+    derivatives of the twin's equations; $D$ is 0. The driver's delay and lag are separate fields
+    of the model.
 
     ```python
     model = jt.linearize(jt.Twin("dual-cell"), duty=[0.4, 0.4])
@@ -83,8 +84,8 @@ def linearize(
       temperatures of channels, degC: of one channel, reached with the same duty for all cells; of
       as many channels as cells; or of more, which are approximated in the sense of least squares.
     - `ambient`: the temperature of the surroundings, degC; None for that of the rig, or of the run.
-    - `run`: a run of this rig, instead of duty and temperatures, for its state at a `time`. The duty
-      of the operating point is the one that reaches the cells then, behind delay and lag.
+    - `run`: a run of this rig, instead of duty and temperatures, for its state at a `time`. The
+      duty of the operating point is the one that reaches the cells then, behind delay and lag.
     - `time`: the time of the run, s; temperatures are linear between two samples.
 
     **Returns:** a `LinearModel`, whose operating point has the duty and all temperatures.
@@ -205,7 +206,7 @@ def _model(
     duty: Float[Array, " cells"],
     reference: Float[Array, ""],
 ) -> tuple[LinearModel, Float[Array, "nodes cells"]]:
-    """Computes the model at a state, and the derivatives of the heat with respect to the duty, W."""
+    """Computes the model at a state, and the derivatives of the heat by the duty, W."""
     by_nodes, by_duty = slopes(system, nodes, duty, reference)
     zero = jnp.zeros((), reference.dtype)
     celsius = reference - ZERO_CELSIUS
