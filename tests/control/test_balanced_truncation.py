@@ -60,3 +60,19 @@ def test_unstable_models_and_orders_that_are_none_are_refused():
         LinearModel([[0.1]], [[1.0]], [[1.0]], [[0.0]]).reduce(1)
     with pytest.raises(ControlError, match="order: expected a whole number above 0"):
         LinearModel([[-0.1]], [[1.0]], [[1.0]], [[0.0]]).reduce(0)
+
+
+@pytest.mark.slow
+def test_five_states_follow_the_paper_s_steps_within_a_tenth_of_a_kelvin():
+    """The whole linear model of `dual-cell` under the drive of the recordings, from rest; six do,
+    and four do not."""
+    time = np.arange(1001)
+    drive = np.tile(np.where(time < 500, 0.50, 0.78)[:, None], (1, 2))
+    model = linearize(Twin("dual-cell"), duty=0.64)
+    runs = []
+    for each in (model, model.reduce(6), model.reduce(5), model.reduce(4)):
+        discrete = each.discretise(1.0)
+        runs.append(np.asarray(discrete.simulate(drive, discrete.start(0.0))))
+    six, five, four = (np.abs(run - runs[0]).max() for run in runs[1:])
+    assert max(six, five) < 0.1
+    assert four > 0.1
