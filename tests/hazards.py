@@ -206,8 +206,10 @@ def controlled(controller: Path) -> Callable[[Scene, Bench, Twin], str]:
     onset. The duty follows at the next sample."""
 
     def command(scene: Scene, bench: Bench, twin: Twin) -> str:
-        hot, cool = scene.random.uniform(30, 40, 3), scene.random.uniform(11, 14)
-        references = f"0:{hot[0]:.1f}/{hot[1]:.1f},{scene.onset + 0.4:.2f}:{hot[2]:.1f}/{cool:.1f}"
+        hot = scene.random.uniform(30, 40, 2)
+        # Both ends reach these at the same time: cell 2 cools against what cell 1 heats.
+        warm, cool = scene.random.uniform(30, 33), scene.random.uniform(16, 18)
+        references = f"0:{hot[0]:.1f}/{hot[1]:.1f},{scene.onset + 0.4:.2f}:{warm:.1f}/{cool:.1f}"
 
         def spoil(loop: Any) -> None:
             """The controller's own numbers are lost, and so is what it asks for."""
