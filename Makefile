@@ -7,6 +7,7 @@ INSTALLED := .venv/installed
 INSTALLED_DEV := .venv/installed-dev
 INSTALLED_DOCS := .venv/installed-docs
 INSTALLED_WHEEL := .venv-wheel/installed
+RECORDINGS := $(abspath $(wildcard ../shared/recordings))
 PARALLEL := --numprocesses=auto --dist=loadfile
 
 # What tells in a few minutes whether another environment will do: every library is asked for
@@ -68,11 +69,13 @@ notebook: $(INSTALLED_DEV)
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace notebooks/*.ipynb
 	$(BIN)/python docs/tidy_notebooks.py notebooks/*.ipynb
 
-# As users run them: a copy outside the checkout, by the installed wheel.
+# As users run them: a copy outside the checkout, by the installed wheel, which does not look for
+# recordings beside the checkout.
 notebook-check: $(INSTALLED_WHEEL)
 	.venv-wheel/bin/python -m pip install --quiet "$$(echo dist/*.whl)[notebook,storage]"
 	set -e; made=$$(mktemp -d); trap 'rm -rf "$$made"' EXIT; \
 	cp notebooks/*.ipynb "$$made"; \
+	$(if $(RECORDINGS),export JAXTWIN_RECORDINGS="$${JAXTWIN_RECORDINGS:-$(RECORDINGS)}"; )\
 	.venv-wheel/bin/jupyter nbconvert --to notebook --execute --inplace "$$made"/*.ipynb
 
 # Warnings are errors.
