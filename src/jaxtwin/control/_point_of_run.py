@@ -11,6 +11,7 @@ from .._errors import ControlError
 from ..physics import Twin
 from ..simulation import Run
 from ..simulation._delay import lagged_duty
+from ._operating_point import ZERO_CELSIUS
 
 
 class PointOfRun(NamedTuple):
@@ -58,7 +59,7 @@ def point_of_run(twin: Twin, run: Run, time: Any, ambient: float | int | None) -
         room = float(np.broadcast_to(np.asarray(recorded, float), times.shape)[now])
     else:
         drift = 0.0 if system.ambient_drift is None else float(system.ambient_drift)
-        room = float(system.ambient_temperature) - 273.15 + drift * (at - float(times[0]))
+        room = float(system.ambient_temperature) - ZERO_CELSIUS + drift * (at - float(times[0]))
     duty = np.asarray(experiment.duty, float)[now]
     if system.lag is not None:
         duty = lagged_duty(

@@ -51,7 +51,8 @@ def check_reach(
     **Raises:** `ControlError` that names the reference, its time and the reachable range.
     """
     levels = np.linspace(*limits, LEVELS)
-    reached = weights @ np.asarray(_steady_channels(system, levels)).T
+    equal = np.repeat(levels[:, None], len(system.wiring.cold), axis=1)
+    reached = weights @ np.asarray(_steady_rises(system, equal)).T
     lowest = reached.min(axis=1) + float(ambient.min())
     highest = reached.max(axis=1) + float(ambient.max())
     wrong = (reference < lowest - MARGIN) | (reference > highest + MARGIN)
@@ -106,7 +107,7 @@ def _nearest(
     """
 
     def off(duty: Float[np.ndarray, " cells"]) -> Any:
-        return weights @ np.asarray(_steady_rises(system, duty)) - aim
+        return weights @ np.asarray(_steady_rises(system, duty[None]))[0] - aim
 
     cells = len(system.wiring.cold)
     places = np.quantile(limits, [0.98, 0.02, 0.75, 0.25])
@@ -122,27 +123,16 @@ def _nearest(
 
 
 @persistent_jit
-def _steady_channels(
-    system: System, levels: Float[Array | np.ndarray, " levels"]
-) -> Float[Array, "levels channels"]:
-    """Computes the steady rises of the channels above the surroundings under equal duty cycles,
-    K."""
-    cells = len(system.wiring.cold)
-    return jax.vmap(lambda level: _rises(system, jnp.full(cells, level)))(jnp.asarray(levels))
-
-
-@persistent_jit
 def _steady_rises(
-    system: System, duty: Float[Array | np.ndarray, " cells"]
-) -> Float[Array, " channels"]:
+    system: System, duty: Float[Array | np.ndarray, "points cells"]
+) -> Float[Array, "points channels"]:
     """Computes the steady rises of the channels above the surroundings, K."""
-    return _rises(system, jnp.asarray(duty))
-
-
-def _rises(system: System, duty: Float[Array, " cells"]) -> Float[Array, " channels"]:
     reference = jnp.asarray(system.ambient_temperature)
-    duty = jnp.asarray(duty, reference.dtype)
-    return system.channel_temperatures(system.steady_state(duty, reference))
+
+    def rises(duty: Float[Array, " cells"]) -> Float[Array, " channels"]:
+        return system.channel_temperatures(system.steady_state(duty, reference))
+
+    return jax.vmap(rises)(jnp.asarray(duty, reference.dtype))
 
 
 @persistent_jit
