@@ -9,6 +9,7 @@ import io
 import json
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 from PIL import Image
@@ -35,6 +36,18 @@ def test_a_picture_keeps_its_size_and_nearly_its_colours() -> None:
     assert with_few_colors(with_few_colors(content.getvalue())) == with_few_colors(
         content.getvalue()
     )
+
+
+def test_a_small_colour_bar_beside_large_areas_keeps_its_colours() -> None:
+    x, y = np.meshgrid(np.linspace(0, 0.7, 600), np.linspace(0, 0.3, 400))
+    pixels = matplotlib.colormaps["inferno"](x + y, bytes=True)[..., :3]
+    bar = matplotlib.colormaps["RdBu_r"](np.linspace(0, 1, 100), bytes=True)
+    pixels[100:200, 580:590] = bar[:, None, :3]
+    content = io.BytesIO()
+    Image.fromarray(pixels).save(content, "PNG")
+    small = Image.open(io.BytesIO(with_few_colors(content.getvalue())))
+    difference = np.asarray(small.convert("RGB")).astype(int) - pixels
+    assert np.abs(difference).max() <= 12
 
 
 def test_messages_and_times_of_execution_are_left_out() -> None:

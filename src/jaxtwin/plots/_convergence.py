@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from .._errors import ParameterError
 from ..sensitivity_analysis import GlobalSensitivity, OneAtATime, indices_of
-from ._sensitivity_labels import title_output
+from ._sensitivity_labels import INDEX_WORDS, title_output
 from ._style import palette, points, styled, symbol
 
 NAMED = 6
@@ -71,12 +71,14 @@ def plot_convergence(
             ax.fill_between(numbers, low[:, column], high[:, column], color=color, alpha=0.18, lw=0)
     ax.axhline(0.0, color=palette().muted, lw=0.8)
     ax.set_xscale("log", base=2)
-    ax.set_xticks(numbers, [str(number) for number in numbers], minor=False)
-    ax.tick_params(axis="x", labelsize=points(8), labelrotation=45)
+    # The last number replaces a power of two that its label would cover.
+    shown = [number for number in numbers[:-1] if number < numbers[-1] / 1.5] + numbers[-1:]
+    ax.set_xticks(shown, [str(number) for number in shown], minor=False)
+    ax.tick_params(axis="x", labelsize=points(8))
     lowest, highest = np.nanmin(values[-1:]), np.nanmax(values[-1:])
     room = max(0.35 * (highest - lowest), 0.15)
     ax.set_ylim(min(0.0, lowest) - room, max(0.0, highest) + room)
-    ax.set(xlabel="draws", ylabel=name, xlim=(numbers[0], numbers[-1]))
+    ax.set(xlabel="draws", ylabel=INDEX_WORDS.get(name, name), xlim=(numbers[0], numbers[-1]))
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5))
     title_output(ax, sensitivity, row)

@@ -3,12 +3,15 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 from ..control import MEASURES, Frontier
 from ._style import palette, points, styled
+
+NEAR = 0.02
+"""Part of the range of a panel within which dots cover each other."""
 
 
 @styled
@@ -16,7 +19,7 @@ def plot_frontier(frontier: Frontier, measure: str, beside: Sequence[str]) -> Fi
     """A measure over other measures, with a panel for each.
 
     A dot is the median over the draws of the plant, its bars extend from 5 to 95 % of the draws.
-    The numbers are the weights, and a thin line joins the dots in their order. A hollow dot is not
+    The numbers are the weights, those of dots that cover each other in one text, and a thin line joins the dots in their order. A hollow dot is not
     on the frontier of its panel: another controller is better in both measures. A controller with a
     median that is not finite, such as the settling time of a loop that never settles, is left out.
 
@@ -49,10 +52,13 @@ def plot_frontier(frontier: Frontier, measure: str, beside: Sequence[str]) -> Fi
             axes.plot([x[1, point]] * 2, y[[0, 2], point], color=palette().blue, lw=1, alpha=0.5)
             fill = palette().blue if point in best else "none"
             axes.plot(x[1, point], y[1, point], "o", mfc=fill, mec=palette().blue, ms=5)
+        for together in _neighbours(x[1], y[1], order):
             axes.annotate(
-                f"{frontier.weights[point]:g}", (x[1, point], y[1, point]), (5, 5),
+                ", ".join(f"{weight:g}" for weight in sorted(frontier.weights[together])),
+                (x[1, together[0]], y[1, together[0]]), (5, 5),
                 textcoords="offset points", fontsize=points(8), color=palette().muted,
             )  # fmt: skip
+        axes.margins(x=0.1)
         axes.set_xlabel(_label(name))
     panels[0].set_ylabel(_label(measure))
     unit = MEASURES[frontier.against][1]
@@ -66,6 +72,23 @@ def _quantiles(frontier: Frontier, name: str) -> Float[np.ndarray, "3 points"]:
     """5, 50 and 95 % over the draws; NaN between infinite values."""
     with np.errstate(invalid="ignore"):
         return np.quantile(frontier.measure(name), [0.05, 0.5, 0.95], axis=1)
+
+
+def _neighbours(
+    x: Float[np.ndarray, " points"], y: Float[np.ndarray, " points"], order: Int[np.ndarray, " n"]
+) -> list[list[int]]:
+    """Points whose dots cover each other, so that their numbers stand in one text."""
+    near = [NEAR * np.ptp(values[order]) if len(order) else 0.0 for values in (x, y)]
+    groups: list[list[int]] = []
+    for point in order:
+        for group in groups:
+            first = group[0]
+            if abs(x[point] - x[first]) <= near[0] and abs(y[point] - y[first]) <= near[1]:
+                group.append(int(point))
+                break
+        else:
+            groups.append([int(point)])
+    return groups
 
 
 def _label(name: str) -> str:

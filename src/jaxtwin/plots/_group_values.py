@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from .._arguments import names_of, of_kind
 from .._errors import MatchError
@@ -122,10 +122,17 @@ def _draw(axes: Axes, groups: Sequence[str], row: _Row) -> None:
     axes.plot(places, row.values, "o", color=palette().vermilion, ms=6)
     if row.parameter.is_logarithmic:
         axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_locator(_log_ticks(*axes.get_ylim()))
         axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xticks(places, groups, rotation=30, ha="right")
     axes.set_xlim(-0.5, len(groups) - 0.5)
     unit = row.parameter.unit.replace("degC", "°C").replace("ohm", "Ω")
     axes.set_title(symbol(row.parameter.name) + (f", {unit}" if unit else ""))
+
+
+def _log_ticks(low: float, high: float) -> Locator:
+    """1, 2 and 5 times powers of ten; round numbers where fewer than two of those are in view."""
+    powers = LogLocator(subs=(1, 2, 5))
+    seen = [tick for tick in powers.tick_values(low, high) if low <= tick <= high]
+    return powers if len(seen) > 1 else MaxNLocator(4)

@@ -5,7 +5,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import GlobalSensitivity
-from ._sensitivity_labels import label_rows, title_output
+from ._sensitivity_labels import INDEX_WORDS, label_rows, title_output
 from ._style import palette, styled
 
 
@@ -44,22 +44,9 @@ def plot_index_bars(
         low, high = known[f"{main}_low"][row, order], known[f"{main}_high"][row, order]
         ax.hlines(places, low, high, color=palette().ink, lw=1.3)
     label_rows(ax, names, places)
-    ax.set(xlabel=_WORDS[main])
+    ax.set(xlabel=INDEX_WORDS[main])
     unit = sensitivity.outputs[row].unit.replace("K2", "K²")
     if main == "swing" and unit:
-        ax.set_xlabel(f"{_WORDS[main]}, {unit}")
+        ax.set_xlabel(f"{INDEX_WORDS[main]}, {unit}")
     title_output(ax, sensitivity, row)
     return ax
-
-
-_WORDS = {
-    "pearson": "Pearson correlation",
-    "spearman": "Spearman rank correlation",
-    "SRC": "standardised regression coefficient",
-    "PRCC": "partial rank correlation",
-    "swing": "swing from the 2.5 % to the 97.5 % quantile",
-    "mu_star": "mean size of elementary effects",
-    "ST": "total index",
-    "dgsm": "bound of the total index",
-    "Sh": "Shapley effect, part of the variance",
-}

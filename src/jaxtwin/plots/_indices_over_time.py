@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from .._errors import ParameterError
 from ..rig._problems import nearest
 from ..sensitivity_analysis import GlobalSensitivity
+from ._sensitivity_labels import INDEX_WORDS
 from ._style import palette, points, styled, symbol
 
 NAMED = 6
@@ -65,7 +66,7 @@ def plot_indices_over_time(
     ax.axhline(0.0, color=palette().muted, lw=0.8)
     output = sensitivity.outputs[rows[0]]
     title = f"{name} of {output.quantity} {output.channel}"
-    ax.set(title=title, xlabel="time, s", ylabel=name, xlim=(min(0.0, times[0]), times[-1]))
+    ax.set(title=title, xlabel="time, s", ylabel=INDEX_WORDS.get(name, name), xlim=(min(0.0, times[0]), times[-1]))
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5))
     if len(sensitivity.names) > NAMED:

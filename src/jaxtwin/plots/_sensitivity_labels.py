@@ -9,6 +9,20 @@ from numpy import ndarray
 from ..sensitivity_analysis import GlobalSensitivity
 from ._style import palette, points, symbol
 
+INDEX_WORDS = {
+    "pearson": "Pearson correlation",
+    "spearman": "Spearman rank correlation",
+    "SRC": "standardised regression coefficient",
+    "PRCC": "partial rank correlation",
+    "swing": "swing from the 2.5 % to the 97.5 % quantile",
+    "mu_star": "mean size of elementary effects",
+    "S1": "first-order index",
+    "ST": "total index",
+    "dgsm": "bound of the total index",
+    "Sh": "Shapley effect, part of the variance",
+}
+"""Name of an index -> what an axis calls it."""
+
 
 def label_rows(axes: Axes, names: Sequence[str], places: Float[ndarray, " parameters"]) -> None:
     """Writes the parameters beside their bars, which begin at a line at 0."""

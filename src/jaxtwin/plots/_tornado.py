@@ -41,12 +41,12 @@ def plot_tornado(
     for place, value, (low, high) in zip(places, shown, interval, strict=True):
         right = value >= 0
         ax.annotate(
-            f"{value:+.2f}", (max(high, 0.0) if right else min(low, 0.0), place),
+            f"{value:+.2f}".replace("-", "−"), (max(high, 0.0) if right else min(low, 0.0), place),
             xytext=(4 if right else -4, 0), textcoords="offset points",
             ha="left" if right else "right", va="center", fontsize=points(8), color=palette().muted,
         )  # fmt: skip
     ax.set_yticks(places, [symbol(name) for name in names], fontsize=points(10))
-    widest = min(1.12, 1.25 * float(np.abs(interval).max()) + 0.08)  # with room for the numbers
+    widest = 1.22 * float(np.abs(interval).max()) + 0.02  # with room for the numbers
     ax.set(xlim=(-widest, widest), xlabel="Pearson correlation with the cost")
     ax.set_title("mean of all channels" if channel == "mean" else channel)
     failed = int(np.count_nonzero(sensitivity.failed))
