@@ -81,10 +81,11 @@ def is_read(data: dict[str, Any]) -> bool:
 
 
 PLACES = [
-    "format", "name", "title", "plate.rows", "plate.film_coefficient", "plate.emissivity",
-    "cells.0.module", "cells.0.contacts", "driver.lag", "driver.counts", "driver.off_phase",
-    "camera.view.x", "camera.noise", "channels.0.x", "channels.0.nodes", "limits.rate",
-    "ambient.drift", "parameters.R_E.value", "parameters.R_E.free", "parameters.R_E.prior.value",
+    "format", "name", "title", "plate.rows", "plate.material", "plate.film_coefficient",
+    "plate.emissivity", "cells.0.module", "cells.0.contacts", "driver.lag", "driver.counts",
+    "driver.off_phase", "camera.view.x", "camera.noise", "channels.0.x", "channels.0.nodes",
+    "limits.rate", "ambient.drift", "parameters.R_E.value", "parameters.R_E.free",
+    "parameters.R_E.prior.value",
 ]  # fmt: skip
 
 VALUES = st.one_of(

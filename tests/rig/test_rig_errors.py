@@ -67,6 +67,10 @@ MISTAKES = {
     "a channel without place": ("paper", 'nodes = ["V38"]', 'x = ["1 cm", "2 cm"]', "channels[T26]", "either nodes or x with y"),
     "circuit and materials": ("paper", 'thickness = "5.08 mm"', 'thickness = "5.08 mm"\ndensity = "8960 kg/m^3"', "plate.density", "either this or [circuit]"),
     "neither circuit nor materials": ("dual", 'density = "8960 kg/m^3"\n', "", "plate.density", "got neither", "[circuit] or all of"),
+    "unknown material": ("printer", 'material = "aluminium"', 'material = "alumnium"', "plate.material", "'alumnium'", "did you mean 'aluminium'"),
+    "a material that is not on one line": ("printer", 'material = "aluminium"', 'material = ""', "plate.material", "text on one line"),
+    "a material alone": ("printer", 'film_coefficient = "h"\n', "", "plate.film_coefficient", "a value beside the material", "got none"),
+    "a circuit and a material": ("paper", 'thickness = "5.08 mm"', 'thickness = "5.08 mm"\nmaterial = "copper"', "plate.material", "either this or [circuit]"),
     "a limit of the rate that is never kept": ("paper", 'temperature = "90 degC"', 'temperature = "90 degC"\nrate = "0 K/s"', "limits.rate", "expected a rate above 0", "'0 K/s'"),
     "a lowest temperature above the limit": ("paper", 'temperature = "90 degC"', 'temperature = "90 degC"\nlowest = "90 degC"', "limits.lowest", "expected a temperature below limits.temperature", "'90 degC'"),
     "a zone outside the plate": ("dual", '"25.5 cm"', '"26 cm"', "channels[T16].x", "'26 cm'", "0 to 25.5 cm"),
@@ -89,7 +93,7 @@ MISTAKES = {
 
 
 def bundled_text(short: str) -> str:
-    name = {"paper": "paper-2024", "dual": "dual-cell"}[short]
+    name = {"paper": "paper-2024", "dual": "dual-cell", "printer": "printer-bed"}[short]
     return (files("jaxtwin") / "data" / "rigs" / f"{name}.toml").read_text("utf-8")
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from jaxtwin import Experiment, Twin, load_rig, simulate
 from jaxtwin.rig import _schema as schema
-from jaxtwin.rig import bundled_modules, load_module
+from jaxtwin.rig import bundled_materials, bundled_modules, load_module
 
 PAGE = (Path(__file__).parents[2] / "docs" / "rig-files.md").read_text(encoding="utf-8")
 
@@ -115,3 +115,8 @@ def test_the_numbers_of_the_modules_are_those_of_their_files(name: str):
 def test_the_modules_that_come_along_are_named():
     named = rows("`[[cells]]`")["module"][0]
     assert all(f"`{name}`" in named for name in bundled_modules())
+
+
+def test_the_materials_that_come_along_are_named():
+    named = rows("`[plate]`")["material"][0]
+    assert re.findall("`(.+?)`", named) == list(bundled_materials())

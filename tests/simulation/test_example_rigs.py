@@ -3,11 +3,14 @@
 Sizes and constants are written out here again, from handbooks and datasheets.
 """
 
+from importlib.resources import files
+
 import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Twin, simulate
 from jaxtwin.rig import load_rig
+from jaxtwin.rig._value import Value
 from jaxtwin.simulation import Run
 
 ZERO = 273.15
@@ -28,6 +31,23 @@ def test_what_a_recording_can_tell_is_free_and_has_a_prior(name):
     assert all(row.free and row.prior_spread for row in rig.parameters.values())
     assert rig.references
     assert rig.limits is not None
+
+
+@pytest.mark.parametrize("name", ["pcr-block", "printer-bed", "dew-point-mirror"])
+def test_forty_lines_of_toml_describe_it(name):
+    text = files("jaxtwin.data").joinpath(f"rigs/{name}.toml").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    assert len(lines) <= 40
+
+
+def test_what_a_file_does_not_say_is_that_of_its_material_and_its_room():
+    """Incropera and DeWitt, Table A.1; the specific heat is a parameter of the file."""
+    rig = load_rig("printer-bed")
+    assert rig.plate.density == Value(2702.0)
+    assert rig.plate.conductivity == Value(237.0)
+    assert rig.plate.specific_heat == Value(1.0, (("c_plate", 1),))
+    assert load_rig("dew-point-mirror").plate.specific_heat == Value(385.0)
+    assert rig.initial_temperature == rig.ambient_temperature
 
 
 @pytest.mark.slow

@@ -19,9 +19,10 @@ def plot_frontier(frontier: Frontier, measure: str, beside: Sequence[str]) -> Fi
     """A measure over other measures, with a panel for each.
 
     A dot is the median over the draws of the plant, its bars extend from 5 to 95 % of the draws.
-    The numbers are the weights, those of dots that cover each other in one text, and a thin line joins the dots in their order. A hollow dot is not
-    on the frontier of its panel: another controller is better in both measures. A controller with a
-    median that is not finite, such as the settling time of a loop that never settles, is left out.
+    The numbers are the weights, those of dots that cover each other in one text, and a thin line
+    joins the dots in their order. A hollow dot is not on the frontier of its panel: another
+    controller is better in both measures. A controller with a median that is not finite, such as
+    the settling time of a loop that never settles, is left out.
 
     **Arguments:**
 

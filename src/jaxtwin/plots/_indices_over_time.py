@@ -66,7 +66,8 @@ def plot_indices_over_time(
     ax.axhline(0.0, color=palette().muted, lw=0.8)
     output = sensitivity.outputs[rows[0]]
     title = f"{name} of {output.quantity} {output.channel}"
-    ax.set(title=title, xlabel="time, s", ylabel=INDEX_WORDS.get(name, name), xlim=(min(0.0, times[0]), times[-1]))
+    ax.set(title=title, xlabel="time, s", ylabel=INDEX_WORDS.get(name, name))
+    ax.set_xlim(min(0.0, times[0]), times[-1])
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5))
     if len(sensitivity.names) > NAMED:

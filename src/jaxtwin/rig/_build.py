@@ -40,13 +40,9 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     links = build_links(table.links, plate, bodies, fields)
     cells = tuple(build_cell(cell, plate, bodies, fields) for cell in table.cells)
     check_bodies_grounded(bodies, links, table.cells, fields)
-    ambient, initial = (
-        fields.value(f"{name}.temperature", text, TEMPERATURE)
-        for name, text in (
-            ("ambient", table.ambient.temperature),
-            ("initial", table.initial.temperature),
-        )
-    )
+    ambient = initial = fields.value("ambient.temperature", table.ambient.temperature, TEMPERATURE)
+    if table.initial is not None:
+        initial = fields.value("initial.temperature", table.initial.temperature, TEMPERATURE)
     rig = Rig(
         name=table.name,
         title=table.title,

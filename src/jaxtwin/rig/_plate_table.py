@@ -2,7 +2,9 @@
 
 from typing import Any
 
+from ._bundled import bundled_materials
 from ._fields import Fields
+from ._material import load_material
 from ._plate import Plate
 from ._schema import PlateTable
 from ._units import (
@@ -18,22 +20,23 @@ from ._units import (
 )
 from ._value import Value
 
-_MATERIAL = {
+_OF_MATERIAL = {
     "density": DENSITY,
     "specific_heat": SPECIFIC_HEAT,
     "conductivity": CONDUCTIVITY,
-    "film_coefficient": FILM_COEFFICIENT,
 }
+_NEEDED = (*_OF_MATERIAL, "film_coefficient")
 
 
 def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
-    """The plate; with its material where the file gives no circuit.
+    """The plate; with its material where the file gives no circuit. Properties that the file does
+    not give are those of the bundled material that it names.
 
     **Raises:** `RigError` where a value is wrong, or both or neither of them are given.
     """
     columns = _sizes("plate.columns", table.columns, fields)
     rows = _sizes("plate.rows", table.rows, fields)
-    of_geometry = (*_MATERIAL, "film_row_factor", "emissivity")
+    of_geometry = ("material", *_NEEDED, "film_row_factor", "emissivity")
     given = [name for name in of_geometry if getattr(table, name) is not None]
     exponent = _optional("film_exponent", table.film_exponent, EXPONENT, fields)
     if has_circuit:
@@ -45,15 +48,25 @@ def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
         # The circuit does not follow from the thickness, so a parameter would have no effect.
         thickness = Value(fields.constant("plate.thickness", table.thickness, LENGTH))
         return Plate(columns, rows, thickness, film_exponent=exponent)
-    missing = [name for name in _MATERIAL if name not in given]
+    material = None
+    if table.material is not None:
+        fields.check_known("plate.material", "material", table.material, bundled_materials())
+        material = load_material(table.material)
+    needed = _NEEDED if material is None else ("film_coefficient",)
+    missing = [name for name in needed if name not in given]
     if missing:
         fields.refuse(
             f"plate.{missing[0]}",
-            f"expected [circuit] or all of {', '.join(_MATERIAL)}, got neither",
+            f"expected [circuit] or all of {', '.join(_NEEDED)}, got neither; a material stands "
+            "for the first three"
+            if material is None
+            else "expected a value beside the material, got none",
         )
     density, specific_heat, conductivity = (
-        fields.value(f"plate.{name}", getattr(table, name), _MATERIAL[name])
-        for name in ("density", "specific_heat", "conductivity")
+        fields.value(f"plate.{name}", text, kind)
+        if (text := getattr(table, name)) is not None
+        else Value(getattr(material, name))
+        for name, kind in _OF_MATERIAL.items()
     )
     film = _each("film_coefficient", table.film_coefficient, columns, FILM_COEFFICIENT, fields)
     factor = _each("film_row_factor", table.film_row_factor or "1", rows, FACTOR, fields)

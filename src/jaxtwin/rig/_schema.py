@@ -68,6 +68,7 @@ class PlateTable(Table):
     columns: Annotated[list[Quantity], Field(min_length=1)]
     rows: Annotated[list[Quantity], Field(min_length=1)]
     thickness: Quantity
+    material: Text | None = None
     density: Quantity | None = None
     specific_heat: Quantity | None = None
     conductivity: Quantity | None = None
@@ -231,7 +232,7 @@ class RigTable(Table):
     sensors: SensorsTable | None = None
     channels: Annotated[list[ChannelTable], Field(min_length=1)]
     ambient: AmbientTable
-    initial: InitialTable
+    initial: InitialTable | None = None
     limits: LimitsTable | None = None
     parameters: dict[str, ParameterTable] = {}
     parameter_sets: dict[str, dict[str, float]] = {}
