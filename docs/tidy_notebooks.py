@@ -3,7 +3,7 @@
     python docs/tidy_notebooks.py notebooks/*.ipynb
 
 Pictures get a palette of 256 colours, which takes a third of the bytes. Messages on how long
-something took, and when each cell was executed, are left out.
+something took, and when each cell was executed, are left out; what was printed in parts is joined.
 """
 
 import base64
@@ -39,13 +39,26 @@ def tidy(notebook: dict[str, Any]) -> dict[str, Any]:
         cell["metadata"].pop("execution", None)
         if "outputs" not in cell:
             continue
-        cell["outputs"] = [each for each in cell["outputs"] if each.get("name") != "stderr"]
+        kept = [each for each in cell["outputs"] if each.get("name") != "stderr"]
+        cell["outputs"] = _joined(kept)
         for output in cell["outputs"]:
             data = output.get("data", {})
             if "image/png" in data:
                 content = base64.b64decode("".join(data["image/png"]))
                 data["image/png"] = base64.b64encode(with_few_colors(content)).decode() + "\n"
     return notebook
+
+
+def _joined(outputs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The outputs, with what was printed in several parts in one."""
+    joined: list[dict[str, Any]] = []
+    for output in outputs:
+        if joined and output.get("name") == joined[-1].get("name") == "stdout":
+            parts = [*joined[-1]["text"], *output["text"]]
+            joined[-1] = {**output, "text": "".join(parts).splitlines(keepends=True)}
+        else:
+            joined.append(output)
+    return joined
 
 
 def main() -> None:

@@ -9,11 +9,13 @@ import re
 import subprocess
 from pathlib import Path
 
+import pandas
 import pytest
 
 from docs.site import command_line, links
 from docs.site.notebook import to_markdown
 from docs.site.pages import Pages, place
+from docs.site.typography import set_breaks
 
 
 def written(folder: Path, files: dict[str, str]) -> Path:
@@ -135,6 +137,41 @@ def test_a_notebook_becomes_a_page_with_its_results(tmp_path: Path) -> None:
     assert (tmp_path / "a-1.png").read_bytes() == b"picture"
     assert '<img src="a-2.gif"' in page
     assert (tmp_path / "a-2.gif").read_bytes() == b"film"
+
+
+def test_a_table_of_pandas_gets_one_header_and_the_style_of_the_site(tmp_path: Path) -> None:
+    table = pandas.DataFrame({"Kp": [0.2], "energy": [7.5]}, pandas.Index([30], name="weight"))
+    cell = {
+        "cell_type": "code",
+        "source": ["table"],
+        "outputs": [{"data": {"text/html": table._repr_html_()}}],  # pyright: ignore[reportCallIssue]
+    }
+    notebook = tmp_path / "a.ipynb"
+    notebook.write_text(json.dumps({"cells": [cell]}))
+    page = to_markdown(notebook, tmp_path / "a.md")
+    assert '<div class="result numbers">' in page
+    assert "dataframe" not in page
+    head = page[page.index("<thead>") : page.index("</thead>")]
+    assert re.findall("<th>(.*?)</th>", head) == ["weight", "Kp", "energy"]
+    assert head.count("<tr") == 1
+    assert re.findall("<t[hd]>(.*?)</t", page[page.index("<tbody>") :]) == ["30", "0.2", "7.5"]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("<p>20 s of 10 000 K</p>", "<p>20\xa0s of 10\xa0000\xa0K</p>"),
+        ("<td>74.4 %</td>", "<td>74.4\xa0%</td>"),
+        ("<p>15 W/(m² K), 5 Kp, in 2024 it</p>", "<p>15 W/(m² K), 5 Kp, in 2024 it</p>"),
+        ("<pre><code>20 s</code></pre>", "<pre><code>20 s</code></pre>"),
+        ('<td><code class="x">20 s</code></td>', '<td><code class="x">20 s</code></td>'),
+        (f"<td><code>{'a' * 33}</code></td>", f'<td><code class="long">{"a" * 33}</code></td>'),
+        (f"<td><code>{'a' * 32}</code></td>", f"<td><code>{'a' * 32}</code></td>"),
+        (f"<p><code>{'a' * 33}</code></p>", f"<p><code>{'a' * 33}</code></p>"),
+    ],
+)
+def test_lines_do_not_break_between_a_number_and_its_unit(text: str, found: str) -> None:
+    assert set_breaks(text) == found
 
 
 def test_every_command_and_option_is_in_the_reference(tmp_path: Path) -> None:

@@ -59,6 +59,14 @@ def test_messages_and_times_of_execution_are_left_out() -> None:
     assert found[1]["metadata"] == {}
 
 
+def test_what_was_printed_in_parts_is_joined() -> None:
+    parts = [{"name": "stdout", "output_type": "stream", "text": [text]} for text in ("a\n", "b\n")]
+    picture = {"output_type": "display_data", "data": {}}
+    cell = {"metadata": {}, "outputs": [*parts, {"name": "stderr", "text": "s"}, picture, parts[0]]}
+    (found,) = tidy({"cells": [cell]})["cells"]
+    assert found["outputs"] == [{**parts[0], "text": ["a\n", "b\n"]}, picture, parts[0]]
+
+
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebooks_are_executed_and_tidy(path: Path) -> None:
     notebook = json.loads(path.read_text(encoding="utf-8"))

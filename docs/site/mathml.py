@@ -18,7 +18,10 @@ _EQUATION = re.compile(
 
 
 # Bars that latex2mathml leaves to the browser, which would take each for the end of a norm.
-_BAR = re.compile(r"<mo>(&#x02016;|&#x0007C;)</mo>")
+_BAR = re.compile(r'<mo(?: stretchy="false")?>(&#x02016;|&#x0007C;)</mo>')
+
+# Names of functions, which latex2mathml sets as operators with space on both sides.
+_NAME = re.compile(r"<mo>([a-z]{2,})</mo>")
 
 
 def rendered(page: str) -> str:
@@ -37,5 +40,6 @@ def _converted(equation: re.Match[str]) -> str:
     display = "block" if equation["kind"] == "[" else "inline"
     mathml = convert(html.unescape(equation["latex"]).strip(), display=display)
     mathml = _BAR.sub(r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>', mathml)
+    mathml = _NAME.sub(r"<mi>\1</mi>", mathml)
     tag = equation["tag"]
     return f'<{tag} class="equation-{display}">{mathml}</{tag}>'
