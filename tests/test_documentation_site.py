@@ -174,6 +174,16 @@ def test_lines_do_not_break_between_a_number_and_its_unit(text: str, found: str)
     assert set_breaks(text) == found
 
 
+def test_the_cells_of_a_column_that_explains_are_marked() -> None:
+    head = "<table><thead><tr><th>a</th><th>b</th></tr></thead>"
+    rows = ["<tr><td>1</td><td>short</td></tr>", f"<tr><td>2</td><td>{'long ' * 9}</td></tr>"]
+    found = set_breaks(head + "".join(rows) + "</table>")
+    assert found == head + "".join(rows).replace("<td>short", '<td class="prose">short').replace(
+        "<td>long", '<td class="prose">long'
+    ) + ("</table>")
+    assert set_breaks(f"{head}{rows[0]}</table>") == f"{head}{rows[0]}</table>"
+
+
 def test_every_command_and_option_is_in_the_reference(tmp_path: Path) -> None:
     page = tmp_path / "command-line.md"
     command_line.write(page)

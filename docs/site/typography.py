@@ -1,4 +1,5 @@
-"""Where lines may break: not between a number and its unit, but inside long code of a table."""
+"""Where lines may break: not between a number and its unit, but inside long code of a table, and
+how narrow a column of a table may become."""
 
 import re
 
@@ -13,13 +14,21 @@ _VERBATIM = ("pre", "code", "script", "style", "math")
 LONG = 32
 """Characters of code that a table's column may be as wide as."""
 
+PROSE = 40
+"""Characters of a cell's text from which its column explains something, and is not squeezed."""
+
+_TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
+_ROW = re.compile(r"<tr[^>]*>.*?</tr>", re.DOTALL)
+_ENTRY = re.compile(r"<(t[hd])([^>]*)>(.*?)</\1>", re.DOTALL)
 _CELL = re.compile(r"<td[^>]*>.*?</td>", re.DOTALL)
 _CODE = re.compile(r"<code>(?=((?:[^<]|<(?!/code>))*)</code>)")
 
 
 def set_breaks(page: str) -> str:
-    """A page's HTML with no-break spaces in `20 s` and `10 000`, and with the class `long` where
-    code in a table's cell has more than `LONG` characters."""
+    """A page's HTML with no-break spaces in `20 s` and `10 000`. Code in a table's cell with more
+    than `LONG` characters gets the class `long`, cells of columns with more than `PROSE` characters
+    in one of them the class `prose`."""
+    page = _TABLE.sub(_of_columns, page)
     page = _CELL.sub(lambda cell: _CODE.sub(_of_length, cell[0]), page)
     parts, inside = [], 0
     for part in _TAG.split(page):
@@ -35,3 +44,25 @@ def set_breaks(page: str) -> str:
 
 def _of_length(code: re.Match[str]) -> str:
     return '<code class="long">' if len(_TAG.sub("", code[1])) > LONG else code[0]
+
+
+def _of_columns(table: re.Match[str]) -> str:
+    rows = [_ENTRY.findall(row) for row in _ROW.findall(table[0])]
+    prose = {
+        column
+        for row in rows
+        for column, (tag, _, content) in enumerate(row)
+        if tag == "td" and len(_TAG.sub("", content)) > PROSE
+    }
+
+    def marked(row: re.Match[str]) -> str:
+        columns = iter(range(len(rows[0]) + 1))
+
+        def entry(found: re.Match[str]) -> str:
+            is_prose = next(columns, None) in prose and found[1] == "td"
+            kind = ' class="prose"' if is_prose else ""
+            return f"<{found[1]}{found[2]}{kind}>{found[3]}</{found[1]}>"
+
+        return _ENTRY.sub(entry, row[0])
+
+    return _ROW.sub(marked, table[0])
