@@ -32,7 +32,7 @@ help:
 	@echo "make lint         ruff: rules and layout"
 	@echo "make types        pyright"
 	@echo "make notebook     run the notebooks again, in place; notebook-check runs them from the wheel"
-	@echo "make lab          open the notebooks in JupyterLab"
+	@echo "make lab          open the notebooks in JupyterLab; ARGS=--no-browser on a server"
 	@echo "make docs         build the documentation site, build/site/index.html, and check its links"
 	@echo "make pictures     draw the pictures of the documentation again"
 	@echo "make wheel-check  build the wheel and use it from a fresh environment"
@@ -63,7 +63,7 @@ types: $(INSTALLED_DEV)
 
 lab: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --editable '.[lab]'
-	$(BIN)/jupyter lab --LabApp.default_url=/lab/tree/notebooks
+	$(BIN)/jupyter lab --LabApp.default_url=/lab/tree/notebooks $(ARGS)
 
 notebook: $(INSTALLED_DEV)
 	$(BIN)/jupyter nbconvert --to notebook --execute --inplace notebooks/*.ipynb
