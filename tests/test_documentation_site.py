@@ -162,6 +162,8 @@ def test_a_table_of_pandas_gets_one_header_and_the_style_of_the_site(tmp_path: P
     [
         ("<p>20 s of 10 000 K</p>", "<p>20\xa0s of 10\xa0000\xa0K</p>"),
         ("<td>74.4 %</td>", "<td>74.4\xa0%</td>"),
+        ("<td>8.4e-06</td>", '<td><span class="number">8.4e-06</span></td>'),
+        ("<title>8.4e-06</title>", "<title>8.4e-06</title>"),
         ("<p>15 W/(m² K), 5 Kp, in 2024 it</p>", "<p>15 W/(m² K), 5 Kp, in 2024 it</p>"),
         ("<pre><code>20 s</code></pre>", "<pre><code>20 s</code></pre>"),
         ('<td><code class="x">20 s</code></td>', '<td><code class="x">20 s</code></td>'),

@@ -9,7 +9,8 @@ _UNITS = (
 )
 _NUMBER = re.compile(rf"(?<=\d) (?=(?:{_UNITS})(?![\w/²³^])|\d{{3}}(?!\d))")
 _TAG = re.compile(r"(<[^>]+>)")
-_VERBATIM = ("pre", "code", "script", "style", "math")
+_VERBATIM = ("pre", "code", "script", "style", "math", "title")
+_EXPONENT = re.compile(r"\d[\d.]*e-\d+")
 
 LONG = 32
 """Characters of code that a table's column may be as wide as."""
@@ -25,7 +26,8 @@ _CODE = re.compile(r"<code>(?=((?:[^<]|<(?!/code>))*)</code>)")
 
 
 def set_breaks(page: str) -> str:
-    """A page's HTML with no-break spaces in `20 s` and `10 000`. Code in a table's cell with more
+    """A page's HTML with no-break spaces in `20 s` and `10 000`, and the class `number` around
+    `1e-6`, which would break after its hyphen. Code in a table's cell with more
     than `LONG` characters gets the class `long`, cells of columns with more than `PROSE` characters
     in one of them the class `prose`."""
     page = _TABLE.sub(_of_columns, page)
@@ -38,6 +40,7 @@ def set_breaks(page: str) -> str:
                 inside += -1 if part.startswith("</") else 1
         elif not inside:
             part = _NUMBER.sub("\N{NO-BREAK SPACE}", part)
+            part = _EXPONENT.sub(r'<span class="number">\g<0></span>', part)
         parts.append(part)
     return "".join(parts)
 
