@@ -59,6 +59,8 @@ def broken(path: str, value: Any) -> dict[str, Any]:
         ("driver.polarity", 0),
         ("driver.averaging", "mean"),
         ("driver.counts", 0),
+        ("driver.polarity", True),
+        ("format", True),
         ("camera.resolution", [80]),
         ("channels.0.nodes", "V11"),
         ("parameters.R_E.bounds", [1.0]),

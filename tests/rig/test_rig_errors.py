@@ -18,6 +18,8 @@ MISTAKES = {
     "unknown key of a link": ("paper", "factor = 2.0", "faktor = 2.0", "circuit.links[R_Tez]", "'faktor'", "did you mean 'factor'"),
     "missing key": ("paper", 'capacitance = "C_element"', "", "circuit.capacitance", "missing"),
     "missing table": ("paper", '[ambient]\ntemperature = "T_amb"', "", "ambient", "missing"),
+    "a format that is no number": ("paper", "format = 1", "format = true", "format", "expected a whole number", "got true"),
+    "a polarity that is no number": ("dual", "polarity = 1", "polarity = true", "driver.polarity", "expected a whole number", "got true"),
     "another format": ("paper", "format = 1", "format = 2", "format", "expected 1", "got 2"),
     "a mass for a length": ("paper", '"5.08 mm"', '"4 kg"', "plate.thickness", "'4 kg'", "a length above 0"),
     "no unit": ("paper", '"1.5 cm"', '"1.5"', "plate.columns[8]", "'1.5'", "without a unit", "4 cm"),

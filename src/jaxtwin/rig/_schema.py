@@ -27,6 +27,12 @@ def _quantity(value: object) -> Any:
     return value.strip()
 
 
+def _number(value: object) -> Any:
+    if isinstance(value, bool):  # which Python takes for 1 or 0
+        raise ValueError(f"expected a whole number, got {str(value).lower()}")
+    return value
+
+
 def _place(value: object) -> Any:
     if isinstance(value, list) and len(value) != 2:
         raise ValueError(f"expected one position or a range of two, got {len(value)} entries")
@@ -37,6 +43,7 @@ def _quantity_or_list(value: object) -> Any:
     return [_quantity(item) for item in value] if isinstance(value, list) else _quantity(value)
 
 
+Format = Annotated[Literal[1], BeforeValidator(_number)]
 Text = Annotated[str, BeforeValidator(_text)]
 Quantity = Annotated[str, BeforeValidator(_quantity)]
 ONE_OR_SEVERAL = WithJsonSchema(
@@ -132,7 +139,7 @@ class DriverTable(Table):
     lag: Quantity | None = None
     delay: Quantity | None = None
     counts: Annotated[int, Field(ge=1, le=2**31)]
-    polarity: Literal[1, -1]
+    polarity: Annotated[Literal[1, -1], BeforeValidator(_number)]
     averaging: Literal["voltage", "on-off"]
     off_phase: Literal["brake", "open"] = "brake"
 
@@ -217,7 +224,7 @@ class ParameterTable(Table):
 
 
 class RigTable(Table):
-    format: Literal[1]
+    format: Format
     name: Text
     title: str = ""
     description: str = ""
@@ -239,7 +246,7 @@ class RigTable(Table):
 
 
 class ModuleTable(Table):
-    format: Literal[1]
+    format: Format
     name: Text
     title: str = ""
     references: list[str] = []
@@ -256,7 +263,7 @@ class ModuleTable(Table):
 
 
 class MaterialTable(Table):
-    format: Literal[1]
+    format: Format
     name: Text
     title: str = ""
     references: list[str] = []
