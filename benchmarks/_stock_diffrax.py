@@ -26,7 +26,7 @@ def stock_diffrax(solver: diffrax.AbstractSolver, task: Task, count: int, tolera
     cells, draws = commands.shape[1], task.draws(count)
 
     def solve(values: dict[str, jax.Array]) -> jax.Array:
-        system = task.twin.with_parameters(values).system()
+        system = task.twin.with_values(values).system()
         reference = system.ambient_temperature
 
         def field(t, state, system):

@@ -55,15 +55,15 @@ class Task:
 
     def draws(self, count: int) -> dict[str, Float[np.ndarray, " draws"]]:
         """The first so many draws."""
-        names = [name for name in self.twin.parameters if name not in HELD]
-        values = {name: float(self.twin.parameters[name]) for name in names}
+        names = [name for name in self.twin.values if name not in HELD]
+        values = {name: float(self.twin.values[name]) for name in names}
         return normal_draws(values, SPREAD, SEED, count)
 
     def twins(self, count: int) -> list[jt.Twin]:
         """The first so many draws as a twin each."""
         draws = self.draws(count)
         return [
-            self.twin.with_parameters({name: values[k] for name, values in draws.items()})
+            self.twin.with_values({name: values[k] for name, values in draws.items()})
             for k in range(count)
         ]
 

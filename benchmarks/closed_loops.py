@@ -73,7 +73,7 @@ def _error(
         precision=precision,
     )
     experiment = jt.Experiment(np.arange(duration + 1.0), found["duty"][0])
-    expected = jt.simulate(twin.with_parameters({"t_delay": delay}), experiment)
+    expected = jt.simulate(twin.with_values({"t_delay": delay}), experiment)
     return float(np.abs(found["temperatures"][0] - expected.temperatures).max())
 
 

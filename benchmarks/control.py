@@ -57,7 +57,7 @@ def measure(count: int, fit_file: Path | None) -> dict[str, Any]:
         fit = jt.match(twin, [jt.read_recording(path) for path in jt.find_recordings()])
     else:
         fit = jt.Fit.load(fit_file)
-    plant = fit.mean_twin.with_parameters({"T_amb": START, "T_start": START})
+    plant = fit.mean_twin.with_values({"T_amb": START, "T_start": START})
     draws = posterior_draws(fit, count)
     rest = most_even_point(plant, REFERENCE, limits=ROOM)
     answer: dict[str, Any] = {"fit_percent": fit.mean_fit_percent, "draws": count}
@@ -149,7 +149,7 @@ def optimum(
     equal = jt.linearize(plant, temperatures=REFERENCE).operating_point
     found, missed = [], 0
     for number in range(count):
-        drawn = plant.with_parameters({name: v[number] for name, v in draws.items()})
+        drawn = plant.with_values({name: v[number] for name, v in draws.items()})
         try:
             found.append(plate_range(most_even_point(drawn, REFERENCE, limits=LIMITS)))
         except ControlError:

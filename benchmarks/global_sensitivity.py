@@ -44,14 +44,12 @@ def timed(work: Callable[[], Result]) -> tuple[Result, Times]:
 
 def names() -> list[str]:
     """All that can be drawn."""
-    return [name for name in TASK.twin.parameters if name not in HELD]
+    return [name for name in TASK.twin.values if name not in HELD]
 
 
 def analyse(base: int) -> jt.GlobalSensitivity:
     """Sobol's indices of the cost."""
-    return jt.sensitivity(
-        TASK.twin, TASK.experiment, method="sobol", draws=base, parameters=names()
-    )
+    return jt.sensitivity(TASK.twin, TASK.experiment, method="sobol", draws=base, names=names())
 
 
 def measure(base: int, by_scipy: int) -> dict[str, Any]:
@@ -108,7 +106,7 @@ def lsoda_costs(samples: Float[np.ndarray, "runs parameters"]) -> Float[np.ndarr
     assert recorded is not None
     costs = []
     for row in samples:
-        network = equations(TASK.twin.with_parameters(dict(zip(names(), row, strict=True))))
+        network = equations(TASK.twin.with_values(dict(zip(names(), row, strict=True))))
         states = [network.initial[None]]
         for start, end, command in stretches(TASK.experiment, network.delay):
             solution = odeint(

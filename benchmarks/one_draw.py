@@ -67,7 +67,7 @@ def _call(rig: str, call: str) -> Callable[[], object]:
     experiment = jt.Experiment.schedule("0:0.502,500:0.784", duration=1000, cells=2)
     if call == "simulate":
         return lambda: jt.simulate(twin, experiment)
-    draws = {name: np.array([float(value)]) for name, value in twin.parameters.items()}
+    draws = {name: np.array([float(value)]) for name, value in twin.values.items()}
     return lambda: jt.simulate_batch(twin, experiment, draws)
 
 

@@ -162,7 +162,7 @@ def recorded_temperatures(experiments: list[Experiment]) -> list[np.ndarray]:
 def published(experiments: list[Experiment]) -> str:
     """The paper's twin with the paper's values."""
     twin = Twin("paper-2024")
-    twin = twin.with_parameters(twin.rig.parameter_sets["published"])
+    twin = twin.with_values(twin.rig.parameter_sets["published"])
     runs = [twin.simulate(experiment) for experiment in experiments]
     pairs = [
         (recorded, run.temperatures)

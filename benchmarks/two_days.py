@@ -144,7 +144,7 @@ def recordings(
         values = truth[day] | {"t_delay": float(rng.uniform(1, 4))}
         room = 16 + 1.5 * float(rng.standard_normal())
         values |= {"T_amb": room, "T_start": room}
-        run = simulate(plant.with_parameters(plant_values(kind, values)), drive)
+        run = simulate(plant.with_values(plant_values(kind, values)), drive)
         made.append(
             Experiment(
                 drive.time,

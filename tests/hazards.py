@@ -156,7 +156,7 @@ def run_hazard(
     if hazard.limits:
         assert twin.rig.limits is not None
         rig = replace(twin.rig, limits=replace(twin.rig.limits, **hazard.limits))
-        twin = Twin(rig, dict(twin.parameters))
+        twin = Twin(rig, dict(twin.values))
     clock = HandClock()
     device = VirtualRig(twin, seed=seed, camera_hz=random.uniform(4, 9))
     scene = Scene(device, clock, random, onset=random.uniform(4, 12))

@@ -34,10 +34,10 @@ def fit() -> Fit:
 def analysis() -> Sensitivity:
     """Twenty draws of four parameters."""
     names = ["R_pc", "R_E", "R_Tez", "R_Tfx"]
-    return sensitivity(list(fit().twins.values()), recordings(), draws=20, parameters=names)
+    return sensitivity(list(fit().twins.values()), recordings(), draws=20, names=names)
 
 
 @cache
 def global_analysis() -> GlobalSensitivity:
     """Sobol's indices of the costs, from sixteen base samples."""
-    return sensitivity(fit(), method="sobol", draws=16, parameters=["R_pc", "R_E"])
+    return sensitivity(fit(), method="sobol", draws=16, names=["R_pc", "R_E"])

@@ -411,7 +411,7 @@ def test_recordings_get_the_values_that_a_parameter_file_has_under_their_names()
     unseen = replace(recording, name="unseen")
     twins = open_twins(rig, None, synthetic_truth(), [recording, unseen])
     assert not isinstance(twins, Fit)
-    known, shared = (float(twin.parameters["T_amb"]) for twin in twins)
+    known, shared = (float(twin.values["T_amb"]) for twin in twins)
     assert known == read_parameters(synthetic_truth(), rig, "synthetic-B")["T_amb"]
     assert shared == read_parameters(synthetic_truth(), rig)["T_amb"]
     assert abs(shared - known) > 0.5

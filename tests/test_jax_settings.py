@@ -57,7 +57,7 @@ def draws(twin: Twin) -> dict[str, np.ndarray]:
 
 def recording(twin: Twin) -> Experiment:
     """What a twin with another contact says."""
-    run = simulate(twin.with_parameters({"R_pc": 0.15}), DRIVE)
+    run = simulate(twin.with_values({"R_pc": 0.15}), DRIVE)
     return Experiment(TIME, DRIVE.duty, temperatures=run.temperatures, channels=run.channels)
 
 
@@ -96,7 +96,7 @@ def test_response_and_its_derivative_run_too(twin, setting):
     np.testing.assert_allclose(readings, simulate(twin, DRIVE).temperatures, atol=0.05)
 
     def rise(resistance: jax.Array) -> jax.Array:
-        return response(twin.with_parameters({"R_pc": resistance}), DRIVE)
+        return response(twin.with_values({"R_pc": resistance}), DRIVE)
 
     # Not by jax.jacfwd, which itself does what jax_transfer_guard forbids.
     at, direction = jax.device_put(np.float32(0.1)), jax.device_put(np.float32(1.0))

@@ -8,7 +8,7 @@ from jaxtwin._residual_statistics import autocorrelation
 
 
 def test_the_fit_of_a_channel_that_never_changes_is_no_number():
-    """Its spread is 0, whatever rounding makes of its mean; the other channel's is by hand."""
+    """Its variance is 0, whatever rounding makes of its mean; the other channel's is by hand."""
     recorded = np.column_stack([np.full(7, 20.1), np.arange(7.0)])
     simulated = recorded + np.array([0.5, 1.0])
     fits = fit_percent(recorded, simulated)

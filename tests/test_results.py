@@ -47,7 +47,7 @@ def dc_sweep() -> DCSweep:
 
 
 def swept(folder: Path) -> jt.Sweep:
-    return jt.sweep(fit(), None, folder, draws=4, parameters=["R_E"], reductions=["final"])
+    return jt.sweep(fit(), None, folder, draws=4, names=["R_E"], reductions=["final"])
 
 
 def closed_loop() -> ClosedLoopRun:

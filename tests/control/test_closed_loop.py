@@ -60,7 +60,7 @@ def test_gradients_are_those_of_differences(twin: Twin):
     happens = scenario(twin, PID(0.05), 35, duration_s=DURATION, quantised=False)
 
     def cost(Kp: jax.Array, resistance: jax.Array) -> jax.Array:
-        plant = twin.with_parameters({"R_E": resistance})
+        plant = twin.with_values({"R_E": resistance})
         loop = closed_loop(plant, PID(Kp=Kp, Ki=0.001), happens)
         return MEASURES["integral_squared_error"][0](loop)
 
@@ -90,7 +90,7 @@ def test_draws_are_loops_side_by_side(twin: Twin, pid: PID):
     )
     assert found.failed.tolist() == [False, False, True]
     single = simulate_closed_loop(
-        twin.with_parameters({"R_E": 2.1, "t_delay": 3.5}),
+        twin.with_values({"R_E": 2.1, "t_delay": 3.5}),
         PID(Kp=0.2, Ki=0.001),
         35,
         duration_s=DURATION,
@@ -179,7 +179,7 @@ def test_a_slow_controller_has_steps_of_the_plant_between_its_samples(twin: Twin
 def test_power_is_what_the_supply_gives(twin: Twin):
     """Half duty on both cells: half the current of a cell that is connected, from 12 V."""
     run = simulate_closed_loop(twin, lambda t, r, y: jnp.full(2, 0.5), 30, duration_s=DURATION)
-    values = twin.parameters
+    values = twin.values
     sides = [[run.run.node(f"P{cell}.{side}")[-1] for side in ("TC", "TH")] for cell in (1, 2)]
     duty = round(0.5 * 255) / 255
     for (cold, hot), power in zip(sides, run.power[-1], strict=True):
@@ -215,7 +215,7 @@ def test_energy_is_the_integral_of_the_delayed_and_lagged_duty(delay: float, lag
 @pytest.mark.parametrize("delay", [2.0, 2.6])
 def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: float):
     """Two ways to the same rule: steps of one size, and any times and commands."""
-    plant = twin.with_parameters({"t_delay": delay})
+    plant = twin.with_values({"t_delay": delay})
     run = simulate_closed_loop(plant, pid, "0:20,20:40", duration_s=DURATION, seed=2)
     np.testing.assert_allclose(run.power, run.run.power, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(run.energy, run.run.energy, rtol=1e-9, atol=1e-6)

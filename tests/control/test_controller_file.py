@@ -25,7 +25,7 @@ from jaxtwin.control import (
     read_controller,
     save_controller,
 )
-from jaxtwin.control._controller import with_parameters
+from jaxtwin.control._controller import with_values
 
 PID_FILE = """
 format = 1
@@ -222,8 +222,8 @@ def test_gains_that_are_not_stable_are_neither_read_nor_written(tmp_path: Path, 
     lqi = of_models(twin)[0]
     path = tmp_path / "controller.toml"
     for wrong, message in (
-        (with_parameters(lqi, {"Kx": -np.asarray(lqi.Kx)}), "gains: expected gains with which"),
-        (with_parameters(lqi, {"Ki": -np.asarray(lqi.Ki)}), "gains: expected gains with which"),
+        (with_values(lqi, {"Kx": -np.asarray(lqi.Kx)}), "gains: expected gains with which"),
+        (with_values(lqi, {"Ki": -np.asarray(lqi.Ki)}), "gains: expected gains with which"),
         (eqx.tree_at(lambda c: c.kalman.L, lqi, -lqi.kalman.L), r"model\.L: expected a gain"),
     ):
         with pytest.raises(ControlError, match=message):

@@ -35,7 +35,7 @@ def test_more_weight_gives_a_more_even_plate_that_is_slower(found: Frontier):
     assert max(tuning.after.sensitivity_peak for tuning in found.tunings) <= 1.6 * (1 + 1e-3)
     table = found.to_dataframe()
     assert table.loc[20.0, "largest_plate_range"] == pytest.approx(plate_range[1])
-    assert table.loc[20.0, "Kp"] == found.tunings[1].after.parameters[0]
+    assert table.loc[20.0, "Kp"] == found.tunings[1].after.values[0]
     data = found.to_xarray()
     assert data["energy"].shape == (3, 2)
     assert data["energy"].attrs["units"] == "J"
@@ -46,7 +46,7 @@ def test_more_weight_gives_a_more_even_plate_that_is_slower(found: Frontier):
 @pytest.mark.slow
 def test_the_first_point_is_a_tuning_for_the_objective_alone(twin: Twin, found: Frontier):
     alone = jt.tune(START, twin, 24, starts=1, rounds=5, **SETTINGS)
-    np.testing.assert_allclose(found.tunings[0].after.parameters, alone.after.parameters, rtol=1e-6)
+    np.testing.assert_allclose(found.tunings[0].after.values, alone.after.values, rtol=1e-6)
     # The next search starts where this one ended.
     assert found.tunings[1].start is found.tunings[0].controller
 

@@ -169,13 +169,13 @@ def test_models_of_many_draws_are_those_of_each():
     twin, values = Twin("dual-cell"), np.array([1.8, 2.2])
 
     def model(R_E) -> DiscreteModel:
-        linear = linearize(twin.with_parameters({"R_E": R_E}), duty=[0.4, 0.4])
+        linear = linearize(twin.with_values({"R_E": R_E}), duty=[0.4, 0.4])
         return linear.discretise(1.0, longest_delay_s=3.0)
 
     with jax.enable_x64(True):
         batch = jax.vmap(model)(values)
     for number, value in enumerate(values):
-        single = linearize(twin.with_parameters({"R_E": value}), duty=[0.4, 0.4])
+        single = linearize(twin.with_values({"R_E": value}), duty=[0.4, 0.4])
         single = single.discretise(1.0, longest_delay_s=3.0)
         np.testing.assert_allclose(batch.A[number], single.A, rtol=0, atol=1e-12)
         np.testing.assert_allclose(batch.B[number], single.B, rtol=0, atol=1e-12)
@@ -189,7 +189,7 @@ def test_derivatives_by_a_parameter_are_exact(keywords, float64):
     twin = Twin("single-cell" if "temperatures" in keywords else "dual-cell")
 
     def number(R_E):
-        model = linearize(twin.with_parameters({"R_E": R_E}), **keywords)
+        model = linearize(twin.with_values({"R_E": R_E}), **keywords)
         return model.dcgain.sum() + model.operating_point.duty.sum()
 
     step = 1e-4

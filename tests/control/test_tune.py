@@ -26,7 +26,7 @@ def problem(twin: Twin) -> TuningProblem:
         twin,
         24,
         150,
-        parameters={"Kp": (0.003, 0.3), "Ki": (1e-5, 1e-2)},
+        tuned={"Kp": (0.003, 0.3), "Ki": (1e-5, 1e-2)},
         objective={"integral_absolute_error": 1.0, "energy": 0.002},
         draws=DRAWS,
         tail_weight=0.5,
@@ -69,11 +69,11 @@ def test_the_tuned_loop_is_better_and_keeps_to_the_limit(twin: Twin, tuning: Tun
     assert tuning.after.objective < 0.9 * tuning.before.objective
     assert tuning.after.sensitivity_peak <= LIMIT * (1 + 1e-3)
     assert tuning.after.sensitivity.max() == pytest.approx(tuning.after.sensitivity_peak)
-    assert np.all(tuning.lower <= tuning.after.parameters)
-    assert np.all(tuning.after.parameters <= tuning.upper)
+    assert np.all(tuning.lower <= tuning.after.values)
+    assert np.all(tuning.after.values <= tuning.upper)
     controller = tuning.controller
     assert isinstance(controller, PID)
-    np.testing.assert_allclose([controller.Kp, controller.Ki], tuning.after.parameters)
+    np.testing.assert_allclose([controller.Kp, controller.Ki], tuning.after.values)
     # The same loops by simulate_closed_loop.
     again = jt.simulate_closed_loop(
         twin, controller, 24, duration_s=150, draws=DRAWS, noise=False, quantised=False
@@ -92,9 +92,9 @@ def test_the_sensitivity_is_that_of_the_continuous_loop_with_a_hold(twin: Twin, 
     sampling folds down from above is small for a plate."""
     peaks = []
     for R_E, delay in zip(*DRAWS.values(), strict=True):
-        plant = twin.with_parameters({"R_E": R_E, "t_delay": delay})
+        plant = twin.with_values({"R_E": R_E, "t_delay": delay})
         model = jt.linearize(plant, temperatures=24.0)
-        Kp, Ki = tuning.after.parameters
+        Kp, Ki = tuning.after.values
 
         def loop(omega: Any, model: Any = model, Kp: float = Kp, Ki: float = Ki) -> Any:
             z = np.exp(1j * omega)
@@ -161,10 +161,10 @@ def test_the_box_is_logarithmic_where_it_is_above_0():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"parameters": ["Kx"]}, "unknown parameter 'Kx'"),
-        ({"parameters": ["Kd"]}, "Kd: expected bounds, because its value is not above 0"),
-        ({"parameters": {"Kp": (1, 0.1)}}, r"Kp: expected \(lowest, highest\)"),
-        ({"parameters": []}, "expected names of parameters, got none"),
+        ({"tuned": ["Kx"]}, "unknown parameter 'Kx'"),
+        ({"tuned": ["Kd"]}, "Kd: expected bounds, because its value is not above 0"),
+        ({"tuned": {"Kp": (1, 0.1)}}, r"Kp: expected \(lowest, highest\)"),
+        ({"tuned": []}, "expected names of parameters, got none"),
         ({"objective": "settling_time"}, "which changes by whole samples; take integral_time"),
         ({"objective": "speed"}, "unknown measure 'speed'"),
         ({"objective": {"energy": np.inf}}, "energy: expected a finite number"),

@@ -145,9 +145,9 @@ def test_the_search_finds_the_best_of_all_schedules(tmp_path: Path, criterion: A
 
 def log_slope(twin: Twin, drive: Experiment, name: str) -> np.ndarray:
     """The derivative of the reading with respect to the logarithm of a parameter."""
-    value, step = float(twin.parameters[name]), 1e-3
+    value, step = float(twin.values[name]), 1e-3
     up, down = (
-        simulate(twin.with_parameters({name: value * np.exp(way)}), drive).temperatures[:, 0]
+        simulate(twin.with_values({name: value * np.exp(way)}), drive).temperatures[:, 0]
         for way in (step, -step)
     )
     return (up - down) / (2 * step)
@@ -155,8 +155,8 @@ def log_slope(twin: Twin, drive: Experiment, name: str) -> np.ndarray:
 
 @pytest.mark.slow
 def test_what_is_known_today_are_the_errors_of_the_fit(fitted: Fit, design: ExperimentDesign):
-    assert design.parameters == ("C_load", "R_loss", "R_Th")
-    for name in design.parameters:
+    assert design.names == ("C_load", "R_loss", "R_Th")
+    for name in design.names:
         assert design.standard_errors[name] == pytest.approx(fitted[name].standard_error, rel=1e-4)
 
 
@@ -178,7 +178,7 @@ def test_matches_of_designed_recordings_err_as_predicted(design: ExperimentDesig
         [recorded(STEPS, seed), recorded(design.schedule, 1000 + seed)] for seed in range(1, 17)
     ]
     fits = match_many(Twin("single-cell"), sets, free=FREE)
-    for name in design.parameters:
+    for name in design.names:
         found = np.array([fit[name].value for fit in fits if fit is not None])
         assert len(found) == len(sets)
         deviations = np.log(found / TRUTH[name])
@@ -246,7 +246,7 @@ def test_a_loaded_fit_gives_the_same_design(fitted: Fit, design: ExperimentDesig
         ({"bounds": (0.5, 0.2)}, "bounds: expected the lowest and the highest"),
         ({"bounds": (0.5, 0.5005)}, "bounds: expected at least two of the driver's 255 counts"),
         ({"levels": 1}, "levels: expected a whole number"),
-        ({"parameters": ["T_amb"]}, "parameters: expected some of the matched parameters C_load"),
+        ({"names": ["T_amb"]}, "names: expected some of the matched parameters C_load"),
         ({"group": "Monday"}, "group: expected one of"),
         ({"starts": 0}, "starts: expected a whole number"),
     ],

@@ -53,7 +53,7 @@ def test_masks_must_leave_more_samples_than_unknowns(left: float, samples: int):
 @pytest.mark.parametrize("name", ["R_E", "C_load"])
 def test_a_parameter_with_several_values_is_refused(name: str):
     """Whether it is held or matched."""
-    twin = Twin("single-cell").with_parameters({name: [1.5, 2.0]})
+    twin = Twin("single-cell").with_values({name: [1.5, 2.0]})
     with pytest.raises(ParameterError, match=f"parameter {name}: expected one value, got 2"):
         match(twin, recording(WARMING), free=FREE)
 

@@ -255,7 +255,7 @@ def test_a_day_that_the_fit_knows_is_predicted_with_its_values(rig: Rig, both: F
     unseen = recording(rig, "friday", 2)
     known = validate(both, unseen)
     assert known.rmse < 1.3 * NOISE
-    assert known.predictions[0].twin.parameters["d_x"] == both.group_values["friday"]["d_x"]
+    assert known.predictions[0].twin.values["d_x"] == both.group_values["friday"]["d_x"]
     assert validate(both, unseen, group="monday").rmse > 10 * known.rmse
 
 

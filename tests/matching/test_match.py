@@ -67,7 +67,7 @@ def test_the_truth_is_recovered_without_noise(clean):
 
 
 def test_the_history_begins_at_the_start_and_never_rises(clean, start: Twin):
-    assert clean.history[0].parameters["R_E"] == pytest.approx(float(start.parameters["R_E"]))
+    assert clean.history[0].values["R_E"] == pytest.approx(float(start.values["R_E"]))
     costs = [step.cost for step in clean.history]
     assert all(later <= earlier for earlier, later in pairwise(costs))
     assert clean.history[-1].rmse == pytest.approx(clean.rmse)
@@ -78,7 +78,7 @@ def test_a_saved_fit_makes_the_same_twin(clean, tmp_path):
     for recording, twin in clean.twins.items():
         values = read_parameters(tmp_path / "fit.toml", clean.twin.rig, recording)
         for name, value in values.items():
-            assert value == pytest.approx(float(twin.parameters[name]), rel=1e-12)
+            assert value == pytest.approx(float(twin.values[name]), rel=1e-12)
 
 
 def test_the_result_is_json_and_a_table(clean):

@@ -34,7 +34,7 @@ def whole(start: Twin) -> Experiment:
     drive = Experiment.schedule(
         "0:0.5,60:0.8", duration=150, step=3.0, cells=2, channels=CHANNELS, name="day"
     )
-    exact = simulate(start.with_parameters(TRUTH), drive).temperatures
+    exact = simulate(start.with_values(TRUTH), drive).temperatures
     noise = 0.1 * np.random.default_rng(0).standard_normal(exact.shape)
     return with_temperatures(drive, exact + noise)
 
@@ -171,7 +171,7 @@ def test_a_recordings_own_values_come_from_the_samples_that_are_there(
     """The first readings and a whole channel are missing in the first minute."""
     holes = np.zeros((51, 3), bool)
     holes[0] = holes[:25, 1] = True
-    true = start.with_parameters(TRUTH)
+    true = start.with_values(TRUTH)
     gappy, complete = (
         estimate_initial_conditions(true, experiment).values["T_amb"]
         for experiment in (with_holes(whole, holes), whole)

@@ -54,12 +54,12 @@ def test_each_experiment_has_its_own_twin():
     _, tuesday, wednesday = days()
     renamed = replace(tuesday, name="another name")
     matched = fit().recording_values["tuesday"]["T_amb"]
-    assert float(fit().twin_for(renamed).parameters["T_amb"]) == matched
+    assert float(fit().twin_for(renamed).values["T_amb"]) == matched
     found = estimate_initial_conditions(fit(), wednesday).values["T_amb"]
-    assert float(fit().twin_for(wednesday).parameters["T_amb"]) == found
+    assert float(fit().twin_for(wednesday).values["T_amb"]) == found
     drive = Experiment.schedule("0:0.3", duration=10)
     rooms = [values["T_amb"] for values in fit().recording_values.values()]
-    assert float(fit().twin_for(drive).parameters["T_amb"]) == pytest.approx(np.mean(rooms))
+    assert float(fit().twin_for(drive).values["T_amb"]) == pytest.approx(np.mean(rooms))
 
 
 @pytest.mark.slow

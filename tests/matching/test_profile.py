@@ -36,7 +36,7 @@ def cooling() -> Experiment:
 
 @cache
 def clean() -> np.ndarray:
-    return simulate(bare().with_parameters(TRUTH), cooling()).temperatures
+    return simulate(bare().with_values(TRUTH), cooling()).temperatures
 
 
 def noise(seed: int, rho: float) -> np.ndarray:
@@ -60,8 +60,8 @@ def fits(rho: float) -> tuple[Fit, ...]:
 
 def known_error(name: str, rho: float) -> float:
     """Standard error of ordinary least squares in noise that is known, from two differences."""
-    truth = bare().with_parameters(TRUTH)
-    moved = [truth.with_parameters({name: TRUTH[name] + 0.5}) for name in FREE]
+    truth = bare().with_values(TRUTH)
+    moved = [truth.with_values({name: TRUTH[name] + 0.5}) for name in FREE]
     slopes = np.column_stack(
         [(simulate(twin, cooling()).temperatures - clean()) / 0.5 for twin in moved]
     )
@@ -98,7 +98,7 @@ def test_the_interval_holds_the_truth_in_95_of_100_and_is_no_wider_than_needed(r
 def test_a_parameter_at_its_bound_has_an_interval_on_the_other_side():
     """The room is held too warm by its bound: what is inside it is measured by the same noise."""
     (fit,) = match_many(
-        bare().with_parameters({"T_amb": 22.0}),
+        bare().with_values({"T_amb": 22.0}),
         [[recording(0, 0.0)]],
         free=FREE,
         shared=FREE,

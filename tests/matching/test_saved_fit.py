@@ -76,7 +76,7 @@ def same(fit: Fit, other: Fit) -> None:
     # NaN is the same as NaN here.
     assert str(fit.fit_percent) == str(other.fit_percent)
     assert str(fit.parameters) == str(other.parameters)
-    assert fit.twin.parameters == other.twin.parameters
+    assert fit.twin.values == other.twin.values
     mine, theirs = solution_of(fit), solution_of(other)
     np.testing.assert_allclose(mine.vector, theirs.vector, rtol=1e-14)
     for field in fields(fit.uncertainty):
@@ -91,7 +91,7 @@ def same(fit: Fit, other: Fit) -> None:
     mine, theirs = solution_of(fit).problem, solution_of(other).problem
     assert mine.unknowns == theirs.unknowns
     assert (mine.common_error, mine.robust) == (theirs.common_error, theirs.robust)
-    assert mine.twin.parameters == theirs.twin.parameters
+    assert mine.twin.values == theirs.twin.values
     assert fit.summary() == other.summary()
 
 
@@ -101,7 +101,7 @@ def test_a_saved_fit_comes_back_whole(fit: Fit, saved: Path):
     same(fit, loaded)
     assert loaded["R_E"].at_bound
     assert loaded["C_load"].standard_error == fit["C_load"].standard_error
-    assert {name: float(twin.parameters["T_amb"]) for name, twin in loaded.twins.items()} == {
+    assert {name: float(twin.values["T_amb"]) for name, twin in loaded.twins.items()} == {
         name: fit.recording_values[name]["T_amb"] for name in NAMES
     }
 
@@ -159,9 +159,9 @@ def test_any_fit_comes_back_whole(fit: Fit, tmp_path_factory: pytest.TempPathFac
 @pytest.mark.slow
 def test_a_saved_fit_is_a_parameter_file(fit: Fit, saved: Path):
     values = read_parameters(saved, fit.twin.rig, NAMES[1])
-    assert values == {name: float(value) for name, value in fit.twins[NAMES[1]].parameters.items()}
-    assert Twin("single-cell", saved).parameters["C_load"] == fit["C_load"].value
-    assert Twin("single-cell").with_parameters(str(saved)).parameters["R_E"] == 1.95
+    assert values == {name: float(value) for name, value in fit.twins[NAMES[1]].values.items()}
+    assert Twin("single-cell", saved).values["C_load"] == fit["C_load"].value
+    assert Twin("single-cell").with_values(str(saved)).values["R_E"] == 1.95
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ def netlist(twin) -> Netlist:
 @pytest.fixture(scope="module")
 def values(twin) -> dict[str, float]:
     table = twin.rig.parameters
-    return {name: table[name].to_si(float(value)) for name, value in twin.parameters.items()}
+    return {name: table[name].to_si(float(value)) for name, value in twin.values.items()}
 
 
 def test_counts_of_the_model_file(netlist):

@@ -121,7 +121,7 @@ def test_readings_have_derivatives_in_the_registration(rig: Rig):
         twin = Twin(rig)
 
         def read(values: dict[str, float]) -> jax.Array:
-            return response(twin.with_parameters(values), drive)
+            return response(twin.with_values(values), drive)
 
         slopes = jax.jacfwd(read)(at)
         for name, step in (("d_x", 1e-3), ("d_y", 1e-3), ("s", 1e-5), ("phi", 1e-3)):

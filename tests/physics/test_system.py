@@ -33,7 +33,7 @@ heat = eqx.filter_jit(System.heat_into_nodes)
 
 def values_si(twin: Twin) -> dict[str, float]:
     table = twin.rig.parameters
-    return {name: table[name].to_si(float(value)) for name, value in twin.parameters.items()}
+    return {name: table[name].to_si(float(value)) for name, value in twin.values.items()}
 
 
 def cell_by_hand(rig: Rig, cell, values, duty, cold, hot) -> tuple[float, float, float]:

@@ -48,10 +48,10 @@ def twin() -> Twin:
 def test_values_of_the_table_unless_others_are_given():
     rig = load_rig("paper-2024")
     twin = Twin(rig, {"R_E": 1.5, "C_esp": 1300})
-    assert list(twin.parameters) == list(rig.parameters)
-    assert float(twin.parameters["R_E"]) == 1.5
-    assert float(twin.parameters["C_esp"]) == 1300.0
-    assert float(twin.parameters["R_pc"]) == 0.09
+    assert list(twin.values) == list(rig.parameters)
+    assert float(twin.values["R_E"]) == 1.5
+    assert float(twin.values["C_esp"]) == 1300.0
+    assert float(twin.values["R_pc"]) == 0.09
 
 
 def test_a_plate_of_more_elements_than_a_twin_can_have_is_refused():
@@ -65,16 +65,16 @@ def test_a_plate_of_more_elements_than_a_twin_can_have_is_refused():
 
 
 def test_new_values_leave_the_old_twin_alone(twin):
-    other = twin.with_parameters({"R_E": 2.5})
-    assert (float(other.parameters["R_E"]), float(twin.parameters["R_E"])) == (2.5, 1.97)
+    other = twin.with_values({"R_E": 2.5})
+    assert (float(other.values["R_E"]), float(twin.values["R_E"])) == (2.5, 1.97)
     assert other.rig is twin.rig
 
 
 def test_parameter_sets_are_values_for_a_twin():
     rig = load_rig("paper-2024")
     published = Twin(rig, rig.parameter_sets["published"])
-    assert float(published.parameters["R_E"]) == 0.01
-    assert float(published.parameters["alpha"]) == pytest.approx(0.05077, abs=1e-5)
+    assert float(published.values["R_E"]) == 0.01
+    assert float(published.values["alpha"]) == pytest.approx(0.05077, abs=1e-5)
 
 
 def test_temperatures_are_given_in_the_unit_of_the_table():
@@ -89,8 +89,8 @@ def test_unknown_parameter_is_refused_with_those_that_are_known():
 def test_a_parameter_file_gives_its_values(tmp_path):
     path = tmp_path / "fit.toml"
     path.write_text('[parameters]\nR_E = { value = 2200.0, unit = "mohm" }\n', "utf-8")
-    for twin in (Twin("dual-cell", path), Twin("dual-cell").with_parameters(str(path))):
-        assert float(twin.parameters["R_E"]) == pytest.approx(2.2)
+    for twin in (Twin("dual-cell", path), Twin("dual-cell").with_values(str(path))):
+        assert float(twin.values["R_E"]) == pytest.approx(2.2)
     with pytest.raises(ParameterError, match="cannot be read"):
         Twin("dual-cell", tmp_path / "none.toml")
 
@@ -120,7 +120,7 @@ def test_the_method_takes_the_keywords_of_the_function(twin):
 
 def test_unknown_parameter_of_a_changed_twin_is_refused(twin):
     with pytest.raises(ParameterError, match="unknown parameter 'R_Tfx'"):
-        twin.with_parameters({"R_Tfx": 2.0})
+        twin.with_values({"R_Tfx": 2.0})
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_what_is_no_finite_number_is_refused(twin, value):
     with pytest.raises(
         ParameterError, match=r"dual-cell: parameter R_E: expected finite numbers, got"
     ):
-        twin.with_parameters({"R_E": value})
+        twin.with_values({"R_E": value})
 
 
 def test_unknown_cell_is_refused(twin):
@@ -141,7 +141,7 @@ def test_unknown_cell_is_refused(twin):
 
 
 def test_module_of_a_cell_has_the_twin_s_values(twin):
-    module = twin.with_parameters({"R_E": 2.25}).module("P2")
+    module = twin.with_values({"R_E": 2.25}).module("P2")
     assert float(module.electrical_resistance) == 2.25
     assert float(module.seebeck_coefficient) == 0.0508
     assert module.optimum_current(290.0) == pytest.approx(0.0508 * 290 / 2.25)
@@ -157,7 +157,7 @@ def test_new_values_compile_nothing_anew(twin):
         return twin.system().capacitance
 
     for value in (300.0, 400.0, 410):
-        traced(twin.with_parameters({"c_copper": value}))
+        traced(twin.with_values({"c_copper": value}))
     traced(Twin("dual-cell"))  # read again: another rig object with the same contents
     assert len(traces) == 1
 
@@ -166,8 +166,8 @@ def test_new_values_compile_nothing_anew(twin):
 def test_draws_in_one_call_equal_draws_one_by_one(twin, float64):
     """vmap over a twin whose parameters hold draws."""
     draws = np.random.default_rng(0).uniform(1.5, 2.5, 5)
-    batch = jax.vmap(lambda R_E: everything(twin.with_parameters({"R_E": R_E})))(draws)
-    single = [float(everything(twin.with_parameters({"R_E": R_E}))) for R_E in draws]
+    batch = jax.vmap(lambda R_E: everything(twin.with_values({"R_E": R_E})))(draws)
+    single = [float(everything(twin.with_values({"R_E": R_E}))) for R_E in draws]
     np.testing.assert_allclose(batch, single, rtol=1e-12)
     assert np.ptp(single) > 0.01
 
@@ -176,9 +176,9 @@ def slopes(function: Callable[[Twin], jax.Array], twin: Twin, names: Iterable[st
     """Central differences, one parameter at a time."""
     found = []
     for name in names:
-        at = float(twin.parameters[name])
+        at = float(twin.values[name])
         step = 1e-4 * abs(at) or 0.1
-        above, below = (twin.with_parameters({name: at + way * step}) for way in (1, -1))
+        above, below = (twin.with_values({name: at + way * step}) for way in (1, -1))
         found.append(float(function(above) - function(below)) / (2 * step))
     return found
 
@@ -192,13 +192,11 @@ def test_derivatives_equal_finite_differences_in_every_parameter(name, derivativ
     those of elements."""
     twin = Twin(name)
     moved = {"d_x": 1.3, "d_y": -0.7, "s_view": 1.01, "r_view": 0.4}
-    twin = twin.with_parameters(
-        {key: value for key, value in moved.items() if key in twin.parameters}
-    )
-    values = {name: jnp.asarray(value) for name, value in twin.parameters.items()}
+    twin = twin.with_values({key: value for key, value in moved.items() if key in twin.values})
+    values = {name: jnp.asarray(value) for name, value in twin.values.items()}
 
     def of_values(values: dict[str, jax.Array]) -> jax.Array:
-        return everything(twin.with_parameters(values))
+        return everything(twin.with_values(values))
 
     expected = slopes(everything, twin, values)
     assert np.abs(expected).min() > 1e-8, "every parameter takes part"
@@ -212,15 +210,15 @@ def test_slopes_of_a_steady_state_equal_finite_differences(float64):
     eigenvalues."""
     twin = Twin("paper-2024")
     names = ("R_E", "R_pc", "R_Tez2", "R_ph", "alpha")
-    values = {name: jnp.asarray(twin.parameters[name]) for name in names}
-    found = jax.jit(jax.jacfwd(lambda values: rise_of_tam(twin.with_parameters(values))))(values)
+    values = {name: jnp.asarray(twin.values[name]) for name in names}
+    found = jax.jit(jax.jacfwd(lambda values: rise_of_tam(twin.with_values(values))))(values)
     expected = slopes(rise_of_tam, twin, names)
     np.testing.assert_allclose([found[name] for name in names], expected, rtol=1e-5)
 
 
 def test_precision_is_the_caller_s_and_values_keep_theirs(twin):
     """Nothing switches float64 on behind one's back; float32 is good for the usual five digits."""
-    assert all(np.asarray(value).dtype == np.float64 for value in twin.parameters.values())
+    assert all(np.asarray(value).dtype == np.float64 for value in twin.values.values())
     assert eqx.filter_eval_shape(twin.system).conductance.dtype == jnp.float32
     single = everything(twin)
     assert single.dtype == jnp.float32

@@ -111,8 +111,8 @@ def test_missing_samples_are_gaps():
             )
         ]
     )
-    spread = plots.plot_uniformity([run]).axes[0].lines[0]
-    assert np.isnan(heights(spread)).all()
+    deviation = plots.plot_uniformity([run]).axes[0].lines[0]
+    assert np.isnan(heights(deviation)).all()
 
 
 def test_cells_with_the_same_drive_share_a_label():

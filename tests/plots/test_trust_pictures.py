@@ -114,7 +114,7 @@ def test_uniformity_is_drawn_recorded_and_simulated():
 
 
 def test_no_panel_of_uniformity_is_cut_off():
-    """The last of them has the largest spread: panels of a row share their limits."""
+    """The last of them differs most between channels: panels of a row share their limits."""
     first = fit().runs["synthetic-A"]
     apart = np.linspace(0.0, 30.0, len(first.channels))
     last = replace(first, temperatures=first.temperatures + apart)

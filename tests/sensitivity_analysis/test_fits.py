@@ -12,7 +12,7 @@ from jaxtwin.sweeps._plan import plan_sweep
 
 
 def ambients(twins: list[Twin]) -> list[float]:
-    return [float(twin.parameters["T_amb"]) for twin in twins]
+    return [float(twin.values["T_amb"]) for twin in twins]
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def test_an_unseen_recording_has_the_values_that_validate_takes_from_its_first_m
     unseen = read_recording(synthetic_recordings()[2])
     (twin,), _ = paired_twins("study", fit(), unseen)
     (prediction,) = validate(fit(), unseen).predictions
-    assert twin.parameters == prediction.twin.parameters
+    assert twin.values == prediction.twin.values
 
 
 def test_a_drive_without_temperatures_has_the_mean_of_the_matched_values(matched):
@@ -47,7 +47,7 @@ def test_a_drive_without_temperatures_has_the_mean_of_the_matched_values(matched
 
 @pytest.mark.slow
 def test_a_sensitivity_of_a_fit_is_that_of_its_twins():
-    options = {"draws": 20, "parameters": ["R_pc", "R_E", "R_Tez", "R_Tfx"]}
+    options = {"draws": 20, "names": ["R_pc", "R_E", "R_Tez", "R_Tfx"]}
     ours = sensitivity(fit(), **options)
     theirs = sensitivity(list(fit().twins.values()), recordings(), **options)
     assert ours.cost.tolist() == theirs.cost.tolist()
@@ -55,7 +55,7 @@ def test_a_sensitivity_of_a_fit_is_that_of_its_twins():
 
 def test_a_sweep_of_a_fit_is_that_of_its_twins(matched):
     plan = plan_sweep(
-        fit(), None, draws=4, spread=0.25, seed=0, parameters=None, reductions=None,
+        fit(), None, draws=4, spread=0.25, seed=0, names=None, reductions=None,
         precision="float64", chunk_size=4,
     )  # fmt: skip
     assert [values["T_amb"] for values in plan.identity["parameters"]] == matched

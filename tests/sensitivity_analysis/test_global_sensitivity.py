@@ -32,7 +32,7 @@ def twin() -> Twin:
 @pytest.fixture(scope="module")
 def recording(twin: Twin) -> Experiment:
     drive = Experiment.schedule("0:0.8", duration=100, step=2.0, cells=2, channels=("T11", "TAM"))
-    run = jt.simulate(twin.with_parameters({"R_E": 1.5}), drive)
+    run = jt.simulate(twin.with_values({"R_E": 1.5}), drive)
     return Experiment(
         drive.time, drive.duty, channels=run.channels, temperatures=run.temperatures, name="made"
     )
@@ -41,7 +41,7 @@ def recording(twin: Twin) -> Experiment:
 @pytest.fixture(scope="module")
 def result(twin: Twin, recording: Experiment) -> GlobalSensitivity:
     return jt.sensitivity(
-        twin, recording, method=Sobol(second_order=True), draws=16, seed=5, parameters=NAMES,
+        twin, recording, method=Sobol(second_order=True), draws=16, seed=5, names=NAMES,
         outputs={
             "cost": "cost", "uniformity": "uniformity", "plate_std": "plate_std",
             "temperature": "temperature", "rise": rise,
@@ -62,7 +62,7 @@ def test_all_outputs_are_those_of_single_runs(
     assert len(result.samples) == 16 * 8
     for run in (0, 77):
         values = dict(zip(NAMES, result.samples[run], strict=True))
-        single = jt.simulate(twin.with_parameters(values), recording)
+        single = jt.simulate(twin.with_values(values), recording)
         there = single.temperatures
         cost = np.mean((there - recording.temperatures) ** 2, axis=0)
         at = [there[np.searchsorted(recording.time, TIMES), column] for column in (0, 1)]
@@ -122,7 +122,7 @@ def test_labels_and_saved_file(result: GlobalSensitivity, tmp_path):
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_numbers(twin: Twin, recording: Experiment):
-    options = {"method": "morris", "draws": 5, "parameters": NAMES}
+    options = {"method": "morris", "draws": 5, "names": NAMES}
     first, again, other = (
         jt.sensitivity(twin, recording, seed=seed, **options) for seed in (1, 1, 2)
     )
@@ -153,21 +153,19 @@ def test_a_start_value_has_no_index_and_a_failed_draw_spoils_its_block_alone(
 
 @pytest.mark.slow
 def test_pearson_of_the_papers_draws_is_the_papers(twin: Twin, recording: Experiment):
-    papers = jt.sensitivity(twin, recording, draws=40, seed=3, parameters=NAMES)
-    found = jt.sensitivity(twin, recording, method="pearson", draws=40, seed=3, parameters=NAMES)
+    papers = jt.sensitivity(twin, recording, draws=40, seed=3, names=NAMES)
+    found = jt.sensitivity(twin, recording, method="pearson", draws=40, seed=3, names=NAMES)
     np.testing.assert_allclose(found.samples, papers.samples, rtol=1e-12)
     np.testing.assert_allclose(found["pearson"], papers.correlation, rtol=1e-8)
     np.testing.assert_allclose(found["pearson_low"], papers.interval[..., 0], rtol=1e-6)
-    spearman = jt.sensitivity(
-        twin, recording, method="spearman", draws=40, seed=3, parameters=NAMES
-    )
+    spearman = jt.sensitivity(twin, recording, method="spearman", draws=40, seed=3, names=NAMES)
     np.testing.assert_allclose(spearman["spearman"], papers.rank_correlation, rtol=1e-8)
 
 
 @pytest.mark.slow
 def test_derivatives_are_those_of_the_outputs(twin: Twin, recording: Experiment):
     """Bounds from derivatives and from differences along each parameter."""
-    options = {"parameters": NAMES, "outputs": ["final", "cost"], "seed": 2}
+    options = {"names": NAMES, "outputs": ["final", "cost"], "seed": 2}
     found = jt.sensitivity(twin, recording, method="dgsm", draws=8, **options)
     step = 1e-4
     squares = []
@@ -183,7 +181,7 @@ def test_derivatives_are_those_of_the_outputs(twin: Twin, recording: Experiment)
         squares.append(np.mean(difference**2, axis=0))
     np.testing.assert_allclose(found["vi"], np.stack(squares, axis=1), rtol=1e-3)
     # Of a normal parameter cut off at 0, the bound has its standard deviation before that.
-    deviation = 0.25 * np.array([twin.parameters[name] for name in NAMES])
+    deviation = 0.25 * np.array([twin.values[name] for name in NAMES])
     expected = found["vi"] * deviation**2 / found.values.var(axis=0)[:, None]
     np.testing.assert_allclose(found["dgsm"], expected, rtol=1e-9)
 
@@ -191,12 +189,12 @@ def test_derivatives_are_those_of_the_outputs(twin: Twin, recording: Experiment)
 @pytest.mark.slow
 def test_a_twin_of_each_recording_has_the_same_relative_draws():
     twins = list(fit().twins.values())
-    other = [twins[0], twins[1].with_parameters({"R_E": 2 * float(twins[1].parameters["R_E"])})]
+    other = [twins[0], twins[1].with_values({"R_E": 2 * float(twins[1].values["R_E"])})]
     found = jt.sensitivity(
-        other, recordings(), method="oat", parameters=["R_E", "R_pc"], outputs=["final"]
+        other, recordings(), method="oat", names=["R_E", "R_pc"], outputs=["final"]
     )
     assert found.labels[0] == "final T11 (synthetic-A)"
-    middle = jt.simulate(other[1].with_parameters({}), recordings()[1]).temperatures[-1]
+    middle = jt.simulate(other[1].with_values({}), recordings()[1]).temperatures[-1]
     np.testing.assert_allclose(found.values[0, len(middle) :], middle, rtol=1e-4)
 
 
@@ -209,7 +207,7 @@ def test_the_posterior_of_a_fit_is_drawn_with_its_correlation():
     assert inputs.names == ("R_E", "R_pc")
     logarithms = np.log(StandardisedRegression().design(inputs, 4096, 0, "sobol").samples)
     np.testing.assert_allclose(np.cov(logarithms, rowvar=False), covariance[:2, :2], rtol=0.02)
-    middle = [np.log(known.twin.parameters[name]) for name in inputs.names]
+    middle = [np.log(known.twin.values[name]) for name in inputs.names]
     np.testing.assert_allclose(logarithms.mean(axis=0), middle, atol=1e-3)
     (single,) = chosen_inputs("posterior", known, known.twin, ["R_pc"], 0.25).names
     assert single == "R_pc"
@@ -230,7 +228,7 @@ def test_priors_are_those_of_the_rig():
         :3
     ]
     found = jt.sensitivity(
-        twin, drive, method="oat", inputs="priors", parameters=names, outputs=["final"]
+        twin, drive, method="oat", inputs="priors", names=names, outputs=["final"]
     )
     for name, marginal in found.design.inputs.marginals.items():
         deviation = rows[name].standard_deviation
@@ -245,12 +243,12 @@ def test_priors_are_those_of_the_rig():
 @pytest.mark.slow
 def test_bounds_are_those_of_the_rig(twin: Twin, recording: Experiment):
     found = jt.sensitivity(
-        twin, recording, method="oat", inputs="bounds", parameters=["R_pc"], outputs=["final"]
+        twin, recording, method="oat", inputs="bounds", names=["R_pc"], outputs=["final"]
     )
     assert found.problem["bounds"] == [[2e-6, 2.0]]
     assert found.problem["dists"] == ["unif"]
     with pytest.raises(ParameterError, match="alpha: expected two bounds"):
-        jt.sensitivity(twin, recording, method="oat", inputs="bounds", parameters=["alpha"])
+        jt.sensitivity(twin, recording, method="oat", inputs="bounds", names=["alpha"])
 
 
 @pytest.mark.parametrize(
@@ -267,7 +265,7 @@ def test_bounds_are_those_of_the_rig(twin: Twin, recording: Experiment):
 )
 def test_bad_requests_say_what_is_allowed(twin, recording, options, error, words):
     with pytest.raises(error, match=words):
-        jt.sensitivity(twin, recording, **{"parameters": NAMES, "draws": 8, **options})
+        jt.sensitivity(twin, recording, **{"names": NAMES, "draws": 8, **options})
 
 
 @pytest.mark.slow
@@ -279,7 +277,7 @@ def test_a_users_function_of_a_trajectory(twin: Twin, recording: Experiment):
         return jnp.where(is_hot.any(), 2.0 * jnp.argmax(is_hot), jnp.nan)
 
     found = jt.sensitivity(
-        twin, recording, method="src", draws=64, parameters=["R_E"],
+        twin, recording, method="src", draws=64, names=["R_E"],
         outputs={"final": "final", "settling": reaches},
     )  # fmt: skip
     hot = found.values[:, 1] > 30.0

@@ -58,9 +58,7 @@ def test_measures_of_closed_loops_are_outputs():
             twin, controller, 30.0, duration_s=20, draws=draws, measures=["energy"], seed=1
         )
 
-    found = jt.sensitivity(
-        twin, method="pearson", model=loops, draws=8, parameters=["R_E", "C_load"]
-    )
+    found = jt.sensitivity(twin, method="pearson", model=loops, draws=8, names=["R_E", "C_load"])
     assert found.labels == ("energy",)
     draws = dict(zip(found.names, found.samples.T, strict=True))
     np.testing.assert_array_equal(found.values[:, 0], loops(draws)["energy"])
@@ -83,7 +81,7 @@ def test_measures_of_closed_loops_are_outputs():
 def test_what_does_not_go_with_a_model_is_refused(
     twin: Twin, settings: dict[str, Any], message: str
 ):
-    arguments = {"method": "src", "parameters": list(INPUTS), "draws": 16, **settings}
+    arguments = {"method": "src", "names": list(INPUTS), "draws": 16, **settings}
     with pytest.raises(SimulationError, match=message):
         jt.sensitivity(twin, **arguments)
 

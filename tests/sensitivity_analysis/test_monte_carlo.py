@@ -29,7 +29,7 @@ def twin() -> Twin:
 @pytest.fixture(scope="module")
 def recording(twin: Twin) -> Experiment:
     drive = Experiment.schedule("0:0.8", duration=100, step=2.0, cells=2, channels=("T11", "TAM"))
-    run = simulate(twin.with_parameters({"R_E": 1.5}), drive)
+    run = simulate(twin.with_values({"R_E": 1.5}), drive)
     return Experiment(
         drive.time, drive.duty, channels=run.channels, temperatures=run.temperatures, name="made"
     )
@@ -37,7 +37,7 @@ def recording(twin: Twin) -> Experiment:
 
 @pytest.fixture(scope="module")
 def result(twin: Twin, recording: Experiment) -> jt.Sensitivity:
-    return sensitivity(twin, recording, draws=60, seed=5, parameters=NAMES)
+    return sensitivity(twin, recording, draws=60, seed=5, names=NAMES)
 
 
 def test_costs_are_the_mean_squared_errors_of_single_runs(
@@ -46,7 +46,7 @@ def test_costs_are_the_mean_squared_errors_of_single_runs(
     assert recording.temperatures is not None
     for draw in (0, 59):
         values = dict(zip(result.names, result.samples[draw], strict=True))
-        run = simulate(twin.with_parameters(values), recording)
+        run = simulate(twin.with_values(values), recording)
         cost = np.mean((run.temperatures - recording.temperatures) ** 2, axis=0)
         np.testing.assert_allclose(result.cost[draw, :2], cost, rtol=1e-8)
         assert result.cost[draw, 2] == pytest.approx(cost.mean(), rel=1e-8)
@@ -66,7 +66,7 @@ def test_the_drive_matters_and_the_same_seed_gives_the_same_numbers(
 ):
     # The recording was made with another R_E, which scales the heat: it must lead.
     assert result.ranking()[0] == "R_E"
-    again = sensitivity(twin, recording, draws=60, seed=5, parameters=NAMES)
+    again = sensitivity(twin, recording, draws=60, seed=5, names=NAMES)
     np.testing.assert_array_equal(again.samples, result.samples)
     np.testing.assert_array_equal(again.cost, result.cost)
 
@@ -94,7 +94,7 @@ def test_salibs_problem_has_the_distribution_of_the_draws(twin: Twin):
     hands them to SciPy. A wide spread, so that the cut at 0 shows."""
     drive = Experiment.schedule("0:0.8", duration=4, step=2.0, cells=2, channels=("T11",))
     made = replace(drive, temperatures=np.array([[15.0], [16.0], [17.0]]))
-    wide = sensitivity(twin, made, draws=2000, spread=0.7, parameters=["R_E", "R_pc"])
+    wide = sensitivity(twin, made, draws=2000, spread=0.7, names=["R_E", "R_pc"])
     problem = wide.to_salib()
     assert problem["dists"] == ["truncnorm"] * problem["num_vars"]
     for (low, high, mean, deviation), draws in zip(problem["bounds"], wide.samples.T, strict=True):
@@ -152,8 +152,8 @@ def test_the_plot_has_a_column_for_each_parameter(result: jt.Sensitivity):
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [
-        ({"parameters": ["R_X"]}, ParameterError, "R_X"),
-        ({"parameters": []}, ParameterError, "none"),
+        ({"names": ["R_X"]}, ParameterError, "R_X"),
+        ({"names": []}, ParameterError, "none"),
         ({"draws": 2}, SimulationError, "at least 3"),
         ({"spread": 1.5}, SimulationError, "spread"),
     ],

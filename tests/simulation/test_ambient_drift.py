@@ -64,7 +64,7 @@ def test_a_drifting_room_is_radaus(drifting: Twin, steps: Experiment, circuits):
     expected = np.vstack([*expected, state - 273.15])
     run = drifting.simulate(steps)
     assert np.abs(run.states - expected).max() < 1e-3
-    still = drifting.with_parameters({"rate": 0.0}).simulate(steps)
+    still = drifting.with_values({"rate": 0.0}).simulate(steps)
     assert np.abs(still.states - expected).max() > 1.0
 
 
@@ -78,7 +78,7 @@ def test_a_diffrax_solver_sees_the_same_room(drifting: Twin, steps: Experiment):
 @pytest.mark.slow
 def test_a_recorded_room_takes_the_place_of_one_that_drifts(drifting: Twin, steps: Experiment):
     recorded = Experiment(steps.time, steps.duty, ambient=ramp(steps.time))
-    still = drifting.with_parameters({"rate": 0.0})
+    still = drifting.with_values({"rate": 0.0})
     np.testing.assert_array_equal(
         drifting.simulate(recorded).temperatures, still.simulate(recorded).temperatures
     )
@@ -92,7 +92,7 @@ def test_a_batch_gives_what_single_runs_give(drifting: Twin, steps: Experiment):
     rates = np.array([-20.0, 0.0, 25.0])
     runs = simulate_batch(drifting, steps, {"rate": rates})
     for rate, run in zip(rates, runs, strict=True):
-        alone = drifting.with_parameters({"rate": rate}).simulate(steps)
+        alone = drifting.with_values({"rate": rate}).simulate(steps)
         np.testing.assert_allclose(run, alone.temperatures, atol=1e-9)
 
 
@@ -113,7 +113,7 @@ def test_the_derivative_in_the_drift_is_that_of_differences(
     drifting: Twin, steps: Experiment, float64
 ):
     def final(rate):
-        return response(drifting.with_parameters({"rate": rate}), steps)[-1]
+        return response(drifting.with_values({"rate": rate}), steps)[-1]
 
     slope = jax.jacfwd(final)(jnp.asarray(RATE))
     apart = (final(jnp.asarray(RATE + 1.0)) - final(jnp.asarray(RATE - 1.0))) / 2
@@ -142,9 +142,9 @@ def test_a_match_finds_the_drift_of_each_recording():
     fit = match(Twin("dual-cell"), runs, free=free, events="none")
     labels = dict(zip(fit.uncertainty.labels, np.diag(fit.uncertainty.covariance), strict=True))
     for (name, values), rate in zip(fit.recording_values.items(), rates, strict=True):
-        spread = float(np.sqrt(labels[f"T_amb_drift[{name}]"]))
-        assert abs(values["T_amb_drift"] - rate) < 4 * spread
-        assert spread < 0.6
+        error = float(np.sqrt(labels[f"T_amb_drift[{name}]"]))
+        assert abs(values["T_amb_drift"] - rate) < 4 * error
+        assert error < 0.6
     (both,) = match_many(Twin("dual-cell"), [runs], free=free, events="none")
     assert both is not None
     assert both.parameter("T_amb_drift").value == pytest.approx(

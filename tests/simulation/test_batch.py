@@ -36,9 +36,7 @@ def experiment(twin) -> Experiment:
 def runs(twin, experiment):
     """One by one."""
     return [
-        twin.with_parameters({name: values[k] for name, values in DRAWS.items()}).simulate(
-            experiment
-        )
+        twin.with_values({name: values[k] for name, values in DRAWS.items()}).simulate(experiment)
         for k in range(5)
     ]
 
@@ -114,20 +112,20 @@ def test_a_driver_without_delay_or_ahead_of_its_command_is_a_failed_draw(dual_ce
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"parameters": {}}, "parameters: expected name -> draws.*, got none"),
-        ({"parameters": {"R_X": [1.0]}}, "expected some of the parameters C_esp, .* got 'R_X'"),
+        ({"draws": {}}, "draws: expected name -> draws.*, got none"),
+        ({"draws": {"R_X": [1.0]}}, "expected some of the parameters C_esp, .* got 'R_X'"),
         (
-            {"parameters": {"R_E": []}},
+            {"draws": {"R_E": []}},
             r"parameter R_E: .* at least one, got shape \(0,\)",
         ),
-        ({"parameters": {"R_E": [[1.0]]}}, r"parameter R_E: .* got shape \(1, 1\)"),
-        ({"parameters": {"R_E": ["a lot"]}}, r"parameter R_E: expected num.*, got \['a lot'\]"),
+        ({"draws": {"R_E": [[1.0]]}}, r"parameter R_E: .* got shape \(1, 1\)"),
+        ({"draws": {"R_E": ["a lot"]}}, r"parameter R_E: expected num.*, got \['a lot'\]"),
         (
-            {"parameters": {"R_E": [2.0, np.nan]}},
+            {"draws": {"R_E": [2.0, np.nan]}},
             "parameter R_E: expected finite numbers, got nan at draw 1",
         ),
         (
-            {"parameters": {"R_E": [2.0], "R_ph": [0.1, 0.2]}},
+            {"draws": {"R_E": [2.0], "R_ph": [0.1, 0.2]}},
             r"expected the same number of draws for each, got R_E 1, R_ph 2",
         ),
         ({"chunk_size": -5}, "chunk_size: expected a whole number above 0.*, got -5"),
@@ -137,13 +135,13 @@ def test_a_driver_without_delay_or_ahead_of_its_command_is_a_failed_draw(dual_ce
 )
 def test_bad_input_is_refused_before_any_work(twin, asked, message):
     drive = Experiment(TIME, DUTY)
-    given = {"parameters": DRAWS} | asked
+    given = {"draws": DRAWS} | asked
     with pytest.raises(JaxtwinError, match=message):
         simulate_batch(twin, drive, **given)
 
 
 def test_several_values_of_a_parameter_that_is_not_drawn_are_refused(twin):
-    several = twin.with_parameters({"R_pc": np.array([0.4, 0.5])})
+    several = twin.with_values({"R_pc": np.array([0.4, 0.5])})
     with pytest.raises(JaxtwinError, match=r"parameter R_pc: expected one value in the twin"):
         simulate_batch(several, Experiment(TIME, DUTY), DRAWS)
 

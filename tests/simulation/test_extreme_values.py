@@ -61,7 +61,7 @@ def reference(twin: Twin) -> np.ndarray:
 def test_one_run_is_rescued_and_a_batch_gives_the_same(draw, float64):
     twin = Twin("single-cell")
     own = {name: values[draw] for name, values in DRAWS.items()}
-    run = simulate(twin.with_parameters(own), DRIVE)
-    np.testing.assert_allclose(run.temperatures, reference(twin.with_parameters(own)), atol=1e-3)
+    run = simulate(twin.with_values(own), DRIVE)
+    np.testing.assert_allclose(run.temperatures, reference(twin.with_values(own)), atol=1e-3)
     both = simulate_batch(twin, DRIVE, {name: np.array(v) for name, v in DRAWS.items()})
     np.testing.assert_allclose(both[draw], run.temperatures, atol=1e-9)

@@ -39,7 +39,7 @@ def test_an_artefact_runs_without_jaxtwin(name: str, tmp_path: Path):
     drive = jt.Experiment.schedule("0:0.5,60:0.8", duration=120, cells=2)
 
     def temperatures(values: Float[Array, " 2"]) -> Float[Array, "times channels"]:
-        return jt.response(twin.with_parameters(dict(zip(NAMES, values, strict=True))), drive)
+        return jt.response(twin.with_values(dict(zip(NAMES, values, strict=True))), drive)
 
     def cost(values: Float[Array, " 2"]) -> Float[Array, ""]:
         return jnp.mean((temperatures(values) - 25.0) ** 2)
@@ -52,14 +52,14 @@ def test_an_artefact_runs_without_jaxtwin(name: str, tmp_path: Path):
     for file, (function, shape) in functions.items():
         artefact = export.export(jax.jit(function))(jax.ShapeDtypeStruct(shape, "float64"))
         (tmp_path / file).write_bytes(artefact.serialize())
-    draws = np.array([float(twin.parameters[name]) for name in NAMES]) * np.array(
+    draws = np.array([float(twin.values[name]) for name in NAMES]) * np.array(
         [[1.0, 1.0], [1.1, 0.9], [0.9, 1.2]]
     )
     np.save(tmp_path / "draws.npy", draws)
     subprocess.run([sys.executable, "-c", ELSEWHERE], cwd=tmp_path, check=True, env=os.environ)
     found = np.load(tmp_path / "found.npz")
     for row, values in zip(found["batch"], draws, strict=True):
-        single = twin.with_parameters(dict(zip(NAMES, values, strict=True))).simulate(drive)
+        single = twin.with_values(dict(zip(NAMES, values, strict=True))).simulate(drive)
         np.testing.assert_allclose(row, single.temperatures, atol=1e-9)
     np.testing.assert_allclose(found["value"], cost(jnp.asarray(draws[0])), rtol=1e-12)
     forward = jax.jacfwd(cost)(jnp.asarray(draws[0]))  # the artefact's is in reverse mode

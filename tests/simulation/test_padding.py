@@ -53,7 +53,7 @@ def twin() -> jt.Twin:
 
 def recorded(twin: jt.Twin, experiment: jt.Experiment) -> jt.Experiment:
     """What the rig with another contact would have shown."""
-    run = jt.simulate(twin.with_parameters({"R_pc": 0.15}), experiment)
+    run = jt.simulate(twin.with_values({"R_pc": 0.15}), experiment)
     return jt.Experiment(
         experiment.time,
         experiment.duty,
@@ -90,18 +90,18 @@ def test_steps_of_no_length_change_nothing(rig, ambient, float64):
     exact, filled = time_grid(twin, experiment), padded_time_grid(twin, experiment)
     assert len(exact.size) < len(filled.size)
     assert len(exact.times) < len(filled.times)
-    name = "t_delay" if "t_delay" in twin.parameters else "R_ph"
+    name = "t_delay" if "t_delay" in twin.values else "R_ph"
 
     @jax.jit
     def both(value: jax.Array, grid: TimeGrid) -> tuple[jax.Array, jax.Array]:
         def solve(value: jax.Array) -> jax.Array:
-            system = twin.with_parameters({name: value}).system(lumped=True)
+            system = twin.with_values({name: value}).system(lumped=True)
             readout = system.wiring.channel_weights
             return solve_network(system, grid, system.initial_temperature, readout)[1]
 
         return jax.jvp(solve, (value,), (jax.numpy.ones(()),))
 
-    at = jax.numpy.asarray(float(twin.parameters[name]))
+    at = jax.numpy.asarray(float(twin.values[name]))
     for found, expected in zip(both(at, filled), both(at, exact), strict=True):
         scale = np.abs(np.asarray(expected)).max()
         np.testing.assert_allclose(found[: time.size], expected, atol=1e-12 * max(1, scale))
@@ -114,7 +114,7 @@ def test_reverse_derivatives_of_filled_schedules_are_finite(twin, float64):
     assert len(build_time_grid(experiment).size) % 8
 
     def last(resistance: jax.Array) -> jax.Array:
-        return jt.response(twin.with_parameters({"R_pc": resistance}), experiment)[-1, 0]
+        return jt.response(twin.with_values({"R_pc": resistance}), experiment)[-1, 0]
 
     at = jax.numpy.asarray(0.1)
     np.testing.assert_allclose(jax.grad(last)(at), jax.jacfwd(last)(at), rtol=1e-9)
@@ -168,12 +168,12 @@ def test_so_are_draws(twin, compilations):
 def test_a_match_to_others_compiles_nothing_and_finds_the_same(twin, compilations):
     """Sessions of different lengths in one class are solved together."""
     sessions = [recorded(twin, session(*what)) for what in ((118, 1), (115, 2), (117, 3), (114, 4))]
-    start = twin.with_parameters({"R_pc": 0.1})
+    start = twin.with_values({"R_pc": 0.1})
     jt.match(start, sessions[:2], free=["R_pc"])
     compilations()
     fit = jt.match(start, sessions[2:], free=["R_pc"])
     assert compilations() == 0
-    assert float(fit.twin.parameters["R_pc"]) == pytest.approx(0.15, rel=1e-4)
+    assert float(fit.twin.values["R_pc"]) == pytest.approx(0.15, rel=1e-4)
     assert {name: run.temperatures.shape for name, run in fit.runs.items()} == {
         "session 3": (117, 1),
         "session 4": (114, 1),

@@ -102,7 +102,7 @@ def test_many_draws_have_the_energy_and_the_peak_of_their_runs(solver: Any, plat
         twin, experiment, DRAWS, reductions=["energy", "peak_power"], solver=solver
     )
     for n in range(3):
-        one = twin.with_parameters({name: values[n] for name, values in DRAWS.items()})
+        one = twin.with_values({name: values[n] for name, values in DRAWS.items()})
         run = simulate(one, experiment)
         assert found.energy is not None
         assert found.peak_power is not None

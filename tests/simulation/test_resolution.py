@@ -45,7 +45,7 @@ def channels_without_contacts(circuit) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("contact", [1e-8, 1e-10])
 def test_contacts_down_to_1e_10_are_right_to_a_millikelvin(contact, circuits, twins):
-    run = twins["startup"].with_parameters({"R_pc": contact}).simulate(HELD)
+    run = twins["startup"].with_values({"R_pc": contact}).simulate(HELD)
     expected = channels_without_contacts(circuits["startup"])
     assert np.abs(run.states[1:, :24] - expected).max() < 1e-3
 
@@ -53,7 +53,7 @@ def test_contacts_down_to_1e_10_are_right_to_a_millikelvin(contact, circuits, tw
 @pytest.mark.slow
 def test_a_contact_of_1e_12_is_refused_by_name(twins):
     """Rounding would be 4e-3 K in 74 s, and 0.3 K at 1e-14."""
-    twin = twins["startup"].with_parameters({"R_pc": 1e-12})
+    twin = twins["startup"].with_values({"R_pc": 1e-12})
     for solver in (None, diffrax.Kvaerno5()):
         with pytest.raises(SimulationError, match=r"resistance .*P\d\.TC: .* got 1e-12 K/W"):
             twin.simulate(HELD, solver=solver)
@@ -66,7 +66,7 @@ def test_in_a_batch_such_draws_are_marked_and_leave_the_others_alone(twins):
     assert found.failed.tolist() == [False, True, False]
     assert found.final is not None
     assert np.isnan(found.final[1]).all()
-    alone = twins["startup"].with_parameters({"R_pc": 1e-10}).simulate(HELD)
+    alone = twins["startup"].with_values({"R_pc": 1e-10}).simulate(HELD)
     # Rounding at 1e-10 K/W is up to 2e-4 K (benchmarks/NOTES.md, 45), and a batch rounds otherwise.
     np.testing.assert_allclose(found.final[2], alone.temperatures[-1], atol=2e-4)
 
@@ -77,6 +77,6 @@ def test_a_match_does_not_start_where_nothing_can_be_told(twins):
     recorded = Experiment(
         HELD.time, HELD.duty, temperatures=run.temperatures, channels=run.channels
     )
-    twin = twins["startup"].with_parameters({"R_pc": 1e-12})
+    twin = twins["startup"].with_values({"R_pc": 1e-12})
     with pytest.raises(MatchError, match="no finite temperatures"):
         match(twin, recorded, free=["R_ph"])

@@ -75,22 +75,22 @@ def of_values(twin: Twin, experiment: Experiment):
     """name -> value to (times, channels)."""
 
     def function(values: dict[str, jax.Array]) -> jax.Array:
-        return response(twin.with_parameters(values), experiment)
+        return response(twin.with_values(values), experiment)
 
     return function
 
 
 def values_of(twin: Twin) -> dict[str, jax.Array]:
-    return {name: jnp.asarray(value) for name, value in twin.parameters.items()}
+    return {name: jnp.asarray(value) for name, value in twin.values.items()}
 
 
 def differences(twin: Twin, experiment: Experiment) -> dict[str, np.ndarray]:
     """Central differences by each parameter, in runs by `simulate`."""
     found = {}
-    for name, value in twin.parameters.items():
+    for name, value in twin.values.items():
         step = 1e-4 * (abs(float(value)) or 1.0)
         runs = [
-            twin.with_parameters({name: float(value) + way * step}).simulate(experiment)
+            twin.with_values({name: float(value) + way * step}).simulate(experiment)
             for way in (1, -1)
         ]
         found[name] = (runs[0].temperatures - runs[1].temperatures) / (2 * step)
@@ -113,7 +113,7 @@ def twin(request) -> Twin:
     their edges meet those of elements."""
     moved = {"d_x": 1.3, "d_y": -0.7, "s_view": 1.01, "r_view": 0.4}
     twin = Twin(request.param)
-    return twin.with_parameters({key: moved[key] for key in moved if key in twin.parameters})
+    return twin.with_values({key: moved[key] for key in moved if key in twin.values})
 
 
 @pytest.fixture
@@ -178,7 +178,7 @@ def test_draws_in_one_call_equal_draws_one_by_one(twin, float64):
     function = of_values(twin, EXPERIMENT)
     batch = jax.jit(jax.vmap(lambda R_E: function({"R_E": R_E})))(draws)
     single = [
-        twin.with_parameters({"R_E": float(R_E)}).simulate(EXPERIMENT).temperatures for R_E in draws
+        twin.with_values({"R_E": float(R_E)}).simulate(EXPERIMENT).temperatures for R_E in draws
     ]
     np.testing.assert_allclose(batch, single, atol=1e-9)
     assert np.ptp(np.asarray(batch)[:, -1, 0]) > 0.01
@@ -190,7 +190,7 @@ def test_new_values_compile_nothing_anew(twin):
     function = eqx.debug.assert_max_traces(lambda twin: response(twin, EXPERIMENT), max_traces=1)
     traced = eqx.filter_jit(function)
     for R_E in (1.8, 1.9, 2):
-        traced(twin.with_parameters({"R_E": R_E}))
+        traced(twin.with_values({"R_E": R_E}))
     traced(Twin(twin.rig.name))
     assert eqx.debug.get_num_traces(function) == 1
 

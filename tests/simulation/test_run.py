@@ -71,8 +71,8 @@ def test_fit_and_rmse_of_a_run(run):
     """T11 is off by 0.5 K everywhere."""
     recorded = run.experiment.temperatures
     assert list(run.fit_percent) == ["TBM", "T11"]
-    spread = np.linalg.norm(recorded[:, 1] - recorded[:, 1].mean())
-    assert run.fit_percent["T11"] == pytest.approx(100 * (1 - 0.5 * np.sqrt(31) / spread))
+    about_mean = np.linalg.norm(recorded[:, 1] - recorded[:, 1].mean())
+    assert run.fit_percent["T11"] == pytest.approx(100 * (1 - 0.5 * np.sqrt(31) / about_mean))
     expected = np.sqrt(np.mean((run.temperatures - recorded) ** 2))
     assert run.rmse == pytest.approx(expected)
 

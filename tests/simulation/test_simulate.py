@@ -64,7 +64,7 @@ def test_steady_start_stays_where_it_is(twin, circuits):
 
 def test_start_and_ambient_of_the_rig_are_parameters(twin):
     """Twin with other T_start and T_amb, no power: plate and surroundings as given."""
-    other = twin.with_parameters({"T_start": 30.0, "T_amb": 5.0})
+    other = twin.with_values({"T_start": 30.0, "T_amb": 5.0})
     run = other.simulate(Experiment(TIME, 0 * DUTY))
     assert run.node("V11")[0] == pytest.approx(30.0)
     # Every node lies between its surroundings and the warmest start, and they all cool.
@@ -75,7 +75,7 @@ def test_start_and_ambient_of_the_rig_are_parameters(twin):
 def test_constant_recorded_ambient_takes_the_place_of_the_rig_s(twin):
     """The same run as with T_amb itself."""
     recorded = twin.simulate(Experiment(TIME, DUTY, ambient=22.0))
-    own = twin.with_parameters({"T_amb": 22.0}).simulate(EXPERIMENT)
+    own = twin.with_values({"T_amb": 22.0}).simulate(EXPERIMENT)
     np.testing.assert_allclose(recorded.states, own.states, atol=1e-9)
     np.testing.assert_allclose(recorded.temperatures, own.temperatures, atol=1e-9)
 
@@ -197,7 +197,7 @@ def test_resistance_or_heat_capacity_not_above_zero_is_refused(twin, name, what,
     """Some of them would give finite temperatures, which mean nothing."""
     message = rf"paper-2024: {what} \({name}\): expected a value above 0, got {value:g} in SI units"
     with pytest.raises(ParameterError, match=message):
-        twin.with_parameters({name: value}).simulate(EXPERIMENT)
+        twin.with_values({name: value}).simulate(EXPERIMENT)
 
 
 @pytest.mark.parametrize(("name", "what"), [("t_lag", "lag"), ("t_delay", "delay")])
@@ -212,11 +212,11 @@ def test_a_driver_ahead_of_its_command_is_refused(name, what):
 def test_several_values_of_a_parameter_are_refused(twin):
     """Draws go to `simulate_batch`."""
     with pytest.raises(ParameterError, match=r"parameter R_E: expected one value, got 3"):
-        twin.with_parameters({"R_E": np.array([1.9, 2.0, 2.1])}).simulate(EXPERIMENT)
+        twin.with_values({"R_E": np.array([1.9, 2.0, 2.1])}).simulate(EXPERIMENT)
 
 
 @pytest.mark.slow
 def test_temperatures_that_overflow_are_an_error(twin):
     """A start beyond all measure, whose square is no number any more."""
     with pytest.raises(SimulationError, match=r"paper-2024: .* do not stay finite"):
-        twin.with_parameters({"T_start": 1e200}).simulate(EXPERIMENT)
+        twin.with_values({"T_start": 1e200}).simulate(EXPERIMENT)

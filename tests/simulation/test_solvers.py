@@ -74,7 +74,7 @@ def test_kvaerno5_gives_the_same_with_on_off_switching(dual_cell):
 @pytest.mark.slow
 def test_samples_before_a_late_command_are_right(dual_cell):
     """A minute in which a plate warmer than the room cools undriven."""
-    late = dual_cell.with_parameters({"t_delay": 60.0, "T_start": 40.0})
+    late = dual_cell.with_values({"t_delay": 60.0, "T_start": 40.0})
     assert largest_difference(late, diffrax.Kvaerno5()) < 1e-3
 
 
@@ -180,7 +180,7 @@ def test_a_solution_with_a_large_error_estimate_is_solved_again_with_shorter_ste
     draws = {"R_E": np.array([2.0, 0.1, 1.8])}
     batch = simulate_batch(twin, drive, draws, chunk_size=3)
     np.testing.assert_allclose(batch[1], fine, atol=1e-3)
-    ordinary = twin.with_parameters({"R_E": 1.8}).simulate(drive)
+    ordinary = twin.with_values({"R_E": 1.8}).simulate(drive)
     np.testing.assert_allclose(batch[2], ordinary.temperatures, atol=1e-9)
 
 

@@ -55,12 +55,12 @@ def test_derivatives_with_respect_to_command_and_parameter_are_those_of_differen
     def after_ten_seconds(duty: jax.Array, resistance: jax.Array) -> jax.Array:
         # Differences contain how the error of the steps changes with the parameter, derivatives do
         # not: the steps are short.
-        stepper = Stepper(twin.with_parameters({"R_pc": resistance}), 0.1)
+        stepper = Stepper(twin.with_values({"R_pc": resistance}), 0.1)
         state = stepper.step(stepper.start(30.0), jnp.stack([duty, duty]), steps=100)
         return stepper.channels(state)
 
     with jax.enable_x64(True):
-        at = jnp.array(0.5), jnp.asarray(twin.parameters["R_pc"])
+        at = jnp.array(0.5), jnp.asarray(twin.values["R_pc"])
         derivatives = jax.jit(jax.jacfwd(after_ten_seconds, argnums=(0, 1)))(*at)
         for number, derivative in enumerate(derivatives):
             change = size * at[number]
@@ -76,13 +76,13 @@ def test_steppers_of_many_draws_are_made_and_stepped_in_one_vmap():
     twin, delays = Twin("dual-cell"), np.array([0.4, 1.2, 2.9])
 
     def after_five_steps(delay: jax.Array) -> jax.Array:
-        stepper = Stepper(twin.with_parameters({"t_delay": delay}), 1.0, longest_delay=3.0)
+        stepper = Stepper(twin.with_values({"t_delay": delay}), 1.0, longest_delay=3.0)
         return stepper.channels(stepper.step(stepper.start(), jnp.array([0.8, 0.1]), steps=5))
 
     with jax.enable_x64(True):
         found = jax.jit(jax.vmap(after_five_steps))(jnp.asarray(delays))
     for row, delay in zip(found, delays, strict=True):
-        stepper = Stepper(twin.with_parameters({"t_delay": delay}), 1.0)
+        stepper = Stepper(twin.with_values({"t_delay": delay}), 1.0)
         expected = stepper.channels(stepper.step(stepper.start(), [0.8, 0.1], steps=5))
         np.testing.assert_allclose(row, expected, rtol=0, atol=1e-9)
 
@@ -108,9 +108,9 @@ def test_a_command_for_another_number_of_cells_is_refused():
 def test_a_delay_longer_than_the_queue_is_refused_and_a_traced_one_needs_a_bound():
     twin = Twin("dual-cell")
     with pytest.raises(SimulationError, match="longest_delay: expected at least"):
-        Stepper(twin.with_parameters({"t_delay": 9.0}), longest_delay=1.0)
+        Stepper(twin.with_values({"t_delay": 9.0}), longest_delay=1.0)
     with pytest.raises(SimulationError, match="longest_delay: expected a number"):
-        jax.jit(lambda d: Stepper(twin.with_parameters({"t_delay": d})).reference)(1.0)
+        jax.jit(lambda d: Stepper(twin.with_values({"t_delay": d})).reference)(1.0)
 
 
 def test_values_that_no_simulation_can_take_are_refused():

@@ -1,4 +1,4 @@
-"""Spread and deviation over places, against numbers worked out by hand."""
+"""Range and deviation over places, against numbers worked out by hand."""
 
 import numpy as np
 import pytest

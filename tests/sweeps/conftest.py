@@ -34,9 +34,9 @@ class FakeEngine:
         self.given: list[np.ndarray] = []
 
     def __call__(
-        self, twin: Twin, experiment: Experiment, parameters: dict[str, np.ndarray], **options: Any
+        self, twin: Twin, experiment: Experiment, draws: dict[str, np.ndarray], **options: Any
     ) -> Reductions:
-        R_E = parameters["R_E"]
+        R_E = draws["R_E"]
         self.given.append(R_E)
         if options["on_progress"] is not None:
             options["on_progress"](len(R_E))

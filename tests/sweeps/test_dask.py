@@ -61,7 +61,7 @@ def test_draws_are_the_same_to_the_last_bit_and_functions_of_a_script_travel(
     asked = {"final": "final", "hottest": lambda trajectory: trajectory.max()}
     alone = simulate_batch(twin, experiment, draws, reductions=asked, chunk_size=32)
     done: list[int] = []
-    spread = simulate_batch(
+    distributed = simulate_batch(
         twin,
         experiment,
         draws,
@@ -71,8 +71,8 @@ def test_draws_are_the_same_to_the_last_bit_and_functions_of_a_script_travel(
         on_progress=done.append,
     )
     assert sum(done) == 300
-    np.testing.assert_array_equal(spread["final"], alone["final"])
-    np.testing.assert_array_equal(spread["hottest"], alone["hottest"])
+    np.testing.assert_array_equal(distributed["final"], alone["final"])
+    np.testing.assert_array_equal(distributed["hottest"], alone["hottest"])
 
 
 def test_the_command_finds_the_scheduler(stored, tmp_path, real_sweep, client, monkeypatch):

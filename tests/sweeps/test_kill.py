@@ -23,8 +23,8 @@ import os, sys, numpy, jaxtwin, xarray, zarr
 from jaxtwin.simulation import Reductions
 from jaxtwin.sweeps import _plan
 
-def quick(twin, experiment, parameters, **options):
-    R_E = parameters["R_E"]
+def quick(twin, experiment, draws, **options):
+    R_E = draws["R_E"]
     return Reductions(("T11", "TAM"), R_E > 2.8, final=numpy.stack([R_E, 2 * R_E], axis=1))
 
 _plan.simulate_batch = quick

@@ -57,7 +57,7 @@ def test_chunks_that_another_process_is_at_are_left_to_it(
 @pytest.mark.slow
 def test_a_sweep_holds_what_a_batch_of_the_same_draws_gives(tmp_path, twin, experiment):
     """To rounding, though the batch is cut differently."""
-    result = sweep(twin, experiment, tmp_path, **ASKED, parameters=["R_E", "R_pc"])
+    result = sweep(twin, experiment, tmp_path, **ASKED, names=["R_E", "R_pc"])
     table = result.to_xarray()
     draws = normal_draws({"R_E": 1.9674922600619191, "R_pc": 0.09}, 0.25, 0, 40)
     batch = simulate_batch(twin, experiment, draws, reductions=["final", "plate_std"])
@@ -71,7 +71,7 @@ def test_twins_with_values_of_their_own_get_the_same_relative_draws(
     tmp_path, twin, experiment, engine
 ):
     """As in a sensitivity analysis of several recordings; one failure fails the draw."""
-    other = twin.with_parameters({"R_E": 2 * float(twin.parameters["R_E"])})
+    other = twin.with_values({"R_E": 2 * float(twin.values["R_E"])})
     result = sweep([twin, other], [experiment] * 2, tmp_path, draws=10, chunk_size=10)
     first, second = engine.given
     np.testing.assert_allclose(second, 2 * first, rtol=1e-15)

@@ -112,7 +112,7 @@ OTHERS = {
     "chunk_size": {"chunk_size": 4},
     "precision": {"precision": "float32"},
     "reductions": {"reductions": ["final"]},
-    "drawn": {"parameters": ["R_E", "R_pc"]},
+    "drawn": {"names": ["R_E", "R_pc"]},
 }
 
 
@@ -140,7 +140,7 @@ def test_other_values_rigs_recordings_and_formats_are_refused(
     # A parameter that is not drawn counts too.
     refused(
         "parameters: expected T_amb = 15.0, as the sweep began, got T_amb = 16.0",
-        twin.with_parameters({"T_amb": 16.0}),
+        twin.with_values({"T_amb": 16.0}),
     )
     longer = Experiment.schedule("0:0.5,10:0.8", duration=31.0, cells=2, channels=("T11", "TAM"))
     refused("experiments", experiment=replace_name(longer, experiment.name))
@@ -238,7 +238,7 @@ def test_a_chunk_that_another_process_is_at_is_left_to_it(tmp_path, twin, experi
         ({"reductions": ["mean"]}, "reductions: expected .* got mean"),
         ({"reductions": ["cost"]}, "expected recorded temperatures"),
         ({"executor": FORKED}, "executor: expected processes that start afresh"),
-        ({"parameters": ["R_X"]}, "got R_X"),
+        ({"names": ["R_X"]}, "got R_X"),
     ],
 )
 def test_bad_input_is_refused_before_a_folder_is_made(

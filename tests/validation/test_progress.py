@@ -81,9 +81,7 @@ def test_the_command_says_how_many_are_predicted_and_how_far_the_match_is(
 
     news = _ValidationProgress(Listener(), 2)
     news(prediction)
-    step = Iteration(
-        number=3, start=0, cost=0.04, rmse=0.2, gradient=0.0, accepted=True, parameters={}
-    )
+    step = Iteration(number=3, start=0, cost=0.04, rmse=0.2, gradient=0.0, accepted=True, values={})
     news(step)
     assert said == [
         "0 of 2 predicted",

@@ -114,9 +114,9 @@ def test_ambient_and_start_are_found_with_the_drive_on_from_the_start(
 @pytest.mark.slow
 def test_a_plate_that_is_warmer_than_its_room_shows_it_by_cooling(truth: Twin):
     """Five kelvin between the two, far more than expected beforehand."""
-    quick = truth.with_parameters({"R_loss": 0.5})
+    quick = truth.with_values({"R_loss": 0.5})
     drive = Experiment.schedule(LATE, duration=240)
-    seen = simulate(quick.with_parameters({"T_amb": 20.0, "T_start": 25.0}), drive).temperatures
+    seen = simulate(quick.with_values({"T_amb": 20.0, "T_start": 25.0}), drive).temperatures
     warm = Experiment(drive.time, drive.duty, channels=("T",), temperatures=seen)
     found = estimate_initial_conditions(quick, warm).values
     assert found["T_amb"] == pytest.approx(20.0, abs=1.0)
@@ -171,7 +171,7 @@ def test_each_recording_is_predicted_by_a_match_to_the_others(crossed: Validatio
 @pytest.mark.slow
 def test_residuals_of_the_truth_itself_are_white(truth: Twin, days: list[Experiment]):
     """Noise alone is left, and the test of whiteness says so."""
-    exact = truth.with_parameters({"T_amb": 20.0, "T_start": 18.5, "T_sink": 18.5})
+    exact = truth.with_values({"T_amb": 20.0, "T_start": 18.5, "T_sink": 18.5})
     (prediction,) = validate(exact, days[0], own=[]).predictions
     assert prediction.whiteness["T"].is_white
     assert prediction.run.rmse == pytest.approx(NOISE, rel=0.2)

@@ -81,7 +81,7 @@ def _header(
         [
             f"{name}: {law.kind} for the rig {rig.name}, written by jaxtwin.",
             f"Parameters: {origin}" if origin else "Parameters of a jaxtwin.control controller:",
-            *(f"  {line}" for line in law.parameters),
+            *(f"  {line}" for line in law.parameter_lines),
             "",
             f"Sample time: {controller.sample_time_s!r} s. Numbers: {real}.",
             "References and measurements, degC, each the mean of these channels:",
@@ -98,14 +98,14 @@ def _header(
     horizon = ahead = ""
     if law.horizon:
         horizon = f"#define {upper}_HORIZON {law.horizon}\n"
-        parameters = [
+        arguments = [
             f"const {real} references[{upper}_HORIZON * {upper}_OUTPUTS]",
             f"const {real} measurement[{upper}_OUTPUTS]",
             f"{real} duty[{upper}_CELLS]",
         ]
         ahead = f"""
 /* The same with the references of this sample and of the next ones, {upper}_OUTPUTS each. */
-{_begin(f"void {name}_step_ahead", f"{name}_state *state", *parameters)};
+{_begin(f"void {name}_step_ahead", f"{name}_state *state", *arguments)};
 """
     struct = "".join(f"    {real} {field}[{size}];\n" for field, size in fields.items())
     return f"""{about}#ifndef {upper}_H
@@ -253,6 +253,6 @@ static {real} {name}_limited({real} duty)
 {public}"""
 
 
-def _begin(function: str, *parameters: str) -> str:
-    """A function's type, name and parameters."""
-    return f"{function}(" + (",\n" + " " * (len(function) + 1)).join(parameters) + ")"
+def _begin(function: str, *arguments: str) -> str:
+    """A function's type, name and arguments."""
+    return f"{function}(" + (",\n" + " " * (len(function) + 1)).join(arguments) + ")"

@@ -13,7 +13,7 @@ from ..control._controller import Numbers
 class Law(NamedTuple):
     """A control law as C.
 
-    - `kind`: what it is, for the header. `parameters`: with units, a line each.
+    - `kind`: what it is, for the header. `parameter_lines`: its parameters with units, a line each.
     - `integrals`: how many integrals there are; 0 for none.
     - `fields`: of the state beside them and what was seen, name -> length.
     - `tables`: constants, name -> values and comment.
@@ -24,7 +24,7 @@ class Law(NamedTuple):
     """
 
     kind: str
-    parameters: list[str]
+    parameter_lines: list[str]
     integrals: int
     fields: dict[str, int]
     tables: Mapping[str, tuple[np.ndarray, str]]

@@ -42,7 +42,7 @@ def mpc_law(controller: MPC, cells: int, name: str, precision: str) -> Law:
     }
     return Law(
         f"model predictive control of {outputs} outputs over {horizon} samples",
-        _parameters(controller),
+        _parameter_lines(controller),
         0,
         {"x": states, "moved": cells, "targets": moves, **work_of(moves, limits)},
         {f"{name}_{key}": (np.ravel(values), text) for key, (values, text) in plain.items()},
@@ -53,7 +53,7 @@ def mpc_law(controller: MPC, cells: int, name: str, precision: str) -> Law:
     )
 
 
-def _parameters(controller: MPC) -> list[str]:
+def _parameter_lines(controller: MPC) -> list[str]:
     y, u, change = controller.deviations
     rate = controller.rate_limit
     lines = [

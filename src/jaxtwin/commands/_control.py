@@ -13,7 +13,7 @@ from ._options import (
     DatabaseOption,
     LinkOption,
     OperatorOption,
-    ParametersOption,
+    ParameterFileOption,
     ResetOption,
     RigArgument,
     SetOption,
@@ -43,7 +43,7 @@ def control(
     silence: SilenceOption = 3.0,
     reset: ResetOption = False,
     operator: OperatorOption = None,
-    parameters: ParametersOption = None,
+    parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     baud: BaudOption = 115_200,
 ) -> None:
@@ -83,7 +83,7 @@ def control(
         silence=silence,
         reset=reset,
         operator=operator,
-        parameters=parameters,
+        parameter_file=parameter_file,
         set_name=set_name,
         baud=baud,
     )

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ._options import JsonOption, ParametersOption, RigArgument, SeedOption, SetOption
+from ._options import JsonOption, ParameterFileOption, RigArgument, SeedOption, SetOption
 from ._output import aligned, check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
@@ -33,7 +33,7 @@ def design(
             "cycles as bounds.",
         ),
     ] = None,
-    parameters: ParametersOption = None,
+    parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     duration: Annotated[
         float, typer.Option(metavar="S", help="Of the recording, 3600 s at most.")
@@ -88,7 +88,7 @@ def design(
         from ..rig import load_rig
 
         loaded = load_rig(rig)
-        known = _known(loaded, parameters, set_name, recordings or [])
+        known = _known(loaded, parameter_file, set_name, recordings or [])
         progress.step(f"designing {duration:g} s for {loaded.name}")
         result = design_experiment(
             known,
@@ -97,7 +97,7 @@ def design(
             bounds=between,
             levels=levels,
             criterion=criterion,
-            parameters=interest,
+            names=interest,
             group=group,
             margin=margin,
             starts=starts,
@@ -114,21 +114,21 @@ def design(
 
 
 def _known(
-    rig: "Rig", parameters: Path | None, set_name: str | None, recordings: list[str]
+    rig: "Rig", parameter_file: Path | None, set_name: str | None, recordings: list[str]
 ) -> "Fit | Twin":
-    fit = open_fit(rig, parameters)
+    fit = open_fit(rig, parameter_file)
     if fit is None:
         if recordings:
             raise typer.BadParameter(
                 "recordings: expected a saved fit of them as --parameters, got none; "
                 "'jaxtwin match' makes it"
             )
-        return open_twin(rig, set_name, parameters)
-    if parameters is None or not recordings:
+        return open_twin(rig, set_name, parameter_file)
+    if parameter_file is None or not recordings:
         return fit
     from ..matching import Fit
 
-    return Fit.load(parameters, rig=rig, experiments=open_recordings(rig, recordings))
+    return Fit.load(parameter_file, rig=rig, experiments=open_recordings(rig, recordings))
 
 
 def _bounds(text: str) -> tuple[float, float]:

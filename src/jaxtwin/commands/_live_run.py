@@ -32,7 +32,7 @@ def run_on_live_rig(
     silence: float,
     reset: bool,
     operator: str | None,
-    parameters: Path | None,
+    parameter_file: Path | None,
     set_name: str | None,
     baud: int,
 ) -> None:
@@ -56,7 +56,7 @@ def run_on_live_rig(
     check_output(out, ".db")
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)
-        twin = open_twin(loaded, set_name, parameters)
+        twin = open_twin(loaded, set_name, parameter_file)
         run, about = prepare(twin)
         # Compiled now: a rig that is connected sends, and nobody would listen.
         Guard(twin, "", silence=silence)

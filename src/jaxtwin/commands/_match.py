@@ -7,7 +7,7 @@ import typer
 
 from ._options import (
     JsonOption,
-    ParametersOption,
+    ParameterFileOption,
     RecordingsArgument,
     RigArgument,
     SeedOption,
@@ -62,7 +62,7 @@ def match(
     starts: Annotated[int, typer.Option(min=1, help="Starting points; the best end counts.")] = 1,
     seed: SeedOption = 0,
     max_iterations: Annotated[int, typer.Option(min=1, help="Of each start.")] = 200,
-    parameters: ParametersOption = None,
+    parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     json: JsonOption = None,
 ) -> None:
@@ -76,7 +76,7 @@ def match(
 
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
-        twin = open_fit(loaded, parameters) or open_twin(loaded, set_name, parameters)
+        twin = open_fit(loaded, parameter_file) or open_twin(loaded, set_name, parameter_file)
 
         def show(iteration: "Iteration") -> None:
             where = f"start {iteration.start + 1} of {starts}, " if starts > 1 else ""

@@ -7,7 +7,7 @@ import typer
 
 from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
-from ._options import JsonOption, ParametersOption, RigArgument, SetOption
+from ._options import JsonOption, ParameterFileOption, RigArgument, SetOption
 from ._output import check_json, check_output, say, say_written, write_json
 from ._rigs import network_line
 from ._show_progress import show_progress
@@ -23,7 +23,7 @@ def netlist(
         Path | None,
         typer.Option(metavar="FILE", help="The circuit for ngspice, with a 1000 s step run."),
     ] = None,
-    parameters: ParametersOption = None,
+    parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     json: JsonOption = None,
 ) -> None:
@@ -38,7 +38,7 @@ def netlist(
     with show_progress() as progress:
         progress.step(f"reading {rig}")
         loaded = load_rig(rig)
-        twin = open_twin(loaded, set_name, parameters)
+        twin = open_twin(loaded, set_name, parameter_file)
         numbers = network_counts(twin.netlist, loaded)
         if out is not None:
             from ..plots import plot_netlist, to_png

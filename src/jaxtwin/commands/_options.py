@@ -15,7 +15,7 @@ RecordingsArgument = Annotated[
         help="Files (.mat, .csv, .nc, .db), or names of known recordings ('jaxtwin data list').",
     ),
 ]
-ParametersOption = Annotated[
+ParameterFileOption = Annotated[
     Path | None,
     typer.Option(
         "--parameters", metavar="FILE", help="Values from a parameter file, such as a saved fit."

@@ -7,7 +7,7 @@ import typer
 
 from ._options import (
     JsonOption,
-    ParametersOption,
+    ParameterFileOption,
     RecordingsArgument,
     RigArgument,
     SeedOption,
@@ -54,7 +54,7 @@ def sensitivity(
         bool, typer.Option("--second-order", help="Interactions S2 too, beside --method sobol.")
     ] = False,
     seed: SeedOption = 0,
-    parameters: ParametersOption = None,
+    parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     json: JsonOption = None,
 ) -> None:
@@ -72,7 +72,7 @@ def sensitivity(
 
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
-        twins = open_twins(loaded, set_name, parameters, experiments)
+        twins = open_twins(loaded, set_name, parameter_file, experiments)
         done, known = 0, ""
         if method == "correlations":
             known = f" of {(PAPERS_DRAWS if draws is None else draws) * len(experiments)}"

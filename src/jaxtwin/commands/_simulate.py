@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._options import JsonOption, ParametersOption, RigArgument, SetOption
+from ._options import JsonOption, ParameterFileOption, RigArgument, SetOption
 from ._output import aligned, check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
@@ -37,7 +37,7 @@ def simulate(
         ),
     ] = None,
     duration: Annotated[float, typer.Option(metavar="S", help="Of the schedule.")] = 1000.0,
-    parameters: ParametersOption = None,
+    parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     json: JsonOption = None,
 ) -> None:
@@ -52,9 +52,9 @@ def simulate(
         progress.step(f"reading {rig}")
         loaded = load_rig(rig)
         experiment = _experiment(loaded, recording, duty, duration)
-        fit = open_fit(loaded, parameters)
+        fit = open_fit(loaded, parameter_file)
         if fit is None:
-            twin = open_twin(loaded, set_name, parameters, experiment.name or None)
+            twin = open_twin(loaded, set_name, parameter_file, experiment.name or None)
         else:
             twin = fit.twin_for(experiment)
         progress.step(f"simulating {experiment.duration:g} s")
@@ -85,7 +85,7 @@ def _experiment(
 def _own_values(fit: "Fit", twin: "Twin", experiment: "Experiment") -> tuple[dict[str, float], str]:
     """The values of a run that belong to its recording, not to the rig, and their source."""
     names = next(iter(fit.recording_values.values()))
-    values = {name: float(twin.parameters[name]) for name in names}
+    values = {name: float(twin.values[name]) for name in names}
     if experiment.fingerprint in fit.fingerprints:
         matched = fit.recordings[fit.fingerprints.index(experiment.fingerprint)]
         source = f"as matched for {matched}"

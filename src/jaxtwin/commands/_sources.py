@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def open_twin(
-    rig: "Rig", set_name: str | None, parameters: Path | None, recording: str | None = None
+    rig: "Rig", set_name: str | None, parameter_file: Path | None, recording: str | None = None
 ) -> "Twin":
     """The twin of a rig, with the values of a parameter set, and of a parameter file that overrides
     them.
@@ -21,7 +21,7 @@ def open_twin(
 
     - `rig`: the rig.
     - `set_name`: a parameter set of the rig, or None.
-    - `parameters`: a parameter file, or None.
+    - `parameter_file`: a parameter file, or None.
     - `recording`: the recording whose own values are used, if the file has some.
 
     **Raises:** `ParameterError` for an unknown set or a file that does not fit the rig.
@@ -40,12 +40,12 @@ def open_twin(
                 f"{nearest([set_name], rig.parameter_sets)}"
             )
         values |= rig.parameter_sets[set_name]
-    if parameters is not None:
-        values |= read_parameters(parameters, rig, recording)
+    if parameter_file is not None:
+        values |= read_parameters(parameter_file, rig, recording)
     return Twin(rig, values)
 
 
-def open_fit(rig: "Rig", parameters: Path | None) -> "Fit | None":
+def open_fit(rig: "Rig", parameter_file: Path | None) -> "Fit | None":
     """The fit in a parameter file; None if the file holds only values, or there is no file.
 
     **Raises:** `ParameterError` for a file that cannot be read or a fit of another rig.
@@ -53,29 +53,33 @@ def open_fit(rig: "Rig", parameters: Path | None) -> "Fit | None":
     from .._errors import ParameterError
     from ..rig._bundled import read_toml
 
-    if parameters is None:
+    if parameter_file is None:
         return None
-    data, _ = read_toml(parameters, ParameterError)
+    data, _ = read_toml(parameter_file, ParameterError)
     if not isinstance(data.get("fit"), dict):
         return None
     from ..matching import Fit
 
-    return Fit.load(parameters, rig=rig)
+    return Fit.load(parameter_file, rig=rig)
 
 
 def open_twins(
-    rig: "Rig", set_name: str | None, parameters: Path | None, experiments: "Sequence[Experiment]"
+    rig: "Rig",
+    set_name: str | None,
+    parameter_file: Path | None,
+    experiments: "Sequence[Experiment]",
 ) -> "Fit | list[Twin]":
     """The fit in a parameter file, which has a twin for each experiment; otherwise a list of twins
     with the values that the file has for the recording of that name.
 
     **Raises:** the errors of `open_twin` and `open_fit`.
     """
-    fit = open_fit(rig, parameters)
+    fit = open_fit(rig, parameter_file)
     if fit is not None:
         return fit
     return [
-        open_twin(rig, set_name, parameters, experiment.name or None) for experiment in experiments
+        open_twin(rig, set_name, parameter_file, experiment.name or None)
+        for experiment in experiments
     ]
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from .._errors import SimulationError
-from ._options import JsonOption, ParametersOption, RigArgument, SeedOption, SetOption
+from ._options import JsonOption, ParameterFileOption, RigArgument, SeedOption, SetOption
 from ._output import check_json, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_recordings, open_twins
@@ -65,7 +65,7 @@ def sweep(
         str | None,
         typer.Option(metavar="HOST:PORT", help="Scheduler of a Dask cluster that computes."),
     ] = None,
-    parameters: ParametersOption = None,
+    parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     json: JsonOption = None,
 ) -> None:
@@ -81,7 +81,7 @@ def sweep(
 
         loaded = load_rig(rig)
         experiments = _experiments(loaded, recordings or [], duty, duration)
-        twins = open_twins(loaded, set_name, parameters, experiments)
+        twins = open_twins(loaded, set_name, parameter_file, experiments)
 
         def report(advance: SweepProgress) -> None:
             progress.update(str(advance))

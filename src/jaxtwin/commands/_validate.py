@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def validate(
     rig: RigArgument,
     recordings: RecordingsArgument,
-    parameters: Annotated[
+    parameter_file: Annotated[
         Path | None,
         typer.Option(
             "--parameters",
@@ -83,7 +83,7 @@ def validate(
     ways = [split is not None, leave_one_out, leave_group_out]
     if sum(ways) > 1:
         raise typer.BadParameter("give one of --split, --leave-one-out and --leave-group-out")
-    if not any(ways) and parameters is None and set_name is None:
+    if not any(ways) and parameter_file is None and set_name is None:
         raise typer.BadParameter(
             "give --parameters, or match with --split, --leave-one-out or --leave-group-out"
         )
@@ -107,7 +107,7 @@ def validate(
         progress.step("reading")
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
-        fitted = open_fit(loaded, parameters) or open_twin(loaded, set_name, parameters)
+        fitted = open_fit(loaded, parameter_file) or open_twin(loaded, set_name, parameter_file)
 
         day = (group, None if given is None else _given(loaded, given))
         left_out = "group" if leave_group_out else "recording" if leave_one_out else None

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._options import ParametersOption, RigArgument, SeedOption, SetOption
+from ._options import ParameterFileOption, RigArgument, SeedOption, SetOption
 from ._output import say
 from ._signals import stop_signals
 from ._sources import open_twin
@@ -42,7 +42,7 @@ def virtual_rig(
             "disconnect=60, loosen=P1@300/10, fail=P2@600; docs/live.md explains them.",
         ),
     ] = "",
-    parameters: ParametersOption = None,
+    parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     seed: SeedOption = 0,
 ) -> None:
@@ -54,7 +54,7 @@ def virtual_rig(
         raise typer.BadParameter("give one of --tcp, --pty and --mqtt")
     with stop_signals() as stop:
         device = VirtualRig(
-            open_twin(load_rig(rig), set_name, parameters),
+            open_twin(load_rig(rig), set_name, parameter_file),
             speed=speed,
             seed=seed,
             camera_hz=camera_hz,

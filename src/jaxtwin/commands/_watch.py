@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._options import BaudOption, ParametersOption, SetOption
+from ._options import BaudOption, ParameterFileOption, SetOption
 from ._output import say
 from ._signals import stop_signals
 from ._sources import open_twin
@@ -33,7 +33,7 @@ def watch(
     duration: Annotated[
         float | None, typer.Option(min=0, metavar="S", help="Until then, not until Ctrl-C.")
     ] = None,
-    parameters: ParametersOption = None,
+    parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     baud: BaudOption = 115_200,
 ) -> None:
@@ -45,7 +45,7 @@ def watch(
     with stop_signals() as stop, contextlib.ExitStack() as stack:
         rig = _rig(source, link or [])
         # Before the link is opened: compiling takes a second, and data do not wait for ever.
-        screen = Screen(open_twin(rig, set_name, parameters))
+        screen = Screen(open_twin(rig, set_name, parameter_file))
         bench = stack.enter_context(_source(source, rig, link or [], speed, baud))
         view = bench.view()
         live = stack.enter_context(Live(screen.render(), refresh_per_second=1 / REDRAW))

@@ -180,7 +180,7 @@ def parameter_names(controller: AbstractController) -> tuple[str, ...]:
     )
 
 
-def with_parameters(controller: Controller, values: Mapping[str, Any]) -> Controller:
+def with_values(controller: Controller, values: Mapping[str, Any]) -> Controller:
     """Returns the controller with other values of some parameters."""
     for name, value in values.items():
         controller = eqx.tree_at(lambda c, name=name: getattr(c, name), controller, value)
@@ -253,13 +253,13 @@ def checked_limits(where: str, limits: Sequence[float | int]) -> tuple[float, fl
     return lowest, highest
 
 
-def check_parameters(where: str, **parameters: Any) -> None:
+def check_non_negative(where: str, **values: Any) -> None:
     """Refuses parameters that are not finite numbers of at least 0. Parameters that JAX traces have
     no values yet and are not checked.
 
     **Raises:** `ControlError` that names the first invalid parameter.
     """
-    for name, value in parameters.items():
+    for name, value in values.items():
         if isinstance(value, Tracer) or not _is_array(value):
             continue  # tree transformations put other objects into the leaves of a module
         array = np.asarray(value)

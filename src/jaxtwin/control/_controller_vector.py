@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from .._errors import ControlError
 from ..rig._problems import unknown
-from ._controller import AbstractController, parameter_names, with_parameters
+from ._controller import AbstractController, parameter_names, with_values
 
 
 class ControllerVector(NamedTuple):
@@ -59,4 +59,4 @@ class ControllerVector(NamedTuple):
             end = begin + int(np.prod(shape))
             parts[name] = values[begin:end].reshape(shape)
             begin = end
-        return with_parameters(self.controller, parts)
+        return with_values(self.controller, parts)

@@ -21,7 +21,7 @@ from .._errors import ControlError
 from ._controller import (
     AbstractChannelGroupController,
     Numbers,
-    check_parameters,
+    check_non_negative,
     checked_limits,
     checked_measured,
     checked_sample_time,
@@ -78,7 +78,7 @@ class DecoupledPI(AbstractChannelGroupController):
         limits: Sequence[float | int] = (-1.0, 1.0),
         sample_time_s: float | int = 1.0,
     ):
-        check_parameters(
+        check_non_negative(
             "DecoupledPI",
             Kp_mean=Kp_mean,
             Ki_mean=Ki_mean,

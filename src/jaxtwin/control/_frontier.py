@@ -78,7 +78,7 @@ class Frontier:
 
         rows = []
         for tuning in self.tunings:
-            row = dict(zip(tuning.parameters, tuning.after.parameters.tolist(), strict=True))
+            row = dict(zip(tuning.tuned, tuning.after.values.tolist(), strict=True))
             row["sensitivity_peak"] = tuning.after.sensitivity_peak
             medians = np.median(tuning.after.measures, axis=0).tolist()
             rows.append(row | dict(zip(tuning.measures, medians, strict=True)))
@@ -93,13 +93,13 @@ class Frontier:
             name: (("weight", "draw"), self.measure(name), {"units": MEASURES[name][1]})
             for name in first.measures
         }
-        values = np.stack([tuning.after.parameters for tuning in self.tunings])
+        values = np.stack([tuning.after.values for tuning in self.tunings])
         variables["value"] = (("weight", "parameter"), values)
         peaks = [tuning.after.sensitivity_peak for tuning in self.tunings]
         variables["sensitivity_peak"] = ("weight", peaks)
         return xarray.Dataset(
             variables,
-            coords={"weight": self.weights, "parameter": list(first.parameters)},
+            coords={"weight": self.weights, "parameter": list(first.tuned)},
             attrs={"rig": first.rig, "against": self.against},
         )
 
@@ -130,7 +130,7 @@ def frontier(
     against: str = "largest_plate_range",
     weights: Iterable[float | int],
     objective: str | Mapping[str, float] = "integral_absolute_error",
-    parameters: Iterable[str] | Mapping[str, tuple[float, float]] | None = None,
+    tuned: Iterable[str] | Mapping[str, tuple[float, float]] | None = None,
     draws: int | Mapping[str, ArrayLike] | None = None,
     tail_weight: float | int = 0.5,
     sensitivity_limit: float | int | None = 2.0,
@@ -157,7 +157,7 @@ def frontier(
     - `against`: the measure whose weight changes, a measure that has a derivative.
     - `weights`: its weights, in 1 over its unit, at least 0.
     - `objective`: the rest of the objective: a measure, or measure -> weight.
-    - `controller`, `twin`, `references`, `duration_s`, `parameters`, `draws`, `tail_weight`,
+    - `controller`, `twin`, `references`, `duration_s`, `tuned`, `draws`, `tail_weight`,
       `sensitivity_limit`, `rounds`, `seed`, `workers`, `settings`: as in `jaxtwin.tune`.
 
     **Raises:** `ControlError` where arguments do not fit each other, as in `jaxtwin.tune`.
@@ -185,7 +185,7 @@ def frontier(
         twin,
         references,
         duration_s,
-        parameters=parameters,
+        tuned=tuned,
         objective=base,
         draws=draws,
         tail_weight=tail_weight,

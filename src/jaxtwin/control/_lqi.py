@@ -21,7 +21,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from ._controller import (
     AbstractChannelGroupController,
     Numbers,
-    check_parameters,
+    check_non_negative,
     checked_deviations,
     checked_limits,
     checked_measured,
@@ -103,7 +103,7 @@ class LQI(AbstractChannelGroupController):
     ):
         self.limits = checked_limits("LQI", limits)
         self.measured = checked_measured("LQI", measured)
-        check_parameters("LQI", setpoint_weight=setpoint_weight)
+        check_non_negative("LQI", setpoint_weight=setpoint_weight)
         self.setpoint_weight = as_parameter(setpoint_weight)
         plant = plant_of("LQI", model, self.measured)
         self.sample_time_s = h = plant.sample_time_s

@@ -16,7 +16,7 @@ from .._errors import ControlError
 from ..rig import Rig
 from ..rig._problems import unknown
 from ..rig._units import TEMPERATURE, TEMPERATURE_DIFFERENCE, Kind
-from ._controller import checked_measured, means_of, with_parameters
+from ._controller import checked_measured, means_of, with_values
 from ._controller_fields import Refuse, as_matrix, as_quantity, matrix, numbers, quantity
 from ._lqi import LQI
 from ._mpc import MPC
@@ -99,7 +99,7 @@ def model_controller(
         if np.ndim(settings["setpoint_weight"]) and np.size(settings["setpoint_weight"]) != cells:
             no("setpoint_weight", f"expected a number, or one for each of the {cells} cells")
         gains = _gains(data["gains"], len(plant.A), outputs, cells, no)
-        lqi = with_parameters(_made(LQI, plant, settings, no), gains)
+        lqi = with_values(_made(LQI, plant, settings, no), gains)
         _check_regulator(lqi, plant, no)
         return _with_filter(lqi, L, no)
     for name, unit in _DEVIATIONS.items():

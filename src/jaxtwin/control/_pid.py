@@ -23,7 +23,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from ._controller import (
     AbstractChannelGroupController,
     Numbers,
-    check_parameters,
+    check_non_negative,
     checked_limits,
     checked_measured,
     checked_sample_time,
@@ -96,7 +96,7 @@ class PID(AbstractChannelGroupController):
         sample_time_s: float | int = 1.0,
         measured: Sequence[str | Sequence[str]] | None = None,
     ):
-        check_parameters(
+        check_non_negative(
             "PID",
             Kp=Kp,
             Ki=Ki,

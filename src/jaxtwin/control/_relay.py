@@ -20,7 +20,7 @@ from .._errors import ControlError
 from ._controller import (
     AbstractChannelGroupController,
     Numbers,
-    check_parameters,
+    check_non_negative,
     checked_limits,
     checked_measured,
     checked_sample_time,
@@ -97,7 +97,7 @@ class Relay(AbstractChannelGroupController):
         limits: Sequence[float | int] = (-1.0, 1.0),
         sample_time_s: float | int = 1.0,
     ):
-        check_parameters("Relay", amplitude=amplitude, hysteresis=hysteresis)
+        check_non_negative("Relay", amplitude=amplitude, hysteresis=hysteresis)
         self.amplitude, self.bias = as_parameter(amplitude), as_parameter(bias)
         self.hysteresis = as_parameter(hysteresis)
         if isinstance(self.amplitude, np.ndarray) and not np.any(self.amplitude > 0):

@@ -96,7 +96,7 @@ class SampledLoops:
         cells = len(twin.netlist.cells)
         directions = np.eye(cells) if len(outputs) >= cells else np.ones((cells, 1))
         if not draws:  # a single draw with the twin's value
-            name, value = next(iter(twin.parameters.items()))
+            name, value = next(iter(twin.values.items()))
             draws = {name: np.array([float(value)])}
         shifts = int(np.ceil(longest_delay_s / interval * (1 - 1e-9)))
         found = _sampled_plants(
@@ -182,7 +182,7 @@ def _sampled_plants(
     def of_draw(
         values: Mapping[str, Array],
     ) -> tuple[tuple[Any, ...], Float[Array | np.ndarray, " cells"]]:
-        model, _, _ = _linearized(twin.with_parameters(values), None, target, None)
+        model, _, _ = _linearized(twin.with_values(values), None, target, None)
         weights = jnp.asarray(target.channels)
         matrices = model.A, model.B, weights @ model.C, weights @ model.D
         lag = model.lag_s if model.is_lagged else None

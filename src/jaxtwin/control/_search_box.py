@@ -60,17 +60,17 @@ class SearchBox(NamedTuple):
 def search_box(
     where: str,
     controller: Any,
-    parameters: Iterable[str] | Mapping[str, tuple[float, float]] | None,
+    tuned: Iterable[str] | Mapping[str, tuple[float, float]] | None,
 ) -> tuple[ControllerVector, SearchBox]:
     """Checks the arguments of `tune` that concern parameters, and makes the search box.
 
     **Raises:** `ControlError` for unknown names, for invalid bounds, and for a parameter that needs
     bounds and has none.
     """
-    if parameters is None:
-        parameters = _usual(where, controller)
-    bounds = dict(parameters) if isinstance(parameters, Mapping) else {}
-    names = tuple(bounds) if bounds else names_of(where, parameters, ControlError)
+    if tuned is None:
+        tuned = _usual(where, controller)
+    bounds = dict(tuned) if isinstance(tuned, Mapping) else {}
+    names = tuple(bounds) if bounds else names_of(where, tuned, ControlError)
     vector = ControllerVector.of(where, controller, names)
     lower, upper = [], []
     for name, _ in vector.shapes:
@@ -117,6 +117,6 @@ def _about(where: str, name: str, value: np.ndarray) -> tuple[np.ndarray, np.nda
     if not np.all(value > 0):
         raise ControlError(
             f"{where}: {name}: expected bounds, because its value is not above 0, got none; pass "
-            f"parameters={{{name!r}: (lowest, highest)}}"
+            f"tuned={{{name!r}: (lowest, highest)}}"
         )
     return value / FACTOR, value * FACTOR

@@ -33,7 +33,7 @@ from ._controller import (
     ControlFunction,
     as_controller,
     parameter_names,
-    with_parameters,
+    with_values,
 )
 from ._disturbances import Disturbance, disturbance_tables
 from ._measures import MEASURES, Measure
@@ -346,7 +346,7 @@ def _count(
 def held_at_medians(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> Twin:
     """Returns the twin with the medians of the drawn parameters, for checks before the
     simulation."""
-    return twin.with_parameters({name: float(np.median(v)) for name, v in draws.items()})
+    return twin.with_values({name: float(np.median(v)) for name, v in draws.items()})
 
 
 def longest_delay(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> float:
@@ -358,7 +358,7 @@ def longest_delay(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) 
         return float(own)
 
     def delay(values: Mapping[str, Array]) -> Array:
-        found = twin.with_parameters(values).system().delay
+        found = twin.with_values(values).system().delay
         return jnp.zeros(()) if found is None else found
 
     arrays = {name: jnp.asarray(values, float) for name, values in draws.items()}
@@ -402,7 +402,7 @@ def _many(
     if not draws:
         # Loops that share a plant also get one each: products of matrices that lie draw by draw
         # take three quarters of the time of those with one matrix.
-        name, value = next(iter(twin.parameters.items()))
+        name, value = next(iter(twin.values.items()))
         draws = {name: np.full(count, float(value))}
     rows = {f"plant {name}": np.asarray(values) for name, values in draws.items()}
     rows |= {f"controller {name}": np.asarray(v, float) for name, v in controller_draws.items()}
@@ -442,7 +442,7 @@ def is_whole_delay(twin: Twin, drawn: Iterable[str], step_s: float) -> bool:
     """Whether the driver's delay is the same whole number of plant steps in all draws."""
     delay = twin.wiring.delay
     return delay is None or (
-        delay.parameters.isdisjoint(drawn) and is_multiple(twin.system().delay, step_s)
+        delay.names.isdisjoint(drawn) and is_multiple(twin.system().delay, step_s)
     )
 
 
@@ -458,7 +458,7 @@ def steppers_of(
 
     def stepper_of(values: Mapping[str, Array]) -> Stepper:
         made = Stepper(
-            twin.with_parameters(values),
+            twin.with_values(values),
             step_s,
             longest_delay=longest_delay_s,
             is_whole_delay=is_whole_delay,
@@ -485,7 +485,7 @@ def _measured(
     """Computes the measures of a chunk of loops, each with its stepper."""
 
     def of_draw(stepper: Stepper, values: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
-        changed = with_parameters(controller, values)
+        changed = with_values(controller, values)
         loop: ClosedLoop = run_loop(stepper, changed, happens, single_precision_losses=True)
         found = {name: jnp.asarray(function(loop)) for name, function in measures}
         is_finite = loop.stays_finite

@@ -45,7 +45,7 @@ def tune(
     references: float | int | str | ArrayLike,
     *,
     duration_s: float | int,
-    parameters: Iterable[str] | Mapping[str, tuple[float, float]] | None = None,
+    tuned: Iterable[str] | Mapping[str, tuple[float, float]] | None = None,
     objective: str | Mapping[str, float] | Measure = "integral_absolute_error",
     draws: int | Mapping[str, ArrayLike] | None = None,
     tail_weight: float | int = 0.5,
@@ -85,7 +85,7 @@ def tune(
     - `controller`: the start of the search. Parameters that are not tuned keep their values.
     - `twin`: the twin, or a fit (`Fit.mean_twin`).
     - `references`, `duration_s`: as in `simulate_closed_loop`.
-    - `parameters`: the parameters of the controller that are tuned, name -> (lowest, highest); or
+    - `tuned`: the parameters of the controller that are tuned, name -> (lowest, highest); or
       names, whose bounds are then a thirtieth and thirty times their values. None for the gains
       above 0 of a `PID` or a `DecoupledPI`. The search uses the logarithm of a parameter whose
       bounds are above 0.
@@ -115,7 +115,7 @@ def tune(
         twin,
         references,
         duration_s,
-        parameters=parameters,
+        tuned=tuned,
         objective=objective,
         draws=draws,
         tail_weight=tail_weight,
@@ -135,7 +135,7 @@ def tuning_problem(
     references: float | int | str | ArrayLike,
     duration_s: float | int,
     *,
-    parameters: Iterable[str] | Mapping[str, tuple[float, float]] | None,
+    tuned: Iterable[str] | Mapping[str, tuple[float, float]] | None,
     objective: object,
     draws: int | Mapping[str, ArrayLike] | None,
     tail_weight: float | int,
@@ -155,7 +155,7 @@ def tuning_problem(
         raise ControlError(
             f"{where}: quantised: expected False, because rounding has no derivative, got True"
         )
-    vector, box = search_box(f"{where}: parameters", controller, parameters)
+    vector, box = search_box(f"{where}: tuned", controller, tuned)
     aim = checked_objective(where, objective, tail_weight)
     limit = _checked_limit(where, sensitivity_limit)
     plant_draws = _plant_draws(where, plant, twin, draws, seed)
@@ -229,7 +229,7 @@ class TuningProblem(NamedTuple):
             rig=self.rig,
             controller=self.vector.apply(tuned),
             start=self.vector.controller,
-            parameters=self.vector.labels,
+            tuned=self.vector.labels,
             lower=self.box.lower,
             upper=self.box.upper,
             sensitivity_limit=self.limit,

@@ -24,7 +24,7 @@ class TuningStep(NamedTuple):
     - `objective`: the objective; infinite if a loop is unstable or not finite.
     - `sensitivity_peak`: the largest sensitivity peak of all draws; NaN without a limit.
     - `accepted`: whether the descent moved to this controller.
-    - `parameters`: name -> value.
+    - `values`: parameter -> value.
     """
 
     start: int
@@ -32,19 +32,19 @@ class TuningStep(NamedTuple):
     objective: float
     sensitivity_peak: float
     accepted: bool
-    parameters: Mapping[str, float]
+    values: Mapping[str, float]
 
 
 class TunedLoop(NamedTuple):
     """A controller with the measures of its loops.
 
-    - `parameters`: the values of the tuned parameters. `objective`: the objective over all draws.
+    - `values`: those of the tuned parameters. `objective`: the objective over all draws.
     - `sensitivity_peak`: the largest sensitivity peak of all draws; NaN without a limit.
     - `measures`: the measures of each draw; a single row without draws.
     - `sensitivity`: the sensitivity of the linearised loop of each draw over frequency.
     """
 
-    parameters: Float[np.ndarray, " parameters"]
+    values: Float[np.ndarray, " parameters"]
     objective: float
     sensitivity_peak: float
     measures: Float[np.ndarray, "draws measures"]
@@ -60,7 +60,7 @@ class Tuning:
 
     - `rig`: the name of the twin's rig.
     - `controller`: the tuned controller. `start`: the given controller.
-    - `parameters`: the names of the tuned parameters. `lower`, `upper`: their bounds.
+    - `tuned`: the names of the tuned parameters. `lower`, `upper`: their bounds.
     - `sensitivity_limit`: the limit of the sensitivity peak, None for none.
     - `before`, `after`: the given and the tuned controller with the measures of their loops.
     - `measures`: the names of the measures. `weights`: their weights in the objective.
@@ -72,7 +72,7 @@ class Tuning:
     rig: str
     controller: AbstractController
     start: AbstractController
-    parameters: tuple[str, ...]
+    tuned: tuple[str, ...]
     lower: Float[np.ndarray, " parameters"]
     upper: Float[np.ndarray, " parameters"]
     sensitivity_limit: float | None
@@ -87,10 +87,10 @@ class Tuning:
     @property
     def at_bounds(self) -> tuple[str, ...]:
         """The parameters that ended at a bound; wider bounds may give a better controller."""
-        values = self.after.parameters
+        values = self.after.values
         near = 1e-6 * (self.upper - self.lower)
         is_near = (values <= self.lower + near) | (values >= self.upper - near)
-        return tuple(name for name, at in zip(self.parameters, is_near, strict=True) if at)
+        return tuple(name for name, at in zip(self.tuned, is_near, strict=True) if at)
 
     def plot(self) -> "Figure":
         """Plots the objective over the rounds, the sensitivity over frequency, and the measures
@@ -109,7 +109,7 @@ class Tuning:
                 "objective": step.objective,
                 "sensitivity_peak": step.sensitivity_peak,
                 "accepted": step.accepted,
-                **step.parameters,
+                **step.values,
             }
             for step in self.history
         ]
@@ -123,7 +123,7 @@ class Tuning:
 
         both = (self.before, self.after)
         variables: dict[str, Any] = {
-            "value": (("controller", "parameter"), np.stack([loop.parameters for loop in both])),
+            "value": (("controller", "parameter"), np.stack([loop.values for loop in both])),
             "objective": ("controller", [loop.objective for loop in both]),
             "sensitivity_peak": ("controller", [loop.sensitivity_peak for loop in both]),
             "sensitivity": (
@@ -139,7 +139,7 @@ class Tuning:
             variables,
             coords={
                 "controller": ["before", "after"],
-                "parameter": list(self.parameters),
+                "parameter": list(self.tuned),
                 "frequency": ("frequency", self.omega, {"units": "rad/s"}),
                 "draw": np.arange(len(self.after.measures)),
             },
@@ -149,8 +149,7 @@ class Tuning:
     def __repr__(self) -> str:
         draws = len(self.after.measures)
         named = ", ".join(
-            f"{name} {value:.4g}"
-            for name, value in zip(self.parameters, self.after.parameters, strict=True)
+            f"{name} {value:.4g}" for name, value in zip(self.tuned, self.after.values, strict=True)
         )
         peak = ""
         if self.sensitivity_limit is not None:
@@ -164,9 +163,9 @@ class Tuning:
         rows = [
             (name, f"{before:.4g}", f"{after:.4g}", f"{low:.3g} to {high:.3g}")
             for name, before, after, low, high in zip(
-                self.parameters,
-                self.before.parameters,
-                self.after.parameters,
+                self.tuned,
+                self.before.values,
+                self.after.values,
                 self.lower,
                 self.upper,
                 strict=True,

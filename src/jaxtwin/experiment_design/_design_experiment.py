@@ -39,7 +39,7 @@ def design_experiment(
     bounds: tuple[float, float] | None = None,
     levels: int = 5,
     criterion: Criterion = "D",
-    parameters: Iterable[str] | None = None,
+    names: Iterable[str] | None = None,
     group: str | None = None,
     margin: float | int = 5.0,
     starts: int = 1,
@@ -65,7 +65,7 @@ def design_experiment(
     - `criterion`: `"D"` for the smallest volume of the confidence ellipsoid of the parameters of
       interest, `"A"` for the smallest mean variance. Each parameter is measured by the scale of the
       match: the standard deviation of its prior, or a factor of e.
-    - `parameters`: the parameters of interest; by default all matched ones that do not belong to a
+    - `names`: the parameters of interest; by default all matched ones that do not belong to a
       single recording.
     - `group`: group of the new recording, such as its day; None for a new one.
     - `margin`: by how much the simulation stays below the limits, K.
@@ -107,9 +107,7 @@ def design_experiment(
     problem = make_design_problem(
         prior, schedules, NoisePrediction.of(twin), _expected_events(events, duration)
     )
-    search = _Search(
-        prior, schedules, problem, criterion, _places(prior, parameters), float(margin)
-    )
+    search = _Search(prior, schedules, problem, criterion, _places(prior, names), float(margin))
     return search.run(recordings, starts, seed, on_progress)
 
 
@@ -186,9 +184,9 @@ class _Search:
         return ExperimentDesign(
             rig=self.prior.twin.rig.name,
             criterion=self.criterion,
-            parameters=tuple(row.name for row in rows),
+            names=tuple(row.name for row in rows),
             units=tuple(row.unit for row in rows),
-            values=tuple(float(self.prior.twin.parameters[row.name]) for row in rows),
+            values=tuple(float(self.prior.twin.values[row.name]) for row in rows),
             standard_errors=self._errors(self.today),
             best=self._planned("designed", best),
             references=references,
@@ -259,9 +257,7 @@ class _Search:
         )
 
 
-def _places(
-    prior: PriorInformation, parameters: Iterable[str] | None
-) -> Int[np.ndarray, " parameters"]:
+def _places(prior: PriorInformation, names: Iterable[str] | None) -> Int[np.ndarray, " parameters"]:
     """The positions of the parameters of interest among the unknowns."""
     own = [row.name for row in prior.own_rows]
     if not own:
@@ -269,17 +265,17 @@ def _places(
             "design_experiment: expected a matched parameter of the rig that is not at a bound, "
             "got none; match more of them, or with other bounds"
         )
-    names = own
-    if parameters is not None:
-        names = list(names_of("design_experiment: parameters", parameters, MatchError))
-    unknown = [name for name in names if name not in own]
-    if unknown or not names:
+    chosen = own
+    if names is not None:
+        chosen = list(names_of("design_experiment: names", names, MatchError))
+    unknown = [name for name in chosen if name not in own]
+    if unknown or not chosen:
         raise MatchError(
-            "design_experiment: parameters: expected some of the matched parameters "
+            "design_experiment: names: expected some of the matched parameters "
             f"{', '.join(own)}, got {', '.join(unknown) or 'none'}{nearest(unknown, own)}"
         )
     all_names = [row.name for row in prior.unknowns.entry_parameters]
-    return np.array([all_names.index(name) for name in names])
+    return np.array([all_names.index(name) for name in chosen])
 
 
 def _recordings(fit: Fit) -> dict[str, Experiment]:

@@ -79,7 +79,7 @@ class ExperimentDesign:
 
     - `rig`: name of the rig.
     - `criterion`: `"D"` or `"A"`.
-    - `parameters`: the parameters of interest. `units`, `values`: theirs.
+    - `names`: the parameters of interest. `units`, `values`: theirs.
     - `standard_errors`: parameter -> standard error of today; infinite where nothing is known.
     - `best`: the designed schedule.
     - `references`: name -> schedule of the same duration and bounds to compare with: the steps of
@@ -90,7 +90,7 @@ class ExperimentDesign:
 
     rig: str
     criterion: Criterion
-    parameters: tuple[str, ...]
+    names: tuple[str, ...]
     units: tuple[str, ...]
     values: tuple[float, ...]
     standard_errors: Mapping[str, float]
@@ -136,8 +136,8 @@ class ExperimentDesign:
 
         columns: dict[str, Any] = {"unit": self.units, "value": self.values}
         for name, errors in self._all_errors().items():
-            columns[name] = [errors[parameter] for parameter in self.parameters]
-        return pandas.DataFrame(columns, index=pandas.Index(self.parameters, name="parameter"))
+            columns[name] = [errors[parameter] for parameter in self.names]
+        return pandas.DataFrame(columns, index=pandas.Index(self.names, name="parameter"))
 
     def to_xarray(self) -> "xarray.Dataset":
         """Standard errors (schedule, parameter), today's being the first, and the designed duty
@@ -145,7 +145,7 @@ class ExperimentDesign:
         import xarray
 
         errors = self._all_errors()
-        table = [[of[name] for name in self.parameters] for of in errors.values()]
+        table = [[of[name] for name in self.names] for of in errors.values()]
         return xarray.Dataset(
             {
                 "standard_error": (("schedule", "parameter"), table),
@@ -153,7 +153,7 @@ class ExperimentDesign:
             },
             coords={
                 "schedule": list(errors),
-                "parameter": list(self.parameters),
+                "parameter": list(self.names),
                 "unit": ("parameter", list(self.units)),
                 "time": ("time", self.schedule.time, {"units": "s"}),
             },
@@ -187,7 +187,7 @@ class ExperimentDesign:
         errors = self._all_errors()
         rows = [
             (name, *(f"{of[name]:.3g}" for of in errors.values()), unit)
-            for name, unit in zip(self.parameters, self.units, strict=True)
+            for name, unit in zip(self.names, self.units, strict=True)
         ]
         return html_table(repr(self), ("standard error", *errors, "unit"), rows)
 

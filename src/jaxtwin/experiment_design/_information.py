@@ -188,7 +188,7 @@ def _apply_autocorrelation(
 def _temperatures(problem: DesignProblem, grid: TimeGrid) -> tuple[Array, Array]:
     """The readings, and the temperatures of the cells' sides, at the samples, degC."""
     values = problem.layout.local_values(jnp.asarray(problem.vector))
-    system = problem.twin.with_parameters(values).system(lumped=True)
+    system = problem.twin.with_values(values).system(lumped=True)
     channels = jnp.asarray(system.channel_weights)
     sides = jnp.eye(system.capacitance.size)[side_nodes(system)]
     readout = jnp.concatenate([channels, sides])

@@ -113,7 +113,7 @@ class PriorInformation:
         places: Int[np.ndarray, " unknowns"],
     ) -> "PriorInformation":
         rows = unknowns.entry_parameters
-        vector = np.array([row.to_entry(float(twin.parameters[row.name])) for row in rows])
+        vector = np.array([row.to_entry(float(twin.values[row.name])) for row in rows])
         scale = unknowns.scales()
         open_ = np.zeros(len(normal))
         open_[places[places >= 0]] = (UNKNOWN * scale[places >= 0]) ** -2.0

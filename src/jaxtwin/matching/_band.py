@@ -218,11 +218,11 @@ def _slopes(
 ) -> Float[np.ndarray, "times channels entries"]:
     """Derivatives of the readings with respect to parameters, or to the logarithms of those that
     are matched by them."""
-    values = np.array([float(twin.parameters[row.name]) for row in rows])
+    values = np.array([float(twin.values[row.name]) for row in rows])
 
     def read(vector: Float[Array, " entries"]) -> Float[Array, "times channels"]:
         named = {row.name: vector[entry] for entry, row in enumerate(rows)}
-        return response(twin.with_parameters(named), experiment)
+        return response(twin.with_values(named), experiment)
 
     with own_settings():
         slopes = np.asarray(jax.jacfwd(read)(jnp.asarray(values)))

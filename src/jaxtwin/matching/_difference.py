@@ -52,18 +52,18 @@ class FitDifference:
 
     **Arguments:**
 
-    - `parameters`: the parameters of both fits, in the order of the rig's table.
+    - `rows`: the parameters of both fits, in the order of the rig's table.
     - `only_old`, `only_new`: names of parameters that only one of the fits has.
     """
 
-    parameters: tuple[ParameterDifference, ...]
+    rows: tuple[ParameterDifference, ...]
     only_old: tuple[str, ...]
     only_new: tuple[str, ...]
 
     @property
     def largest(self) -> float:
         """The largest absolute difference in standard errors; NaN if no parameter has an error."""
-        sizes = [abs(row.standard_errors) for row in self.parameters]
+        sizes = [abs(row.standard_errors) for row in self.rows]
         return max((size for size in sizes if not math.isnan(size)), default=math.nan)
 
     def summary(self) -> str:
@@ -92,7 +92,7 @@ class FitDifference:
                     "standard_errors": _plain(row.standard_errors),
                     "notes": list(row.notes),
                 }
-                for row in self.parameters
+                for row in self.rows
             },
             "only_old": list(self.only_old),
             "only_new": list(self.only_new),
@@ -103,7 +103,7 @@ class FitDifference:
         `ParameterDifference` as columns; `notes` is a single text."""
         import pandas
 
-        rows = [vars(row) | {"notes": ", ".join(row.notes)} for row in self.parameters]
+        rows = [vars(row) | {"notes": ", ".join(row.notes)} for row in self.rows]
         return pandas.DataFrame(rows).set_index("name")
 
     def to_xarray(self) -> "xarray.Dataset":
@@ -119,7 +119,7 @@ class FitDifference:
         return picture("plot_fit_difference", self, ax=ax)
 
     def _rows(self) -> list[tuple[str, ...]]:
-        changed = [row for row in self.parameters if row.old != row.new or row.notes]
+        changed = [row for row in self.rows if row.old != row.new or row.notes]
         changed.sort(key=lambda row: -np.nan_to_num(abs(row.standard_errors), nan=-1.0))
         return [
             (
@@ -135,7 +135,7 @@ class FitDifference:
 
     def __repr__(self) -> str:
         return (
-            f"<FitDifference of {len(self.parameters)} parameters: at most {self.largest:.2f} "
+            f"<FitDifference of {len(self.rows)} parameters: at most {self.largest:.2f} "
             "standard errors>"
         )
 
@@ -159,7 +159,7 @@ def compare_fits(old: Fit, new: Fit) -> FitDifference:
         of_kind(f"compare_fits: {name}", fit, Fit, "a Fit, as match gives it", MatchError)
     pairs = [(old[name], new[name]) for name in old.parameters if name in new.parameters]
     return FitDifference(
-        parameters=tuple(_difference(before, after) for before, after in pairs),
+        rows=tuple(_difference(before, after) for before, after in pairs),
         only_old=tuple(name for name in old.parameters if name not in new.parameters),
         only_new=tuple(name for name in new.parameters if name not in old.parameters),
     )

@@ -166,10 +166,7 @@ class Fit:
     def twins(self) -> dict[str, Twin]:
         """Recording -> the twin with the values of that recording."""
         return ByRecording(
-            {
-                name: self.twin.with_parameters(values)
-                for name, values in self.recording_values.items()
-            }
+            {name: self.twin.with_values(values) for name, values in self.recording_values.items()}
         )
 
     @property
@@ -184,7 +181,7 @@ class Fit:
         """Group -> name -> value, for parameters with a value for each group."""
         rows, _ = self._solution.problem.unknowns.rows_of_groups()
         return {
-            group: {row.name: float(self.twins[name].parameters[row.name]) for row in rows}
+            group: {row.name: float(self.twins[name].values[row.name]) for row in rows}
             for name, group in reversed(self.groups.items())
         }
 
@@ -194,7 +191,7 @@ class Fit:
         another group if the match had several."""
         rows = self.parameters.values()
         own = {row.name: row.value for row in rows if row.free and row.scope != "shared"}
-        return self.twin.with_parameters(own)
+        return self.twin.with_values(own)
 
     def twin_of_group(self, group: str) -> Twin:
         """The twin with the values of a group, and with the mean of the recordings' own values.
@@ -204,9 +201,9 @@ class Fit:
         """
         problem = self._solution.problem
         if group in problem.groups:
-            return self.mean_twin.with_parameters(self.group_values[group])
+            return self.mean_twin.with_values(self.group_values[group])
         expected = new_group_values(problem.unknowns, self._solution.vector)
-        return self.mean_twin.with_parameters(expected.values)
+        return self.mean_twin.with_values(expected.values)
 
     def twin_for(self, experiment: Experiment) -> Twin:
         """The twin with the values that belong to an experiment and not to the rig.
@@ -286,7 +283,7 @@ class Fit:
                     "iterations": optimum.iterations,
                     "status": optimum.status,
                     "converged": optimum.converged,
-                    "parameters": {name: _plain(v) for name, v in optimum.parameters.items()},
+                    "values": {name: _plain(v) for name, v in optimum.values.items()},
                 }
                 for optimum in self.optima
             ],

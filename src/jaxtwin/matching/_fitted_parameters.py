@@ -122,7 +122,7 @@ def fitted_parameters(
     for name, row in twin.rig.parameters.items():
         entries = entries_of.get(name, [])
         matched = unknowns.entry_parameters[entries[0]] if entries else row
-        initial = float(twin.parameters[name])
+        initial = float(twin.values[name])
         value = float(np.mean(values[entries])) if entries else initial
         error = float(np.max(vector_errors[entries])) if entries else math.nan
         standard_error = float(np.max(errors[entries])) if entries else math.nan

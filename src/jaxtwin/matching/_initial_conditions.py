@@ -129,7 +129,7 @@ def estimate_initial_conditions(
     values = {name: float(value) for name, value in values.items()}
     covariance = _covariance(result)
     return InitialConditions(
-        twin=twin.with_parameters(values),
+        twin=twin.with_values(values),
         values=values,
         covariance=covariance,
         warnings=_warnings(unknowns, result, covariance, warm_up),
@@ -153,7 +153,7 @@ def _twin_and_names(
         return twin, list(own)
     drifts = names_in(twin.rig.ambient_drift)
     if not isinstance(fitted, Fit):
-        twin = twin.with_parameters({n: twin.rig.parameters[n].value for n in drifts & {*names}})
+        twin = twin.with_values({n: twin.rig.parameters[n].value for n in drifts & {*names}})
     return twin, [name for name in names if name not in drifts]
 
 

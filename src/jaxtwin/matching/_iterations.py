@@ -21,7 +21,7 @@ class Iteration:
     - `gradient`: the largest cosine between the residuals and a column of the Jacobian, 0 at an
       optimum.
     - `accepted`: whether the step was accepted.
-    - `parameters`: name -> value; a value of a single recording is `name[recording]`.
+    - `values`: parameter -> value; a value of a single recording is `name[recording]`.
     """
 
     number: int
@@ -30,7 +30,7 @@ class Iteration:
     rmse: float
     gradient: float
     accepted: bool
-    parameters: Mapping[str, float]
+    values: Mapping[str, float]
 
     def __str__(self) -> str:
         return f"iteration {self.number}: RMSE {self.rmse:.4f} K"
@@ -45,7 +45,7 @@ class Optimum:
       priors.
     - `apart`: root mean square difference between the simulated channels of this optimum and those
       of the best one, K. Optima with different parameters may predict the same.
-    - `rmse`: K. `iterations`, `status`, `converged`, `parameters`: as in `Fit`.
+    - `rmse`: K. `iterations`, `status`, `converged`: as in `Fit`. `values`: parameter -> value.
     """
 
     start: int
@@ -55,7 +55,7 @@ class Optimum:
     iterations: int
     status: str
     converged: bool
-    parameters: Mapping[str, float]
+    values: Mapping[str, float]
 
 
 def make_iteration(problem: MatchProblem, step: DescentStep, start: int) -> Iteration:
@@ -67,7 +67,7 @@ def make_iteration(problem: MatchProblem, step: DescentStep, start: int) -> Iter
         rmse=float(np.sqrt(step.mean_square)),
         gradient=step.gradient,
         accepted=step.accepted,
-        parameters=problem.labelled(step.vector),
+        values=problem.labelled(step.vector),
     )
 
 
@@ -87,5 +87,5 @@ def make_optimum(
         iterations=result.iterations,
         status=result.status,
         converged=result.converged,
-        parameters=problem.labelled(result.vector),
+        values=problem.labelled(result.vector),
     )

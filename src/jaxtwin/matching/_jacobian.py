@@ -80,7 +80,7 @@ def reading_jacobian(
     outer = np.setdiff1d(np.arange(local.size), inner)
 
     def changed_twin(part: Array, entries: np.ndarray) -> Twin:
-        return twin.with_parameters(layout.local_values(local.at[entries].set(part)))
+        return twin.with_values(layout.local_values(local.at[entries].set(part)))
 
     def rises(part: Array) -> tuple[Array, Array]:
         system = changed_twin(part, inner).system(lumped=True)
@@ -88,7 +88,7 @@ def reading_jacobian(
 
     def gains(part: Array, entries: np.ndarray) -> Array:
         changed = changed_twin(part, entries)
-        return changed.wiring.gains(changed.parameters_si)[columns]
+        return changed.wiring.gains(changed.values_si)[columns]
 
     (_, rise), (d_surroundings, d_rise) = _push_forward(rises, local[inner])
     d_gain = _push_forward(lambda part: gains(part, inner), local[inner])[1]

@@ -104,7 +104,7 @@ def load_fit(
     own = [{row.name: own_values[row.name] for row in own_rows} for own_values in values]
     shared = {row.name: values[0][row.name] for row in unknowns.shared}
     fit = Fit(
-        twin=start.with_parameters({**shared, **own[0]}),
+        twin=start.with_values({**shared, **own[0]}),
         recordings=names,
         fingerprints=tuple(record.fingerprint for record in several),
         channels=tuple(record.channels for record in several),

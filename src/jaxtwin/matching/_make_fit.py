@@ -39,7 +39,7 @@ def make_fit(
         for of_recording in unknowns.recording_values(result.vector)
     ]
     runs = [
-        simulate(twin.with_parameters(of_recording), experiment)
+        simulate(twin.with_values(of_recording), experiment)
         for of_recording, experiment in zip(values, problem.experiments, strict=True)
     ]
     errors = result.recording_errors()
@@ -53,7 +53,7 @@ def make_fit(
     ]
     uncertainty, noise = estimate_uncertainty(problem, estimate)
     return Fit(
-        twin=twin.with_parameters(values[0]),
+        twin=twin.with_values(values[0]),
         recordings=names,
         fingerprints=tuple(experiment.fingerprint for experiment in problem.experiments),
         channels=tuple(experiment.channels for experiment in problem.experiments),

@@ -73,7 +73,7 @@ def match_group(
     known = group_and_shared_values(before, solution.vector, None)
 
     def started(row: Parameter) -> Parameter:
-        return replace(row, value=float(twin.parameters[row.name]))
+        return replace(row, value=float(twin.values[row.name]))
 
     own = {} if start is None else _rows_of_start(before.per_recording, start)
     unknowns = Unknowns(

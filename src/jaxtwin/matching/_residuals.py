@@ -98,7 +98,7 @@ def camera_readings(
     columns: Int[Array | np.ndarray, " columns"],
 ) -> Float[Array, "times channels"]:
     """The readings of the camera without its common error, degC."""
-    twin = objective.twin.with_parameters(objective.layout.local_values(local))
+    twin = objective.twin.with_values(objective.layout.local_values(local))
     system = twin.system(lumped=True)
     surroundings, rise = channel_rises(system, grid, columns)
     return surroundings + system.gain[columns] * rise - 273.15

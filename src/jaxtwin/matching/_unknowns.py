@@ -224,7 +224,7 @@ class Layout:
 
     def network_entries(self, twin: Twin) -> list[int]:
         """The entries of a recording that act on the network, not only on gains."""
-        outer = twin.wiring.gain_parameters
+        outer = twin.wiring.gain_names
         return [number for number, (name, _) in enumerate(self.names) if name not in outer]
 
 
@@ -322,7 +322,7 @@ def choose_unknowns(
     for name, row in chosen.items():
         scope = "recording" if name in per_recording else "shared" if name in shared else row.scope
         limits = bounds.get(name, (row.lower, row.upper))
-        bounded = _bounded(row, float(twin.parameters[name]), limits)
+        bounded = _bounded(row, float(twin.values[name]), limits)
         rows.append(replace(bounded, free=True, scope=scope))
     return Unknowns.of(rows, groups)
 

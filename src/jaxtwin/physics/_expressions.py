@@ -21,23 +21,23 @@ class Expressions:
 
     - `sums`: each entry of the result is the sum of these values.
 
-    `parameters` are the names of those that take part.
+    `names` are those of the parameters of those that take part.
     """
 
     def __init__(self, sums: Sequence[Sequence[Value]]):
         distinct = dict.fromkeys(value.powers for terms in sums for value in terms)
         column = {powers: number for number, powers in enumerate(distinct)}
         self.products = tuple(Value(1.0, powers) for powers in distinct)
-        self.parameters = frozenset(name for powers in distinct for name, _ in powers)
+        self.names = frozenset(name for powers in distinct for name, _ in powers)
         factors = np.zeros((len(sums), len(distinct)))
         for row, terms in enumerate(sums):
             for value in terms:
                 factors[row, column[value.powers]] += value.factor
         self.factors = factors
 
-    def __call__(self, parameters_si: Mapping[str, Any]) -> Float[Array, " sums"]:
+    def __call__(self, values_si: Mapping[str, Any]) -> Float[Array, " sums"]:
         """The sums for given parameters in SI units."""
-        products = [jnp.asarray(value.evaluate(parameters_si)) for value in self.products]
+        products = [jnp.asarray(value.evaluate(values_si)) for value in self.products]
         if not products:
             return jnp.zeros(len(self.factors))
         stacked = jnp.stack(jnp.broadcast_arrays(*products))

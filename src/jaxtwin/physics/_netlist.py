@@ -65,9 +65,9 @@ class Link:
     resistances: tuple[Value, ...]
     role: Literal["conduction", "film", "contact", "module", "sink", "body", "sensor"]
 
-    def resistance(self, parameters_si: Mapping[str, float]) -> float:
+    def resistance(self, values_si: Mapping[str, float]) -> float:
         """The whole resistance for given parameters in SI units, K/W."""
-        return sum(value.evaluate(parameters_si) for value in self.resistances)
+        return sum(value.evaluate(values_si) for value in self.resistances)
 
 
 @final
@@ -132,22 +132,18 @@ class Netlist:
         """Position of each node."""
         return {node.name: position for position, node in enumerate(self.nodes)}
 
-    def capacitance(
-        self, parameters_si: Mapping[str, float], kind: NodeKind | None = None
-    ) -> float:
+    def capacitance(self, values_si: Mapping[str, float], kind: NodeKind | None = None) -> float:
         """Sum over all nodes, or those of a kind, J/K."""
         return sum(
-            node.capacitance.evaluate(parameters_si)
-            for node in self.nodes
-            if kind in (None, node.kind)
+            node.capacitance.evaluate(values_si) for node in self.nodes if kind in (None, node.kind)
         )
 
     def ambient_conductance(
-        self, parameters_si: Mapping[str, float], kind: NodeKind | None = None
+        self, values_si: Mapping[str, float], kind: NodeKind | None = None
     ) -> float:
         """Sum over all links to the surroundings, or those of nodes of a kind, W/K."""
         return sum(
-            1 / link.resistance(parameters_si)
+            1 / link.resistance(values_si)
             for link in self.links
             if link.b == AMBIENT and kind in (None, self.nodes[self.index[link.a]].kind)
         )

@@ -55,14 +55,14 @@ class RegisteredZones:
         self._half_sizes = size[..., None] / TILES / 2
 
     def element_weights(
-        self, parameters_si: Mapping[str, Float[Array, ""]]
+        self, values_si: Mapping[str, Float[Array, ""]]
     ) -> Float[Array, "channels elements"]:
         """The weight of each plate element in the mean over each channel's zone.
 
         Rows of zones that reach beyond the plate sum to less than 1: the camera sees the
         surroundings there.
         """
-        shift_x, shift_y, scale, rotation = self.registration(parameters_si)
+        shift_x, shift_y, scale, rotation = self.registration(values_si)
         cos, sin = scale * jnp.cos(rotation), scale * jnp.sin(rotation)
         x, y = self._tiles[:, 0], self._tiles[:, 1]
         middles = cos * x - sin * y + shift_x, sin * x + cos * y + shift_y

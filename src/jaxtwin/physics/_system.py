@@ -84,33 +84,33 @@ class System(eqx.Module):
     wiring: Wiring = eqx.field(static=True)
 
     @classmethod
-    def assemble(cls, wiring: Wiring, parameters_si: dict[str, Float[Array, ""]]) -> "System":
+    def assemble(cls, wiring: Wiring, values_si: dict[str, Float[Array, ""]]) -> "System":
         """Puts numbers into a wiring."""
-        resistances = wiring.resistances(parameters_si)
+        resistances = wiring.resistances(values_si)
         conductances = 1 / resistances
         ambient = wiring.ambient_sums(conductances)
-        seebeck, electrical, thermal = wiring.module_constants(parameters_si).reshape(3, -1)
-        voltage, supply, on = wiring.bridge_constants(parameters_si)
+        seebeck, electrical, thermal = wiring.module_constants(values_si).reshape(3, -1)
+        voltage, supply, on = wiring.bridge_constants(values_si)
         lag, delay, drift, limit = (
-            part and part(parameters_si)[0]
+            part and part(values_si)[0]
             for part in (wiring.lag, wiring.delay, wiring.ambient_drift, wiring.current_limit)
         )
-        capacitance = wiring.capacitances(parameters_si)
+        capacitance = wiring.capacitances(values_si)
         positive = [resistances, capacitance, electrical, thermal, supply + on + electrical]
         positive += [part for part in (lag, delay, limit) if part is not None]
         return cls(
             capacitance=capacitance,
-            conductance=_conductance_matrix(wiring, parameters_si, conductances),
+            conductance=_conductance_matrix(wiring, values_si, conductances),
             ambient_conductance=ambient,
             module=ThermoelectricModule(seebeck, electrical, thermal),
             bridge=Bridge(voltage, supply, on, wiring.averaging, wiring.off_phase, limit),
-            ambient_temperature=wiring.ambient(parameters_si)[0],
+            ambient_temperature=wiring.ambient(values_si)[0],
             ambient_drift=drift,
-            initial_temperature=wiring.initial(parameters_si),
-            gain=wiring.gains(parameters_si),
-            moved_weights=wiring.moved_weights(parameters_si),
-            loss=_loss(wiring, parameters_si, conductances),
-            reservoirs=_reservoirs(wiring, parameters_si, conductances),
+            initial_temperature=wiring.initial(values_si),
+            gain=wiring.gains(values_si),
+            moved_weights=wiring.moved_weights(values_si),
+            loss=_loss(wiring, values_si, conductances),
+            reservoirs=_reservoirs(wiring, values_si, conductances),
             lag=lag,
             delay=delay,
             is_valid=jnp.stack([jnp.all(values > 0) for values in positive]).all(),
@@ -192,25 +192,25 @@ class System(eqx.Module):
 
 
 def conductance_entries(
-    wiring: Wiring, parameters_si: dict[str, Float[Array, ""]]
+    wiring: Wiring, values_si: dict[str, Float[Array, ""]]
 ) -> tuple[Float[Array, " pairs"], Float[Array, " nodes"]]:
     """The entries of the conductance matrix of a large network that are not 0: those beside the
     diagonal, with their sign turned, for `wiring.pairs`, and the diagonal, W/K."""
-    conductances = 1 / wiring.resistances(parameters_si)
+    conductances = 1 / wiring.resistances(values_si)
     pairs, (a, b) = wiring.pair_sums(conductances), wiring.pairs
     return pairs, _to_held(wiring, conductances).at[a].add(pairs).at[b].add(pairs)
 
 
 def _conductance_matrix(
     wiring: Wiring,
-    parameters_si: dict[str, Float[Array, ""]],
+    values_si: dict[str, Float[Array, ""]],
     conductances: Float[Array, " links"],
 ) -> Float[Array, "nodes nodes"]:
     if wiring.pair_of is not None:
         pairs = wiring.pair_sums(conductances)
         between = jnp.append(pairs, jnp.zeros((), pairs.dtype))[wiring.pair_of]
         return jnp.diag(between.sum(axis=1) + _to_held(wiring, conductances)) - between
-    pairs, diagonal = conductance_entries(wiring, parameters_si)
+    pairs, diagonal = conductance_entries(wiring, values_si)
     (a, b), nodes = wiring.pairs, np.arange(diagonal.size)
     rows, columns = np.concatenate([a, b, nodes]), np.concatenate([b, a, nodes])
     matrix = jnp.zeros((nodes.size, nodes.size), pairs.dtype)
@@ -230,25 +230,25 @@ def _to_held(wiring: Wiring, conductances: Float[Array, " links"]) -> Float[Arra
 
 def _reservoirs(
     wiring: Wiring,
-    parameters_si: dict[str, Float[Array, ""]],
+    values_si: dict[str, Float[Array, ""]],
     conductances: Float[Array, " links"],
 ) -> Reservoirs | None:
     if wiring.reservoirs is None or wiring.reservoir_sums is None:
         return None
-    temperature = wiring.reservoirs(parameters_si)
+    temperature = wiring.reservoirs(values_si)
     sums = wiring.reservoir_sums(conductances)
     return Reservoirs(sums.reshape(temperature.size, -1), temperature)
 
 
 def _loss(
     wiring: Wiring,
-    parameters_si: dict[str, Float[Array, ""]],
+    values_si: dict[str, Float[Array, ""]],
     conductances: Float[Array, " links"],
 ) -> NonlinearLoss | None:
     if wiring.exponent is None or wiring.radiating is None or wiring.film_sums is None:
         return None
     return NonlinearLoss(
         film=wiring.film_sums(conductances),
-        exponent=wiring.exponent(parameters_si)[0],
-        radiating=wiring.radiating(parameters_si),
+        exponent=wiring.exponent(values_si)[0],
+        radiating=wiring.radiating(values_si),
     )

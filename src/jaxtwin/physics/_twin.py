@@ -38,7 +38,7 @@ class Twin(eqx.Module):
     **Arguments:**
 
     - `rig`: a `Rig`, or what `load_rig` takes.
-    - `parameters`: values that replace those of the rig's table, name -> value in the table's unit;
+    - `values`: values that replace those of the rig's table, name -> value in the table's unit;
       one of `rig.parameter_sets`, for example. Or the path of a parameter file, such as a saved
       fit, which is read by `read_parameters`.
 
@@ -46,26 +46,26 @@ class Twin(eqx.Module):
     or a file that cannot be read or is of another rig.
     """
 
-    parameters: dict[str, Float[Array | np.ndarray, "*draws"]]
+    values: dict[str, Float[Array | np.ndarray, "*draws"]]
     rig: Rig = eqx.field(static=True)
 
     def __init__(
         self,
         rig: Rig | str | os.PathLike[str],
-        parameters: Mapping[str, Any] | str | os.PathLike[str] | None = None,
+        values: Mapping[str, Any] | str | os.PathLike[str] | None = None,
     ):
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        values = {name: np.asarray(row.value) for name, row in self.rig.parameters.items()}
-        self.parameters = _replaced(self.rig, values, _from_file(self.rig, parameters))
+        table = {name: np.asarray(row.value) for name, row in self.rig.parameters.items()}
+        self.values = _replaced(self.rig, table, _from_file(self.rig, values))
 
-    def with_parameters(self, parameters: Mapping[str, Any] | str | os.PathLike[str]) -> "Twin":
+    def with_values(self, values: Mapping[str, Any] | str | os.PathLike[str]) -> "Twin":
         """Returns the twin with other values: name -> value in the unit of the rig's table, or
         those of a parameter file.
 
         **Raises:** `ParameterError` as above.
         """
-        values = _replaced(self.rig, self.parameters, _from_file(self.rig, parameters))
-        return eqx.tree_at(lambda twin: twin.parameters, self, values)
+        replaced = _replaced(self.rig, self.values, _from_file(self.rig, values))
+        return eqx.tree_at(lambda twin: twin.values, self, replaced)
 
     @property
     def wiring(self) -> Wiring:
@@ -83,10 +83,10 @@ class Twin(eqx.Module):
         return self.wiring.channels
 
     @property
-    def parameters_si(self) -> dict[str, Float[Array, "*draws"]]:
+    def values_si(self) -> dict[str, Float[Array, "*draws"]]:
         """All values in SI units."""
         table = self.rig.parameters
-        return {name: table[name].to_si(jnp.asarray(v)) for name, v in self.parameters.items()}
+        return {name: table[name].to_si(jnp.asarray(v)) for name, v in self.values.items()}
 
     @property
     def numbers_si(self) -> dict[str, float]:
@@ -95,7 +95,7 @@ class Twin(eqx.Module):
         **Raises:** `ParameterError` where a parameter holds more than one value.
         """
         numbers = {}
-        for name, value in self.parameters.items():
+        for name, value in self.values.items():
             if np.ndim(value) > 0:
                 raise ParameterError(
                     f"{self.rig.name}: parameter {name}: expected one value, got "
@@ -112,7 +112,7 @@ class Twin(eqx.Module):
         - `lumped`: with nodes that are always equal, such as mirror images on a symmetric plate,
           made one. `system.wiring.position` says which one stands for which.
         """
-        return System.assemble(wiring_of(self.rig, lumped), self.parameters_si)
+        return System.assemble(wiring_of(self.rig, lumped), self.values_si)
 
     def module(self, cell: str) -> ThermoelectricModule:
         """The thermoelectric module of a cell, for a DC sweep, say.
@@ -185,14 +185,14 @@ class Twin(eqx.Module):
         )
 
     def __repr__(self) -> str:
-        return f"<Twin of {self.rig.name}: {len(self.parameters)} parameters>"
+        return f"<Twin of {self.rig.name}: {len(self.values)} parameters>"
 
 
 def _from_file(
-    rig: Rig, parameters: Mapping[str, Any] | str | os.PathLike[str] | None
+    rig: Rig, values: Mapping[str, Any] | str | os.PathLike[str] | None
 ) -> Mapping[str, Any] | None:
-    is_path = isinstance(parameters, str | os.PathLike)
-    return read_parameters(parameters, rig) if is_path else parameters
+    is_path = isinstance(values, str | os.PathLike)
+    return read_parameters(values, rig) if is_path else values
 
 
 def check_twin(where: str, twin: object, error: type[JaxtwinError]) -> None:
@@ -208,7 +208,7 @@ def _replaced(
 ) -> dict[str, Any]:
     replaced = dict(values)
     changes = {} if changes is None else changes
-    mapping_of(f"{rig.name}: parameters", changes, "name -> value", ParameterError)
+    mapping_of(f"{rig.name}: values", changes, "name -> value", ParameterError)
     for name, value in changes.items():
         if name not in rig.parameters:
             raise ParameterError(f"{rig.name}: {unknown('parameter', name, rig.parameters)}")

@@ -47,7 +47,7 @@ class Wiring:
     - `elements`: how many nodes are the plate's; they come first.
     - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_sums`:
       over the links that are each element's film; all None where losses are linear.
-    - `gain_parameters`: names of parameters that act on gains of channels alone.
+    - `gain_names`: names of parameters that act on gains of channels alone.
     - `lag` and `delay` of the command, the cells' `current_limit` and `ambient_drift` as
       `Expressions`, or None.
     - `position` (nodes of the rig,): which node here stands for each node of the rig, and
@@ -142,8 +142,8 @@ class Wiring:
 
         tables = [part for part in vars(self).values() if isinstance(part, Expressions)]
         tables += [] if self.zones is None else [self.zones.registration]
-        inner = set().union(*(part.parameters for part in tables if part is not self.gains))
-        self.gain_parameters = self.gains.parameters - inner
+        inner = set().union(*(part.names for part in tables if part is not self.gains))
+        self.gain_names = self.gains.names - inner
 
         # Sizes too: a circuit given link by link does not show them, the channels' weights do.
         sizes = (rig.plate.columns, rig.plate.rows)
@@ -152,13 +152,13 @@ class Wiring:
         self._key = netlist.fingerprint + repr(parts)
 
     def moved_weights(
-        self, parameters_si: Mapping[str, Float[Array, ""]]
+        self, values_si: Mapping[str, Float[Array, ""]]
     ) -> Float[Array, "channels nodes"] | None:
         """The weights of the nodes in the channels where the camera's registration says; None for
         a rig without one, whose `channel_weights` never change."""
         if self.zones is None:
             return None
-        weights = self.zones.element_weights(parameters_si)
+        weights = self.zones.element_weights(values_si)
         nodes = np.eye(len(self.netlist.nodes))[self.rig_elements]
         return weights @ jnp.asarray(nodes, weights.dtype)
 

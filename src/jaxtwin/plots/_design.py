@@ -22,7 +22,7 @@ def plot_design(design: ExperimentDesign) -> Figure:
 
     **Returns:** the figure.
     """
-    height = max(3.2, 1.2 + 0.28 * len(design.parameters))
+    height = max(3.2, 1.2 + 0.28 * len(design.names))
     figure = pyplot.figure(figsize=(10.0, height), layout="constrained")
     schedule, errors = figure.subplots(1, 2)
     _draw_schedule(schedule, design)
@@ -48,12 +48,12 @@ def _draw_schedule(axes: Axes, design: ExperimentDesign) -> None:
 
 
 def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
-    rows = np.arange(len(design.parameters))
-    today = np.array([design.standard_errors[name] for name in design.parameters])
+    rows = np.arange(len(design.names))
+    today = np.array([design.standard_errors[name] for name in design.names])
     known = np.isfinite(today)
     schedules = [design.best, *design.references.values()]
     for number, planned in enumerate(schedules):
-        errors = np.array([planned.standard_errors[name] for name in design.parameters])
+        errors = np.array([planned.standard_errors[name] for name in design.names])
         relative = np.full(len(rows), np.nan)
         relative[known] = 100 * errors[known] / today[known]
         label = planned.name + ("" if planned.is_allowed else " (too hot)")
@@ -72,7 +72,7 @@ def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
     axes.set_xlim(0, None)
     names = [
         symbol(name) if there else f"{symbol(name)} (unknown today)"
-        for name, there in zip(design.parameters, known, strict=True)
+        for name, there in zip(design.names, known, strict=True)
     ]
     axes.set_yticks(rows, names)
     axes.invert_yaxis()

@@ -23,7 +23,7 @@ def plot_fit_difference(difference: FitDifference, *, ax: Axes | None = None) ->
 
     **Returns:** the axes.
     """
-    known = [row for row in difference.parameters if row.error > 0]
+    known = [row for row in difference.rows if row.error > 0]
     known.sort(key=lambda row: -abs(row.standard_errors))
     sizes = np.array([row.standard_errors for row in known])
     places = np.arange(len(known), dtype=float)[::-1]

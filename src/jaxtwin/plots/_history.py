@@ -72,9 +72,9 @@ def _draw_rmse(axes: Axes, fit: Fit) -> None:
 
 def _draw_parameter(axes: Axes, fit: Fit, parameter: FittedParameter) -> None:
     numbers = [iteration.number for iteration in fit.history]
-    own = [key for key in fit.history[0].parameters if key.startswith(f"{parameter.name}[")]
+    own = [key for key in fit.history[0].values if key.startswith(f"{parameter.name}[")]
     keys = own or [parameter.name]
-    values = np.array([[step.parameters[key] for key in keys] for step in fit.history])
+    values = np.array([[step.values[key] for key in keys] for step in fit.history])
     for column, color in zip(values.T, palette().cycle * len(keys), strict=False):
         axes.plot(numbers, column, color=color if own else palette().blue, lw=1.6)
     for bound in (parameter.lower, parameter.upper):

@@ -34,13 +34,13 @@ def plot_morris_plane(
     **Raises:** `ParameterError` where there is no such output.
     """
     row = sensitivity.row(output)
-    size, spread = sensitivity["mu_star"][row], sensitivity["sigma"][row]
+    mu_star, sigma = sensitivity["mu_star"][row], sensitivity["sigma"][row]
     if ax is None:
         ax = pyplot.figure(figsize=(5.6, 4.2), layout="constrained").subplots()
     half = sensitivity["mu_star_conf"][row]
     ax.errorbar(
-        size,
-        spread,
+        mu_star,
+        sigma,
         xerr=half,
         fmt="o",
         color=palette().blue,
@@ -48,8 +48,8 @@ def plot_morris_plane(
         elinewidth=1.0,
         ms=5,
     )
-    limit = 1.15 * float(np.nanmax(size + half, initial=1e-300))
-    top = 1.15 * float(np.nanmax([spread.max(initial=0.0), 0.2 * limit]))
+    limit = 1.15 * float(np.nanmax(mu_star + half, initial=1e-300))
+    top = 1.15 * float(np.nanmax([sigma.max(initial=0.0), 0.2 * limit]))
     diagonal = min(limit, top)
     ax.plot([0, diagonal], [0, diagonal], color=palette().muted, lw=0.9, ls=(0, (4, 3)))
     ax.annotate(
@@ -61,9 +61,9 @@ def plot_morris_plane(
     ends = f", {unit}" if unit else ""
     ax.set(xlim=(0, limit), ylim=(-0.02 * top, top))
     written: list[tuple[float, float]] = []
-    for column in np.argsort(spread, kind="stable"):
-        if size[column] >= NAMED * size.max():
-            x, y = size[column] / limit, spread[column] / top
+    for column in np.argsort(sigma, kind="stable"):
+        if mu_star[column] >= NAMED * mu_star.max():
+            x, y = mu_star[column] / limit, sigma[column] / top
             # Above the name of a neighbour, where they would touch.
             above = max([y, *(other + LINE for at, other in written if abs(at - x) < WORD)])
             written.append((x, above))

@@ -46,12 +46,12 @@ class Value:
         """Whether no parameter takes part."""
         return not self.powers
 
-    def evaluate(self, parameters_si: Mapping[str, Any]) -> Any:
+    def evaluate(self, values_si: Mapping[str, Any]) -> Any:
         """The number for given parameters.
 
         **Arguments:**
 
-        - `parameters_si`: name -> value in SI units, a float or an array; only plain arithmetic
+        - `values_si`: name -> value in SI units, a float or an array; only plain arithmetic
           is done with it, so JAX arrays and tracers work and gradients flow.
 
         **Returns:** a float where the value is constant, else what the arithmetic gives.
@@ -60,7 +60,7 @@ class Value:
         """
         result: Any = self.factor
         for name, exponent in self.powers:
-            result = _times_power(result, parameters_si[name], exponent)
+            result = _times_power(result, values_si[name], exponent)
         return result
 
     def __mul__(self, other: "Value | float | int") -> "Value":

@@ -35,7 +35,7 @@ def sensitivity(
     draws: int | None = None,
     spread: float | int = 0.25,
     seed: int = 0,
-    parameters: Iterable[str] | None = None,
+    names: Iterable[str] | None = None,
     executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Sensitivity: ...
@@ -50,7 +50,7 @@ def sensitivity(
     draws: int | None = None,
     spread: float | int = 0.25,
     seed: int = 0,
-    parameters: Iterable[str] | None = None,
+    names: Iterable[str] | None = None,
     inputs: AskedInputs = "normal",
     outputs: AskedOutputs = ("cost",),
     times: Sequence[float] | None = None,
@@ -70,7 +70,7 @@ def sensitivity(
     draws: int | None = None,
     spread: float | int = 0.25,
     seed: int = 0,
-    parameters: Iterable[str] | None = None,
+    names: Iterable[str] | None = None,
     inputs: AskedInputs = "normal",
     outputs: AskedOutputs = ("cost",),
     times: Sequence[float] | None = None,
@@ -106,7 +106,7 @@ def sensitivity(
       each; "oat" always takes the same.
     - `spread`: relative standard deviation of "normal" and "lognormal" inputs, 0.25 in the paper.
     - `seed`: the same seed gives the same numbers.
-    - `parameters`: names of those to draw; None for the free ones that all recordings share.
+    - `names`: names of those to draw; None for the free ones that all recordings share.
     - `inputs`: "normal", the paper's, cut off at 0; "lognormal", around the same values; "bounds",
       uniform between those of the rig file; "priors", those of the rig file; "posterior", what a
       fit leaves open, correlated; or name -> `Normal`, `Uniform` or `LogNormal` of
@@ -159,7 +159,7 @@ def sensitivity(
             draws=PAPERS_DRAWS if draws is None else draws,
             spread=spread,
             seed=seed,
-            parameters=parameters,
+            names=names,
             executor=executor,
             on_progress=on_progress,
         )
@@ -170,7 +170,7 @@ def sensitivity(
         draws=draws,
         spread=spread,
         seed=seed,
-        parameters=parameters,
+        names=names,
         inputs=inputs,
         outputs=outputs,
         times=times,

@@ -44,11 +44,11 @@ class DerivativeBased(AbstractPlainMethod):
         squares, bounds = slopes**2, (slopes * weight[:, None]) ** 2
         again = resample_weights(len(outputs), seed)
         centred = outputs - outputs.mean(axis=0)
-        spread = np.maximum(again @ centred**2 - (again @ centred) ** 2, 0.0)
-        spread = np.where(spread > 0, spread, np.nan)[:, :, None]
+        variance = np.maximum(again @ centred**2 - (again @ centred) ** 2, 0.0)
+        variance = np.where(variance > 0, variance, np.nan)[:, :, None]
         return {
             "vi": squares.mean(axis=0),
             "vi_std": squares.std(axis=0),
             "dgsm": bounds.mean(axis=0) / outputs.var(axis=0)[:, None],
-            "dgsm_conf": half_width(np.tensordot(again, bounds, axes=1) / spread),
+            "dgsm_conf": half_width(np.tensordot(again, bounds, axes=1) / variance),
         }

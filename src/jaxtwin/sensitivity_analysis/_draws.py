@@ -60,54 +60,52 @@ def paired_twins(
     return twins, recordings
 
 
-def drawn_names(twin: Twin, parameters: Iterable[str] | None) -> list[str]:
+def drawn_names(twin: Twin, names: Iterable[str] | None) -> list[str]:
     """The parameters that are drawn.
 
     **Arguments:**
 
-    - `parameters`: names; None for the free parameters that recordings share, without the
+    - `names`: their names; None for the free parameters that recordings share, without the
       camera's registration.
 
     **Raises:** `ParameterError` for unknown names, or none at all.
     """
     table = twin.rig.parameters
-    if parameters is None:
+    if names is None:
         # Where the camera looks is a length and an angle about 0, not a property of the plant.
         zones = twin.wiring.zones
-        registration = frozenset() if zones is None else zones.registration.parameters
-        names = [
+        registration = frozenset() if zones is None else zones.registration.names
+        chosen = [
             name
             for name, row in table.items()
             if row.free and row.scope != "recording" and name not in registration
         ]
     else:
-        names = list(names_of("parameters", parameters, ParameterError))
-    unknown = [name for name in names if name not in table]
-    if unknown or not names:
+        chosen = list(names_of("names", names, ParameterError))
+    unknown = [name for name in chosen if name not in table]
+    if unknown or not chosen:
         raise ParameterError(
-            f"{twin.rig.name}: parameters: expected some of {', '.join(table)}, got "
+            f"{twin.rig.name}: names: expected some of {', '.join(table)}, got "
             f"{', '.join(unknown) or 'none'}{nearest(unknown, table)}"
         )
-    return names
+    return chosen
 
 
-def central_values(twin: Twin, parameters: Iterable[str] | None) -> dict[str, float]:
+def central_values(twin: Twin, names: Iterable[str] | None) -> dict[str, float]:
     """The values around which parameters are drawn: name -> value in the rig's unit.
 
     **Arguments:**
 
-    - `parameters`: as in `drawn_names`.
+    - `names`: as in `drawn_names`.
 
     **Raises:** `ParameterError` for unknown names, none at all, or a value of 0.
     """
-    names = drawn_names(twin, parameters)
-    values = {name: float(twin.parameters[name]) for name in names}
+    values = {name: float(twin.values[name]) for name in drawn_names(twin, names)}
     for name, value in values.items():
         if value == 0:
             raise ParameterError(
                 f"{twin.rig.name}: parameter {name}: expected a value other than 0, because draws "
-                "have a standard deviation relative to it, got 0; leave it out with "
-                "parameters=[...]"
+                "have a standard deviation relative to it, got 0; leave it out with names=[...]"
             )
     return values
 
@@ -120,8 +118,7 @@ def rescaled_draws(
     Twins of several recordings thus get the same draws relative to their values.
     """
     return {
-        name: float(twin.parameters[name]) / values[name] * sample
-        for name, sample in samples.items()
+        name: float(twin.values[name]) / values[name] * sample for name, sample in samples.items()
     }
 
 

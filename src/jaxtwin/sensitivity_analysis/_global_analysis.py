@@ -45,7 +45,7 @@ def global_sensitivity(
     draws: int | None,
     spread: float,
     seed: int,
-    parameters: Iterable[str] | None,
+    names: Iterable[str] | None,
     inputs: AskedInputs,
     outputs: AskedOutputs,
     times: Sequence[float] | None,
@@ -69,7 +69,7 @@ def global_sensitivity(
     count = whole_number("sensitivity: draws", count, method.least_draws, SimulationError)
     kind = method.usual_samples if samples is None else checked_kind(samples)
     asked = checked_outputs(outputs)
-    drawn = chosen_inputs(inputs, twin, twins[0], parameters, spread)
+    drawn = chosen_inputs(inputs, twin, twins[0], names, spread)
     design = method.design(drawn, count, seed, kind)
     values = design.samples
     if model is None:

@@ -27,7 +27,7 @@ def chosen_inputs(
     asked: AskedInputs,
     origin: object,
     twin: Twin,
-    parameters: Iterable[str] | None,
+    names: Iterable[str] | None,
     spread: float,
 ) -> Inputs:
     """Returns the distributions of the drawn parameters.
@@ -37,7 +37,7 @@ def chosen_inputs(
     - `asked`: a kind, or name -> distribution.
     - `origin`: the fit, for its posterior; anything else has none.
     - `twin`: the twin whose values are the centres.
-    - `parameters`: names of the drawn parameters; None for all that are free, have a prior, or were
+    - `names`: names of the drawn parameters; None for all that are free, have a prior, or were
       matched.
     - `spread`: relative standard deviation of "normal" and "lognormal".
 
@@ -51,13 +51,13 @@ def chosen_inputs(
             f"{nearest([asked], get_args(InputKind))}"
         )
     if asked == "posterior":
-        return _posterior(origin, parameters)
+        return _posterior(origin, names)
     if asked == "bounds":
-        rows = [twin.rig.parameters[name] for name in drawn_names(twin, parameters)]
+        rows = [twin.rig.parameters[name] for name in drawn_names(twin, names)]
         return Inputs({row.name: _in_bounds(twin, row) for row in rows})
     if asked == "priors":
-        return _priors(twin, parameters)
-    values = central_values(twin, parameters)
+        return _priors(twin, names)
+    values = central_values(twin, names)
     if asked == "normal":
         marginals = {name: _around(value, spread) for name, value in values.items()}
         return Inputs(marginals, relative_to=values)
@@ -84,21 +84,21 @@ def _in_bounds(twin: Twin, row: Parameter) -> Uniform:
     if not (np.isfinite(row.lower) and np.isfinite(row.upper)):
         raise ParameterError(
             f"{twin.rig.name}: parameter {row.name}: expected two bounds, got {row.lower:g} to "
-            f"{row.upper:g}; give them in the rig file, or leave it out with parameters=[...]"
+            f"{row.upper:g}; give them in the rig file, or leave it out with names=[...]"
         )
     return Uniform(row.lower, row.upper)
 
 
-def _priors(twin: Twin, parameters: Iterable[str] | None) -> Inputs:
-    rows = [twin.rig.parameters[name] for name in drawn_names(twin, parameters)]
-    if parameters is None:
+def _priors(twin: Twin, names: Iterable[str] | None) -> Inputs:
+    rows = [twin.rig.parameters[name] for name in drawn_names(twin, names)]
+    if names is None:
         rows = [row for row in rows if row.standard_deviation is not None]
     marginals: dict[str, AbstractMarginal] = {}
     for row in rows:
         if row.standard_deviation is None:
             raise ParameterError(
                 f"{twin.rig.name}: parameter {row.name}: expected a prior, got none; give it one "
-                "in the rig file, or leave it out with parameters=[...]"
+                "in the rig file, or leave it out with names=[...]"
             )
         middle = row.value if row.prior_value is None else row.prior_value
         if row.is_logarithmic:
@@ -113,7 +113,7 @@ def _priors(twin: Twin, parameters: Iterable[str] | None) -> Inputs:
     return Inputs(marginals)
 
 
-def _posterior(origin: object, parameters: Iterable[str] | None) -> Inputs:
+def _posterior(origin: object, names: Iterable[str] | None) -> Inputs:
     """The Gaussian approximation of a match, in the logarithms of positive parameters. Values that
     ended at a bound, or that nothing tells, are held."""
     if not isinstance(origin, Fit):
@@ -129,7 +129,7 @@ def _posterior(origin: object, parameters: Iterable[str] | None) -> Inputs:
             f"{where}: expected a fit whose shared values have standard errors, got one in which "
             'all ended at bounds or are open; use "priors" or "bounds"'
         )
-    wanted = known if parameters is None else drawn_names(origin.twin, parameters)
+    wanted = known if names is None else drawn_names(origin.twin, names)
     missing = [name for name in wanted if name not in known]
     if missing:
         raise ParameterError(
@@ -141,7 +141,7 @@ def _posterior(origin: object, parameters: Iterable[str] | None) -> Inputs:
     errors = np.sqrt(np.diag(covariance))
     marginals: dict[str, AbstractMarginal] = {}
     for entry, error in zip(entries, errors.tolist(), strict=True):
-        row, value = rows[entry], float(origin.twin.parameters[rows[entry].name])
+        row, value = rows[entry], float(origin.twin.values[rows[entry].name])
         marginals[row.name] = (
             LogNormal(value, error) if row.is_logarithmic else Normal(value, error)
         )

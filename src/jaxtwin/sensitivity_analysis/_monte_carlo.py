@@ -26,7 +26,7 @@ def correlate_costs(
     draws: int,
     spread: float,
     seed: int,
-    parameters: Iterable[str] | None,
+    names: Iterable[str] | None,
     executor: Executor | None,
     on_progress: Callable[[int], None] | None,
 ) -> Sensitivity:
@@ -35,7 +35,7 @@ def correlate_costs(
     twins, recordings = paired_twins("sensitivity", twin, experiments)
     draws = whole_number("sensitivity: draws", draws, 3, SimulationError)
     first = twins[0]
-    values = central_values(first, parameters)
+    values = central_values(first, names)
     samples = normal_draws(values, spread, seed, draws)
     columns: list[tuple[str, np.ndarray]] = []
     failed = np.zeros(draws, dtype=bool)

@@ -98,7 +98,7 @@ def _slopes_of_chunk(
     def read(
         vector: Float[Array, " parameters"],
     ) -> tuple[dict[str, Array], tuple[Float[Array, ""], Float[Array, ""]]]:
-        drawn = twin.with_parameters(dict(zip(names, vector, strict=True)))
+        drawn = twin.with_values(dict(zip(names, vector, strict=True)))
         states, readings, number, error = _run_exponential(drawn, grid, None)
         trajectory = readings[:, columns] - 273.15
         parts = {

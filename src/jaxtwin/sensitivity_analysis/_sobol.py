@@ -84,9 +84,9 @@ class Sobol(AbstractMethod):
             """The shares of the variance: with all blocks, and in each resample."""
             between = (1,) * (products.ndim - 2)
             once = products.mean(axis=0) / _variance(moments.mean(axis=1))
-            spread = _variance(np.einsum("rb,mbo->mro", weights, moments, optimize=True))
+            variance = _variance(np.einsum("rb,mbo->mro", weights, moments, optimize=True))
             again = np.tensordot(weights, products, axes=1)
-            return once, again / spread.reshape(len(weights), *between, -1)
+            return once, again / variance.reshape(len(weights), *between, -1)
 
         S1, S1_again = shares(first)
         ST, ST_again = shares(total)

@@ -30,7 +30,7 @@ minute."""
 def has_own_delays(twin: Twin, drawn: Iterable[str]) -> bool:
     """Whether draws of these parameters differ in the driver's delay."""
     delay = twin.wiring.delay
-    return delay is not None and not delay.parameters.isdisjoint(drawn)
+    return delay is not None and not delay.names.isdisjoint(drawn)
 
 
 def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:

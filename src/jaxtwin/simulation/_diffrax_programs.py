@@ -70,7 +70,7 @@ def diffrax_chunk(
     def solve_draw(
         values: Mapping[str, Float[Array | np.ndarray, ""]],
     ) -> tuple[Array, Array, SupplyPower | None, Array]:
-        system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
+        system = twin.with_values(values).system(lumped=keeps_symmetry(initial))
         is_resolved = ~jnp.isnan(stability_number(system, run_modes(system, grid), grid))
         states, readings, result = solve_with_diffrax(system, experiment, initial, method)
         is_solved = (result == diffrax.RESULTS.successful) & jnp.all(jnp.isfinite(states))
@@ -82,7 +82,7 @@ def diffrax_chunk(
         drawn = None
         if with_power:
             drawn = power_of_states(
-                twin.with_parameters(values),
+                twin.with_values(values),
                 states,
                 experiment.time,
                 experiment.duty,

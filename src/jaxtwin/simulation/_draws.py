@@ -230,7 +230,7 @@ def _delayed_as(twin: Twin, commanded: TimeGrid) -> TimeGrid:
     if delay is None:
         return commanded
     with own_settings():
-        delayed = _delayed(commanded, delay(twin.parameters_si)[0])
+        delayed = _delayed(commanded, delay(twin.values_si)[0])
     return jax.tree.map(np.asarray, delayed)
 
 

@@ -80,7 +80,7 @@ def prepare_chunk(
     """
 
     def prepare_draw(values: Mapping[str, Float[Array | np.ndarray, ""]]) -> Prepared:
-        system = twin.with_parameters(values).system(lumped=keeps_symmetry(initial))
+        system = twin.with_values(values).system(lumped=keeps_symmetry(initial))
         modes = run_modes(system, grid)
         number = stability_number(system, modes, grid)
         reference = reference_temperature(system, grid)

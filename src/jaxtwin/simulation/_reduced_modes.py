@@ -196,7 +196,7 @@ def _projected(
 @persistent_jit
 def _assembled(twin: Twin, lumped: bool) -> tuple[System, tuple[Array, Array]]:
     system = twin.system(lumped=lumped)
-    entries = conductance_entries(system.wiring, twin.parameters_si)
+    entries = conductance_entries(system.wiring, twin.values_si)
     return _with_matrix(system, None), entries
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def simulate_batch(
     twin: Twin | FittedTwins,
     experiment: Experiment,
-    parameters: Mapping[str, ArrayLike],
+    draws: Mapping[str, ArrayLike],
     *,
     reductions: None = None,
     initial: Initial = None,
@@ -50,7 +50,7 @@ def simulate_batch(
 def simulate_batch(
     twin: Twin | FittedTwins,
     experiment: Experiment,
-    parameters: Mapping[str, ArrayLike],
+    draws: Mapping[str, ArrayLike],
     *,
     reductions: AskedReductions,
     initial: Initial = None,
@@ -70,7 +70,7 @@ def simulate_batch(
 def simulate_batch(
     twin: Twin | FittedTwins,
     experiment: Experiment,
-    parameters: Mapping[str, ArrayLike],
+    draws: Mapping[str, ArrayLike],
     *,
     reductions: AskedReductions | None = None,
     initial: Initial = None,
@@ -96,7 +96,7 @@ def simulate_batch(
     - `twin`: the twin, whose other parameters keep their values; or a fit, which is run with the
       experiment's own values, see `Fit.twin_for`.
     - `experiment`: the inputs; with recorded temperatures for the reduction "cost".
-    - `parameters`: name -> draws `(draws,)` in the unit of the rig's table.
+    - `draws`: parameter -> draws `(draws,)` in the unit of the rig's table.
     - `reductions`: what to keep instead of the trajectories, computed where the draws are: some of
       "cost", "final", "minimum", "maximum", "plate_range", "plate_std", "energy", "peak_power"
       (see `Reductions`), or a mapping from names to pure JAX functions of a trajectory
@@ -134,7 +134,7 @@ def simulate_batch(
     twin = own_twin(twin, experiment)
     names = checked_channels(twin, experiment)
     start = checked_initial(twin, initial)
-    draws = _checked_draws(twin, parameters)
+    arrays = _checked_draws(twin, draws)
     wanted = None if reductions is None else checked_reductions(reductions, [experiment])
     for name, number in (("chunk_size", chunk_size), ("workers", workers)):
         if number is not None:
@@ -158,7 +158,7 @@ def simulate_batch(
     )
 
     def some(chosen: Int[np.ndarray, " some"]) -> dict[str, Float[np.ndarray, " some"]]:
-        return {name: values[chosen] for name, values in draws.items()}
+        return {name: values[chosen] for name, values in arrays.items()}
 
     def solve(chosen: Int[np.ndarray, " some"], refinement: int) -> Results:
         report = None if refinement else on_progress
@@ -170,26 +170,26 @@ def simulate_batch(
         return solve_draws(batch, some(chosen), stiff_method(experiment), executor)
 
     if method is None:
-        results = solve_refined(len(next(iter(draws.values()))), solve, rescue)
+        results = solve_refined(len(next(iter(arrays.values()))), solve, rescue)
     else:
-        results = solve_draws(batch, draws, method, executor, on_progress)
+        results = solve_draws(batch, arrays, method, executor, on_progress)
     return results["temperatures"] if wanted is None else Reductions.of(names, results)
 
 
-def _checked_draws(twin: Twin, parameters: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
+def _checked_draws(twin: Twin, draws: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
     rig = twin.rig
-    mapping_of(f"{rig.name}: parameters", parameters, "name -> draws", ParameterError)
-    if not len(parameters):
-        raise ParameterError(f"{rig.name}: parameters: expected name -> draws, got none")
-    draws: dict[str, np.ndarray] = {}
-    held = [name for name in rig.parameters if name not in parameters]
-    several = [name for name in held if np.ndim(twin.parameters[name])]
+    mapping_of(f"{rig.name}: draws", draws, "name -> draws", ParameterError)
+    if not len(draws):
+        raise ParameterError(f"{rig.name}: draws: expected name -> draws, got none")
+    checked: dict[str, np.ndarray] = {}
+    held = [name for name in rig.parameters if name not in draws]
+    several = [name for name in held if np.ndim(twin.values[name])]
     if several:
         raise ParameterError(
             f"{rig.name}: parameter {several[0]}: expected one value in the twin, as it is not "
             "drawn, got several"
         )
-    for name, values in parameters.items():
+    for name, values in draws.items():
         if name not in rig.parameters:
             raise ParameterError(
                 f"{rig.name}: expected some of the parameters {', '.join(rig.parameters)}, got "
@@ -215,14 +215,14 @@ def _checked_draws(twin: Twin, parameters: Mapping[str, ArrayLike]) -> dict[str,
                 f"{array[~np.isfinite(array)][0]} at draw "
                 f"{int(np.flatnonzero(~np.isfinite(array))[0])}"
             )
-        draws[name] = array
-    lengths = {name: len(array) for name, array in draws.items()}
+        checked[name] = array
+    lengths = {name: len(array) for name, array in checked.items()}
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ParameterError(
-            f"{rig.name}: parameters: expected the same number of draws for each, got {found}"
+            f"{rig.name}: draws: expected the same number of draws for each, got {found}"
         )
-    return draws
+    return checked
 
 
 def checked_precision(

@@ -91,8 +91,7 @@ class Plan:
             "recordings": list(self.recordings),
             "experiments": [experiment.fingerprint for experiment in self.experiments],
             "parameters": [
-                {name: float(value) for name, value in twin.parameters.items()}
-                for twin in self.twins
+                {name: float(value) for name, value in twin.values.items()} for twin in self.twins
             ],
             "drawn": self.values,
             "spread": self.spread,
@@ -146,7 +145,7 @@ def plan_sweep(
     draws: int,
     spread: float | int,
     seed: int,
-    parameters: Iterable[str] | None,
+    names: Iterable[str] | None,
     reductions: Iterable[str] | None,
     precision: Precision,
     chunk_size: int,
@@ -165,7 +164,7 @@ def plan_sweep(
     plan = Plan(
         twins=tuple(twins),
         experiments=tuple(recordings),
-        values=central_values(twins[0], parameters),
+        values=central_values(twins[0], names),
         draws=int(draws),
         spread=checked_spread("sweep: spread", spread),
         seed=checked_seed("sweep: seed", seed),

@@ -109,7 +109,7 @@ def sweep(
     draws: int,
     spread: float | int = 0.25,
     seed: int = 0,
-    parameters: Iterable[str] | None = None,
+    names: Iterable[str] | None = None,
     reductions: Iterable[str] | None = None,
     precision: Precision = "float64",
     chunk_size: int = CHUNK,
@@ -133,7 +133,7 @@ def sweep(
     - `folder`: the folder of the Zarr store. A missing or empty folder is filled; any other must
       hold the same sweep.
     - `draws`, `spread`, `seed`: as in `sensitivity`.
-    - `parameters`: the parameters that are drawn; by default the free ones that all recordings
+    - `names`: the parameters that are drawn; by default the free ones that all recordings
       share.
     - `reductions`: the reductions that are kept, see `simulate_batch`; by default "final", and
       "cost" if every experiment has recorded temperatures.
@@ -160,7 +160,7 @@ def sweep(
         draws=draws,
         spread=spread,
         seed=seed,
-        parameters=parameters,
+        names=names,
         reductions=reductions,
         precision=precision,
         chunk_size=chunk_size,
