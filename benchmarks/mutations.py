@@ -39,7 +39,7 @@ TOP_LEVEL = "top level"
 
 TESTS = {
     "_compilation": ["tests/compilation/test_*.py"],
-    "commands": ["tests/test_cli.py", "tests/*/test_command*.py"],
+    "commands": ["tests/test_cli.py", "tests/test_commands.py", "tests/*/test_command*.py"],
     "doctor": ["tests/test_doctor.py"],
     TOP_LEVEL: ["tests/test_*.py"],
 }

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, Fit, MatchError, SimulationError, Twin, match_many, simulate
+from jaxtwin import Experiment, Fit, MatchError, SimulationError, Twin, match, match_many, simulate
 from jaxtwin.matching import _descent, _make_fit
 
 FREE = ["C_load", "T_amb", "T_start"]
@@ -73,6 +73,31 @@ def test_hubers_loss_forgives_outliers_of_the_only_channel(benches: list[Experim
         row = fit.parameter("C_load")
         assert abs(row.value - TRUTH["C_load"]) < 4 * row.standard_error
         assert row.standard_error < 0.3
+
+
+@pytest.mark.slow
+def test_masks_and_events_are_those_of_their_recordings(benches: list[Experiment]):
+    """As in a match of each set on its own; the mask takes away what was spoiled."""
+    hand = np.where((np.arange(121.0) >= 30) & (np.arange(121.0) <= 45), 6.0, 0.0)[:, None]
+    sets = [spoiled(benches[0], hand), benches[1]]
+    masks = {"bench 0": [(30.0, 45.0)], "bench 1": [(100.0, 120.0, 0.5)]}
+    for recording, fit in zip(sets, matched(*sets, masks=masks), strict=True):
+        assert fit is not None
+        own = {recording.name: masks[recording.name]}
+        alone = match(Twin("single-cell"), recording, free=FREE, masks=own)
+        assert value(fit) == pytest.approx(value(alone), rel=1e-6)
+        np.testing.assert_array_equal(fit.weights[recording.name], alone.weights[recording.name])
+        row = fit.parameter("C_load")
+        assert abs(row.value - TRUTH["C_load"]) < 4 * row.standard_error
+
+
+@pytest.mark.parametrize("what", ["masks", "events"])
+def test_masks_and_events_of_a_recording_in_no_set_are_refused(
+    benches: list[Experiment], what: str
+):
+    options: dict[str, Any] = {what: {"bench 1": [], "bench 7": []}}
+    with pytest.raises(MatchError, match=f"{what}: expected some of .*, got 'bench 7'"):
+        matched(*benches[:2], **options)
 
 
 @pytest.mark.slow

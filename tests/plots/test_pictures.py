@@ -16,6 +16,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.image import imread
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
+from scipy.stats import norm
 from small_results import analysis, fit, recordings
 
 from jaxtwin import (
@@ -250,7 +251,8 @@ def test_intervals_and_warnings_stand_beside_the_parameters():
 def test_the_prior_stands_on_the_bar_of_the_bounds():
     """R_E lies between 1e-5 and 10 ohm, on a logarithmic scale of 6 decades; T_amb in degC."""
     rows = {row.name: row for row in fit().parameters.values() if row.free}
-    decade = np.log(10) / 1.96
+    quantile = norm.ppf(0.975)
+    decade = np.log(10) / quantile
     rows["R_E"] = replace(rows["R_E"], prior_value=0.01, prior_spread=decade)
     rows["T_amb"] = replace(
         rows["T_amb"], prior_value=20.0, prior_spread=3.0, group_spread=4.0, lower=0.0, upper=40.0
@@ -264,7 +266,8 @@ def test_the_prior_stands_on_the_bar_of_the_bounds():
     }
     assert set(spans) == {"R_E", "T_amb"}
     np.testing.assert_allclose(spans["R_E"], [1 / 3, 2 / 3])
-    np.testing.assert_allclose(spans["T_amb"], [0.5 - 0.245, 0.5 + 0.245])
+    half = quantile * 5 / 40  # of a value of a group: the root of 3² + 4²
+    np.testing.assert_allclose(spans["T_amb"], [0.5 - half, 0.5 + half])
 
 
 def test_the_largest_difference_between_two_fits_is_on_top():

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import optimistix as optx
@@ -19,6 +20,7 @@ from ._descent_result import DescentStep
 from ._fit import Fit
 from ._iterations import Iteration, make_iteration
 from ._make_fit import make_fit
+from ._masks_and_events import Span, check_recording_names
 from ._match import checked_solver
 from ._nominal_twin import nominal_twin
 from ._problem import (
@@ -48,6 +50,7 @@ def match_many(
     groups: Sequence[str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     events: Events | None = None,
+    masks: Mapping[str, Sequence[Span]] | None = None,
     robust: float | None = None,
     max_iterations: int = 200,
     solver: optx.AbstractLeastSquaresSolver | None = None,
@@ -69,6 +72,8 @@ def match_many(
       eighth, or freely where they are small.
     - `groups`: the name of each recording's group in every set, as in `match`; by default the
       groups that the recordings name. The recordings of all sets must be grouped alike.
+    - `events`, `masks`: as in `match`, for the recordings of these names in whichever sets they
+      are.
     - `executor`: an executor whose workers match the sets instead of this process, four at a time;
       see `simulate_batch`. A fit is the same for any number of workers, and up to rounding the same
       as without an executor.
@@ -106,9 +111,17 @@ def match_many(
         places,
         ParameterChoice(free, fixed, shared, per_recording, bounds),
     )
-    options = SampleOptions(events, robust=robust)
+    for what, given in (("events", events), ("masks", masks)):
+        if isinstance(given, Mapping):
+            check_recording_names(what, {n for members in recordings for n in members}, given)
     problems = [
-        make_match_problem(twin, members, unknowns, groups=names, options=options)
+        make_match_problem(
+            twin,
+            members,
+            unknowns,
+            groups=names,
+            options=SampleOptions(_of_set(events, members), _of_set(masks, members), robust),
+        )
         for members, (names, _) in zip(recordings, grouped, strict=True)
     ]
 
@@ -135,6 +148,13 @@ def match_many(
                 if iteration.start < count:
                     report(replace(iteration, start=first + iteration.start))
     return tuple(fits)
+
+
+def _of_set(given: Any, members: Mapping[str, Experiment]) -> Any:
+    """What is given for recordings of all sets, for those of a single one."""
+    if not isinstance(given, Mapping):
+        return given
+    return {name: value for name, value in given.items() if name in members}
 
 
 def _match_unit(

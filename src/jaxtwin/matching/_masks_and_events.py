@@ -1,6 +1,6 @@
 """Masks of recordings, and given times of the camera's corrections, checked."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -22,7 +22,7 @@ def span_weights(
     **Raises:** `MatchError` for unknown recordings, spans outside their recording, and weights that
     are not 0 to 1.
     """
-    _check_names("masks", recordings, spans or {})
+    check_recording_names("masks", recordings, spans or {})
     weights = []
     for name, experiment in recordings.items():
         weight = experiment.sampled.astype(float)
@@ -54,7 +54,7 @@ def given_events(
 
     **Raises:** `MatchError` for unknown recordings and times outside their recording.
     """
-    _check_names("events", recordings, events)
+    check_recording_names("events", recordings, events)
     times = []
     for name, experiment in recordings.items():
         first, last = experiment.time[0], experiment.time[-1]
@@ -68,9 +68,13 @@ def given_events(
     return times
 
 
-def _check_names(
-    what: str, recordings: Mapping[str, Experiment], given: Mapping[str, object]
+def check_recording_names(
+    what: str, recordings: Collection[str], given: Mapping[str, object]
 ) -> None:
+    """Refuses names that are not those of recordings.
+
+    **Raises:** `MatchError` that starts with `what`.
+    """
     unknown = [name for name in given if name not in recordings]
     if unknown:
         raise MatchError(

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from .._number_text import interval_text, short_number
 from ..matching import Fit, FittedParameter
+from ..matching._fitted_parameters import interval_95
 from ._style import palette, points, styled, symbol
 
 
@@ -127,13 +128,8 @@ def _prior_interval(parameter: FittedParameter) -> tuple[float, float]:
     """Holds 95 % of what was known about a single value beforehand."""
     assert parameter.prior_value is not None
     assert parameter.prior_spread is not None
-    middle, half = (
-        parameter.prior_value,
-        1.96 * math.hypot(parameter.prior_spread, parameter.group_spread or 0.0),
-    )
-    if parameter.is_logarithmic:
-        return middle * math.exp(-half), middle * math.exp(half)
-    return middle - half, middle + half
+    deviation = math.hypot(parameter.prior_spread, parameter.group_spread or 0.0)
+    return interval_95(parameter.prior_value, deviation, is_logarithmic=parameter.is_logarithmic)
 
 
 def _position(value: float, parameter: FittedParameter) -> float:

@@ -1,0 +1,284 @@
+"""What a command line says arrives where the work is done, and what it leaves out is the default.
+
+The work itself is replaced: it notes the arguments that it gets and gives a small result.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+from small_results import analysis, fit, global_analysis
+
+import jaxtwin as jt
+from jaxtwin import control, experiment_design, live, matching
+from jaxtwin.cli import app, run
+from jaxtwin.commands import _control, _drive
+from jaxtwin.control import PID
+from jaxtwin.control import control as run_controller
+from jaxtwin.experiment_design import ExperimentDesign
+from jaxtwin.experiment_design._experiment_design import PlannedSchedule
+from jaxtwin.sensitivity_analysis import Sobol
+
+Noted = dict[str, Any]
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def noted(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any, str, object], Noted]:
+    """Replaces a function by one that gives a result; its arguments stand in the dictionary."""
+
+    def replace(module: Any, name: str, result: object) -> Noted:
+        arguments: Noted = {}
+
+        def stands_in(*positional: object, **named: object) -> object:
+            arguments.update(named, positional=positional)
+            return result
+
+        monkeypatch.setattr(module, name, stands_in)
+        return arguments
+
+    return replace
+
+
+def without(arguments: Noted, *left_out: str) -> Noted:
+    """The arguments of the user, without recordings and reports of progress."""
+    return {k: v for k, v in arguments.items() if k not in ("positional", "on_progress", *left_out)}
+
+
+def planned(name: str = "designed", is_allowed: bool = True) -> PlannedSchedule:
+    drive = jt.Experiment([0.0, 60.0], [[0.1], [0.2]], channels=("T",))
+    return PlannedSchedule(
+        name, drive, np.array([[26]]), {"R_E": 0.5}, 0.5, 45.5, 71.25, is_allowed
+    )
+
+
+def a_design() -> ExperimentDesign:
+    return ExperimentDesign(
+        "single-cell", "A", ("R_E",), ("ohm",), (2.0,), {"R_E": 1.0}, planned(),
+        {"PRBS": planned("PRBS", is_allowed=False)}, 60.0, (),
+    )  # fmt: skip
+
+
+DEFAULTS = {
+    "conform": {"baud": 115_200},
+    "control": {"duration": 1000.0, "silence": 3.0, "baud": 115_200},
+    "demo": {"out": Path("report"), "draws": 10_000},
+    "design": {
+        "duration": 1200.0, "hold": 60.0, "levels": 5, "criterion": "D", "margin": 5.0,
+        "starts": 1, "seed": 0,
+    },
+    "drive": {"duration": 1000.0, "silence": 3.0, "baud": 115_200},
+    "export": {"step": 1.0},
+    "match": {"starts": 1, "max_iterations": 200, "seed": 0},
+    "new-rig": {"supply_voltage": "12 V", "limit": "80 degC", "reader": "camera"},
+    "record": {"silence": 10.0, "baud": 115_200},
+    "report": {"out": Path("report"), "draws": 0},
+    "schema": {"out": Path("-")},
+    "sensitivity": {
+        "method": "correlations", "spread": 0.25, "inputs": "normal", "output": ["cost"], "seed": 0,
+    },
+    "simulate": {"duration": 1000.0},
+    "sweep": {
+        "duration": 1000.0, "spread": 0.25, "precision": "float64", "chunk": 65_536, "seed": 0,
+    },
+    "validate": {"warm_up": 60.0},
+    "virtual-rig": {"speed": 1.0, "camera_hz": 9.0, "controller_hz": 10.0, "faults": "", "seed": 0},
+    "watch": {"speed": 1.0, "baud": 115_200},
+}  # fmt: skip
+"""What scripts rely on where they say nothing. Every other option is off, or none."""
+
+
+def test_options_that_are_left_out_have_the_values_that_scripts_rely_on():
+    commands = typer.main.get_command(app).commands  # pyright: ignore[reportAttributeAccessIssue]
+    found = {
+        name: {
+            option.name: option.default
+            for option in command.params
+            if not option.required
+            and option.default is not None
+            and option.default is not False
+            and option.default != []
+        }
+        for name, command in commands.items()
+    }
+    assert {name: options for name, options in found.items() if options} == DEFAULTS
+
+
+def test_every_option_of_a_match_arrives(noted):
+    arguments = noted(matching, "match", fit())
+    words = (
+        "match paper-2024 synthetic-A synthetic-B --out fit.toml --free R_E --free R_pc "
+        "--fixed R_pc --shared alpha --per-recording T_amb --group mon --group tue --starts 3 "
+        "--seed 7 --max-iterations 11 --set published --json -"
+    )
+    assert run(words.split()) == 0
+    twin, experiments = arguments["positional"]
+    assert float(twin.values["R_E"]) == 0.01  # the published value
+    assert [experiment.name for experiment in experiments] == ["synthetic-A", "synthetic-B"]
+    assert without(arguments) == {
+        "free": ["R_E", "R_pc"], "fixed": ["R_pc"], "shared": ["alpha"], "per_recording": ["T_amb"],
+        "groups": ["mon", "tue"], "starts": 3, "seed": 7, "max_iterations": 11,
+    }  # fmt: skip
+    assert jt.Fit.load("fit.toml")["R_E"].value == fit()["R_E"].value
+
+
+def test_a_match_without_options_takes_what_the_rig_says(noted):
+    arguments = noted(matching, "match", fit())
+    assert run(["match", "paper-2024", "synthetic-A", "--out", "fit.toml"]) == 0
+    assert without(arguments) == {
+        "free": None, "fixed": [], "shared": [], "per_recording": [], "groups": None,
+        "starts": 1, "seed": 0, "max_iterations": 200,
+    }  # fmt: skip
+
+
+def test_every_option_of_a_sensitivity_analysis_arrives(noted, capsys):
+    arguments = noted(jt, "sensitivity", global_analysis())
+    words = (
+        "sensitivity paper-2024 synthetic-A --method sobol --second-order --draws 64 --spread 0.1 "
+        "--seed 7 --inputs priors --output final --output energy --out sens.nc --json sens.json"
+    )
+    assert run(words.split()) == 0
+    assert without(arguments) == {
+        "method": Sobol(second_order=True), "draws": 64, "spread": 0.1, "seed": 7,
+        "inputs": "priors", "outputs": ("final", "energy"),
+    }  # fmt: skip
+    assert Path("sens.nc").exists()
+    assert json.loads(Path("sens.json").read_text()) == global_analysis().to_dict()
+    shown = capsys.readouterr().out
+    label = global_analysis().labels[global_analysis().row()]
+    frame = global_analysis().to_dataframe().loc[label]
+    assert shown.startswith(f"{label}, ")
+    for number in frame.loc["R_pc"]:
+        assert f"{number:.3g}" in shown
+
+
+def test_correlations_are_the_ones_of_the_mean_cost(noted, capsys):
+    arguments = noted(jt, "sensitivity", analysis())
+    assert run(["sensitivity", "paper-2024", "synthetic-A", "--out", "sens.nc"]) == 0
+    assert without(arguments) == {
+        "method": "correlations", "draws": None, "spread": 0.25, "seed": 0, "inputs": "normal",
+        "outputs": ("cost",),
+    }  # fmt: skip
+    shown = capsys.readouterr().out
+    for name, row in analysis().to_dataframe().loc["mean"].iterrows():
+        (line,) = (line for line in shown.splitlines() if line.startswith(f"{name} "))
+        assert f"{row.correlation:+.3f}" in line
+        assert f"{row.rank_correlation:+.3f}" in line
+
+
+class _Stored:
+    """Stands for a sweep."""
+
+    def to_dict(self) -> dict[str, int]:
+        return {"done": 50}
+
+
+def test_every_option_of_a_sweep_arrives(noted, monkeypatch):
+    arguments = noted(jt, "sweep", _Stored())
+    monkeypatch.setattr("jaxtwin.commands._sweep._summary", lambda result: "half done")
+    words = (
+        "sweep paper-2024 --duty 0:0.5,10:0.2 --duration 30 --out folder --draws 100 --spread 0.1 "
+        "--seed 7 --reductions final,energy --precision float32 --chunk 50 --json -"
+    )
+    assert run(words.split()) == 0
+    twins, (experiment,), folder = arguments["positional"]
+    assert len(twins) == 1
+    assert (experiment.duration, experiment.duty.shape[1]) == (30.0, 2)
+    assert str(folder) == "folder"
+    assert without(arguments) == {
+        "draws": 100, "spread": 0.1, "seed": 7, "reductions": ["final", "energy"],
+        "precision": "float32", "chunk_size": 50, "executor": None,
+    }  # fmt: skip
+
+
+def test_every_option_of_a_design_arrives_and_its_table_is_shown(noted, capsys):
+    arguments = noted(experiment_design, "design_experiment", a_design())
+    words = (
+        "design single-cell --out plan.csv --duration 240 --hold 40 --bounds=-0.5:0.25 --levels 3 "
+        "--criterion A --interest R_E --interest alpha --group mon --margin 2 --starts 4 --seed 7 "
+        "--plot plan.png --json plan.json"
+    )
+    assert run(words.split()) == 0
+    assert without(arguments) == {
+        "duration": 240.0, "hold": 40.0, "bounds": (-0.5, 0.25), "levels": 3, "criterion": "A",
+        "names": ["R_E", "alpha"], "group": "mon", "margin": 2.0, "starts": 4, "seed": 7,
+    }  # fmt: skip
+    shown = capsys.readouterr().out
+    for text in (
+        "too hot for the limits of the rig: PRBS", "highest reading 45.5 degC",
+        "cell side 71.2 degC", "0:0.1,60:0.2",
+    ):  # fmt: skip
+        assert text in shown
+    assert jt.read_recording("plan.csv") == planned().experiment
+    assert json.loads(Path("plan.json").read_text()) == a_design().to_dict()
+    assert Path("plan.png").read_bytes().startswith(b"\x89PNG")
+
+
+LIVE = (
+    "--link socket://a:1 --link socket://b:2 --out run.db --silence 4 --reset --operator me "
+    "--set published --baud 9600"
+)
+ARRIVED = {
+    "rig": "paper-2024", "link": ["socket://a:1", "socket://b:2"], "out": Path("run.db"),
+    "silence": 4.0, "reset": True, "operator": "me", "parameter_file": None,
+    "set_name": "published", "baud": 9600,
+}  # fmt: skip
+
+
+def test_every_option_of_a_drive_arrives(noted):
+    arguments = noted(_drive, "run_on_live_rig", None)
+    words = f"drive paper-2024 --duty 0:0.5,10:0.2/0.1 --duration 30 {LIVE}"
+    assert run(words.split()) == 0
+    assert without(arguments) == ARRIVED | {"doing": "driving", "duration": 30.0}
+    twin = jt.Twin("paper-2024")
+    (prepare,) = arguments["positional"]
+    command, about = prepare(twin)
+    assert command.func is live.drive
+    assert command.keywords["rig"] is twin
+    plan = command.keywords["plan"]
+    assert plan.duration == 30.0
+    np.testing.assert_array_equal(plan.duty[[0, 10]], [[0.5, 0.5], [0.2, 0.1]])
+    assert about == {"plan": {"duty": "0:0.5,10:0.2/0.1", "duration_s": 30.0}}
+
+
+def test_a_plan_is_driven_for_its_own_duration(noted):
+    arguments = noted(_drive, "run_on_live_rig", None)
+    a_design().save("plan.csv")
+    assert run(f"drive single-cell --plan plan.csv {LIVE}".split()) == 0
+    assert arguments["duration"] == 60.0
+    (prepare,) = arguments["positional"]
+    command, about = prepare(jt.Twin("single-cell"))
+    assert command.keywords["plan"] == planned().experiment
+    assert about == {"plan": {"file": "plan.csv", "duration_s": 60.0}}
+
+
+def test_every_option_of_a_control_arrives(noted, monkeypatch):
+    """The controller is read for the rig, and the whole file is kept with the recording."""
+    arguments = noted(_control, "run_on_live_rig", None)
+    twin = jt.Twin("dual-cell")
+    control.save_controller("pid.toml", PID(Kp=0.02, Ki=0.0002), twin.rig)
+    words = f"control paper-2024 --controller pid.toml --reference 0:35,20:40 --duration 30 {LIVE}"
+    assert run(words.split()) == 0
+    assert without(arguments) == ARRIVED | {"doing": "controlling", "duration": 30.0}
+    (prepare,) = arguments["positional"]
+    checked: list[tuple[object, ...]] = []
+    monkeypatch.setattr(control._control, "checked_loop", lambda *given: checked.append(given))
+    command, about = prepare(twin)
+    assert command.func is run_controller
+    assert command.keywords["twin"] is twin
+    assert float(command.keywords["controller"].Kp) == 0.02
+    assert command.keywords["references"] == "0:35,20:40"
+    assert command.keywords["duration_s"] == 30.0
+    assert checked == [(twin, command.keywords["controller"], "0:35,20:40", 30.0)]
+    assert about == {
+        "plan": {"reference": "0:35,20:40", "duration_s": 30.0},
+        "controller": Path("pid.toml").read_text(encoding="utf-8"),
+    }
