@@ -48,9 +48,8 @@ def searched(
         return [Candidate(each, COOL, objective(each)) for each in counts]
 
     passes: list[int] = []
-    best = exchange(
-        *assess([start]), found, assess, seed, lambda number, candidate: passes.append(number)
-    )
+    (first,) = assess([start])
+    best = exchange(first, found, assess, seed, lambda number, candidate: passes.append(number))
     return best, passes
 
 
