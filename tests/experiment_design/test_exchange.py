@@ -82,6 +82,14 @@ def test_no_other_level_of_a_single_step_is_better_than_the_end(table: np.ndarra
         assert objective(changed) >= best.objective
 
 
+def test_a_search_that_always_gains_ends_after_ten_passes():
+    """An objective that falls by 1 with each evaluation, whatever the schedule."""
+    falling = itertools.count(0, -1)
+    _, passes = searched(lambda counts: float(next(falling)), np.zeros((3, 1), int), schedules())
+    assert passes == list(range(1, MOST_PASSES + 1))
+    assert MOST_PASSES == 10
+
+
 def test_criteria_are_means_of_standard_errors():
     """Of independent errors 1, 2 and 4: the geometric mean, and the root of the mean square."""
     covariance = np.diag([1.0, 4.0, 16.0])
