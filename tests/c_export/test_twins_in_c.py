@@ -13,6 +13,7 @@ from hand_rig import rig_of_many_parts
 
 from jaxtwin import ControlError, Experiment, Stepper, Twin, simulate
 from jaxtwin.c_export import export_c
+from jaxtwin.simulation import reduce_stepper
 
 MAIN = """
 #include <stdio.h>
@@ -101,6 +102,19 @@ def test_an_hour_in_c_is_the_hour_in_python(key: str, tmp_path: Path):
         assert found.shape == expected.shape
         allowed = 0.01 if precision == "float" else 1e-12 * np.abs(expected).max()
         np.testing.assert_allclose(found, expected, rtol=0, atol=allowed)
+
+
+@pytest.mark.slow
+def test_a_reduced_twin_in_c_is_that_in_python(tmp_path: Path):
+    """Twelve of thirty modes, to 1e-12 of the largest temperature."""
+    whole = Stepper(TWINS["losses that are not linear, a lag, a delay of whole steps"], 1.0)
+    rows = an_hour(2, float(whole.ambient))
+    stepper = reduce_stepper(whole, 12, rows[:, :-1])
+    start = np.asarray(stepper.start().nodes)
+    expected = in_python(stepper, rows)
+    found = in_c(stepper, tmp_path, "double", start, rows)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    assert "#define MODEL_MODES 12\n" in (tmp_path / "model.h").read_text()
 
 
 def in_c(

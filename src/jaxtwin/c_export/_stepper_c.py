@@ -166,13 +166,16 @@ def _header(stepper: Stepper, sizes: _Sizes, name: str, real: str, origin: str) 
     upper, wiring = name.upper(), stepper.system.wiring
     step = float(np.asarray(stepper.sizes).sum())
     room = float(stepper.reference) - ZERO_CELSIUS
+    kept = f"{sizes.modes} modes"
+    if sizes.modes < sizes.nodes:
+        kept += f", of a network of {sizes.nodes} nodes reduced to them,"
     about = comment_block(
         [
             f"{name}: a twin of a thermoelectric rig, written by jaxtwin.",
             f"Parameters: {origin}" if origin else "Parameters: those of a jaxtwin.Twin",
             "",
             f"Sample time: {step!r} s. Numbers: {real}.",
-            f"Its {sizes.modes} modes are exact; Peltier and Joule heat and losses are nonlinear.",
+            f"Its {kept} are exact; Peltier and Joule heat and losses are nonlinear.",
             "Duty cycles from -1 to 1, positive heats, of the cells:",
             *(f"  {n}: {cell.name}" for n, cell in enumerate(wiring.netlist.cells)),
             "Readings, degC, of the channels:",

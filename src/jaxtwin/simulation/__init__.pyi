@@ -8,6 +8,7 @@ from ._network_exponential import HeldInputs as HeldInputs
 from ._network_exponential import NetworkExponential as NetworkExponential
 from ._network_exponential import NetworkProblem as NetworkProblem
 from ._network_exponential import network_field as network_field
+from ._reduced_stepper import reduce_stepper as reduce_stepper
 from ._reductions import REDUCTIONS as REDUCTIONS
 from ._reductions import ReductionName as ReductionName
 from ._reductions import Reductions as Reductions

@@ -18,7 +18,7 @@ from ..physics import System, Twin
 from ..physics._twin import check_twin
 from ._check_values import check_values
 from ._exponential import Inputs, ModalField, StepFactors, exponential_step, step_factors
-from ._modes import network_modes
+from ._modes import Modes, network_modes
 from ._refinement import STABILITY_LIMIT, remainder_gain
 
 ZERO_CELSIUS = 273.15
@@ -133,12 +133,7 @@ class Stepper(eqx.Module):
             prepared = _prepared(self.system, jnp.asarray(size, self.reference.dtype), is_whole)
             self.delay_steps, self.sizes, self.factors, self.field = prepared[:4]
             self.plate, self.half_decay, self.half, stability = prepared[4:]
-        if not is_traced(stability) and not float(stability) <= STABILITY_LIMIT:
-            raise SimulationError(
-                f"Stepper: step_size: expected steps with a stability number of at most "
-                f"{STABILITY_LIMIT:g}, got {size:g} s with {float(stability):.2g}; take shorter "
-                "steps"
-            )
+        check_stable("Stepper", size, stability)
 
     @property
     def ambient(self) -> Float[Array, ""]:
@@ -220,6 +215,19 @@ class Stepper(eqx.Module):
             return _channels(self.system, jnp.asarray(state.nodes, dtype), ambient)
 
 
+def check_stable(where: str, step_size: float, stability: Float[Array, ""]) -> None:
+    """Refuses steps that are not stable; a stability number that JAX traces is not checked.
+
+    **Raises:** `SimulationError`.
+    """
+    if not is_traced(stability) and not float(stability) <= STABILITY_LIMIT:
+        raise SimulationError(
+            f"{where}: step_size: expected steps with a stability number of at most "
+            f"{STABILITY_LIMIT:g}, got {step_size:g} s with {float(stability):.2g}; take shorter "
+            "steps"
+        )
+
+
 def _queue(
     delay: Float[Array, ""] | None, step_size: float, longest_delay: float | int | None
 ) -> int:
@@ -287,13 +295,30 @@ def _prepared(
         whole = jnp.floor(system.delay / step_size * (1 + WHOLE)).astype(int)
         rest = jnp.maximum(system.delay - whole * step_size, 0.0)
         sizes = jnp.stack([rest, step_size - rest])
+    return whole, sizes, *steps_in_modes(system, modes, step_size, sizes)
+
+
+def steps_in_modes(
+    system: System, modes: Modes, step_size: Float[Array, ""], sizes: Float[Array, " parts"]
+) -> tuple[
+    StepFactors,
+    ModalField,
+    Float[Array, "elements modes"] | None,
+    Float[Array, " modes"],
+    Float[Array, " modes"],
+    Float[Array, ""],
+]:
+    """What a step in these modes needs: the factors of its parts, the vector field, the shapes of
+    the plate, two factors of half a step, and the stability number over all duty cycles."""
+    reference = jnp.asarray(system.ambient_temperature)
+    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
     levels = jnp.stack([idle - 1, idle, idle + 1])
     stability = remainder_gain(system, modes, levels, reference, step_size)
     linear = eqx.tree_at(lambda m: m.plate, modes, None, is_leaf=lambda leaf: leaf is None)
     field = ModalField.of(system, linear, reference)
     of_step = step_factors(modes.rates, step_size)
     factors = step_factors(modes.rates, sizes)
-    return whole, sizes, factors, field, modes.plate, of_step.half_decay, of_step.half, stability
+    return factors, field, modes.plate, of_step.half_decay, of_step.half, stability
 
 
 def to_modal(stepper: Stepper, state: StepperState) -> ModalState:
