@@ -22,6 +22,7 @@ from jaxtwin._compilation import (
     clear_programs,
     compiling_seconds,
     persistent_jit,
+    persistent_jit_unoptimised,
 )
 
 traced: list[str] = []
@@ -72,6 +73,24 @@ def test_it_gives_what_the_function_gives():
     assert (line.name, found["power"]) == ("a", 2)
     assert float(line.slope) == 6
     np.testing.assert_array_equal(found["y"], [3.0, 12.0])
+
+
+@pytest.fixture
+def optimised() -> Iterator[None]:
+    """Quick runs of the tests compile everything without most optimisations."""
+    setting = "jax_disable_most_optimizations"
+    before = jax.config.read(setting)
+    jax.config.update(setting, False)
+    yield
+    jax.config.update(setting, before)
+
+
+@pytest.mark.usefixtures("optimised")
+def test_a_function_compiled_without_optimisations_is_a_program_of_its_own_and_kept():
+    for compiled in 2 * (persistent_jit, persistent_jit_unoptimised):
+        _, found = compiled(scaled)(Line(jnp.array(3.0), "a"), np.array([1.0, 2.0]))
+        np.testing.assert_array_equal(found["y"], [3.0, 6.0])
+    assert traced == ["a", "a"]
 
 
 def test_another_process_loads_instead_of_tracing():

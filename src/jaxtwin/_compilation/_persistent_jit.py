@@ -31,9 +31,17 @@ MOST_PROGRAMS = 16
 """That one function holds in memory; the oldest goes first. Each maps memory some forty times, and
 Linux ends a process with 65 530 such maps."""
 
-COMPILER_OPTIONS: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}
-"""XLA's older way from fused operations to machine code takes half as long to compile as the newer
-one, and its code is as fast here (`benchmarks/NOTES.md`)."""
+UNOPTIMISED: dict[str, str | bool] = {
+    "xla_cpu_use_fusion_emitters": False,
+    "xla_backend_optimization_level": "0",
+}
+"""Compiler options without LLVM's optimisations, which are most of what compilation takes. XLA's
+older way from fused operations to machine code takes half as long as the newer one, and its code is
+as fast here (`benchmarks/NOTES.md`)."""
+
+COMPILER_OPTIONS = UNOPTIMISED | {"xla_backend_optimization_level": "1"}
+"""The same with those of LLVM's optimisations that make a difference here: the higher levels take a
+quarter longer, for code that is as fast."""
 
 
 def clear_programs() -> None:
@@ -55,7 +63,13 @@ def persistent_jit(function: Callable[P, T]) -> Callable[P, T]:
     any `jit`. A program with static arguments that mean nothing in another process, such as a
     closure, lives as long as its process.
     """
-    return functools.wraps(function)(_PersistentJit(function))
+    return functools.wraps(function)(_PersistentJit(function, COMPILER_OPTIONS))
+
+
+def persistent_jit_unoptimised(function: Callable[P, T]) -> Callable[P, T]:
+    """`persistent_jit` for a function that leaves its work to LAPACK, or has next to none: it
+    compiles in a third of the time, and its own code is slower."""
+    return functools.wraps(function)(_PersistentJit(function, UNOPTIMISED))
 
 
 @final
@@ -120,8 +134,9 @@ class _Traced:
 
 @final
 class _PersistentJit(Generic[P, T]):
-    def __init__(self, function: Callable[P, T]) -> None:
+    def __init__(self, function: Callable[P, T], options: dict[str, str | bool]) -> None:
         self._function = function
+        self._options = options
         self._inlined = eqx.filter_jit(function)
         self._programs: dict[Hashable, _Program] = {}
         self._locks: dict[Hashable, threading.Lock] = {}
@@ -181,11 +196,16 @@ class _PersistentJit(Generic[P, T]):
         """The name under which a program is kept; None where its arguments have no fingerprint."""
         skeleton = jax.tree.unflatten(structure, static)
         signatures = [str(_signature(array)) for array in arrays]
-        meaning = (self._function, skeleton, signatures, str(_settings()), str(device))
+        options = tuple(self._compiler_options().items())
+        meaning = (self._function, options, skeleton, signatures, str(_settings()), str(device))
         try:
             return fingerprint((surroundings(device.client), meaning))
         except NoFingerprintError:
             return None
+
+    def _compiler_options(self) -> dict[str, str | bool]:
+        fewest = jax.config.read("jax_disable_most_optimizations")
+        return UNOPTIMISED if fewest else self._options
 
     def _compile(self, structure: object, static: tuple[Any, ...], arrays: list[Any]) -> _Program:
         output: PyTree = None
@@ -205,7 +225,7 @@ class _PersistentJit(Generic[P, T]):
         with _clock:
             lowered = jax.jit(on_arrays).lower(*arrays)
             try:
-                compiled = lowered.compile(COMPILER_OPTIONS)
+                compiled = lowered.compile(self._compiler_options())
             except jax.errors.JaxRuntimeError:  # another XLA may know no such option
                 compiled = lowered.compile()
         return _Program(compiled, output)

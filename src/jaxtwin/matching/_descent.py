@@ -5,9 +5,9 @@ kept with the result. What follows a descent (other weights, the uncertainty) do
 again.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple, TypeVar, final
+from typing import Any, NamedTuple, TypeVar, final
 
 import equinox as eqx
 import jax
@@ -17,8 +17,9 @@ import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from .._compilation import persistent_jit
+from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
+from ..simulation._modes import Modes
 from ._descent_result import DescentResult, DescentStep, Evaluation, OnStep, Start
 from ._jacobian import output_error_jacobians, weighted_jacobian
 from ._levenberg_marquardt import (
@@ -32,7 +33,7 @@ from ._levenberg_marquardt import (
 )
 from ._objective import Objective
 from ._optimistix import descend_with
-from ._residuals import output_errors, weighted_residuals
+from ._residuals import output_errors, recording_modes, weighted_residuals
 from ._search_space import SearchSpace
 
 Tree = TypeVar("Tree")
@@ -104,11 +105,13 @@ class _Batch(NamedTuple):
 
 
 class _Proposal(NamedTuple):
-    """The next vectors, one for each descent, evaluated; without Jacobians if these are unknown."""
+    """The next vectors, one for each descent, evaluated: with Jacobians, or with the modes for
+    them."""
 
     vectors: Float[Array, "descents unknowns"]
     output_errors: list[Array]
     jacobians: list[Array] | None
+    modes: list[Modes] | None
 
 
 def _descend_batch(
@@ -134,12 +137,13 @@ def _descend_batch(
             if iteration == 0 and earlier:
                 evaluation = jax.device_put(_stacked([start.evaluation for start in earlier]))
                 errors, jacobians = evaluation.output_errors, evaluation.jacobians
-                proposal = _Proposal(state.vectors, errors, jacobians)
+                proposal = _Proposal(state.vectors, errors, jacobians, None)
             elif iteration == 0:
                 proposal = _at_start(state.vectors, objective)
             else:
                 vectors = _propose(solver, state.vectors, state.optimiser, space)
-                proposal = _Proposal(vectors, _solve(vectors, objective), None)
+                modes = _find_modes(vectors, objective)
+                proposal = _Proposal(vectors, _solve(vectors, objective, modes), None, modes)
             state = _step(solver, state, proposal, space, objective, active)
             # As NumPy arrays, whose entries are taken out without a compiled function.
             optimiser, vectors = jax.tree.map(np.asarray, (state.optimiser, state.vectors))
@@ -184,9 +188,10 @@ def _first_state(
 def _at_start(vectors: Float[Array, "descents unknowns"], objective: Objective) -> _Proposal:
     """The starts, with Jacobians as they are always accepted. In a process that has neither of the
     two programs yet both are compiled at the same time."""
+    modes = _find_modes(vectors, objective)
     with ThreadPoolExecutor(1) as pool:
-        jacobians = pool.submit(own_settings()(_differentiate), vectors, objective)
-        return _Proposal(vectors, _solve(vectors, objective), jacobians.result())
+        jacobians = pool.submit(own_settings()(_differentiate), vectors, objective, modes)
+        return _Proposal(vectors, _solve(vectors, objective, modes), jacobians.result(), modes)
 
 
 def _step(
@@ -199,12 +204,14 @@ def _step(
 ) -> DescentState:
     """The state after a proposal. Jacobians are computed only if at least one of the trials is
     accepted."""
-    vectors, errors, jacobians = proposal
+    vectors, errors, jacobians, modes = proposal
     residuals, costs, mean_squares = _weigh(errors, vectors, objective)
     accepted = np.asarray(_accepts(solver, state.vectors, vectors, costs, state.optimiser)) & active
     factors = state.optimiser.factors
     if accepted.any():
-        jacobians = _differentiate(vectors, objective) if jacobians is None else jacobians
+        if jacobians is None:
+            assert modes is not None
+            jacobians = _differentiate(vectors, objective, modes)
         factors = _factorise(jacobians, residuals, objective)
     evaluation = state.evaluation
     if jacobians is not None:
@@ -251,29 +258,34 @@ Groups = list[Float[Array, "..."]]
 """One array for each group of recordings, with a leading descents axis."""
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _first_optimiser(
     solver: BoundedLevenbergMarquardt, vectors: Vectors, space: SearchSpace
 ) -> LMState:
     aux = jax.ShapeDtypeStruct((), vectors.dtype)
-    return jax.vmap(lambda vector: solver.first_state(vector, space, aux))(vectors)
+    return _side_by_side(lambda vector: solver.first_state(vector, space, aux))(vectors)
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _propose(
     solver: BoundedLevenbergMarquardt, vectors: Vectors, optimisers: LMState, space: SearchSpace
 ) -> Vectors:
-    return jax.vmap(lambda v, s: solver.propose(v, space, s))(vectors, optimisers)
+    return _side_by_side(lambda v, s: solver.propose(v, space, s))(vectors, optimisers)
+
+
+@persistent_jit_unoptimised
+def _find_modes(vectors: Vectors, objectives: Objective) -> list[Modes]:
+    return _side_by_side(recording_modes)(vectors, objectives)
 
 
 @persistent_jit
-def _solve(vectors: Vectors, objectives: Objective) -> Groups:
-    return jax.vmap(output_errors)(vectors, objectives)
+def _solve(vectors: Vectors, objectives: Objective, modes: list[Modes]) -> Groups:
+    return _side_by_side(output_errors)(vectors, objectives, modes)
 
 
 @persistent_jit
-def _differentiate(vectors: Vectors, objectives: Objective) -> Groups:
-    return jax.vmap(output_error_jacobians)(vectors, objectives)
+def _differentiate(vectors: Vectors, objectives: Objective, modes: list[Modes]) -> Groups:
+    return _side_by_side(output_error_jacobians)(vectors, objectives, modes)
 
 
 @persistent_jit
@@ -289,19 +301,19 @@ def _weigh(
         residual = ravel_pytree(parts)[0]
         return residual, 0.5 * jnp.sum(residual**2), mean_square
 
-    return jax.vmap(of_descent)(errors, vectors, objectives)
+    return _side_by_side(of_descent)(errors, vectors, objectives)
 
 
 @persistent_jit
 def _factorise(
     jacobians: Groups, residuals: Float[Array, "descents residuals"], objectives: Objective
 ) -> Factors:
-    return jax.vmap(lambda j, r, o: factorise(weighted_jacobian(j, o), r))(
+    return _side_by_side(lambda j, r, o: factorise(weighted_jacobian(j, o), r))(
         jacobians, residuals, objectives
     )
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _accepts(
     solver: BoundedLevenbergMarquardt,
     vectors: Vectors,
@@ -309,10 +321,10 @@ def _accepts(
     costs: Costs,
     optimisers: LMState,
 ) -> Bool[Array, " descents"]:
-    return jax.vmap(solver.accepts)(vectors, proposed, costs, optimisers)
+    return _side_by_side(solver.accepts)(vectors, proposed, costs, optimisers)
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _update(
     solver: BoundedLevenbergMarquardt,
     vectors: Vectors,
@@ -321,13 +333,26 @@ def _update(
     optimisers: LMState,
     active: Bool[np.ndarray | Array, " descents"],
 ) -> tuple[Vectors, LMState]:
-    new = jax.vmap(lambda v, t, s: solver.update(v, t, space, s))(vectors, trials, optimisers)
+    new = _side_by_side(lambda v, t, s: solver.update(v, t, space, s))(vectors, trials, optimisers)
     return _choose(active, new, (vectors, optimisers))
 
 
 @persistent_jit
 def _select(which: Bool[Array, " descents"], new: Evaluation, old: Evaluation) -> Evaluation:
     return _choose(which, new, old)
+
+
+def _side_by_side(function: Callable[..., Tree]) -> Callable[..., Tree]:
+    """`jax.vmap`, but a single descent is traced and compiled without the additional axis, which
+    takes less time."""
+
+    def of_descents(*batched: Any) -> Tree:
+        if len(jax.tree.leaves(batched)[0]) > 1:
+            return jax.vmap(function)(*batched)
+        alone = function(*jax.tree.map(lambda leaf: jax.lax.squeeze(leaf, [0]), batched))
+        return jax.tree.map(lambda leaf: jnp.expand_dims(leaf, 0), alone)
+
+    return of_descents
 
 
 def _choose(which: Bool[np.ndarray | Array, " descents"], new: Tree, old: Tree) -> Tree:

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from ..physics import Twin
 from ..simulation import TimeGrid
+from ..simulation._modes import Modes
 from ._objective import Objective
 from ._residual_weights import ResidualWeights, SplitErrors
 from ._residuals import channel_rises, local_vectors
@@ -30,17 +31,25 @@ def residual_jacobian(
 
 
 def output_error_jacobians(
-    vector: Float[Array, " unknowns"], objective: Objective
+    vector: Float[Array, " unknowns"], objective: Objective, modes: Sequence[Modes] | None = None
 ) -> list[Float[Array, "_recordings _entries _times _channels"]]:
     """Derivatives of the `output_errors` with respect to the entries on which each recording
-    depends."""
+    depends.
+
+    **Arguments:**
+
+    - `modes`: the `recording_modes` of the vector, None to find them here.
+    """
+    known = [None] * len(objective.groups) if modes is None else modes
     return [
         jax.vmap(
-            lambda part, g: reading_jacobian(
-                part, objective.twin, objective.layout, g.grid, g.columns
+            lambda part, g, modes: reading_jacobian(
+                part, objective.twin, objective.layout, g.grid, g.columns, modes
             )
-        )(local, group)
-        for group, local in zip(objective.groups, local_vectors(vector, objective), strict=True)
+        )(local, group, of_group)
+        for group, local, of_group in zip(
+            objective.groups, local_vectors(vector, objective), known, strict=True
+        )
     ]
 
 
@@ -73,6 +82,7 @@ def reading_jacobian(
     layout: Layout,
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
+    modes: Modes | None = None,
 ) -> Float[Array, "entries times channels"]:
     """Derivatives of `camera_readings`: in forward mode for the entries that act on the network,
     and as a product for gains."""
@@ -84,7 +94,7 @@ def reading_jacobian(
 
     def rises(part: Array) -> tuple[Array, Array]:
         system = changed_twin(part, inner).system(lumped=True)
-        return channel_rises(system, grid, columns)
+        return channel_rises(system, grid, columns, modes)
 
     def gains(part: Array, entries: np.ndarray) -> Array:
         changed = changed_twin(part, entries)

@@ -23,6 +23,7 @@ from jaxtyping import Array, Float, Int
 
 from ..physics import System
 from ..simulation import TimeGrid, solve_network
+from ..simulation._modes import Modes, run_modes
 from ._objective import Objective, RecordingGroup
 from ._residual_weights import ResidualWeights, SplitErrors
 
@@ -38,20 +39,44 @@ def residuals(
     return weighted_residuals(output_errors(vector, objective), vector, objective)
 
 
+def recording_modes(vector: Float[Array, " unknowns"], objective: Objective) -> list[Modes]:
+    """The modes of the network in each recording, with a leading recordings axis for each group.
+
+    They have no derivatives: residuals and their derivatives can share them.
+    """
+
+    def of_recording(local: Array, grid: TimeGrid) -> Modes:
+        twin = objective.twin.with_values(objective.layout.local_values(local))
+        return run_modes(twin.system(lumped=True), grid)
+
+    return [
+        jax.vmap(of_recording)(local, group.grid)
+        for group, local in zip(objective.groups, local_vectors(vector, objective), strict=True)
+    ]
+
+
 def output_errors(
-    vector: Float[Array, " unknowns"], objective: Objective
+    vector: Float[Array, " unknowns"], objective: Objective, modes: Sequence[Modes] | None = None
 ) -> list[Float[Array, "_recordings _times _channels"]]:
     """Simulated minus recorded temperatures, `(recordings, times, channels)` for each group, K; 0
-    for padding."""
+    for padding.
 
-    def of_recording(local: Array, group: RecordingGroup) -> Array:
-        simulated = camera_readings(local, objective, group.grid, group.columns)
+    **Arguments:**
+
+    - `modes`: the `recording_modes` of the vector, None to find them here.
+    """
+    known = [None] * len(objective.groups) if modes is None else modes
+
+    def of_recording(local: Array, group: RecordingGroup, modes: Modes | None) -> Array:
+        simulated = camera_readings(local, objective, group.grid, group.columns, modes)
         error = simulated - group.temperatures
         return jnp.where(jnp.arange(len(error))[:, None] < group.lengths, error, 0.0)
 
     return [
-        jax.vmap(of_recording)(local, group)
-        for group, local in zip(objective.groups, local_vectors(vector, objective), strict=True)
+        jax.vmap(of_recording)(local, group, of_group)
+        for group, local, of_group in zip(
+            objective.groups, local_vectors(vector, objective), known, strict=True
+        )
     ]
 
 
@@ -96,21 +121,25 @@ def camera_readings(
     objective: Objective,
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
+    modes: Modes | None,
 ) -> Float[Array, "times channels"]:
     """The readings of the camera without its common error, degC."""
     twin = objective.twin.with_values(objective.layout.local_values(local))
     system = twin.system(lumped=True)
-    surroundings, rise = channel_rises(system, grid, columns)
+    surroundings, rise = channel_rises(system, grid, columns, modes)
     return surroundings + system.gain[columns] * rise - 273.15
 
 
 def channel_rises(
-    system: System, grid: TimeGrid, columns: Int[Array | np.ndarray, " columns"]
+    system: System,
+    grid: TimeGrid,
+    columns: Int[Array | np.ndarray, " columns"],
+    modes: Modes | None,
 ) -> tuple[Float[Array, "times #channels"], Float[Array, "times channels"]]:
     """The temperature of the surroundings, K, and the rise of each channel's target above it; both
     are relative to the start of the rig."""
     weights = jnp.asarray(system.channel_weights)[columns]
-    drive, rise = solve_network(system, grid, system.initial_temperature, weights)
+    drive, rise = solve_network(system, grid, system.initial_temperature, weights, modes)
     ambient = jnp.asarray(drive.ambient_at_samples(), rise.dtype)
     ambient = jnp.broadcast_to(ambient, (rise.shape[0], 1))
     on_plate = jnp.broadcast_to(system.on_plate, system.gain.shape)[columns]

@@ -113,7 +113,7 @@ class DrawSolver:
         return work_in_chunks(
             draws,
             work,
-            chunk_size=self.chunk_size or usual_chunk_size(own_delays),
+            chunk_size=self.chunk_size or usual_chunk_size(),
             workers=self.workers,
             on_progress=on_progress,
             total=total,
@@ -157,7 +157,7 @@ class DrawSolver:
         return work_in_chunks(
             draws,
             work,
-            chunk_size=self.chunk_size or usual_chunk_size(own_delays=True),
+            chunk_size=self.chunk_size or usual_chunk_size(),
             workers=1 if is_alone else self.workers,
             on_progress=on_progress,
             total=total,

@@ -17,12 +17,14 @@ change of $G$ and $C$ enters as another force. This force is zero in value, and 
 exactly that of the equations.
 """
 
+import functools
 import math
 from typing import Any, final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..physics import System
@@ -146,25 +148,44 @@ class StepFactors(eqx.Module):
     last: Float[Array, "*sizes modes"]
 
 
+FACTORS = np.array(
+    [
+        [1, 0, 0, 0, 0, 0, 0],
+        [0, 0, 1 / 2, 0, 0, 0, 0],
+        [0, 0, 1 / 2, -1, 0, 0, 0],
+        [0, 0, 0, 1, 0, 0, 0],
+        [0, 1, 0, 0, 0, 0, 0],
+        [0, 0, -1 / 2, 0, 1 / 2, -1 / 2, 0],
+        [0, 0, 1 / 2, 0, 0, 1 / 2, 0],
+        [0, 0, -1 / 2, 1 / 2, 1 / 2, -3 / 4, 1 / 2],
+        [0, 0, 1 / 4, -1 / 2, 0, 1 / 2, -1 / 2],
+        [0, 0, 0, 1 / 2, 0, -1 / 4, 1 / 2],
+    ]
+)
+r"""The `StepFactors`, in their order, as sums of seven functions of $y = -\lambda h / 2$: $e^y$,
+$e^{2 y}$, $h \varphi_1$, $h \varphi_2$, and $h (1 + e^y) \varphi_k$ for $k = 1, 2, 3$."""
+
+
 def step_factors(rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]) -> StepFactors:
-    """Computes the coefficients for one or several step sizes, s."""
+    r"""Computes the coefficients for one or several step sizes, s.
+
+    The functions of half a step, $y = -\lambda h / 2$, give those of a whole one,
+
+    $$2^k \varphi_k(2 y) = e^y \varphi_k(y) + \sum_{j=1}^{k} \frac{\varphi_j(y)}{(k - j)!}.$$
+    """
     h = jnp.asarray(sizes, rates.dtype)[..., None]
-    half_growth = jnp.expm1(-rates * h / 2)
-    growth = half_growth * (half_growth + 2)  # that of the whole step, without another expm1
-    phi1, phi2, phi3 = _phi(rates * h, growth)
-    half_phi1, half_phi2, _ = _phi(rates * h / 2, half_growth)
-    return StepFactors(
-        half_decay=1 + half_growth,
-        half=h / 2 * half_phi1,
-        half_start=h * (half_phi1 / 2 - half_phi2),
-        half_middle=h * half_phi2,
-        decay=1 + growth,
-        whole_start=h * (phi1 - 2 * phi2),
-        whole_middle=2 * h * phi2,
-        first=h * (phi1 - 3 * phi2 + 4 * phi3),
-        middle=h * (2 * phi2 - 4 * phi3),
-        last=h * (4 * phi3 - phi2),
-    )
+    growth = jnp.expm1(-rates * h / 2)
+    decay = 1 + growth
+    phis = tuple(h * phi for phi in _phi(rates * h / 2, growth))
+    functions = (decay, decay**2, *phis[:2], *((1 + decay) * phi for phi in phis))
+
+    # A loop: XLA would compile the functions again in each of ten separate expressions.
+    def factor(_: None, weights: Array) -> tuple[None, Array]:
+        terms = (weights[k] * function for k, function in enumerate(functions))
+        return None, functools.reduce(jnp.add, terms)
+
+    _, factors = jax.lax.scan(factor, None, jnp.asarray(FACTORS, rates.dtype))
+    return StepFactors(*factors)
 
 
 def exponential_step(

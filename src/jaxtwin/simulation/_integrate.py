@@ -53,6 +53,7 @@ def solve_network(
     grid: TimeGrid,
     initial: Float[Array, " nodes"],
     readout: Float[Array | np.ndarray, "outputs nodes"],
+    modes: Modes | None = None,
 ) -> tuple[Drive, Float[Array, "times outputs"]]:
     """Solves a network for an experiment.
 
@@ -62,12 +63,14 @@ def solve_network(
     - `grid`: the steps, the commanded inputs and the samples.
     - `initial`: the absolute node temperatures at the start, K.
     - `readout`: the weights of the node temperatures in each sum.
+    - `modes`: those that `run_modes` finds, None to find them here.
 
     **Returns:** the drive of the network, and the sums of the nodes' deviations from its reference
     at each sample, K.
     """
     drive = Drive.of(system, grid)
-    readings = integrate(system, drive, run_modes(system, grid), initial, readout)
+    modes = run_modes(system, grid) if modes is None else modes
+    readings = integrate(system, drive, modes, initial, readout)
     return drive, readings.at_samples(drive.grid)
 
 

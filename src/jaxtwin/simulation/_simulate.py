@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._arguments import of_kind
-from .._compilation import persistent_jit
+from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._errors import SimulationError
 from .._jax_settings import own_settings
 from .._waiting import announced
@@ -247,7 +247,7 @@ def _check_resolved(twin: Twin, experiment: Experiment) -> None:
         raise unresolved_network(twin)
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _stability_number(twin: Twin, grid: TimeGrid) -> Float[Array, ""]:
     system = twin.system(lumped=True)
     return stability_number(system, run_modes(system, grid), grid)

@@ -9,12 +9,9 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-CHUNK_CPU = 128
+CHUNK_CPU = 64
 """The number of draws in a chunk on a CPU: large enough to hide the cost of a call, small enough
-for the cache of a core."""
-
-CHUNK_CPU_OWN_DELAYS = 64
-"""The same number if each draw has a different delay, and therefore a separate table of samples."""
+for the memory that `_keep_freed_memory` keeps."""
 
 CHUNK_ACCELERATOR = 16384
 """The number of draws in a chunk on an accelerator: enough to fill it, in some gigabytes of memory.
@@ -79,12 +76,9 @@ def work_in_chunks(
     return result
 
 
-def usual_chunk_size(own_delays: bool) -> int:
-    """The default chunk size for the kind of device, and for draws with or without different
-    delays."""
-    if is_accelerated():
-        return CHUNK_ACCELERATOR
-    return CHUNK_CPU_OWN_DELAYS if own_delays else CHUNK_CPU
+def usual_chunk_size() -> int:
+    """The default chunk size for the kind of device."""
+    return CHUNK_ACCELERATOR if is_accelerated() else CHUNK_CPU
 
 
 def is_accelerated() -> bool:
