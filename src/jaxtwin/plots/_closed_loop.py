@@ -43,11 +43,13 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
         color = palette().cycle[number % len(palette().cycle)]
         duty.step(time, 100 * part, where="post", color=color, lw=1.2, label=f"P{number + 1}")
         power.plot(time, watts, color=color, lw=1.2)
-    duty.legend(loc="upper right", ncols=len(run.duty.T))
+    # Above the axes: a duty near its limit would run through a legend inside.
+    above_right = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
+    duty.legend(ncols=len(run.duty.T), **above_right)
     duty.set_ylabel("duty, %")
     if len(run.power.T) > 1:
         power.plot(time, run.power.sum(axis=1), color=palette().ink, lw=1.2, label="all cells")
-        power.legend(loc="upper right")
+        power.legend(**above_right)
     power.set_ylabel("power, W")
     power.set_xlabel("time, s")
     power.set_xlim(time[0], time[-1])
