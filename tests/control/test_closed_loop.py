@@ -211,6 +211,20 @@ def test_energy_is_the_integral_of_the_delayed_and_lagged_duty(delay: float, lag
     np.testing.assert_allclose(run.energy, expected, rtol=0, atol=1e-3 * HEATER)
 
 
+def test_the_peak_of_a_short_pulse_lies_between_the_steps():
+    """By hand: full duty for a second arrives at 1.3 s and decays from 2.3 s on; a lag of 2 s."""
+    run = simulate_closed_loop(
+        bundled("printer-bed", {"delay": "1.3 s", "lag": "2 s"}),
+        lambda time, reference, measurement: jnp.where(time < 0.5, 1.0, 0.0),
+        30,
+        duration_s=30.0,
+    )
+    peak = HEATER * (1 - np.exp(-1 / 2.0))
+    assert run.measures().loc["peak_power", "value"] == pytest.approx(peak, rel=1e-9)
+    at_the_steps = HEATER * (1 - np.exp(-0.7 / 2.0))
+    assert run.power.sum(axis=1).max() == pytest.approx(at_the_steps, rel=1e-9)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [2.0, 2.6])
 def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: float):
@@ -226,7 +240,7 @@ def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: floa
 @pytest.mark.parametrize(
     ("references", "settings", "message"),
     [
-        (200, {}, "expected .* to .* degC, which the duty can hold, got 200.0 degC at 0 s"),
+        (200, {}, "expected .* to .* degC, which a duty of .* can hold, got 200.0 degC at 0 s"),
         ("0:35,600:45", {}, "expected times up to the end at 120 s, got 600 s"),
         ("10:35", {}, "expected times that begin at 0"),
         ("0:35/36", {}, "expected one temperature for all outputs, or one for each of the 1"),

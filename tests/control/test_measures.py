@@ -19,6 +19,7 @@ def loop(output: np.ndarray, reference: np.ndarray, duty: np.ndarray) -> ClosedL
         duty=duty[:, None],
         power=10 * duty[:, None],
         energy=10 * np.r_[0.0, np.cumsum(duty[:-1])],
+        peak_power=np.array(11.0),
         elements=2,
         sides=(2,),
     )
@@ -40,7 +41,7 @@ DUTY = np.array([0, 1, 1, 0.5, 0, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5])
         ("plate_range_at_rest", 2.0),
         ("largest_plate_range", 2.0),
         ("energy", 10 * DUTY[:-1].sum()),
-        ("peak_power", 10.0),
+        ("peak_power", 11.0),
         ("hottest_cell_side", 50.0),
         ("saturation_share", 0.2),
         ("total_variation", 1 + 0.5 + 0.5 + 0.25 + 0.25),

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from jaxtwin import ControlError, Twin, simulate_closed_loop
-from jaxtwin.control import DecoupledPI
+from jaxtwin.control import PID, DecoupledPI
+from jaxtwin.control._control import checked_loop
 from jaxtwin.control._reach import check_reach
 
 
@@ -16,9 +17,9 @@ def test_a_heater_holds_the_temperature_of_the_room_and_nothing_below():
     system = twin.system()
     weights = np.eye(len(twin.channels))[:1]
     room = np.full((1, 1), float(system.ambient_temperature) - 273.15)
-    check_reach(system, weights, room, np.zeros(1), room)
-    with pytest.raises(ControlError, match="which the duty can hold, got"):
-        check_reach(system, weights, room - 1.0, np.zeros(1), room)
+    check_reach(system, weights, room, np.zeros(1), room, (0.0, 1.0))
+    with pytest.raises(ControlError, match="which a duty of 0 to 1 can hold, got"):
+        check_reach(system, weights, room - 1.0, np.zeros(1), room, (0.0, 1.0))
 
 
 @pytest.mark.slow
@@ -50,3 +51,15 @@ def test_several_outputs_out_of_reach_are_refused_with_the_nearest(twin: Twin):
     words = r"at the same time, got 60/20 degC at 60 s; the nearest are 5\d\.\d+/2\d\.\d+ degC"
     with pytest.raises(ControlError, match=words):
         simulate_closed_loop(twin, controller, "0:30,60:60/20", duration_s=120)
+
+
+def test_a_simulated_loop_and_one_on_a_rig_have_the_limits_of_their_controller(twin: Twin):
+    """70 degC can be held by full duty, not by a third of it."""
+    weak = PID(0.1, limits=(0, 0.3))
+    words = (
+        r"references: expected 16\.0 to 3\d\.\d degC, which a duty of 0 to 0\.3 can hold, got 50"
+    )
+    with pytest.raises(ControlError, match=words):
+        simulate_closed_loop(twin, weak, 50, duration_s=60)
+    with pytest.raises(ControlError, match=words):
+        checked_loop(twin, weak, 50, 60)

@@ -76,6 +76,7 @@ class ClosedLoop(eqx.Module):
     - `duty`: the duty commanded from this time on, -1 to 1.
     - `power`: the power that each cell's bridge draws from the supply, W.
     - `energy`: what all bridges together have drawn from the supply up to this time, J.
+    - `peak_power`: the largest power of all bridges together at any time, also within steps, W.
     - `elements`: the number of elements of the plate, which are the first nodes.
     - `sides`: the nodes that are sides of the cells.
     """
@@ -89,6 +90,7 @@ class ClosedLoop(eqx.Module):
     duty: Float[Array | np.ndarray, "*draws times cells"]
     power: Float[Array | np.ndarray, "*draws times cells"]
     energy: Float[Array | np.ndarray, "*draws times"]
+    peak_power: Float[Array | np.ndarray, "*draws"]
     elements: int = eqx.field(static=True)
     sides: tuple[int, ...] = eqx.field(static=True)
 
@@ -236,7 +238,7 @@ def run_loop(
     temperatures = system.channel_temperatures(deviation, room) + celsius
     absolute = deviation + stepper.reference
     sides = absolute[:, wiring.cold], absolute[:, wiring.hot]
-    power, energy = drawn_in_steps(stepper, of_samples(duty), of_steps(followed), sides)
+    drawn = drawn_in_steps(stepper, of_samples(duty), of_steps(followed), sides)
     return ClosedLoop(
         time=scenario.step_s * jnp.arange(count, dtype=dtype),
         reference=of_samples(jnp.asarray(scenario.reference)),
@@ -245,8 +247,9 @@ def run_loop(
         temperatures=temperatures,
         nodes=deviation + celsius,
         duty=of_samples(duty),
-        power=power,
-        energy=energy,
+        power=drawn.power,
+        energy=drawn.energy,
+        peak_power=drawn.peak,
         elements=wiring.elements,
         sides=tuple(int(side) for side in np.concatenate([wiring.cold, wiring.hot])),
     )

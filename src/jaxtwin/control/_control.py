@@ -90,8 +90,8 @@ def checked_loop(
         system = twin.system()
         room = float(system.ambient_temperature) - 273.15
         check_sample_time(twin, controller.sample_time_s)
-        limits = getattr(controller, "limits", (-1.0, 1.0))
-        check_reach(system, weights, samples, times, np.full((1, 1), room), limits)
+        surroundings = np.full((1, 1), room)
+        check_reach(system, weights, samples, times, surroundings, controller.limits)
         check_stability(twin, controller, weights, samples)
     return samples
 

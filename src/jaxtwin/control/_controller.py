@@ -42,6 +42,10 @@ class AbstractController(eqx.Module):
     sample_time_s: eqx.AbstractVar[float]
     """The time between two samples, s."""
 
+    limits: eqx.AbstractVar[tuple[float, float]]
+    """The lowest and the highest duty that the controller commands, -1 to 1. A reference that no
+    duty between them can hold is refused before a loop runs, simulated or on a rig."""
+
     @property
     def preview_samples(self) -> int:
         """The number of samples, from the present one on, whose references `step` takes:
@@ -100,7 +104,8 @@ class AbstractChannelGroupController(AbstractController):
 class FunctionController(AbstractController):
     """A controller made from a plain function.
 
-    Each channel of the rig is an output. The state consists of the time and the last duty.
+    Each channel of the rig is an output. The state consists of the time and the last duty. A
+    function may command every duty, so its `limits` are -1 and 1.
 
     **Arguments:**
 
@@ -113,11 +118,13 @@ class FunctionController(AbstractController):
 
     function: ControlFunction = eqx.field(static=True)
     sample_time_s: float = eqx.field(static=True)
+    limits: tuple[float, float] = eqx.field(static=True)
 
     def __init__(self, function: ControlFunction, sample_time_s: float | int = 1.0):
         check_callable("FunctionController: function", function, ControlError)
         self.function = function
         self.sample_time_s = checked_sample_time("FunctionController", sample_time_s)
+        self.limits = (-1.0, 1.0)
 
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
         """Returns the unit matrix: each channel is an output."""

@@ -138,7 +138,7 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
     measured = getattr(controller, "measured", None)
     if measured is not None:
         lines.append(f"measured = {json.dumps(measured)}")
-    lines.append(f"limits = {json.dumps(getattr(controller, 'limits', (-1.0, 1.0)))}")
+    lines.append(f"limits = {json.dumps(controller.limits)}")
     if isinstance(controller, LQI | MPC):
         lines += model_controller_lines(controller)
     else:

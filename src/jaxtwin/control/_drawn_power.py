@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..simulation import Stepper
+from ..simulation._power import SupplyPower
 
 
 def drawn_in_steps(
@@ -17,7 +18,7 @@ def drawn_in_steps(
     commands: Float[Array, "times cells"],
     followed: Float[Array, "times cells"],
     sides: tuple[Float[Array, "times cells"], Float[Array, "times cells"]],
-) -> tuple[Float[Array, "times cells"], Float[Array, " times"]]:
+) -> SupplyPower:
     """What the bridges draw from the supply while a stepper steps, from rest with the cells off.
 
     **Arguments:**
@@ -27,8 +28,9 @@ def drawn_in_steps(
       without a delay too, the commands are taken.
     - `sides`: of the cells, cold and hot, at each time; absolute, K.
 
-    **Returns:** the power of each bridge from each time on, W, and the energy of all of them
-    together up to each time, J.
+    **Returns:** power, energy and peak. The peak is searched for at the beginning, in the middle
+    and at the end between two arrivals of a command: behind a lag the duty is largest when the next
+    command arrives, which is within a step if the delay is not a multiple of it.
     """
     system, parts = stepper.system, len(stepper.sizes)
     last = len(commands) - 1
@@ -49,6 +51,7 @@ def drawn_in_steps(
 
     first = commands if system.lag is None else followed
     duty, energy = first[:last], jnp.zeros(last, commands.dtype)
+    peak = jnp.array(-jnp.inf, commands.dtype)
     begin = jnp.zeros_like(stepper.sizes[0])
     for part in range(parts):
         size, command = stepper.sizes[part], arriving(part)[:last]
@@ -60,9 +63,13 @@ def drawn_in_steps(
             at = (begin + place * size) / stepper.sizes.sum()
             stages.append(power(after, at).sum(axis=1))
         energy = energy + size * (stages[0] + 4 * stages[1] + stages[2]) / 6
+        peak = jnp.maximum(
+            peak, jnp.where(size > 0, jnp.stack(stages), -jnp.inf).max(initial=-jnp.inf)
+        )
         begin = begin + size
         duty = after
-    return (
-        system.bridge.supply_power(system.module, first, *sides),
-        jnp.concatenate([jnp.zeros(1, energy.dtype), jnp.cumsum(energy)]),
+    return SupplyPower(
+        power=system.bridge.supply_power(system.module, first, *sides),
+        energy=jnp.concatenate([jnp.zeros(1, energy.dtype), jnp.cumsum(energy)]),
+        peak=peak,
     )

@@ -76,8 +76,8 @@ def energy(loop: ClosedLoop) -> Float[Array, ""]:
 
 
 def peak_power(loop: ClosedLoop) -> Float[Array, ""]:
-    """The largest power that all cells together draw, W."""
-    return jnp.asarray(loop.power).sum(axis=1).max()
+    """The largest power that all cells together draw at any time, W."""
+    return jnp.asarray(loop.peak_power)
 
 
 def hottest_cell_side(loop: ClosedLoop) -> Float[Array, ""]:

@@ -36,9 +36,9 @@ def check_reach(
     reference: Float[np.ndarray, "samples outputs"],
     times: Float[np.ndarray, " samples"],
     ambient: Float[np.ndarray, "rows substeps"],
-    limits: tuple[float, float] = (-1.0, 1.0),
+    limits: tuple[float, float],
 ) -> None:
-    """Refuses references that the duty cannot hold at rest.
+    """Refuses references that the duty cannot hold at rest within the controller's limits.
 
     Each output by itself must be within the range of equal duty cycles of all cells. Several
     outputs, at most as many as there are cells, must also be reached at the same time; of many
@@ -46,21 +46,23 @@ def check_reach(
 
     **Arguments:**
 
-    - `limits`: the lowest and the highest duty.
+    - `limits`: the lowest and the highest duty of the controller.
 
-    **Raises:** `ControlError` that names the reference, its time and the reachable range.
+    **Raises:** `ControlError` that names the reference, its time, the limits and the reachable
+    range.
     """
     levels = np.linspace(*limits, LEVELS)
     equal = np.repeat(levels[:, None], len(system.wiring.cold), axis=1)
     reached = weights @ np.asarray(_steady_rises(system, equal)).T
     lowest = reached.min(axis=1) + float(ambient.min())
     highest = reached.max(axis=1) + float(ambient.max())
+    held_by = f"a duty of {limits[0]:g} to {limits[1]:g}"
     wrong = (reference < lowest - MARGIN) | (reference > highest + MARGIN)
     if wrong.any():
         sample, output = np.argwhere(wrong)[0]
         raise ControlError(
-            f"references: expected {lowest[output]:.1f} to {highest[output]:.1f} degC, which the "
-            f"duty can hold, got {reference[sample, output]:.1f} degC at {times[sample]:g} s"
+            f"references: expected {lowest[output]:.1f} to {highest[output]:.1f} degC, which "
+            f"{held_by} can hold, got {reference[sample, output]:.1f} degC at {times[sample]:g} s"
         )
     if not 1 < len(weights) <= len(system.wiring.cold):
         return
@@ -75,7 +77,7 @@ def check_reach(
                 "/".join(f"{value:.4g}" for value in values + middle) for values in (aim, nearest)
             )
             raise ControlError(
-                "references: expected temperatures that the duty can hold at the same time, got "
+                f"references: expected temperatures that {held_by} can hold at the same time, got "
                 f"{wanted} degC at {times[samples[number]]:g} s; the nearest are {found} degC"
             )
 

@@ -108,7 +108,7 @@ class SampledLoops:
         self._z = np.exp(1j * self.omega * interval)
         late = np.exp(-1j * self.omega * sensor_delay_s)
         self._response = _response(matrices, self._z) * late[:, None, None]
-        low, high = getattr(vector.controller, "limits", (-1.0, 1.0))
+        low, high = vector.controller.limits
         inside = INSIDE * (high - low)
         self._duty = np.clip(np.median(duty, axis=0), low + inside, high - inside)
 

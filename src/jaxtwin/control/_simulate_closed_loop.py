@@ -237,7 +237,7 @@ def scenario(
             f"{where}: ambient", room if ambient is None else ambient, rows, 1
         ).reshape(len(times), substeps)
         check_sample_time(plant, interval)
-        check_reach(system, weights, reference, times, surroundings)
+        check_reach(system, weights, reference, times, surroundings, chosen.limits)
     late = finite_number(f"{where}: sensor_delay_s", sensor_delay_s, ControlError)
     late_steps = round(late / step)
     if late < 0 or not math.isclose(late_steps * step, late, abs_tol=1e-9):
