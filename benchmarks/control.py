@@ -65,7 +65,7 @@ def measure(count: int, fit_file: Path | None) -> dict[str, Any]:
     designed = controllers(plant, rest)
     # The first draw is the match itself.
     rows = {
-        name: np.concatenate([[float(plant.parameters[name])], values])
+        name: np.concatenate([[float(plant.values[name])], values])
         for name, values in draws.items()
     }
     answer["controllers"] = {}
