@@ -86,7 +86,7 @@ def in_modes(where: str, stepper: Stepper, modes: Modes) -> Stepper:
     """
     size = stepper.sizes.sum()
     found = steps_in_modes(stepper.system, modes, size, stepper.sizes)
-    check_stable(where, float(size), found[-1])
+    check_stable(where, float(size), found.stability)
     return eqx.tree_at(
         lambda made: (made.factors, made.field, made.plate, made.half_decay, made.half),
         stepper,

@@ -130,9 +130,9 @@ class Stepper(eqx.Module):
             self.reference = jnp.asarray(self.system.ambient_temperature)
             self.queue = _queue(self.system.delay, size, longest_delay)
             is_whole = is_whole_delay or is_multiple(self.system.delay, size)
-            prepared = _prepared(self.system, jnp.asarray(size, self.reference.dtype), is_whole)
-            self.delay_steps, self.sizes, self.factors, self.field = prepared[:4]
-            self.plate, self.half_decay, self.half, stability = prepared[4:]
+            step_size_s = jnp.asarray(size, self.reference.dtype)
+            self.delay_steps, self.sizes, steps = _prepared(self.system, step_size_s, is_whole)
+            self.factors, self.field, self.plate, self.half_decay, self.half, stability = steps
         check_stable("Stepper", size, stability)
 
     @property
@@ -268,21 +268,23 @@ def is_multiple(delay: Float[Array | np.ndarray, ""] | float | None, step_size: 
     return abs(steps - round(steps)) <= WHOLE * max(steps, 1.0)
 
 
+class ModalSteps(NamedTuple):
+    """The fields of a `Stepper` that depend on the modes in which it steps, and the stability
+    number of its steps over all duty cycles."""
+
+    factors: StepFactors
+    field: ModalField
+    plate: Float[Array, "elements modes"] | None
+    half_decay: Float[Array, " modes"]
+    half: Float[Array, " modes"]
+    stability: Float[Array, ""]
+
+
 @persistent_jit
 def _prepared(
     system: System, step_size: Float[Array, ""], is_whole_delay: bool
-) -> tuple[
-    Int[Array, ""],
-    Float[Array, " parts"],
-    StepFactors,
-    ModalField,
-    Float[Array, "elements modes"] | None,
-    Float[Array, " modes"],
-    Float[Array, " modes"],
-    Float[Array, ""],
-]:
-    """The delay in whole steps, the parts of a step, their factors, the vector field, the shapes of
-    the plate, two factors of half a step, and the stability number over all duty cycles."""
+) -> tuple[Int[Array, ""], Float[Array, " parts"], ModalSteps]:
+    """The delay in whole steps, the parts of a step, and the steps in the modes with idle cells."""
     reference = jnp.asarray(system.ambient_temperature)
     idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
     modes = network_modes(system, idle, reference)
@@ -295,21 +297,13 @@ def _prepared(
         whole = jnp.floor(system.delay / step_size * (1 + WHOLE)).astype(int)
         rest = jnp.maximum(system.delay - whole * step_size, 0.0)
         sizes = jnp.stack([rest, step_size - rest])
-    return whole, sizes, *steps_in_modes(system, modes, step_size, sizes)
+    return whole, sizes, steps_in_modes(system, modes, step_size, sizes)
 
 
 def steps_in_modes(
     system: System, modes: Modes, step_size: Float[Array, ""], sizes: Float[Array, " parts"]
-) -> tuple[
-    StepFactors,
-    ModalField,
-    Float[Array, "elements modes"] | None,
-    Float[Array, " modes"],
-    Float[Array, " modes"],
-    Float[Array, ""],
-]:
-    """What a step in these modes needs: the factors of its parts, the vector field, the shapes of
-    the plate, two factors of half a step, and the stability number over all duty cycles."""
+) -> ModalSteps:
+    """What the steps of a network need in these modes."""
     reference = jnp.asarray(system.ambient_temperature)
     idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
     levels = jnp.stack([idle - 1, idle, idle + 1])
@@ -318,7 +312,7 @@ def steps_in_modes(
     field = ModalField.of(system, linear, reference)
     of_step = step_factors(modes.rates, step_size)
     factors = step_factors(modes.rates, sizes)
-    return factors, field, modes.plate, of_step.half_decay, of_step.half, stability
+    return ModalSteps(factors, field, modes.plate, of_step.half_decay, of_step.half, stability)
 
 
 def to_modal(stepper: Stepper, state: StepperState) -> ModalState:
