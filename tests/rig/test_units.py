@@ -7,7 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxtwin.rig import _units as units
+from jaxtwin.rig._common_units import COMMON_UNITS
 from jaxtwin.rig._units import parse_quantity, unit_scale
+
+
+@pytest.mark.parametrize("unit", COMMON_UNITS)
+def test_a_common_unit_is_what_pint_says(unit):
+    assert COMMON_UNITS[unit] == units._unit_by_pint(unit)
+
+
+def test_the_units_of_all_kinds_are_common():
+    kinds = [value for value in vars(units).values() if isinstance(value, units.Kind)]
+    assert {kind.unit for kind in kinds} <= COMMON_UNITS.keys()
 
 
 @pytest.mark.parametrize(

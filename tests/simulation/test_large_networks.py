@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Twin, load_rig
-from jaxtwin.simulation import _reduced_modes, simulate
-from jaxtwin.simulation._reduced_modes import is_large
+from jaxtwin.simulation import _reduced_modes, _simulate, simulate
+from jaxtwin.simulation._simulate import is_large
 
 SIDE = 12
 
@@ -13,7 +13,7 @@ SIDE = 12
 @pytest.fixture
 def twin(make_rig, monkeypatch) -> Twin:
     """A plate of 144 elements, which counts as large here, with a cell off its centre lines."""
-    monkeypatch.setattr(_reduced_modes, "LARGE", 100)
+    monkeypatch.setattr(_simulate, "LARGE", 100)
     rig = make_rig(
         ["1 cm"] * SIDE,
         ["1 cm"] * SIDE,
@@ -30,7 +30,7 @@ def both(twin: Twin, experiment: Experiment, monkeypatch, **options):
     """The run in few modes and that in all."""
     assert is_large(twin, None)
     few = simulate(twin, experiment, **options)
-    monkeypatch.setattr(_reduced_modes, "LARGE", 10**6)
+    monkeypatch.setattr(_simulate, "LARGE", 10**6)
     return few, simulate(twin, experiment, **options)
 
 

@@ -1,10 +1,12 @@
-"""Text with a unit -> number in SI units, through pint."""
+"""Text with a unit -> number in SI units, through pint where the unit is no common one."""
 
 import functools
 import math
 import re
 from dataclasses import dataclass
 from typing import Any, Literal, final
+
+from ._common_units import COMMON_UNITS, Unit
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 _SMALLEST, _LARGEST = 1e-30, 1e30
@@ -60,9 +62,8 @@ VOLTAGE = Kind("a voltage", "V", "12 V")
 CURRENT = Kind("a current", "A", "6.4 A")
 POWER = Kind("a heat flow", "W", "33 W")
 TEMPERATURE = Kind("a temperature", "K", "15 degC", absolute=True)
-TEMPERATURE_DIFFERENCE = Kind("a temperature difference", "K", "75 K")
-TEMPERATURE_RATE = Kind("a rate of temperature", "K/s", "0.5 K/hour", least="any")
 TEMPERATURE_DIFFERENCE = Kind("a temperature difference", "K", "0.1 K")
+TEMPERATURE_RATE = Kind("a rate of temperature", "K/s", "0.5 K/hour", least="any")
 NOISE = Kind("a temperature difference", "K", "0.1 K", least="zero")
 
 
@@ -112,11 +113,11 @@ def unit_scale(unit: str, like: Kind | str | None = None) -> tuple[float, float]
 
     **Raises:** `ValueError`, saying what is wrong.
     """
-    scale, offset, dimension = _unit(unit)
+    scale, offset, dimensions = _unit(unit)
     if like is None:
         return scale, offset
     what = f"the unit {unit!r}" if unit else "a number without a unit"
-    if dimension != _unit(like.unit if isinstance(like, Kind) else like)[2]:
+    if dimensions != _unit(like.unit if isinstance(like, Kind) else like).dimensions:
         name = like.name if isinstance(like, Kind) else f"the same as {like!r}"
         raise ValueError(f"{what} does not measure {name}")
     if offset and isinstance(like, Kind) and not like.absolute:
@@ -124,8 +125,12 @@ def unit_scale(unit: str, like: Kind | str | None = None) -> tuple[float, float]
     return scale, offset
 
 
+def _unit(unit: str) -> Unit:
+    return COMMON_UNITS.get(unit) or _unit_by_pint(unit)
+
+
 @functools.cache
-def _unit(unit: str) -> tuple[float, float, Any]:
+def _unit_by_pint(unit: str) -> Unit:
     # Unit texts come from outside and pint evaluates them: anything but names with one small power
     # each, such as "m**9**9**9", would cost time and memory without bound.
     unknown = ValueError(f"{unit!r} is not a known unit")
@@ -146,11 +151,11 @@ def _unit(unit: str) -> tuple[float, float, Any]:
         scale = 1.0  # not 274.15 - 273.15 in floating point
     if not (math.isfinite(scale) and scale > 0):
         raise unknown
-    return scale, offset, parsed.dimensionality
+    return Unit(scale, offset, dict(parsed.dimensionality))
 
 
 @functools.cache
 def _registry() -> Any:
-    import pint  # takes a while, and only rig files need it
+    import pint  # takes a while, and few rig files need it
 
     return pint.UnitRegistry()

@@ -27,7 +27,6 @@ from jaxtyping import Array, Float
 from .._compilation import persistent_jit
 from ..physics import System, Twin
 from ..physics._system import conductance_entries
-from ..physics._wiring import wiring_of
 from ._drive import Drive
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, integrate
@@ -35,10 +34,6 @@ from ._modes import Modes, OperatingPoint, linearise, side_nodes
 from ._refinement import stability_number
 from ._resolution import LARGEST_SPAN
 from ._time_grid import TimeGrid, reference_temperature
-
-LARGE = 600
-"""The number of nodes from which on a run uses few modes. All modes of a network of this size take
-a tenth of a second."""
 
 POLES, FASTEST_POLE = 12, 100.0
 """The number of rates at which responses are computed, without that at rest; and the largest,
@@ -80,14 +75,6 @@ class Looks(eqx.Module):
 
     deviation: Float[Array, "looks nodes"]
     heat: Float[Array, "looks nodes"]
-
-
-def is_large(twin: Twin, initial: CheckedInitial) -> bool:
-    """Whether a run of a twin uses few modes: the network is large, and few cells drive it."""
-    if isinstance(initial, str):
-        return False
-    netlist = wiring_of(twin.rig, keeps_symmetry(initial)).netlist
-    return 8 * len(netlist.cells) * (POLES + 1) <= len(netlist.nodes) >= LARGE
 
 
 def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResult | None:

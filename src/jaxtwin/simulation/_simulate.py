@@ -15,6 +15,7 @@ from ..io import Experiment
 from ..io._experiment import EXPERIMENT
 from ..physics import Twin
 from ..physics._twin import check_twin
+from ..physics._wiring import wiring_of
 from ..rig._problems import nearest
 from ._check_values import check_values
 from ._drive import Drive
@@ -29,7 +30,6 @@ from ._integrate import integrate
 from ._modes import run_modes
 from ._own_twin import FittedTwins, own_twin
 from ._padding import padded_time_grid
-from ._reduced_modes import is_large, run_reduced
 from ._refinement import Results, solve_refined, stability_number
 from ._resolution import unresolved_network
 from ._run import Run
@@ -39,6 +39,10 @@ if TYPE_CHECKING:
     import diffrax
 
     from ._diffeqsolve import DiffraxMethod
+
+LARGE, NODES_PER_CELL = 600, 104
+"""The numbers of nodes, of all and for each cell, from which on a run uses few modes. All modes of
+600 nodes take a tenth of a second; each cell adds 26 vectors to the space of the few modes."""
 
 
 @announced("simulation")
@@ -92,7 +96,11 @@ def simulate(
 
     def solve(_: Int[np.ndarray, " draws"], refinement: int) -> Results:
         grid = padded_time_grid(twin, experiment, refinement, steady_start=isinstance(start, str))
-        found = run_reduced(twin, grid, start) if is_large(twin, start) else None
+        found = None
+        if is_large(twin, start):
+            from ._reduced_modes import run_reduced  # SciPy's sparse solvers take a while to import
+
+            found = run_reduced(twin, grid, start)
         if found is None:
             found = _run_exponential(twin, grid, start)
         states, readings, number, error = found
@@ -144,6 +152,14 @@ def simulate(
         twin=twin,
         is_steady_start=isinstance(start, str),
     )
+
+
+def is_large(twin: Twin, initial: CheckedInitial) -> bool:
+    """Whether a run of a twin uses few modes: the network is large, and few cells drive it."""
+    if isinstance(initial, str):
+        return False
+    netlist = wiring_of(twin.rig, keeps_symmetry(initial)).netlist
+    return len(netlist.nodes) >= max(LARGE, NODES_PER_CELL * len(netlist.cells))
 
 
 def response(
