@@ -1,9 +1,9 @@
 """Results by the name of their recording."""
 
-import difflib
 from typing import TypeVar
 
 from ._errors import RecordingError
+from ._name_suggestions import did_you_mean
 
 T = TypeVar("T")
 
@@ -13,6 +13,5 @@ class ByRecording(dict[str, T]):
 
     def __missing__(self, name: object) -> T:
         known = ", ".join(self) or "none"
-        near = difflib.get_close_matches(str(name), self, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
+        hint = did_you_mean([str(name)], self)
         raise RecordingError(f"recording: expected one of {known}; got {name!r}{hint}")

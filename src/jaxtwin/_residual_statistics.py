@@ -1,4 +1,4 @@
-r"""Statistics of residuals: their autocorrelation, Ljung and Box's test, normal quantiles.
+r"""Statistics of residuals: their autocorrelation, and Ljung and Box's test.
 
 The test is that of Ljung and Box (1978): of $n$ residuals with sample autocorrelations $\rho_k$,
 
@@ -81,11 +81,3 @@ def _products(
 def about_mean(residuals: Float[np.ndarray, " times"]) -> Float[np.ndarray, " times"]:
     """Less their mean; 0 where one is missing."""
     return np.nan_to_num(residuals - np.nanmean(residuals))
-
-
-def normal_quantiles(count: int) -> Float[np.ndarray, " count"]:
-    """The expected values of `count` sorted samples of a standard normal distribution (Blom
-    1958)."""
-    from scipy.special import ndtri
-
-    return ndtri((np.arange(1, count + 1) - 0.375) / (count + 0.25))

@@ -139,7 +139,7 @@ def test_other_values_rigs_recordings_and_formats_are_refused(
 
     # A parameter that is not drawn counts too.
     refused(
-        "parameters: expected T_amb = 15.0, as the sweep began, got T_amb = 16.0",
+        "values: expected T_amb = 15.0, as the sweep began, got T_amb = 16.0",
         twin.with_values({"T_amb": 16.0}),
     )
     longer = Experiment.schedule("0:0.5,10:0.8", duration=31.0, cells=2, channels=("T11", "TAM"))

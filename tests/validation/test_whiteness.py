@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from jaxtwin._residual_statistics import autocorrelation, normal_quantiles
+from jaxtwin._normal_distribution import QUANTILE_975, normal_quantiles
+from jaxtwin._residual_statistics import autocorrelation
 from jaxtwin.validation import whiteness
 
 
@@ -94,6 +96,7 @@ def test_quantiles_are_those_of_the_normal_distribution():
     assert quantiles[4999] == pytest.approx(0.0, abs=1e-12)
     assert quantiles[9749] == pytest.approx(1.96, abs=1e-2)
     np.testing.assert_allclose(quantiles, -quantiles[::-1], atol=1e-12)
+    assert norm.cdf(QUANTILE_975) == pytest.approx(0.975, abs=1e-15)
 
 
 def test_too_few_samples_are_refused():

@@ -27,9 +27,9 @@ def open_twin(
     **Raises:** `ParameterError` for an unknown set or a file that does not fit the rig.
     """
     from .._errors import ParameterError
+    from .._name_suggestions import did_you_mean
     from ..physics import Twin
     from ..rig import read_parameters
-    from ..rig._problems import nearest
 
     values: dict[str, float] = {}
     if set_name is not None:
@@ -37,7 +37,7 @@ def open_twin(
             known = ", ".join(rig.parameter_sets) or "none"
             raise ParameterError(
                 f"{rig.source}: parameter set: expected one of {known}, got {set_name!r}"
-                f"{nearest([set_name], rig.parameter_sets)}"
+                f"{did_you_mean([set_name], rig.parameter_sets)}"
             )
         values |= rig.parameter_sets[set_name]
     if parameter_file is not None:

@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from .._arguments import check_callable, finite_number
 from .._errors import ControlError
-from ..rig._problems import unknown
+from .._name_suggestions import unknown_name
 
 Numbers: TypeAlias = npt.ArrayLike | float | int
 """A parameter: a number or an array."""
@@ -220,7 +220,7 @@ def means_of(
     for output, names in enumerate(measured):
         for name in names:
             if name not in channels:
-                raise ControlError(f"measured: {unknown('channel', name, channels)}")
+                raise ControlError(f"measured: {unknown_name('channel', name, channels)}")
             weights[output, list(channels).index(name)] += 1 / len(names)
     return weights
 

@@ -26,10 +26,11 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from .._errors import ControlError
+from .._name_suggestions import unknown_name
 from .._whole_file import check_ending, write_whole_file
 from ..rig import Rig
 from ..rig._bundled import parse_toml, read_toml
-from ..rig._problems import refuse, unknown
+from ..rig._problems import refuse
 from ..rig._units import Kind
 from ._controller import AbstractController
 from ._controller_fields import Refuse, as_quantity, groups, numbers, quantity
@@ -174,7 +175,7 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
     known = (*_COMMON, *_KNOWN[kind])
     for name in data:
         if name not in known:
-            no(name, unknown("field", name, known))
+            no(name, unknown_name("field", name, known))
     for name in ("sample_time", *_REQUIRED[kind]):
         if name not in data:
             no(name, "expected this field, got none")

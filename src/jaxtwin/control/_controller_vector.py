@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._errors import ControlError
-from ..rig._problems import unknown
+from .._name_suggestions import unknown_name
 from ._controller import AbstractController, parameter_names, with_values
 
 
@@ -31,7 +31,7 @@ class ControllerVector(NamedTuple):
         shapes = []
         for name in names:
             if name not in known:
-                raise ControlError(f"{where}: {unknown('parameter', name, known)}")
+                raise ControlError(f"{where}: {unknown_name('parameter', name, known)}")
             shapes.append((name, np.shape(getattr(controller, name))))
         if not shapes:
             raise ControlError(f"{where}: expected names of parameters, got none")

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from .._arguments import finite_number, of_kind
 from .._errors import ControlError
+from .._name_suggestions import unknown_name
 from ..physics import Twin
-from ..rig._problems import unknown
 
 
 @final
@@ -103,5 +103,5 @@ def _checked_elements(at: str, elements: Sequence[str], known: Sequence[str]) ->
         raise ControlError(f"{at}.elements: expected elements of the plate, got none")
     for name in names:
         if name not in known:
-            raise ControlError(f"{at}.elements: {unknown('element', name, known)}")
+            raise ControlError(f"{at}.elements: {unknown_name('element', name, known)}")
     return names

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number, whole_number
 from .._display import html_table, picture
 from .._errors import ControlError
+from .._name_suggestions import did_you_mean, unknown_name
 from .._waiting import announced, silent
 from ..matching import Fit
 from ..physics import Twin
-from ..rig._problems import nearest, unknown
 from ._controller import AbstractController
 from ._measures import MEASURES
 from ._objective import STEPWISE, checked_objective
@@ -53,7 +53,7 @@ class Frontier:
         """
         known = self.tunings[0].measures
         if name not in known:
-            raise ControlError(f"Frontier: {unknown('measure', name, known)}")
+            raise ControlError(f"Frontier: {unknown_name('measure', name, known)}")
         column = known.index(name)
         return np.stack([tuning.after.measures[:, column] for tuning in self.tunings])
 
@@ -166,7 +166,7 @@ def frontier(
         known = [name for name in MEASURES if name not in STEPWISE]
         raise ControlError(
             f"frontier: against: expected one of {', '.join(known)}, got {against!r}"
-            f"{nearest([against], known)}"
+            f"{did_you_mean([against], known)}"
         )
     where = "frontier: weights"
     given = list(weights)

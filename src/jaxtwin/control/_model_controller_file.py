@@ -13,8 +13,8 @@ import jax
 import numpy as np
 
 from .._errors import ControlError
+from .._name_suggestions import unknown_name
 from ..rig import Rig
-from ..rig._problems import unknown
 from ..rig._units import TEMPERATURE, TEMPERATURE_DIFFERENCE, Kind
 from ._controller import checked_measured, means_of, with_values
 from ._controller_fields import Refuse, as_matrix, as_quantity, matrix, numbers, quantity
@@ -194,7 +194,7 @@ def _plant(
     for name, row in limited.items():
         field = f"temperature_limits.{name}"
         if name not in channels:
-            no(field, unknown("channel", name, channels))
+            no(field, unknown_name("channel", name, channels))
         values = _table(row, field, no, _LIMIT)
         rows = np.vstack([rows, matrix(values["C"], f"{field}.C", _PER_STATE, (1, n), no)])
         at.append(_celsius(values, name, "operating_point", no))
@@ -269,7 +269,7 @@ def _table(
     known = found if fields is None else fields
     for key in found:
         if key not in known:
-            no(f"{name}.{key}", unknown("field", key, known))
+            no(f"{name}.{key}", unknown_name("field", key, known))
     for key in known:
         if key not in found:
             no(f"{name}.{key}", "expected this field, got none")

@@ -28,7 +28,7 @@ from scipy.linalg import block_diag
 
 from .._arguments import finite_number, mapping_of, whole_number
 from .._errors import ControlError
-from ..rig._problems import unknown
+from .._name_suggestions import unknown_name
 from ._controller import (
     AbstractChannelGroupController,
     Numbers,
@@ -397,7 +397,7 @@ def _checked_temperature_limits(limits: Any, model: Any) -> tuple[tuple[str, flo
     for name, pair in limits.items():
         known = model.output_names if isinstance(model, DiscreteModel) else tuple(limits)
         if name not in known:
-            raise ControlError(f"{where}: {unknown('channel', name, known)}")
+            raise ControlError(f"{where}: {unknown_name('channel', name, known)}")
         try:
             lowest, highest = (float(limit) for limit in pair)
             if not -np.inf < lowest < highest < np.inf:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from .._arguments import finite_number
 from .._errors import ControlError
-from ..rig._problems import unknown
+from .._name_suggestions import unknown_name
 from ._measures import MEASURES, Measure
 
 STEPWISE = {
@@ -91,7 +91,7 @@ def checked_objective(where: str, objective: object, tail_weight: object) -> Obj
         )
     for name in weights:
         if name not in measures:
-            raise ControlError(f"{at}: {unknown('measure', name, MEASURES)}")
+            raise ControlError(f"{at}: {unknown_name('measure', name, MEASURES)}")
         if name in STEPWISE:
             raise ControlError(
                 f"{at}: expected measures that have a derivative, got {name}, which changes by "

@@ -8,11 +8,11 @@ from jaxtyping import Bool, Float
 
 from .._arguments import finite_number, mapping_of
 from .._errors import ControlError
+from .._name_suggestions import unknown_name
 from ..live import Faults
 from ..live._recalibration import Recalibrations
 from ..physics import pixel_weights
 from ..rig import Rig
-from ..rig._problems import unknown
 
 FRAMES_PER_SECOND = 9.0
 """The frame rate of the camera, as in the virtual rig."""
@@ -80,7 +80,7 @@ def reading_errors(
     mapping_of(f"{where}: failed_channels", failed_channels, "channel -> time", ControlError)
     for name, start in failed_channels.items():
         if name not in names:
-            raise ControlError(f"{where}: failed_channels: {unknown('channel', name, names)}")
+            raise ControlError(f"{where}: failed_channels: {unknown_name('channel', name, names)}")
         begin = finite_number(f"{where}: failed_channels: {name}", start, ControlError)
         error[times >= begin, names.index(name)] = np.nan
     return ReadingErrors(error, arrives)

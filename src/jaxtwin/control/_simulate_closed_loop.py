@@ -15,12 +15,12 @@ from .._arguments import finite_number, mapping_of, whole_number
 from .._compilation import persistent_jit
 from .._errors import ControlError, SimulationError
 from .._jax_settings import own_settings
+from .._name_suggestions import unknown_name
 from .._waiting import announced
 from ..live import Faults
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
-from ..rig._problems import unknown
 from ..simulation import Precision, Reductions, Stepper
 from ..simulation._check_values import check_values
 from ..simulation._draws import work_in_chunks
@@ -328,7 +328,7 @@ def _count(
         known = parameter_names(controller)
         for name, values in controller_draws.items():
             if name not in known:
-                raise ControlError(f"{at}: {unknown('parameter', name, known)}")
+                raise ControlError(f"{at}: {unknown_name('parameter', name, known)}")
             array = np.asarray(values)
             if array.ndim == 0 or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
                 raise ControlError(
@@ -381,7 +381,7 @@ def _checked_measures(
     names = (measures,) if isinstance(measures, str) else tuple(measures)
     for name in names:
         if name not in MEASURES:
-            raise ControlError(f"{where}: {unknown('measure', name, MEASURES)}")
+            raise ControlError(f"{where}: {unknown_name('measure', name, MEASURES)}")
     return {name: MEASURES[name][0] for name in names}
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from .._arguments import check_callable, finite_number, names_of, whole_number
 from .._errors import MatchError
+from .._name_suggestions import did_you_mean
 from .._waiting import announced
 from ..io import Experiment
 from ..live._operating_limits import SOLDER
@@ -16,7 +17,6 @@ from ..matching import Fit
 from ..matching._fit import solution_of
 from ..physics import Twin
 from ..physics._twin import check_twin
-from ..rig._problems import nearest
 from ._exchange import OBJECTIVES, Candidate, exchange, random_schedules
 from ._experiment_design import Criterion, DesignStep, ExperimentDesign, PlannedSchedule
 from ._information import DesignProblem, Evaluated, NoisePrediction, make_design_problem
@@ -272,7 +272,7 @@ def _places(prior: PriorInformation, names: Iterable[str] | None) -> Int[np.ndar
     if unknown or not chosen:
         raise MatchError(
             "design_experiment: names: expected some of the matched parameters "
-            f"{', '.join(own)}, got {', '.join(unknown) or 'none'}{nearest(unknown, own)}"
+            f"{', '.join(own)}, got {', '.join(unknown) or 'none'}{did_you_mean(unknown, own)}"
         )
     all_names = [row.name for row in prior.unknowns.entry_parameters]
     return np.array([all_names.index(name) for name in chosen])

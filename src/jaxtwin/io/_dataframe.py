@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import RecordingError
-from ..rig._problems import nearest
+from .._name_suggestions import did_you_mean
 from ._csv import experiment_of_columns
 from ._delimited import TIME, Column, column_name
 from ._experiment import Experiment
@@ -35,7 +35,7 @@ def experiment_of_dataframe(
         known = ", ".join(map(str, frame.columns))
         raise RecordingError(
             f"from_dataframe: time: expected one of {known}, got {time!r}"
-            f"{nearest([str(time)], map(str, frame.columns))}"
+            f"{did_you_mean([str(time)], map(str, frame.columns))}"
         )
     twice = frame.columns[frame.columns.duplicated()]
     if len(twice):

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number, of_kind
 from .._display import picture
 from .._errors import JaxtwinError, RecordingError
-from ..rig._problems import nearest
+from .._name_suggestions import did_you_mean
 from ._checks import (
     checked_ambient,
     checked_channels,
@@ -282,7 +282,7 @@ class Experiment:
             known = ", ".join(self.channels) or "none"
             raise RecordingError(
                 f"channels: expected some of {known}, got {', '.join(unknown) or 'none'}"
-                f"{nearest(unknown, self.channels)}"
+                f"{did_you_mean(unknown, self.channels)}"
             )
         columns = [self.channels.index(name) for name in names]
         return Experiment(

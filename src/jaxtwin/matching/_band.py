@@ -23,12 +23,12 @@ from .._arguments import finite_number, of_kind
 from .._display import html_table, picture
 from .._errors import MatchError
 from .._jax_settings import own_settings
+from .._name_suggestions import did_you_mean
 from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
 from ..rig import Parameter
-from ..rig._problems import nearest
 from ..simulation import Run, response, simulate
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
@@ -156,7 +156,7 @@ def prediction_band(
     if recording is not None and recording not in fit.recordings:
         raise MatchError(
             f"recording: expected one of {', '.join(fit.recordings)}, got {recording!r}"
-            f"{nearest([recording], fit.recordings)}"
+            f"{did_you_mean([recording], fit.recordings)}"
         )
     if not 0 < finite_number("prediction_band: level", level, MatchError) < 1:
         raise MatchError(f"prediction_band: level: expected a level between 0 and 1, got {level!r}")

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import ParameterError
+from .._name_suggestions import unknown_name
+from .._normal_distribution import QUANTILE_975
 from ..rig._parameter import Scope
-from ..rig._problems import unknown
 from ._group_values import new_group_values
 from ._problem import MatchProblem
 from ._uncertainty import Uncertainty
@@ -21,9 +22,6 @@ bounds (of their logarithms)."""
 
 FAR = 2.0
 """A warning is given from this many standard deviations from the prior."""
-
-QUANTILE = 1.959963984540054
-"""The 0.975 quantile of the standard normal distribution."""
 
 
 @final
@@ -91,7 +89,7 @@ class FittedParameters(dict[str, FittedParameter]):
     `ParameterError` that suggests the nearest name."""
 
     def __missing__(self, name: object) -> FittedParameter:
-        raise ParameterError(f"fit: {unknown('parameter', str(name), self)}")
+        raise ParameterError(f"fit: {unknown_name('parameter', str(name), self)}")
 
 
 def fitted_parameters(
@@ -227,7 +225,7 @@ def interval_95(value: float, error: float, *, is_logarithmic: bool) -> tuple[fl
     """
     if math.isnan(error):
         return math.nan, math.nan
-    reach = QUANTILE * error
+    reach = QUANTILE_975 * error
     if not is_logarithmic:
         return value - reach, value + reach
     try:

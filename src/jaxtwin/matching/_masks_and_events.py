@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import MatchError
+from .._name_suggestions import did_you_mean
 from ..io import Experiment
-from ..rig._problems import nearest
 
 Span = tuple[float, float] | tuple[float, float, float]
 """From, to (s), and the weight in between, which is 0 if it is not given."""
@@ -79,5 +79,5 @@ def check_recording_names(
     if unknown:
         raise MatchError(
             f"{what}: expected some of the recordings {', '.join(recordings)}, got {unknown[0]!r}"
-            f"{nearest(unknown[:1], recordings)}"
+            f"{did_you_mean(unknown[:1], recordings)}"
         )

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from .._arguments import of_kind, whole_number
 from .._errors import MatchError
-from ..rig._problems import nearest
+from .._name_suggestions import did_you_mean
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 
@@ -45,7 +45,7 @@ def posterior_draws(
     if group is not None and group not in groups:
         raise MatchError(
             f"posterior_draws: group: expected one of {', '.join(groups)}, or None, got {group!r}"
-            f"{nearest([group], groups)}"
+            f"{did_you_mean([group], groups)}"
         )
     number = 0 if len(groups) == 1 else None if group is None else groups.index(group)
     known = group_and_shared_values(solution.problem.unknowns, solution.vector, number)

@@ -29,9 +29,9 @@ from jaxtyping import Float
 from .._arguments import check_callable, of_kind, whole_number
 from .._display import html_table, picture
 from .._errors import MatchError, ParameterError
+from .._name_suggestions import did_you_mean
 from .._number_text import short_number
 from .._waiting import announced
-from ..rig._problems import nearest
 from ._descent import descend
 from ._descent_result import DescentStep
 from ._fit import Fit, solution_of
@@ -144,7 +144,7 @@ def profile(
     if name not in shared:
         raise ParameterError(
             f"profile: expected one of the parameters {', '.join(shared)}, got {name!r}"
-            f"{nearest([name], shared)}"
+            f"{did_you_mean([name], shared)}"
         )
     if values is None:
         whole_number("profile: points", points, LEAST, MatchError)

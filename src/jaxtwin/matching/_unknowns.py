@@ -10,9 +10,9 @@ from jaxtyping import Array, Float, Int
 
 from .._arguments import mapping_of, names_of
 from .._errors import MatchError, ParameterError
+from .._name_suggestions import did_you_mean
 from ..physics import Twin
 from ..rig import Parameter
-from ..rig._problems import nearest
 from ._search_space import SearchSpace
 
 NARROWEST = 1e-100
@@ -287,7 +287,7 @@ def choose_unknowns(
         if unknown:
             raise ParameterError(
                 f"{twin.rig.name}: {keyword}: expected some of the parameters {', '.join(table)}, "
-                f"got {', '.join(unknown)}{nearest(unknown, table)}"
+                f"got {', '.join(unknown)}{did_you_mean(unknown, table)}"
             )
     opposites = (
         ("free", "fixed"),

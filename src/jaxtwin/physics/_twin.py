@@ -13,8 +13,8 @@ from jaxtyping import Array, Float
 
 from .._arguments import mapping_of, of_kind
 from .._errors import JaxtwinError, ParameterError, SimulationError
+from .._name_suggestions import did_you_mean, unknown_name
 from ..rig import Rig, load_rig, read_parameters
-from ..rig._problems import nearest, unknown
 from ._netlist import Netlist
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
@@ -131,7 +131,7 @@ class Twin(eqx.Module):
         names = [element.name for element in self.netlist.cells]
         raise ParameterError(
             f"{self.rig.name}: expected one of the cells {', '.join(names)}, got {cell!r}"
-            f"{nearest([str(cell)], names)}"
+            f"{did_you_mean([str(cell)], names)}"
         )
 
     def simulate(
@@ -211,7 +211,7 @@ def _replaced(
     mapping_of(f"{rig.name}: values", changes, "name -> value", ParameterError)
     for name, value in changes.items():
         if name not in rig.parameters:
-            raise ParameterError(f"{rig.name}: {unknown('parameter', name, rig.parameters)}")
+            raise ParameterError(f"{rig.name}: {unknown_name('parameter', name, rig.parameters)}")
         replaced[name] = _checked(rig, name, value)
     return replaced
 

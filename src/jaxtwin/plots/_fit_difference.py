@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
+from .._normal_distribution import QUANTILE_975
 from ..matching import FitDifference
 from ._sensitivity_labels import label_rows
 from ._style import palette, styled
@@ -30,7 +31,7 @@ def plot_fit_difference(difference: FitDifference, *, ax: Axes | None = None) ->
     if ax is None:
         size = (5.6, 1.4 + 0.29 * len(known))
         ax = pyplot.figure(figsize=size, layout="constrained").subplots()
-    ax.axvspan(-1.96, 1.96, color=palette().faint, lw=0, zorder=0)
+    ax.axvspan(-QUANTILE_975, QUANTILE_975, color=palette().faint, lw=0, zorder=0)
     colors = [palette().blue if size < 0 else palette().vermilion for size in sizes]
     ax.barh(places, sizes, color=colors, height=0.66, alpha=0.9, zorder=2)
     label_rows(ax, [row.name for row in known], places)

@@ -5,7 +5,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from .._errors import ParameterError
-from ..rig._problems import nearest
+from .._name_suggestions import did_you_mean
 from ..sensitivity_analysis import GlobalSensitivity
 from ._sensitivity_labels import INDEX_WORDS
 from ._style import palette, points, styled, symbol
@@ -93,6 +93,6 @@ def _rows(sensitivity: GlobalSensitivity, channel: str | None) -> list[int]:
         raise ParameterError(
             f"channel: expected one of {', '.join(channels) or 'those'} with several times, got "
             f'{wanted!r}; ask for outputs=["temperature"]'
-            f"{nearest([] if wanted is None else [wanted], channels)}"
+            f"{did_you_mean([] if wanted is None else [wanted], channels)}"
         )
     return chosen

@@ -7,7 +7,8 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 from .._errors import SimulationError
-from .._residual_statistics import autocorrelation, ljung_box, normal_quantiles
+from .._normal_distribution import QUANTILE_975, normal_quantiles
+from .._residual_statistics import autocorrelation, ljung_box
 from ..simulation import Run
 from ._labels import label_ends
 from ._samples import last_means
@@ -93,7 +94,7 @@ def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     label_ends(
         over_time, list(zip(tail.tolist(), run.channels, palette().cycle * len(tail), strict=False))
     )
-    band = 1.96 / np.sqrt(np.count_nonzero(run.experiment.sampled, axis=0).max())
+    band = QUANTILE_975 / np.sqrt(np.count_nonzero(run.experiment.sampled, axis=0).max())
     against_itself.axhspan(
         -band, band, color=palette().faint, zorder=0.4, label="95 % of white noise"
     )

@@ -7,7 +7,8 @@ from typing import Any
 
 from .._arguments import path_of
 from .._errors import JaxtwinError, RigError
-from ._problems import refuse, unknown
+from .._name_suggestions import unknown_name
+from ._problems import refuse
 
 
 def bundled_rigs() -> tuple[str, ...]:
@@ -31,7 +32,7 @@ def read_bundled(folder: str, name: str) -> tuple[dict[str, Any], str]:
     **Raises:** `RigError` where there is none of that name.
     """
     if name not in _names(folder):
-        refuse(name, "", unknown(f"name of the bundled {folder}", name, _names(folder)))
+        refuse(name, "", unknown_name(f"name of the bundled {folder}", name, _names(folder)))
     source = f"{name}.toml (bundled)"
     return parse_toml((_folder(folder) / f"{name}.toml").read_bytes(), source), source
 

@@ -4,8 +4,9 @@ import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import final
 
+from .._name_suggestions import unknown_name
 from ._parameter import Parameter
-from ._problems import refuse, unknown
+from ._problems import refuse
 from ._units import Kind, is_quantity, parse_quantity, range_problem, unit_scale
 from ._value import Value
 
@@ -73,7 +74,7 @@ class Fields:
     def check_known(self, field: str, what: str, name: str, known: Iterable[str]) -> None:
         """Refuses a name that is not among the known ones, and suggests the nearest."""
         if name not in known:
-            self.refuse(field, unknown(what, name, known))
+            self.refuse(field, unknown_name(what, name, known))
 
     def check_element(
         self, field: str, name: str, elements: tuple[str, ...], bodies: Sequence[str] = ()

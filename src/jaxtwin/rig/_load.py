@@ -4,8 +4,9 @@ import os
 
 from .._arguments import path_of
 from .._errors import RigError
+from .._name_suggestions import unknown_name
 from ._bundled import bundled_rigs, read_bundled, read_toml
-from ._problems import refuse, unknown
+from ._problems import refuse
 from ._rig import Rig
 
 
@@ -28,5 +29,5 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
     if name in bundled_rigs():
         return build_rig(*read_bundled("rigs", name))
     if not place.exists():
-        refuse(name, "", f"no such file, {unknown('bundled rig', name, bundled_rigs())}")
+        refuse(name, "", f"no such file, {unknown_name('bundled rig', name, bundled_rigs())}")
     return build_rig(*read_toml(place))

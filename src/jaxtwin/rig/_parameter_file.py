@@ -21,10 +21,11 @@ from typing import NoReturn
 
 from .._arguments import of_kind
 from .._errors import ParameterError
+from .._name_suggestions import unknown_name
 from .._whole_file import check_ending, write_whole_file
 from ._bundled import read_toml
 from ._parameter import Parameter
-from ._problems import refuse, unknown
+from ._problems import refuse
 from ._rig import Rig
 from ._units import unit_scale
 
@@ -61,7 +62,7 @@ def write_parameters(
         for name, value in values.items():
             field = f"recordings.{recording}.{name}"
             if name not in table:
-                _refuse(source, field, unknown("parameter", name, table))
+                _refuse(source, field, unknown_name("parameter", name, table))
             _bounded(source, field, value, table[name])
     text = "".join(f"# {line}\n" for line in comment.splitlines() if line.isprintable())
     text += parameters_toml(table.values())
@@ -128,14 +129,14 @@ def read_parameters(
     for name, value in own.items():
         field = f"recordings.{recording}.{name}"
         if name not in table:
-            _refuse(source, field, unknown("parameter", name, table))
+            _refuse(source, field, unknown_name("parameter", name, table))
         values[name] = _value(source, field, name, {**table[name], "value": value}, rig)
     return values
 
 
 def _value(source: str, field: str, name: str, row: object, rig: Rig) -> float:
     if name not in rig.parameters:
-        _refuse(source, field, unknown(f"parameter of {rig.name}", name, rig.parameters))
+        _refuse(source, field, unknown_name(f"parameter of {rig.name}", name, rig.parameters))
     parameter = rig.parameters[name]
     if not isinstance(row, dict) or not isinstance(row.get("unit"), str):
         _refuse(source, field, f'expected {{ value = 1.0, unit = "..." }}, got {reprlib.repr(row)}')

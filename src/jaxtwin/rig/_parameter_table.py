@@ -3,8 +3,9 @@
 import math
 from collections.abc import Mapping
 
+from .._name_suggestions import unknown_name
 from ._parameter import Parameter
-from ._problems import refuse, unknown
+from ._problems import refuse
 from ._schema import ParameterTable, RigTable
 from ._units import unit_scale
 
@@ -29,7 +30,7 @@ def build_parameter_sets(
         for name, value in values.items():
             field = f"parameter_sets.{set_name}.{name}"
             if name not in parameters:
-                refuse(source, field, unknown("parameter", name, parameters))
+                refuse(source, field, unknown_name("parameter", name, parameters))
             lower, upper = parameters[name].lower, parameters[name].upper
             if not lower <= value <= upper:
                 refuse(

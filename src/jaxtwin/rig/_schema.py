@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
-from ._problems import unknown
+from .._name_suggestions import unknown_name
 
 
 def _text(value: object) -> Any:
@@ -67,7 +67,7 @@ class Table(BaseModel):
             raise ValueError(f"expected a table, got {reprlib.repr(data)}")
         for key in data:
             if key not in cls.model_fields:
-                raise ValueError(unknown("key", key, cls.model_fields))
+                raise ValueError(unknown_name("key", key, cls.model_fields))
         return data
 
 

@@ -2,13 +2,11 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtri
+
+from .._normal_distribution import QUANTILE_975
 
 RESAMPLES = 100
 """How many: as many as SALib takes."""
-
-QUANTILE = float(ndtri(0.975))
-"""Standard deviations on each side of a 95 % interval."""
 
 
 def resample_weights(blocks: int, seed: int) -> Float[np.ndarray, "resamples blocks"]:
@@ -23,4 +21,4 @@ def resample_weights(blocks: int, seed: int) -> Float[np.ndarray, "resamples blo
 
 def half_width(resampled: Float[np.ndarray, "resamples *shape"]) -> Float[np.ndarray, "*shape"]:
     """Half of a 95 % interval, from an index of each resample: SALib's `*_conf`."""
-    return QUANTILE * resampled.std(axis=0, ddof=1)
+    return QUANTILE_975 * resampled.std(axis=0, ddof=1)

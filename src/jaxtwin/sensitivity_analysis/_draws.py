@@ -7,12 +7,12 @@ from jaxtyping import Float
 
 from .._arguments import names_of
 from .._errors import ParameterError, SimulationError
+from .._name_suggestions import did_you_mean
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit
 from ..physics import Twin
 from ..physics._twin import check_twin
-from ..rig._problems import nearest
 
 
 def paired_twins(
@@ -86,7 +86,7 @@ def drawn_names(twin: Twin, names: Iterable[str] | None) -> list[str]:
     if unknown or not chosen:
         raise ParameterError(
             f"{twin.rig.name}: names: expected some of {', '.join(table)}, got "
-            f"{', '.join(unknown) or 'none'}{nearest(unknown, table)}"
+            f"{', '.join(unknown) or 'none'}{did_you_mean(unknown, table)}"
         )
     return chosen
 

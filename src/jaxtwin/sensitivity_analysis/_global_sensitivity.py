@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from .._display import html_table, picture
 from .._errors import ParameterError
-from ..rig._problems import nearest
+from .._name_suggestions import did_you_mean
 from ._method import AbstractMethod, Design
 from ._outputs import Output, labels_of
 from ._sensitivity import MEAN
@@ -83,7 +83,7 @@ class GlobalSensitivity:
         if name not in self.indices:
             raise ParameterError(
                 f"{self.method.name}: expected one of {', '.join(self.indices)}, got {name!r}"
-                f"{nearest([name], self.indices)}"
+                f"{did_you_mean([name], self.indices)}"
             )
         return self.indices[name]
 
@@ -109,7 +109,8 @@ class GlobalSensitivity:
         if output not in self.labels:
             shown = ", ".join(self.labels[:20]) + (" ..." if len(self.labels) > 20 else "")
             raise ParameterError(
-                f"output: expected one of {shown}, got {output!r}{nearest([output], self.labels)}"
+                f"output: expected one of {shown}, got {output!r}"
+                f"{did_you_mean([output], self.labels)}"
             )
         return self.labels.index(output)
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from .._arguments import mapping_of
 from .._errors import ParameterError
+from .._name_suggestions import did_you_mean
 from ..matching import Fit
 from ..matching._fit import solution_of
 from ..physics import Twin
 from ..rig import Parameter
-from ..rig._problems import nearest
 from ._draws import central_values, drawn_names
 from ._inputs import Inputs
 from ._marginals import AbstractMarginal, LogNormal, Normal, Uniform
@@ -48,7 +48,7 @@ def chosen_inputs(
     if asked not in get_args(InputKind):
         raise ParameterError(
             f"sensitivity: inputs: expected {_EXPECTED}, got {asked!r}"
-            f"{nearest([asked], get_args(InputKind))}"
+            f"{did_you_mean([asked], get_args(InputKind))}"
         )
     if asked == "posterior":
         return _posterior(origin, names)
@@ -134,7 +134,7 @@ def _posterior(origin: object, names: Iterable[str] | None) -> Inputs:
     if missing:
         raise ParameterError(
             f"{where}: expected some of {', '.join(known)}, got {', '.join(missing)}"
-            f"{nearest(missing, known)}"
+            f"{did_you_mean(missing, known)}"
         )
     entries = [[row.name for row in rows].index(name) for name in wanted]
     covariance = origin.uncertainty.vector_covariance[np.ix_(entries, entries)]

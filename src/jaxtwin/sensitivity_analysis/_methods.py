@@ -4,7 +4,7 @@ from typing import Literal, TypeAlias
 
 from .._arguments import of_kind
 from .._errors import SimulationError
-from ..rig._problems import nearest
+from .._name_suggestions import did_you_mean
 from ._correlations import Pearson, Spearman
 from ._derivative_based import DerivativeBased
 from ._method import AbstractMethod
@@ -44,7 +44,7 @@ def checked_method(method: MethodName | AbstractMethod) -> AbstractMethod:
                 return known
         raise SimulationError(
             f"sensitivity: method: expected correlations, {', '.join(METHODS)}, got {method!r}"
-            f"{nearest([method], ['correlations', *METHODS])}"
+            f"{did_you_mean([method], ['correlations', *METHODS])}"
         )
     expected = "the name of a method, or one such as Sobol(second_order=True)"
     return of_kind("sensitivity: method", method, AbstractMethod, expected, SimulationError)

@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Float, Shaped
 
 from .._arguments import finite_number, names_of
 from .._errors import SimulationError
+from .._name_suggestions import did_you_mean
 from ..io import Experiment
-from ..rig._problems import nearest
 from ..simulation import REDUCTIONS, ReductionName, Reductions
 from ..simulation._reductions import ReductionFunction
 from ._draws import distinct_names
@@ -93,7 +93,7 @@ def checked_outputs(outputs: AskedOutputs) -> dict[str, OutputName | ReductionFu
         if isinstance(value, str) and (value not in known or value != name):
             raise SimulationError(
                 f"sensitivity: outputs: expected some of {', '.join(known)}, or functions by name, "
-                f"got {value!r}{nearest([value], known)}"
+                f"got {value!r}{did_you_mean([value], known)}"
             )
     return asked
 

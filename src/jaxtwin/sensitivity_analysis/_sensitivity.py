@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from .._display import html_table, picture
 from .._errors import ParameterError
-from ..rig._problems import nearest
+from .._name_suggestions import did_you_mean
 from ._sampling import limits
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ class Sensitivity:
         if channel not in self.channels:
             raise ParameterError(
                 f"channel: expected one of {', '.join(self.channels)}, got {channel!r}"
-                f"{nearest([channel], self.channels)}"
+                f"{did_you_mean([channel], self.channels)}"
             )
         return self.channels.index(channel)
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import SimulationError
-from ..rig._problems import nearest
+from .._name_suggestions import did_you_mean
 from ._sampling import uniform_draws
 
 SampleKind: TypeAlias = Literal["random", "latin-hypercube", "sobol"]
@@ -46,6 +46,6 @@ def checked_kind(kind: SampleKind) -> SampleKind:
     if kind not in get_args(SampleKind):
         raise SimulationError(
             f"sensitivity: samples: expected one of {', '.join(get_args(SampleKind))}, got {kind!r}"
-            f"{nearest([str(kind)], get_args(SampleKind))}"
+            f"{did_you_mean([str(kind)], get_args(SampleKind))}"
         )
     return kind

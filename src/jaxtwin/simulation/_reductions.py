@@ -17,8 +17,8 @@ from .._arguments import names_of
 from .._compilation import persistent_jit
 from .._display import html_table, picture
 from .._errors import SimulationError
+from .._name_suggestions import did_you_mean
 from ..io import Experiment
-from ..rig._problems import nearest
 
 if TYPE_CHECKING:
     import pandas
@@ -180,7 +180,7 @@ class Reductions:
             present = [known for known in REDUCTIONS if getattr(self, known) is not None]
             raise SimulationError(
                 f"reductions: expected one of {', '.join([*present, *self.own])}, got {name!r}; "
-                f"ask simulate_batch for it{nearest([name], [*present, *self.own])}"
+                f"ask simulate_batch for it{did_you_mean([name], [*present, *self.own])}"
             )
         return found
 
@@ -307,7 +307,8 @@ def _checked_reduction(name: str, asked: str | ReductionFunction) -> Reduction:
     if isinstance(asked, str):
         if asked not in REDUCTIONS or asked != name:
             raise SimulationError(
-                f"reductions: expected some of {known}, got {asked}{nearest([asked], REDUCTIONS)}"
+                f"reductions: expected some of {known}, got {asked}"
+                f"{did_you_mean([asked], REDUCTIONS)}"
             )
         return REDUCTIONS[asked]
     if not callable(asked):

@@ -13,10 +13,10 @@ from .._display import html_table, picture
 from .._errors import RecordingError, SimulationError
 from .._jax_settings import own_settings
 from .._measures import fit_percent, fit_text, rmse
+from .._name_suggestions import did_you_mean
 from .._whole_file import check_ending
 from ..io import Experiment
 from ..physics import Twin
-from ..rig._problems import nearest
 from ._padding import padded
 from ._power import SupplyPower, power_of_states
 from ._uniformity import Uniformity, uniformity
@@ -256,6 +256,6 @@ class Run:
 def _position(name: str, names: tuple[str, ...], kind: str) -> int:
     if name not in names:
         raise SimulationError(
-            f"{kind}: expected one of {', '.join(names)}, got {name!r}{nearest([name], names)}"
+            f"{kind}: expected one of {', '.join(names)}, got {name!r}{did_you_mean([name], names)}"
         )
     return names.index(name)

@@ -10,13 +10,13 @@ from .._arguments import of_kind
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._errors import SimulationError
 from .._jax_settings import own_settings
+from .._name_suggestions import did_you_mean
 from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import EXPERIMENT
 from ..physics import Twin
 from ..physics._twin import check_twin
 from ..physics._wiring import wiring_of
-from ..rig._problems import nearest
 from ._check_values import check_values
 from ._drive import Drive
 from ._initial import (
@@ -228,7 +228,7 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
     if unknown:
         raise SimulationError(
             f"{label}: channels: expected those of {twin.rig.name}, {', '.join(twin.channels)}, "
-            f"got {', '.join(unknown)}{nearest(unknown, twin.channels)}"
+            f"got {', '.join(unknown)}{did_you_mean(unknown, twin.channels)}"
         )
     return experiment.channels or twin.channels
 

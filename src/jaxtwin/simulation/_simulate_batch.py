@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from .._arguments import check_callable, mapping_of, whole_number
 from .._errors import JaxtwinError, ParameterError, SimulationError
 from .._executor import Executor, check_executor
+from .._name_suggestions import did_you_mean
 from .._waiting import announced
 from ..io import Experiment
 from ..physics import Twin
-from ..rig._problems import nearest
 from ._draw_units import solve_draws
 from ._draws import DrawSolver, Precision
 from ._initial import Initial, checked_initial
@@ -193,7 +193,7 @@ def _checked_draws(twin: Twin, draws: Mapping[str, ArrayLike]) -> dict[str, np.n
         if name not in rig.parameters:
             raise ParameterError(
                 f"{rig.name}: expected some of the parameters {', '.join(rig.parameters)}, got "
-                f"{name!r}{nearest([name], rig.parameters)}"
+                f"{name!r}{did_you_mean([name], rig.parameters)}"
             )
         try:
             array = np.asarray(values)

@@ -90,7 +90,7 @@ class Plan:
             "rig_content": self.twins[0].rig.fingerprint,
             "recordings": list(self.recordings),
             "experiments": [experiment.fingerprint for experiment in self.experiments],
-            "parameters": [
+            "values": [
                 {name: float(value) for name, value in twin.values.items()} for twin in self.twins
             ],
             "drawn": self.values,
@@ -104,7 +104,7 @@ class Plan:
         }
 
     def samples(self, start: int, stop: int) -> dict[str, Float[np.ndarray, " draws"]]:
-        """The parameters of the draws from `start` to `stop`."""
+        """The draws from `start` to `stop`: parameter -> value in each draw."""
         return normal_draws(self.values, self.spread, self.seed, stop, start)
 
     def solve(

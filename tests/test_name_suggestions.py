@@ -16,8 +16,8 @@ from jaxtwin import (
     simulate_batch,
 )
 from jaxtwin._by_recording import ByRecording
+from jaxtwin._name_suggestions import did_you_mean
 from jaxtwin.commands._sources import open_twin
-from jaxtwin.rig._problems import nearest
 from jaxtwin.sensitivity_analysis._input_choices import chosen_inputs
 from jaxtwin.sensitivity_analysis._methods import checked_method
 from jaxtwin.sensitivity_analysis._unit_samples import checked_kind
@@ -27,9 +27,10 @@ RECORDED = Experiment([0, 1], [0, 1], channels=("T11", "T12"), temperatures=[[20
 
 
 def test_the_nearest_of_several_names():
-    assert nearest(["R_tez", "alpa"], ["R_Tez", "alpha"]) == "; did you mean 'R_Tez' and 'alpha'?"
-    assert nearest(["xyz"], ["R_Tez"]) == ""
-    assert nearest([], ["R_Tez"]) == ""
+    suggestion = did_you_mean(["R_tez", "alpa"], ["R_Tez", "alpha"])
+    assert suggestion == "; did you mean 'R_Tez' and 'alpha'?"
+    assert did_you_mean(["xyz"], ["R_Tez"]) == ""
+    assert did_you_mean([], ["R_Tez"]) == ""
 
 
 @pytest.mark.parametrize(
