@@ -162,7 +162,7 @@ def test_a_table_of_pandas_gets_one_header_and_the_style_of_the_site(tmp_path: P
     [
         ("<p>20 s of 10 000 K</p>", "<p>20\xa0s of 10\xa0000\xa0K</p>"),
         ("<td>74.4 %</td>", "<td>74.4\xa0%</td>"),
-        ("<td>8.4e-06</td>", '<td><span class="number">8.4e-06</span></td>'),
+        ("<td>8.4e-06</td>", '<td><span class="whole">8.4e-06</span></td>'),
         ("<title>8.4e-06</title>", "<title>8.4e-06</title>"),
         ("<p>15 W/(m² K), 5 Kp, in 2024 it</p>", "<p>15 W/(m² K), 5 Kp, in 2024 it</p>"),
         ("<pre><code>20 s</code></pre>", "<pre><code>20 s</code></pre>"),
@@ -170,9 +170,15 @@ def test_a_table_of_pandas_gets_one_header_and_the_style_of_the_site(tmp_path: P
         (f"<td><code>{'a' * 33}</code></td>", f'<td><code class="long">{"a" * 33}</code></td>'),
         (f"<td><code>{'a' * 32}</code></td>", f"<td><code>{'a' * 32}</code></td>"),
         (f"<p><code>{'a' * 33}</code></p>", f"<p><code>{'a' * 33}</code></p>"),
+        ("<code>--out F</code>", '<code><span class="whole">--out</span> F</code>'),
+        ("<td><code>x -Os</code>", '<td><code>x <span class="whole">-Os</span></code>'),
+        ("<code>dual-cell</code>", '<code><span class="whole">dual-cell</span></code>'),
+        (f"<code>a-{'a' * 23}</code>", f"<code>a-{'a' * 23}</code>"),
+        ("<code>a - b, -</code>", "<code>a - b, -</code>"),
+        ("<pre><code>dual-cell</code></pre> dual-cell",) * 2,
     ],
 )
-def test_lines_do_not_break_between_a_number_and_its_unit(text: str, found: str) -> None:
+def test_lines_do_not_break_within_a_quantity_or_an_option(text: str, found: str) -> None:
     assert set_breaks(text) == found
 
 

@@ -53,8 +53,16 @@ def _parameters(part: griffe.Class) -> Iterator[griffe.Parameter]:
             name,
             annotation=field.annotation,
             kind=griffe.ParameterKind.positional_or_keyword,
-            default=None if "field(" in str(field.value) else field.value,
+            default=_default(field.value),
         )
+
+
+def _default(value: griffe.Expr | str | None) -> griffe.Expr | str | None:
+    """The default that is assigned to a field, or given to `field(default=...)`."""
+    if not isinstance(value, griffe.ExprCall) or not value.canonical_path.endswith("field"):
+        return value
+    named = [argument for argument in value.arguments if isinstance(argument, griffe.ExprKeyword)]
+    return next((argument.value for argument in named if argument.name == "default"), None)
 
 
 def _is_field(attribute: griffe.Attribute) -> bool:

@@ -1,5 +1,5 @@
-"""Where lines may break: not between a number and its unit, but inside long code of a table, and
-how narrow a column of a table may become."""
+"""Where lines may break: not between a number and its unit nor after the hyphens of `--out`, but
+inside long code of a table, and how narrow a column of a table may become."""
 
 import re
 
@@ -8,9 +8,11 @@ _UNITS = (
     "kB|MB|MiB|GiB"
 )
 _NUMBER = re.compile(rf"(?<=\d) (?=(?:{_UNITS})(?![\w/²³^])|\d{{3}}(?!\d))")
+_WHOLE = r'<span class="whole">\g<0></span>'
 _TAG = re.compile(r"(<[^>]+>)")
 _VERBATIM = ("pre", "code", "script", "style", "math", "title")
 _EXPONENT = re.compile(r"\d[\d.]*e-\d+")
+_HYPHENATED = re.compile(r"(?<![\w.-])(?=[\w.-]{2,24}(?![\w.-]))[\w.]*-[\w.-]*\w")
 
 LONG = 32
 """Characters of code that a table's column may be as wide as."""
@@ -26,21 +28,26 @@ _CODE = re.compile(r"<code>(?=((?:[^<]|<(?!/code>))*)</code>)")
 
 
 def set_breaks(page: str) -> str:
-    """A page's HTML with no-break spaces in `20 s` and `10 000`, and the class `number` around
-    `1e-6`, which would break after its hyphen. Code in a table's cell with more
-    than `LONG` characters gets the class `long`, cells of columns with more than `PROSE` characters
-    in one of them the class `prose`."""
+    """A page's HTML with no-break spaces in `20 s` and `10 000`, and the class `whole` around what
+    would break after a hyphen: `1e-6` in text, `--out` or `dual-cell` in inline code. Code in a
+    table's cell with more than `LONG` characters gets the class `long`, cells of columns with more
+    than `PROSE` characters in one of them the class `prose`."""
     page = _TABLE.sub(_of_columns, page)
     page = _CELL.sub(lambda cell: _CODE.sub(_of_length, cell[0]), page)
-    parts, inside = [], 0
+    parts: list[str] = []
+    inside: list[str] = []
     for part in _TAG.split(page):
         if part.startswith("<"):
             name = part.strip("</> ").split(maxsplit=1)[0].lower()
-            if name in _VERBATIM:
-                inside += -1 if part.startswith("</") else 1
+            if name in _VERBATIM and part.startswith("</"):
+                inside.pop()
+            elif name in _VERBATIM:
+                inside.append(name)
+        elif inside == ["code"]:
+            part = _HYPHENATED.sub(_WHOLE, part)
         elif not inside:
             part = _NUMBER.sub("\N{NO-BREAK SPACE}", part)
-            part = _EXPONENT.sub(r'<span class="number">\g<0></span>', part)
+            part = _EXPONENT.sub(_WHOLE, part)
         parts.append(part)
     return "".join(parts)
 

@@ -24,7 +24,7 @@ class DCSweep:
     - `current`: `(currents,)`, A.
     - `delta_T`: hot - cold, `(differences,)`, K.
     - `T_hot`: K.
-    - `heat_flow`: Q_c absorbed at the cold side, less what is conducted back,
+    - `heat_flow`: $Q_c$ absorbed at the cold side, less what is conducted back,
       `(differences, currents)`, W.
     - `power`: electrical, `(differences, currents)`, W.
     """
@@ -37,7 +37,7 @@ class DCSweep:
 
     @property
     def cop(self) -> Float[np.ndarray, "differences currents"]:
-        """Coefficient of performance Q_c / P; NaN where no power flows."""
+        """Coefficient of performance $Q_c / P$; NaN where no power flows."""
         power = np.where(self.power > 0, self.power, np.nan)
         return self.heat_flow / power
 
