@@ -51,8 +51,9 @@ def sweep(
         str | None,
         typer.Option(
             metavar="NAMES",
-            help="What to keep: cost,final,minimum,maximum,plate_range,plate_std,energy,"
-            "peak_power. Default: final, and cost with recordings.",
+            help="What to keep, such as cost,energy: names among cost, final, minimum, maximum, "
+            "plate_range, plate_std, energy and peak_power. Default: final, and cost with "
+            "recordings.",
         ),
     ] = None,
     precision: Annotated[

@@ -30,7 +30,7 @@ def warm_up(
     recordings: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[RECORDING...]",
+            metavar="RECORDING",
             help="Recordings of the length and number that are to be matched; by default a run of "
             "1000 s.",
         ),
