@@ -116,12 +116,23 @@ def test_missing_samples_are_gaps():
     assert np.isnan(heights(deviation)).all()
 
 
+def test_what_was_simulated_or_planned_is_not_called_a_recording():
+    plan = Experiment(np.arange(4.0), np.full((4, 1), 0.5))
+    rest = np.full((4, 1), 20.0)
+    run = Run(plan, ("T",), rest, ("V11",), rest, "bench")
+    assert run.plot().axes[0].get_title(loc="left") == "bench, simulated"
+    named = replace(run, experiment=replace(plan, name="plan"))
+    assert named.plot().axes[0].get_title(loc="left") == "plan, simulated"
+    (axes,) = plan.plot().axes
+    assert axes.get_title(loc="left") == "schedule"
+
+
 def test_cells_with_the_same_drive_share_a_label():
     time = np.arange(4.0)
     same = Experiment(time, np.full((4, 2), 0.5))
     other = Experiment(time, np.column_stack([np.full(4, 0.5), np.full(4, -0.2)]))
     for experiment, labels in ((same, {"P1, P2"}), (other, {"P1", "P2"})):
-        axes = plots.plot_recordings([experiment]).axes[1]
+        (axes,) = plots.plot_recordings([experiment]).axes
         assert {text.get_text() for text in axes.texts} == labels
 
 
@@ -132,7 +143,7 @@ def test_the_axis_of_the_duty_goes_below_0_where_a_cell_cools(
     lowest: float, ticks: list[int], bottom: float
 ):
     drive = Experiment(np.arange(4.0), np.array([[lowest], [0.5], [0.5], [0.5]]))
-    axes = plots.plot_recordings([drive]).axes[1]
+    (axes,) = plots.plot_recordings([drive]).axes
     assert axes.get_yticks().tolist() == ticks
     assert axes.get_ylim() == (bottom, 105.0)
 

@@ -8,6 +8,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from jaxtwin import GlobalSensitivity, ParameterError
+from jaxtwin.plots._convergence import _limits
 from jaxtwin.sensitivity_analysis import Inputs, Normal, Output, indices_of
 from jaxtwin.sensitivity_analysis._methods import METHODS, MethodName
 
@@ -125,6 +126,15 @@ def test_convergence_of_other_methods_ends_at_their_index(method: MethodName):
     row = found.row("temperature TAM at 100 s")
     ends = sorted(float(np.asarray(line.get_ydata())[-1]) for line in axes.lines[:-1])
     np.testing.assert_allclose(ends, np.sort(found[found.method.main][row]), atol=1e-12)
+
+
+@pytest.mark.parametrize(("first", "top"), [(1.0, 1.0), (5.0, 1.2), (np.nan, 0.7)])
+def test_convergence_shows_what_few_draws_say_unless_it_is_far_off(first: float, top: float):
+    values = np.array([[first, 0.1], [0.6, 0.2]])
+    low, high = np.array([[-3.0], [-0.1]]), np.array([[3.0], [0.7]])
+    # From -0.1 to the top, with 8 % of that on both sides; 1.2 is twice the last value.
+    room = 0.08 * (top + 0.1)
+    assert _limits(values, low, high) == pytest.approx((-0.1 - room, top + room))
 
 
 @pytest.mark.parametrize("method", ["oat", "dgsm"])

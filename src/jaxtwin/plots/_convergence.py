@@ -27,7 +27,8 @@ def plot_convergence(
 ) -> Axes:
     """An index of an output over the number of draws, a line for each parameter, with its 95 %
     interval where the method has one: what the first 8, 16, 32 ... draws of the same analysis give.
-    The six parameters that come highest have colours.
+    The six parameters that come highest have colours. Lines and intervals that few draws put far
+    beyond the last values leave the picture.
 
     **Arguments:**
 
@@ -75,14 +76,29 @@ def plot_convergence(
     shown = [number for number in numbers[:-1] if number < numbers[-1] / 1.5] + numbers[-1:]
     ax.set_xticks(shown, [str(number) for number in shown], minor=False)
     ax.tick_params(axis="x", labelsize=points(8))
-    lowest, highest = np.nanmin(values[-1:]), np.nanmax(values[-1:])
-    room = max(0.35 * (highest - lowest), 0.15)
-    ax.set_ylim(min(0.0, lowest) - room, max(0.0, highest) + room)
+    ax.set_ylim(*_limits(values, *(end[:, order[:NAMED]] for end in (low, high))))
     ax.set(xlabel="draws", ylabel=INDEX_WORDS.get(name, name), xlim=(numbers[0], numbers[-1]))
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5))
     title_output(ax, sensitivity, row)
     return ax
+
+
+def _limits(
+    values: Float[np.ndarray, "numbers parameters"],
+    low: Float[np.ndarray, "numbers named"],
+    high: Float[np.ndarray, "numbers named"],
+) -> tuple[float, float]:
+    """Limits that hold every line and the last intervals, but go no further beyond the last values
+    than these reach from 0: with few draws an estimate can be far off."""
+    last = np.nan_to_num(values[-1])
+    reach = max(float(np.abs(last).max()), 0.15)
+    seen = [0.0, np.nanmin(values, initial=0.0), np.nanmax(values, initial=0.0)]
+    seen += [np.nanmin(low[-1], initial=0.0), np.nanmax(high[-1], initial=0.0)]
+    lowest = max(min(seen), min(0.0, last.min()) - reach)
+    highest = min(max(seen), max(0.0, last.max()) + reach)
+    room = 0.08 * (highest - lowest)
+    return lowest - room, highest + room
 
 
 def _ends(

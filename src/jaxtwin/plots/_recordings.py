@@ -22,38 +22,43 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
     **Arguments:**
 
     - `experiments`: the experiments, one column each. Those without recorded temperatures have only
-      their duty cycles.
+      their duty cycles; if none has any, so does the figure.
 
     **Returns:** the figure.
     """
     columns = len(experiments)
-    figure = pyplot.figure(figsize=(0.9 + 3.7 * columns, 5.0), layout="constrained")
+    has_temperatures = any(experiment.temperatures is not None for experiment in experiments)
+    heights = (4, 1) if has_temperatures else (1,)
+    size = (0.9 + 3.7 * columns, 5.0 if has_temperatures else 1.9)
+    figure = pyplot.figure(figsize=size, layout="constrained")
     grid = figure.subplots(
-        2, columns, sharex="col", sharey="row", height_ratios=(4, 1), squeeze=False
+        len(heights), columns, sharex="col", sharey="row", height_ratios=heights, squeeze=False
     )
-    for (above, below), experiment in zip(grid.T, experiments, strict=True):
-        above.set_title(experiment.name or "recording")
+    for axes, experiment in zip(grid.T, experiments, strict=True):
+        kind = "schedule" if experiment.temperatures is None else "recording"
+        axes[0].set_title(experiment.name or kind)
         if experiment.temperatures is not None:
             for number, temperature in enumerate(experiment.temperatures.T):
-                above.plot(
+                axes[0].plot(
                     experiment.time,
                     temperature,
                     color=palette().cycle[number % len(palette().cycle)],
                     lw=1.1,
                 )
         for duty in np.unique(experiment.duty, axis=1).T:
-            below.step(experiment.time, 100 * duty, where="post", lw=1.3, color=palette().ink)
-        below.set_xlabel("time, s")
-        below.set_xlim(experiment.time[0], experiment.time[-1])
-    grid[0, 0].set_ylabel("temperature, °C")
-    grid[1, 0].set_ylabel("duty, %")
-    _fit_duty(grid[1, 0], experiments)
-    for (above, below), experiment in zip(grid.T, experiments, strict=True):
-        label_ends(below, _cells_by_drive(experiment), spacing=0.2)
+            axes[-1].step(experiment.time, 100 * duty, where="post", lw=1.3, color=palette().ink)
+        axes[-1].set_xlabel("time, s")
+        axes[-1].set_xlim(experiment.time[0], experiment.time[-1])
+    if has_temperatures:
+        grid[0, 0].set_ylabel("temperature, °C")
+    grid[-1, 0].set_ylabel("duty, %")
+    _fit_duty(grid[-1, 0], experiments)
+    for axes, experiment in zip(grid.T, experiments, strict=True):
+        label_ends(axes[-1], _cells_by_drive(experiment), spacing=0.2)
         if experiment.temperatures is not None:
             tail = last_means(experiment.temperatures, len(experiment.time) // 50)
             colors = [palette().cycle[number % len(palette().cycle)] for number in range(len(tail))]
-            label_ends(above, list(zip(tail.tolist(), experiment.channels, colors, strict=True)))
+            label_ends(axes[0], list(zip(tail.tolist(), experiment.channels, colors, strict=True)))
     return figure
 
 

@@ -205,7 +205,8 @@ class Run:
         if nothing was recorded (`jaxtwin.plots.plot_recordings`)."""
         if self.experiment.temperatures is not None:
             return picture("plot_comparison", [self])
-        return picture("plot_recordings", [self._as_recorded()])
+        title = f"{self.experiment.name or self.rig}, simulated"
+        return picture("plot_recordings", [replace(self._as_recorded(), name=title)])
 
     def _as_recorded(self) -> Experiment:
         return replace(self.experiment, channels=self.channels, temperatures=self.temperatures)
