@@ -157,6 +157,6 @@ def test_the_header_says_what_goes_in_and_out(tmp_path: Path):
 def test_numbers_that_a_float_does_not_have_are_refused(tmp_path: Path):
     stepper = Stepper(Twin("single-cell"), 1.0)
     large = eqx.tree_at(lambda s: s.system.gain, stepper, np.asarray(stepper.system.gain) * 1e300)
-    with pytest.raises(ControlError, match="model_seen: expected finite numbers in float, got"):
+    with pytest.raises(ControlError, match="model_by_modes: expected finite numbers in float, got"):
         export_c(large, tmp_path / "none", precision="float")
     assert not (tmp_path / "none").exists()

@@ -50,6 +50,17 @@ def test_matrices_are_the_derivatives_of_the_twin(rig: str, duty: list[float], f
     assert not np.any(model.D)
 
 
+def test_the_sample_time_is_part_of_a_model_s_structure():
+    """Only arrays are traced: models of two sample times are two programs, and `export_c` and the
+    controllers can read the sample time of a model inside of `jax.jit`."""
+    model = linearize(Twin("single-cell"), duty=0.2).discretise(2.0)
+    leaves = jax.tree.leaves(model)
+    assert leaves
+    assert all(isinstance(leaf, np.ndarray) for leaf in leaves)
+    other = linearize(Twin("single-cell"), duty=0.2).discretise(4.0)
+    assert jax.tree.structure(model) != jax.tree.structure(other)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("rig", "duty"), POINTS)
 def test_the_operating_point_is_where_a_long_run_ends(rig: str, duty: list[float]):

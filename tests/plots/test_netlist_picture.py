@@ -17,6 +17,8 @@ from matplotlib.text import Text
 from jaxtwin import ParameterError, load_rig
 from jaxtwin.physics import Twin
 from jaxtwin.plots import plot_netlist
+from jaxtwin.plots._netlist_layout import WIDEST, netlist_layout
+from jaxtwin.rig import Plate, Value
 
 RIGS = ("paper-2024", "dual-cell")
 
@@ -109,6 +111,14 @@ def test_square_plates_can_be_read_too(name, tmp_path):
     width, height = figure_of(axes).get_size_inches()
     assert 5 < width < 13
     assert 5 < height < 15
+
+
+def test_a_long_plate_is_as_wide_as_its_elements_need():
+    """Eight elements of 1 cm: 11 inches, between the least and the most that an element takes."""
+    plate = Plate(columns=(0.01,) * 8, rows=(0.01,) * 2, thickness=Value(1e-3))
+    layout = netlist_layout(plate, cells=1)
+    left, right, _, _ = layout.plate
+    assert (right - left) / layout.inch == pytest.approx(WIDEST)
 
 
 def test_sensors_and_bodies_can_be_read_with_their_numbers():

@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 import tomllib
 from dataclasses import replace
 
@@ -12,14 +13,21 @@ from small_results import analysis, fit, recordings
 
 import jaxtwin.report._demo_match as demo_match
 import jaxtwin.report._sensitivity as report_sensitivity
-from jaxtwin import Experiment, RecordingError, Sensitivity, ThermoelectricModule, load_rig
+from jaxtwin import (
+    Experiment,
+    RecordingError,
+    Sensitivity,
+    ThermoelectricModule,
+    Twin,
+    load_rig,
+)
 from jaxtwin._number_text import interval_text
 from jaxtwin.matching import FittedParameters
 from jaxtwin.report import _demo, write_demo
 from jaxtwin.report._corrections import shows_sawtooth
 from jaxtwin.report._demo_checks import check_table
 from jaxtwin.report._demo_sensitivity import significance_text
-from jaxtwin.report._demo_simulate import _largest_difference
+from jaxtwin.report._demo_simulate import _largest_difference, _timed
 from jaxtwin.report._demo_source import Source, find_source
 from jaxtwin.report._parameters import parameter_table
 
@@ -54,6 +62,13 @@ def test_a_module_s_largest_difference_is_where_the_peltier_heat_is_used_up():
     difference = _largest_difference(module, 300.0)
     Z = 0.05**2 * 1.5 / 2.0
     assert Z * (300.0 - difference) ** 2 / 2 == pytest.approx(difference, rel=1e-12)
+
+
+def test_the_time_of_a_simulation_is_part_of_the_time_around_it():
+    drive = Experiment.schedule("0:0.5", duration=3, channels=("T",))
+    began = time.perf_counter()
+    measured = _timed(Twin("single-cell"), drive)
+    assert 0 < measured < time.perf_counter() - began
 
 
 def test_without_recordings_the_synthetic_ones_are_taken_and_said_so(nowhere):

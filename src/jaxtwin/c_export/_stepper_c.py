@@ -5,8 +5,6 @@ What the modes decay by in a step is computed and added, $(e^{-\lambda h} - 1) z
 keep all digits of a `float` where a slow mode decays by a thousandth.
 """
 
-from typing import Any
-
 import numpy as np
 
 from .._errors import ControlError
@@ -41,11 +39,11 @@ def stepper_c(
         source = f'#include <math.h>\n\n#include "{name}.h"\n\n{scalars}\n{constants}'
         source += _functions(sizes, name, precision)
         states = sizes.modes + sizes.cells * (1 + sizes.queue)
-        header = _header(stepper, sizes, name, precision, origin)
+        further = ""
         if with_slopes:
             source += _slopes(sizes, name, precision)
-            end = "#ifdef __cplusplus\n}"
-            header = header.replace(end, _declared_slopes(name, precision) + end)
+            further = _declared_slopes(name, precision)
+        header = _header(stepper, sizes, name, precision, origin, further)
         return Code(header, source, coefficients + count, states)
 
 
@@ -76,13 +74,7 @@ def _tables(stepper: Stepper, sizes: _Sizes, name: str) -> dict[str, tuple[np.nd
     on_plate = np.broadcast_to(np.asarray(system.on_plate, float), gain.shape)
     module = system.module
     rates, h = np.asarray(modes.rates, float), np.asarray(stepper.sizes, float)
-    factors: dict[str, Any] = {
-        key: np.asarray(getattr(stepper.factors, key), float)
-        for key in ("half", "half_start", "half_middle", "whole_start", "whole_middle")
-    } | {
-        key: np.asarray(getattr(stepper.factors, key), float) for key in ("first", "middle", "last")
-    }
-    words = {
+    factors = {
         "half": "by the force at the start, half a step",
         "half_start": "the second try",
         "half_middle": "and by the force in the middle",
@@ -94,8 +86,8 @@ def _tables(stepper: Stepper, sizes: _Sizes, name: str) -> dict[str, tuple[np.nd
     }
     tables = {
         f"{name}_shape": (shapes, "temperatures of the nodes by the modes, K"),
-        f"{name}_seen": (gain[:, None] * (weights @ shapes), "readings of the channels, K"),
-        f"{name}_air": (1 - gain * on_plate, "and by the ambient"),
+        f"{name}_by_modes": (gain[:, None] * (weights @ shapes), "readings of the channels, K"),
+        f"{name}_by_ambient": (1 - gain * on_plate, "and by the ambient"),
         f"{name}_capacitance": (np.asarray(modes.capacitance, float), "of the nodes, J/K"),
         f"{name}_surroundings": (np.asarray(field.surroundings, float), "forces by the ambient"),
         **(
@@ -103,7 +95,7 @@ def _tables(stepper: Stepper, sizes: _Sizes, name: str) -> dict[str, tuple[np.nd
             if field.held is None
             else {f"{name}_held": (np.asarray(field.held, float), "forces by coolant and the like")}
         ),
-        f"{name}_taken": (
+        f"{name}_linearised_conductance": (
             np.asarray(modes.linearised_conductance, float),
             "heat flows out of the sides of the cells that are in the modes, W/K",
         ),
@@ -111,7 +103,10 @@ def _tables(stepper: Stepper, sizes: _Sizes, name: str) -> dict[str, tuple[np.nd
         f"{name}_R": (np.asarray(module.electrical_resistance, float), "of the cells, ohm"),
         f"{name}_half_decay": (np.expm1(-rates * h[:, None] / 2), "less 1, of each part of a step"),
         f"{name}_decay": (np.expm1(-rates * h[:, None]), "less 1, of each part of a step"),
-        **{f"{name}_{key}": (value, words[key]) for key, value in factors.items()},
+        **{
+            f"{name}_{key}": (np.asarray(getattr(stepper.factors, key), float), text)
+            for key, text in factors.items()
+        },
     }
     if sizes.has_lag:
         lag = float(system.lag)  # pyright: ignore[reportArgumentType]
@@ -133,7 +128,7 @@ def _tables(stepper: Stepper, sizes: _Sizes, name: str) -> dict[str, tuple[np.nd
                 STEFAN_BOLTZMANN * np.asarray(loss.radiating, float),
                 "of the elements, W/K^4",
             ),
-            f"{name}_lost": (
+            f"{name}_linearised_loss": (
                 np.asarray(modes.linearised_loss, float),
                 "losses of the elements that are in the modes, W/K",
             ),
@@ -162,7 +157,10 @@ def _scalars(stepper: Stepper, name: str, real: str) -> tuple[str, int]:
     return "".join(lines), len(values)
 
 
-def _header(stepper: Stepper, sizes: _Sizes, name: str, real: str, origin: str) -> str:
+def _header(
+    stepper: Stepper, sizes: _Sizes, name: str, real: str, origin: str, further: str
+) -> str:
+    """The header; `further`: declarations after those that every twin has."""
     upper, wiring = name.upper(), stepper.system.wiring
     step = float(np.asarray(stepper.sizes).sum())
     room = float(stepper.reference) - ZERO_CELSIUS
@@ -219,7 +217,7 @@ void {name}_output(const {name}_state *state, {real} ambient,
 /* The temperatures of the nodes now, degC: a sensor where there is none. */
 void {name}_nodes(const {name}_state *state, {real} nodes[{upper}_NODES]);
 
-#ifdef __cplusplus
+{further}#ifdef __cplusplus
 }}
 #endif
 
@@ -255,15 +253,15 @@ def _heat(sizes: _Sizes, name: str, real: str) -> str:
     const {real} square = current * current;
 """
     else:
-        off = "-emf / loop" if sizes.off_phase == "brake" else zero
+        is_braked = sizes.off_phase == "brake"
+        off = "-emf / loop" if is_braked else zero
+        off_square = f" + ({one} - share) * off * off" if is_braked else ""
         current = f"""    const {real} cools = duty < {zero} ? {name}_Vs : {zero};
     const {real} drive = duty > {zero} ? -{name}_Vs : cools;
     const {real} on = {limited(f"(drive - emf) / (loop + {name}_Rs)")}, off = {off};
     const {real} current = share * on + ({one} - share) * off;
-    const {real} square = share * on * on + ({one} - share) * off * off;
+    const {real} square = share * on * on{off_square};
 """
-        if sizes.off_phase != "brake":
-            current = current.replace(f" + ({one} - share) * off * off", "")
     return f"""/* Peltier and Joule heat of a cell into its two sides, W; temperatures in K. */
 static void {name}_heat(int cell, {real} duty, {real} cold, {real} hot, {real} flow[2])
 {{
@@ -302,7 +300,7 @@ static void {name}_force(const {real} z[{sizes.modes}], const {real} duty[{sizes
     }}
     for (i = 0; i < {sides}; ++i) {{
         for (j = 0; j < {sides}; ++j) {{
-            flow[i] += {name}_taken[i][j] * at[j];
+            flow[i] += {name}_linearised_conductance[i][j] * at[j];
         }}
     }}
     for (m = 0; m < {sizes.modes}; ++m) {{
@@ -338,7 +336,7 @@ static void {name}_losses(const {real} z[{sizes.modes}], {real} ambient,
         rise = at - ambient;
         hot = room + rise;
         film = exp{suffix}({name}_half_exponent * log{suffix}((rise * rise + {calm}) * {scale}));
-        left = {name}_lost[i] * at - {name}_film[i] * (film - {one}) * rise;
+        left = {name}_linearised_loss[i] * at - {name}_film[i] * (film - {one}) * rise;
         left -= {name}_radiating[i] * rise * (hot + room) * (hot * hot + room * room);
         for (m = 0; m < {sizes.modes}; ++m) {{
             force[m] += {name}_shape[i][m] * left;
@@ -498,9 +496,9 @@ void {name}_output(const {name}_state *state, {real} ambient,
     const {real} deviation = ambient + {celsius} - {name}_T0;
     int i, m;
     for (i = 0; i < {sizes.channels}; ++i) {{
-        {real} sum = {name}_air[i] * deviation;
+        {real} sum = {name}_by_ambient[i] * deviation;
         for (m = 0; m < {n}; ++m) {{
-            sum += {name}_seen[i][m] * state->z[m];
+            sum += {name}_by_modes[i][m] * state->z[m];
         }}
         temperatures[i] = sum + ({name}_T0 - {celsius});
     }}
