@@ -84,7 +84,7 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin, controller):
     [
         ('rig = "dual-cell"', 'rig = "mine"', "rig: expected a controller for 'dual-cell', got "),
         ("format = 1", "format = 2", "format: expected 1, got 2"),
-        ('kind = "pid"', 'kind = "pit"', "kind: expected one of pid, decoupled-pi, lqi, mpc, got"),
+        ('kind = "pid"', 'kind = "pit"', "got 'pit'; did you mean 'pid'"),
         ('Kp = "0.1 1/K"', 'Kp = "0.1 1/s"', "Kp: expected a gain .* does not measure a gain"),
         ('Kp = "0.1 1/K"', "Kp = 0.1", "Kp: expected a gain of at least 0 such as"),
         ('Kp = "0.1 1/K"', 'Kp = "-1 1/K"', "Kp: expected a gain of at least 0"),

@@ -162,7 +162,7 @@ def test_who_answers_wrongly_is_asked_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     answers = {
-        "width": ["60", "6 cm"],
+        "width": ["60", "4 parsec", "6 cm"],
         "material": ["aluminum", "aluminium"],
         "module": ["TEC12706", "TEC1-12706"],
         "centres": ["3 cm 2 cm", "3 cm, 2 cm"],
@@ -177,11 +177,12 @@ def test_who_answers_wrongly_is_asked_again(
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     assert run(["new-rig", "bench.toml", "--height", "4 cm", "--thickness", "2 mm"]) == 0
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 5
+    assert len(lines) == 6
     assert "width: expected a length above 0" in lines[0]
-    assert "did you mean 'aluminium'?" in lines[1]
-    assert "did you mean 'TEC1-12706'?" in lines[2]
-    assert lines[3:] == [
+    assert "width: expected 1 mm to 10 m, got '4 parsec'" in lines[1]
+    assert "did you mean 'aluminium'?" in lines[2]
+    assert "did you mean 'TEC1-12706'?" in lines[3]
+    assert lines[4:] == [
         "--at: expected such as \"2 cm, 2 cm\", got '3 cm 2 cm'",
         "--zones: expected such as 3x2, got '3'",
     ]

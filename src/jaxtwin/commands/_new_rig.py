@@ -56,12 +56,12 @@ def new_rig(
         raise RigError(f"{file}: expected a new file, got one that is there; choose another name")
     from ..rig import CellPlace, bundled_materials, bundled_modules, new_rig_text
     from ..rig._fields import Fields
-    from ..rig._units import LENGTH
+    from ..rig._new_rig import plate_size
 
     fields = Fields("new rig", {}, {})
 
     def size(argument: str) -> Callable[[str], object]:
-        return lambda text: fields.constant(argument, text, LENGTH)
+        return lambda text: plate_size(fields, argument, text)
 
     def one_of(argument: str, known: list[str]) -> Callable[[str], object]:
         return lambda text: fields.check_known(argument, argument, text, known)

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from .._errors import ControlError
-from .._name_suggestions import unknown_name
+from .._name_suggestions import did_you_mean, unknown_name
 from .._whole_file import check_ending, write_whole_file
 from ..rig import Rig
 from ..rig._bundled import parse_toml, read_toml
@@ -171,7 +171,8 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
         no("rig", f"expected a controller for {rig.name!r}, got one for {data.get('rig')!r}")
     kind = data.get("kind")
     if not isinstance(kind, str) or kind not in _NAMES.values():
-        no("kind", f"expected one of {', '.join(_NAMES.values())}, got {kind!r}")
+        hint = did_you_mean([str(kind)], _NAMES.values())
+        no("kind", f"expected one of {', '.join(_NAMES.values())}, got {kind!r}{hint}")
     known = (*_COMMON, *_KNOWN[kind])
     for name in data:
         if name not in known:

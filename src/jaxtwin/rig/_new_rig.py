@@ -77,13 +77,9 @@ def new_rig_text(
     if not plain or not plain.isprintable():
         fields.refuse("name", f"expected text on one line, got {name!r}")
     sizes = {
-        argument: fields.constant(argument, text, units.LENGTH)
+        argument: plate_size(fields, argument, text)
         for argument, text in (("width", width), ("height", height), ("thickness", thickness))
     }
-    # What an editor and the reader of the file must not stumble over.
-    for argument in ("width", "height"):
-        if not 1e-3 <= sizes[argument] <= 10:
-            fields.refuse(argument, f"expected 1 mm to 10 m, got {sizes[argument]:g} m")
     fields.constant("supply_voltage", supply_voltage, units.VOLTAGE)
     fields.constant("limit", limit, units.TEMPERATURE)
     fields.check_known("material", "material", material, bundled_materials())
@@ -132,6 +128,18 @@ def new_rig_text(
         ),
     }
     return TEMPLATE.format(**values)
+
+
+def plate_size(fields: Fields, argument: str, text: str) -> float:
+    """The width, height or thickness of a plate, m.
+
+    **Raises:** `RigError` that names the argument where it is no length, or a width or height that
+    an editor and the reader of the file would stumble over.
+    """
+    size = fields.constant(argument, text, units.LENGTH)
+    if argument != "thickness" and not 1e-3 <= size <= 10:
+        fields.refuse(argument, f"expected 1 mm to 10 m, got {text!r}")
+    return size
 
 
 def _divided(size: float) -> tuple[int, float]:
