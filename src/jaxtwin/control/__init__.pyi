@@ -1,7 +1,6 @@
 # The public names of jaxtwin.control; `__init__.py` reads this file at run time.
 
 from ._closed_loop import ClosedLoop as ClosedLoop  # what happened in a closed loop
-from ._closed_loop import Scenario as Scenario  # what a closed loop goes through
 from ._closed_loop import closed_loop as closed_loop  # a closed loop as a pure JAX function
 from ._closed_loop_run import ClosedLoopRun as ClosedLoopRun  # the result, with labels
 from ._control import control as control  # a controller on a live rig
@@ -32,7 +31,8 @@ from ._mpc import MPC as MPC  # hard limits of duty and rate
 from ._operating_point import OperatingPoint as OperatingPoint  # a steady state
 from ._pid import PID as PID
 from ._relay import Relay as Relay  # an oscillation at the critical frequency
-from ._simulate_closed_loop import scenario as scenario
+from ._scenario import Scenario as Scenario  # what a closed loop goes through
+from ._scenario import scenario as scenario
 from ._simulate_closed_loop import simulate_closed_loop as simulate_closed_loop
 from ._tune import tune as tune  # gains by the derivatives of the closed loop
 from ._tuning import TunedLoop as TunedLoop  # a controller and what its loops do

@@ -22,43 +22,7 @@ from ..simulation._stepper import (
 from ._controller import AbstractController
 from ._drawn_power import drawn_in_steps
 from ._references import references_ahead
-
-
-@final
-class Scenario(eqx.Module):
-    """The inputs of a closed loop, made by `jaxtwin.control.scenario`.
-
-    A sample of the controller is followed by `substeps` steps of the plant. If a table has two
-    leading axes, they are the samples and the steps in each sample.
-
-    **Arguments:**
-
-    - `time`: times of the samples, s. `reference`: references of the outputs, degC.
-    - `output_weights`: weights of the channels in the controller's outputs.
-    - `initial`: initial temperatures of the nodes, degC.
-    - `ambient`: ambient temperature, degC. `heat`, `conductance`: heat (W) and additional
-      conductance (W/K) of disturbances; None for none.
-    - `error`, `arrives`: errors of the readings, K, and whether a reading arrives.
-    - `step_s`: step of the plant, s. `longest_delay_s`: the longest delay of the driver, s.
-    - `sensor_delay_steps`: the delay of the readings in steps.
-    - `counts`: full duty in counts; None for a duty that is not quantised.
-    - `silence_s`: the cells are switched off for good after this time without a reading.
-    """
-
-    time: Float[Array | np.ndarray, " samples"]
-    reference: Float[Array | np.ndarray, "samples outputs"]
-    output_weights: Float[Array | np.ndarray, "outputs channels"]
-    initial: Float[Array | np.ndarray, " nodes"] | None
-    ambient: Float[Array | np.ndarray, "samples substeps"]
-    heat: Float[Array | np.ndarray, "samples substeps nodes"] | None
-    conductance: Float[Array | np.ndarray, "samples substeps nodes"] | None
-    error: Float[Array | np.ndarray, "samples channels"]
-    arrives: Bool[Array | np.ndarray, " samples"]
-    step_s: float = eqx.field(static=True)
-    longest_delay_s: float = eqx.field(static=True)
-    sensor_delay_steps: int = eqx.field(static=True)
-    counts: int | None = eqx.field(static=True)
-    silence_s: float = eqx.field(static=True)
+from ._scenario import Scenario
 
 
 @final

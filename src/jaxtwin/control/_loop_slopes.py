@@ -13,9 +13,10 @@ from .._jax_settings import own_settings
 from ..physics import Twin
 from ..simulation import Stepper
 from ..simulation._draws import work_in_chunks
-from ._closed_loop import ClosedLoop, Scenario, run_loop
+from ._closed_loop import ClosedLoop, run_loop
 from ._controller_vector import ControllerVector
 from ._measures import Measure
+from ._scenario import Scenario
 from ._simulate_closed_loop import CHUNK_BYTES, is_whole_delay, numbers_a_step, steppers_of
 
 LARGEST_CHUNK = 64

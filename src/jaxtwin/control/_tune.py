@@ -26,9 +26,10 @@ from ._loop_slopes import LoopSlopes
 from ._measures import Measure
 from ._objective import Objective, checked_objective
 from ._sampled_loop import SampledLoops
+from ._scenario import scenario
 from ._search_box import SearchBox, search_box
 from ._side_by_side_sqp import Evaluation, Round, descents
-from ._simulate_closed_loop import held_at_medians, longest_delay, scenario
+from ._simulate_closed_loop import held_at_medians, longest_delay
 from ._tuning import TunedLoop, Tuning, TuningStep
 
 WITHIN = 1e-3
