@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from small_rigs import CAMERA, small_rig_file, zone
 
 from jaxtwin import Experiment, RigError, Twin, load_rig, response, simulate, simulate_batch
@@ -27,6 +28,9 @@ s = { value = 1.0, unit = "", bounds = [0.5, 2.0] }
 phi = { value = 0.0, unit = "deg" }
 """
 SECOND = zone("T2", (6.0, 9.0), (0.0, 3.0))
+AT_EDGE = 1 - 0.125 / 30
+"""The part of T2 that an edge of it at the outline leaves: half a pixel of 1 mm lies beside the plate
+with a mean weight of a quarter, and T2 is 30 mm wide."""
 
 
 def rig_file(folder: Path, second: str = SECOND) -> Path:
@@ -58,9 +62,19 @@ def weights(rig: Rig, **values: float) -> np.ndarray:
         return np.asarray(system.channel_weights)[:, : len(rig.plate.element_names)]
 
 
-@pytest.mark.slow
 def test_a_picture_where_the_rig_file_says_has_the_weights_of_a_rig_without_registration(rig: Rig):
-    np.testing.assert_allclose(weights(rig), channel_weights(rig), rtol=0, atol=1e-15)
+    """T1 lies inside the plate. T2 ends at two edges of it, where the blur takes its part."""
+    found, expected = weights(rig), channel_weights(rig)
+    np.testing.assert_allclose(found[0], expected[0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found[1].sum(), AT_EDGE**2 * expected[1].sum(), rtol=1e-14)
+
+
+@pytest.mark.parametrize("shift", [-0.7, -0.2, 0.0, 0.3, 1.2])
+def test_an_edge_of_a_zone_at_the_outline_is_spread_over_a_pixel(rig: Rig, shift: float):
+    """T2 ends at the right edge of the plate. What of it lies on the plate is averaged over all
+    places within half a pixel, by SciPy's quadrature."""
+    mean, _ = quad(lambda place: 1 - max(place, 0.0) / 30, shift - 0.5, shift + 0.5, points=[0.0])
+    np.testing.assert_allclose(weights(rig, d_x=shift)[1].sum(), mean * AT_EDGE, rtol=1e-9)
 
 
 def test_the_mean_over_a_shifted_zone_by_hand(rig: Rig):
@@ -77,16 +91,18 @@ def test_the_mean_over_a_shifted_zone_by_hand(rig: Rig):
 
 def test_a_zone_beside_the_plate_sees_the_surroundings_there(rig: Rig):
     """T2 moved by 1 cm to the right: a third of it is beyond the edge at 9 cm. The plate is warm
-    all over, so the reading's rise is two thirds of what it was."""
-    np.testing.assert_allclose(weights(rig, d_x=10.0).sum(axis=1), [1, 2 / 3], rtol=1e-14)
+    all over, so the reading's rise is two thirds of that of a zone that ends at the edge at 0 cm
+    alone."""
+    part = 2 / 3 * AT_EDGE
+    np.testing.assert_allclose(weights(rig, d_x=10.0).sum(axis=1), [1, part], rtol=1e-14)
     with jax.enable_x64(True):
         warm = jnp.full(len(Twin(rig).netlist.nodes), 12.0)
         rises = [
             Twin(rig, {"d_x": shift}).system().channel_temperatures(warm, 2.0)
             for shift in (0.0, 10.0)
         ]
-    np.testing.assert_allclose(rises[0], [2 + 0.8 * 10, 12.0])
-    np.testing.assert_allclose(rises[1], [2 + 0.8 * 10, 2 + 10 * 2 / 3])
+    np.testing.assert_allclose(rises[0], [2 + 0.8 * 10, 2 + 10 * AT_EDGE**2])
+    np.testing.assert_allclose(rises[1], [2 + 0.8 * 10, 2 + 10 * part])
 
 
 @pytest.mark.parametrize(("scale", "degrees"), [(1.2, 0.0), (1.0, 5.0), (0.9, -8.0)])

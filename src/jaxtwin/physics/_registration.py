@@ -7,6 +7,11 @@ $$p' = c + d + s R(\varphi) (p - c)$$
 
 with the plate's centre $c$ and the shift $d$, scale $s$ and rotation $\varphi$ of the rig's
 `Registration`.
+
+Zones often end at the plate's outline, where the picture steps from the plate to the surroundings.
+Optics and pixels spread this step over about a pixel (at wavelengths of 10 um the optics of small
+cameras resolve no less). With a sharp step, the cost of a match would have a kink exactly where the
+zones lie as the rig file says, and matches would stop there.
 """
 
 from collections.abc import Mapping
@@ -31,6 +36,7 @@ class RegisteredZones:
     """The zones of a rig whose camera has a registration.
 
     - `registration`: shift in x and y, scale and rotation, as `Expressions`.
+    - `pixel_size`: width and height of a pixel on the plate, m.
     """
 
     def __init__(self, rig: Rig, registration: Registration):
@@ -45,6 +51,11 @@ class RegisteredZones:
         )
         self._edges = np.array(plate.column_edges), np.array(plate.row_edges)
         self._middle = np.array([plate.width, plate.height]) / 2
+        camera = rig.camera
+        assert camera is not None
+        views = (camera.view_x, camera.view_y)
+        sizes = zip((plate.width, plate.height), views, strict=True)
+        self.pixel_size = tuple(size / (view[1] - view[0]) for size, view in sizes)
         ranges = np.array([(channel.x, channel.y) for channel in rig.channels], float)
         tile_middles = (np.arange(TILES) + 0.5) / TILES
         low, size = ranges[..., 0], ranges[..., 1] - ranges[..., 0]
@@ -60,7 +71,8 @@ class RegisteredZones:
         """The weight of each plate element in the mean over each channel's zone.
 
         Rows of zones that reach beyond the plate sum to less than 1: the camera sees the
-        surroundings there.
+        surroundings there. So do, by an eighth of a pixel's share, rows of zones that end at the
+        outline.
         """
         shift_x, shift_y, scale, rotation = self.registration(values_si)
         cos, sin = scale * jnp.cos(rotation), scale * jnp.sin(rotation)
@@ -70,6 +82,7 @@ class RegisteredZones:
         for axis, middle in enumerate(middles):
             centre = self._middle[axis] + middle
             half = scale * self._half_sizes[:, axis]
-            along.append(mean_weights(self._edges[axis], centre - half, centre + half))
+            blur = scale * self.pixel_size[axis]
+            along.append(mean_weights(self._edges[axis], centre - half, centre + half, blur))
         weights = jnp.einsum("ctx,cty->cyx", *along) / TILES**2
         return weights.reshape(len(weights), -1)

@@ -148,7 +148,8 @@ class Wiring:
         # Sizes too: a circuit given link by link does not show them, the channels' weights do.
         sizes = (rig.plate.columns, rig.plate.rows)
         ambient = (rig.ambient_temperature, rig.ambient_drift)
-        parts = (rig.driver, rig.channels, registration, ambient, sizes, position.tolist())
+        pixel = None if self.zones is None else self.zones.pixel_size
+        parts = (rig.driver, rig.channels, registration, pixel, ambient, sizes, position.tolist())
         self._key = netlist.fingerprint + repr(parts)
 
     def moved_weights(

@@ -5,6 +5,10 @@ beyond the outermost centres it is constant, for little heat leaves through the 
 The mean over a zone is the integral of this temperature. It has a continuous derivative as the zone
 moves over the plate. With temperatures that are constant in each element, the cost of a match would
 have a kink, and often a local minimum, wherever an edge of a zone meets one of an element.
+
+Across the outline of the plate the temperature steps to that of the surroundings. A camera's
+picture spreads this step over a width (its blur), so that the mean has a continuous derivative
+there as well.
 """
 
 import numpy as np
@@ -15,21 +19,28 @@ def mean_weights(
     edges: Float[np.ndarray, " edges"],
     low: Float[np.ndarray | Array, "*zones"],
     high: Float[np.ndarray | Array, "*zones"],
+    blur: Float[Array, ""] | None = None,
 ) -> Float[np.ndarray | Array, "*zones elements"]:
     """The weight of each element of one axis in the means over the ranges from low to high.
 
     The weights of a range on the plate sum to 1. A part of the range beyond the plate counts as a
-    temperature of 0.
+    temperature of 0. With a blur, every place counts as the plain mean of the temperature over a
+    width of this size about it, which lowers the sum of a range that ends near the outline.
 
     **Arguments:**
 
     - `edges`: the edges of the elements along the axis, ascending, m.
     - `low`, `high`: the ranges, m; NumPy arrays, or JAX arrays under a transformation.
+    - `blur`: the width, m, None for none. It acts on the step at the outline alone; elsewhere the
+      temperature is nearly linear over a pixel, and a mean does not change it.
     """
     xp = low.__array_namespace__()  # numpy, or jax.numpy
     centres = (edges[:-1] + edges[1:]) / 2
     distances = np.diff(centres)
-    first, last = (xp.clip(x, edges[0], edges[-1])[..., None] for x in (low, high))
+    if blur is None:
+        first, last = (xp.clip(x, edges[0], edges[-1])[..., None] for x in (low, high))
+    else:
+        first, last = (_mean_place(edges, x, blur)[..., None] for x in (low, high))
     # Between two centres the share of the right element rises from 0 to 1.
     at_first, at_last = (xp.clip((x - centres[:-1]) / distances, 0.0, 1.0) for x in (first, last))
     mean_share = (at_first + at_last) / 2
@@ -39,3 +50,17 @@ def mean_weights(
     lengths = xp.concat([before, between * mean_share], axis=-1)
     lengths += xp.concat([between * (1 - mean_share), behind], axis=-1)
     return lengths / (high - low)[..., None]
+
+
+def _mean_place(
+    edges: Float[np.ndarray, " edges"], place: Float[Array, "*zones"], blur: Float[Array, ""]
+) -> Float[Array, "*zones"]:
+    """The mean, over the width of the blur about a place, of the nearest place on the plate."""
+    xp = place.__array_namespace__()
+
+    def mean_excess(distance: Float[Array, "*zones"]) -> Float[Array, "*zones"]:
+        """The mean of max(distance, 0): a parabola across the blur, then a straight line."""
+        inside = xp.clip(distance, -blur / 2, blur / 2)
+        return (inside + blur / 2) ** 2 / (2 * blur) + xp.maximum(distance - blur / 2, 0.0)
+
+    return edges[0] + mean_excess(place - edges[0]) - mean_excess(place - edges[-1])
