@@ -247,13 +247,15 @@ def table(done: Sequence[Study]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--studies", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first study")
     parser.add_argument("--plant", choices=("twin", "finer"), default="twin")
     parser.add_argument("--minutes", type=float, default=np.inf, help="ends after this time")
     options = parser.parse_args()
     path = RESULTS / "two_days.jsonl"
     done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     known = {(study["plant"], study["seed"]) for study in done}
-    left = [seed for seed in range(options.studies) if (options.plant, seed) not in known]
+    seeds_of_all = range(options.first, options.first + options.studies)
+    left = [seed for seed in seeds_of_all if (options.plant, seed) not in known]
     twin = Twin("dual-cell")
     plant = twin if options.plant == "twin" else finer_plant()
     began = time.perf_counter()

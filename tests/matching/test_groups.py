@@ -14,12 +14,14 @@ from jaxtwin import (
     Experiment,
     Fit,
     MatchError,
+    ParameterError,
     RigError,
     Twin,
     load_rig,
     match,
     match_many,
     plots,
+    profile,
     simulate,
     validate,
 )
@@ -128,6 +130,20 @@ def both(rig: Rig, monday, friday) -> Fit:
 @pytest.fixture(scope="module")
 def first(rig: Rig, monday) -> Fit:
     return match(Twin(rig), monday)
+
+
+@pytest.mark.slow
+def test_the_profile_of_a_value_of_a_group_has_its_standard_error_and_prior(both: Fit):
+    """The reading is linear in the camera's shift for a tenth of a millimetre: the excess is the
+    square of the number of standard errors, as by hand, with the prior between groups in both."""
+    at, error = both.group_values["monday"]["d_x"], both.uncertainty.standard_errors["d_x[monday]"]
+    steps = np.array([-3.0, -1.0, 1.0, 3.0])
+    found = profile(both, "d_x[monday]", at + steps * error)
+    np.testing.assert_allclose(found.excess, steps**2, rtol=0.03)
+    with pytest.raises(
+        ParameterError, match=r"one of the matched values .*d_x\[friday\], .*got 'd_x'"
+    ):
+        profile(both, "d_x")
 
 
 def rows() -> tuple[Parameter, Parameter]:

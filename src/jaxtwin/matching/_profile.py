@@ -118,12 +118,13 @@ def profile(
     *,
     on_progress: Callable[[Iteration], None] | None = None,
 ) -> Profile:
-    """Computes the profile likelihood of a shared parameter.
+    """Computes the profile likelihood of a parameter.
 
     **Arguments:**
 
     - `fit`: a match.
-    - `name`: the name of a parameter that it matched for all recordings together.
+    - `name`: the name of a matched parameter with a single value, or the value of a group or of a
+      recording as the labels of `fit.uncertainty` name it, such as `R_pc1_row2[full]`.
     - `values`: the values at which to hold it, in its unit. By default `points` values within three
       standard errors (without a standard error: within a factor of twenty, or three tenths of its
       range), inside its bounds.
@@ -140,17 +141,17 @@ def profile(
     solution = solution_of(fit)
     unknowns = solution.problem.unknowns
     problem = replace(solution.problem, experiments=fit.experiments)  # not those of a bare file
-    shared = [row.name for row in unknowns.shared]
-    if name not in shared:
+    labels = problem.labels
+    if name not in labels:
         raise ParameterError(
-            f"profile: expected one of the parameters {', '.join(shared)}, got {name!r}"
-            f"{did_you_mean([name], shared)}"
+            f"profile: expected one of the matched values {', '.join(labels)}, got {name!r}"
+            f"{did_you_mean([name], labels)}"
         )
     if values is None:
         whole_number("profile: points", points, LEAST, MatchError)
     check_callable("profile: on_progress", on_progress, MatchError)
-    entry = shared.index(name)
-    row = unknowns.shared[entry]
+    entry = labels.index(name)
+    row = unknowns.entry_parameters[entry]
     lower, upper = unknowns.lower()[entry], unknowns.upper()[entry]
     if values is None:
         standard_deviation = float(np.sqrt(fit.uncertainty.vector_covariance[entry, entry]))
