@@ -53,12 +53,16 @@ def mean_weights(
 
 
 def _mean_place(
-    edges: Float[np.ndarray, " edges"], place: Float[Array, "*zones"], blur: Float[Array, ""]
-) -> Float[Array, "*zones"]:
+    edges: Float[np.ndarray, " edges"],
+    place: Float[np.ndarray | Array, "*zones"],
+    blur: Float[Array, ""],
+) -> Float[np.ndarray | Array, "*zones"]:
     """The mean, over the width of the blur about a place, of the nearest place on the plate."""
     xp = place.__array_namespace__()
 
-    def mean_excess(distance: Float[Array, "*zones"]) -> Float[Array, "*zones"]:
+    def mean_excess(
+        distance: Float[np.ndarray | Array, "*zones"],
+    ) -> Float[np.ndarray | Array, "*zones"]:
         """The mean of max(distance, 0): a parabola across the blur, then a straight line."""
         inside = xp.clip(distance, -blur / 2, blur / 2)
         return (inside + blur / 2) ** 2 / (2 * blur) + xp.maximum(distance - blur / 2, 0.0)
