@@ -71,8 +71,8 @@ class RegisteredZones:
         """The weight of each plate element in the mean over each channel's zone.
 
         Rows of zones that reach beyond the plate sum to less than 1: the camera sees the
-        surroundings there. So do, by an eighth of a pixel's share, rows of zones that end at the
-        outline.
+        surroundings there. A zone that ends at the outline sees an eighth of a pixel's width of
+        them.
         """
         shift_x, shift_y, scale, rotation = self.registration(values_si)
         cos, sin = scale * jnp.cos(rotation), scale * jnp.sin(rotation)
