@@ -100,7 +100,13 @@ PROGRAMS = {
 }
 """Marker -> the program that its tests need."""
 
-MODULES = {"salib": "SALib", "python_control": "control", "fmpy": "fmpy", "daqp": "daqp"}
+MODULES = {
+    "salib": "SALib",
+    "python_control": "control",
+    "slycot": "slycot",
+    "fmpy": "fmpy",
+    "daqp": "daqp",
+}
 """Marker -> the Python module that its tests need."""
 
 

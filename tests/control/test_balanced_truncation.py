@@ -1,5 +1,7 @@
 """Reduced models: Hankel singular values by hand, the bound of the error, the gain at rest."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,24 @@ def test_hankel_singular_values_of_first_orders_by_hand():
     model = LinearModel(np.diag([-1.0, -4.0]), np.diag([1.0, 2.0]), np.eye(2), np.zeros((2, 2)))
     np.testing.assert_allclose(model.hankel_singular_values, [1 / 2, 2 / 8], rtol=1e-12)
     assert model.error_bound(1) == pytest.approx(2 * 2 / 8)
+
+
+@pytest.mark.slycot
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_reduced_models_are_those_of_slycot(order: int):
+    """SLICOT's routines, through python-control's `balred` that matches the gain at rest."""
+    import control
+
+    model = linearize(Twin("dual-cell"), duty=[0.4, 0.4])
+    theirs = control.StateSpace(model.A, model.B, model.C, model.D)
+    hankel = model.hankel_singular_values
+    np.testing.assert_allclose(hankel[:10], control.hankel_singular_values(theirs)[:10], rtol=1e-9)
+    reduced = model.reduce(order)
+    ours = LinearModel(reduced.A, reduced.B, reduced.C, reduced.D).frequency_response(OMEGA)
+    by_slycot: Any = control.balred(theirs, order, method="matchdc")
+    expected = np.moveaxis(by_slycot.frequency_response(OMEGA).frdata, -1, 0)
+    error = norms(np.asarray(ours) - expected).max()
+    assert error < 1e-8 * norms(np.asarray(ours)).max()
 
 
 @pytest.mark.slow
