@@ -58,7 +58,7 @@ def test_a_sweep_of_a_fit_is_that_of_its_twins(matched):
         fit(), None, draws=4, spread=0.25, seed=0, names=None, reductions=None,
         precision="float64", chunk_size=4,
     )  # fmt: skip
-    assert [values["T_amb"] for values in plan.identity["parameters"]] == matched
+    assert [values["T_amb"] for values in plan.identity["values"]] == matched
     assert plan.recordings == ("synthetic-A", "synthetic-B")
 
 
