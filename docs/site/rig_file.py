@@ -284,7 +284,7 @@ def _range(described: dict[str, Any]) -> str:
     words = []
     for part in parts:
         signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-        words += [f"{sign} {part[key]:g}" for key, sign in signs.items() if key in part]
+        words += [f"{sign} {part[key]:.10g}" for key, sign in signs.items() if key in part]
         least, most = part.get("minItems"), part.get("maxItems")
         if least is not None:
             words.append(f"{least} entries" if least == most else f"{least} or more entries")

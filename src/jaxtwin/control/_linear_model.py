@@ -34,7 +34,9 @@ if TYPE_CHECKING:
 class LinearModel(eqx.Module):
     r"""A linear model of deviations from an operating point, made by `linearize`.
 
-    $$\dot x = r + A x + B v, \quad y = C x + D v, \quad \tau \dot v(t) = u(t - \theta) - v(t)$$
+    $$\dot x = r + A x + B v, \quad y = C x + D v$$
+
+    $$\tau \dot v(t) = u(t - \theta) - v(t)$$
 
     $u$ is the commanded duty. The driver's delay $\theta$ and lag $\tau$ are kept apart from the
     matrices.

@@ -55,8 +55,9 @@ class ThermoelectricModule(eqx.Module):
         r"""A module from its datasheet, eq. (10) of the paper:
 
         $$\alpha = \frac{V_{max}}{T_h}, \quad
-        R_E = \frac{V_{max}}{I_{max}} \frac{T_h - \Delta T_{max}}{T_h}, \quad
-        R_{Th} = \frac{\Delta T_{max}}{I_{max} V_{max}} \frac{2 T_h}{T_h - \Delta T_{max}}$$
+        R_E = \frac{V_{max}}{I_{max}} \frac{T_h - \Delta T_{max}}{T_h}$$
+
+        $$R_{Th} = \frac{\Delta T_{max}}{I_{max} V_{max}} \frac{2 T_h}{T_h - \Delta T_{max}}$$
 
         **Arguments:**
 

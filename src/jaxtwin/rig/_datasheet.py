@@ -54,7 +54,10 @@ class Datasheet:
 
     @property
     def thermal_resistance(self) -> float:
-        r"""$R_{Th} = (\Delta T_{max} / (I_{max} V_{max})) 2 T_h / (T_h - \Delta T_{max})$, K/W."""
+        r"""In K/W.
+
+        $$R_{Th} = \frac{\Delta T_{max}}{I_{max} V_{max}} \frac{2 T_h}{T_h - \Delta T_{max}}$$
+        """
         lowest = self.hot_side_temperature - self.maximum_temperature_difference
         power = self.maximum_voltage * self.maximum_current
         return self.maximum_temperature_difference / power * 2 * self.hot_side_temperature / lowest

@@ -15,7 +15,7 @@ class Material:
 
     - `name`, `title`, `references`: what it is and where the numbers come from.
     - `density`: kg/m^3. `specific_heat`: J/(kg K). `conductivity`: W/(m K).
-    - `diffusivity`: as the same source lists it, m^2/s: conductivity / (density specific heat).
+    - `diffusivity`: as the same source lists it, m^2/s: conductivity / (density * specific heat).
     """
 
     name: str

@@ -19,8 +19,8 @@ FILM_REFERENCE = 20.0
 class Plate:
     """A thin rectangular plate cut into a grid of elements, Fig. 7a and 12a of the paper.
 
-    Elements are named V<row><column>, counted from 1 at the top left (V11, V12, ...); with ten or
-    more rows or columns V<row>_<column>.
+    Elements are named `V<row><column>`, counted from 1 at the top left (V11, V12, ...); with ten or
+    more rows or columns `V<row>_<column>`.
     x runs from left to right, y from top to bottom, both from 0 at the top left corner.
 
     **Arguments:**
