@@ -6,16 +6,19 @@
 import base64
 import json
 import re
+import struct
 import subprocess
 from pathlib import Path
 
 import pandas
 import pytest
 
-from docs.site import command_line, links
+from docs.site import command_line, links, pictures
 from docs.site.notebook import to_markdown
 from docs.site.pages import Pages, place
 from docs.site.typography import set_breaks
+
+EQUATION = '<span class="equation-inline"><math display="inline"><mi>y</mi></math></span>'
 
 
 def written(folder: Path, files: dict[str, str]) -> Path:
@@ -176,10 +179,44 @@ def test_a_table_of_pandas_gets_one_header_and_the_style_of_the_site(tmp_path: P
         (f"<code>a-{'a' * 23}</code>", f"<code>a-{'a' * 23}</code>"),
         ("<code>a - b, -</code>", "<code>a - b, -</code>"),
         ("<pre><code>dual-cell</code></pre> dual-cell",) * 2,
+        ("<p>a TEC1-12706.</p>", '<p>a <span class="whole">TEC1-12706</span>.</p>'),
+        ("<p>or --split</p>", '<p>or <span class="whole">--split</span></p>'),
+        ("<p>a -&gt; b, 60-69</p>", '<p>a <span class="whole">-&gt;</span> b, 60-69</p>'),
+        (f"<p>({EQUATION}), b</p>", f'<p><span class="whole">({EQUATION}),</span> b</p>'),
+        (f"<p>{EQUATION} b</p>",) * 2,
     ],
 )
 def test_lines_do_not_break_within_a_quantity_or_an_option(text: str, found: str) -> None:
     assert set_breaks(text) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("<h2>jaxtwin.control.Controller</h2>", "<h2>jaxtwin.<wbr>control.<wbr>Controller</h2>"),
+        (
+            "<h3>largest_temperature_difference</h3>",
+            "<h3>largest_<wbr>temperature_<wbr>difference</h3>",
+        ),
+        ("<h3>jaxtwin.rig.Rig</h3>",) * 2,
+        (f"<code>jaxtwin.{'a' * 30}</code>", f"<code>jaxtwin.<wbr>{'a' * 30}</code>"),
+        (f"<code>a=0.01,{'b' * 30}.py</code>", f"<code>a=0.01,<wbr>{'b' * 30}.py</code>"),
+        ("<code>jaxtwin.rig.load_rig</code>",) * 2,
+    ],
+)
+def test_long_names_break_after_a_dot(text: str, found: str) -> None:
+    assert set_breaks(text) == found
+
+
+@pytest.mark.parametrize("width", [599, 600])
+def test_pictures_that_are_wider_than_a_phone_scroll(tmp_path: Path, width: int) -> None:
+    header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", width, 9)
+    (tmp_path / "a.png").write_bytes(header)
+    picture = '<img alt="a" src="a.png" />'
+    found = pictures.scrolling(f"<p>{picture}</p>", tmp_path)
+    assert found == (
+        f'<p><span class="panels">{picture}</span></p>' if width == 600 else f"<p>{picture}</p>"
+    )
 
 
 def test_the_cells_of_a_column_that_explains_are_marked() -> None:

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from . import command_line, links, mathml, python, rig_file, typography
+from . import command_line, links, mathml, pictures, python, rig_file, typography
 from .pages import Pages
 
 CHECKOUT = Path(__file__).parents[2]
@@ -33,7 +33,8 @@ def main() -> None:
     (BUILD / "zensical.toml").write_text(settings, encoding="utf-8")
     _zensical()
     for page in site.rglob("*.html"):
-        content = typography.set_breaks(mathml.rendered(page.read_text(encoding="utf-8")))
+        content = pictures.scrolling(page.read_text(encoding="utf-8"), page.parent)
+        content = typography.set_breaks(mathml.rendered(content))
         page.write_text(content, encoding="utf-8")
     problems = links.problems(site) + python.missing(site / "reference")
     if problems:
