@@ -3,12 +3,14 @@
     python docs/tidy_notebooks.py notebooks/*.ipynb
 
 Pictures get a palette of 256 colours, which takes a third of the bytes. Messages on how long
-something took, and when each cell was executed, are left out; what was printed in parts is joined.
+something took, when each cell was executed, and the names of temporary folders are left out; what
+was printed in parts is joined.
 """
 
 import base64
 import io
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from typing import Any
 from PIL import Image
 
 COLORS = 256
+TEMPORARY = re.compile(r"/tmp/tmp\w{8}/")
 
 
 def with_few_colors(content: bytes) -> bytes:
@@ -46,7 +49,14 @@ def tidy(notebook: dict[str, Any]) -> dict[str, Any]:
             if "image/png" in data:
                 content = base64.b64decode("".join(data["image/png"]))
                 data["image/png"] = base64.b64encode(with_few_colors(content)).decode() + "\n"
+            for holder, key in ((output, "text"), (data, "text/html"), (data, "text/plain")):
+                if key in holder:
+                    holder[key] = [TEMPORARY.sub("", line) for line in _lines(holder[key])]
     return notebook
+
+
+def _lines(text: str | list[str]) -> list[str]:
+    return [text] if isinstance(text, str) else text
 
 
 def _joined(outputs: list[dict[str, Any]]) -> list[dict[str, Any]]:

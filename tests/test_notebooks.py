@@ -51,12 +51,21 @@ def test_a_small_colour_bar_beside_large_areas_keeps_its_colours() -> None:
 
 
 def test_messages_and_times_of_execution_are_left_out() -> None:
-    outputs = [{"name": "stderr", "text": "jaxtwin: 3 s"}, {"name": "stdout", "text": "fit"}]
+    outputs = [{"name": "stderr", "text": "jaxtwin: 3 s"}, {"name": "stdout", "text": ["fit"]}]
     cell = {"metadata": {"execution": {}, "tags": []}, "outputs": outputs}
     words = {"metadata": {"execution": {}}, "source": "Words"}
     found = tidy({"cells": [cell, words]})["cells"]
     assert found[0] == {"metadata": {"tags": []}, "outputs": outputs[1:]}
     assert found[1]["metadata"] == {}
+
+
+def test_names_of_temporary_folders_are_left_out() -> None:
+    shown = {
+        "output_type": "execute_result",
+        "data": {"text/html": "<b>/tmp/tmpc0w0t9sc/a.toml</b>"},
+    }
+    (found,) = tidy({"cells": [{"metadata": {}, "outputs": [shown]}]})["cells"]
+    assert found["outputs"][0]["data"] == {"text/html": ["<b>a.toml</b>"]}
 
 
 def test_what_was_printed_in_parts_is_joined() -> None:
