@@ -167,6 +167,7 @@ def test_a_table_of_pandas_gets_one_header_and_the_style_of_the_site(tmp_path: P
         ("<td>74.4 %</td>", "<td>74.4\xa0%</td>"),
         ("<td>8.4e-06</td>", '<td><span class="whole">8.4e-06</span></td>'),
         ("<title>8.4e-06</title>", "<title>8.4e-06</title>"),
+        ("<td>3 -&gt; 2</td>", '<td>3 <span class="whole">-&gt;</span> 2</td>'),
         ("<p>15 W/(m² K), 5 Kp, in 2024 it</p>", "<p>15 W/(m² K), 5 Kp, in 2024 it</p>"),
         ("<pre><code>20 s</code></pre>", "<pre><code>20 s</code></pre>"),
         ('<td><code class="x">20 s</code></td>', '<td><code class="x">20 s</code></td>'),

@@ -34,7 +34,10 @@ def main() -> None:
     _zensical()
     for page in site.rglob("*.html"):
         content = pictures.scrolling(page.read_text(encoding="utf-8"), page.parent)
-        content = typography.set_breaks(mathml.rendered(content))
+        content = mathml.rendered(content)
+        if page.parent == site / "reference":
+            content = python.with_links(content)
+        content = typography.set_breaks(content)
         page.write_text(content, encoding="utf-8")
     problems = links.problems(site) + python.missing(site / "reference")
     if problems:

@@ -8,6 +8,7 @@ import functools
 import importlib
 import inspect
 import pkgutil
+import re
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from .links import anchors
 
 # The command line has its own page.
 _NO_INTERFACE = {"commands"}
+_PAGE = re.compile(r"<code>docs/([a-z-]+)\.md</code>")
 
 
 def packages() -> list[str]:
@@ -86,6 +88,11 @@ def _page(package: str) -> str:
         if homes[name] == package:
             lines += ["", f"::: {package}.{name}"]
     return "\n".join(lines) + "\n"
+
+
+def with_links(page: str) -> str:
+    """A page's HTML with a link where a docstring names a page of docs/."""
+    return _PAGE.sub(r'<a href="../\1.html">\g<0></a>', page)
 
 
 def missing(reference: Path) -> list[str]:

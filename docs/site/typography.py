@@ -15,7 +15,7 @@ _VERBATIM = ("pre", "code", "script", "style", "math", "title")
 _UNBROKEN = re.compile(
     r"\d[\d.]*e-\d+"  # 1e-6
     r"|(?<![\w-])\w*[A-Za-z]\w*-\d[\w-]*(?:\.\d[\w-]*)*"  # TEC1-12706
-    r"|(?<![\w-])--[a-z][\w-]*|-&gt;"  # --out, ->
+    r"|(?<![\w-])--[a-z][\w-]*|-(?:>|&gt;)"  # --out, ->
 )
 _EQUATION = re.compile(
     r'([(\[]?)(<span class="equation-inline">(?:[^<]|<(?!/math>))*</math></span>)([.,;:)\]]*)'

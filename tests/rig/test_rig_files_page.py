@@ -103,7 +103,7 @@ def test_the_numbers_of_the_modules_are_those_of_their_files(name: str):
         f"{module.maximum_current:g}",
         f"{module.maximum_voltage:g}",
         f"{difference:g}",
-        f"{hot:g} K",
+        f"{hot:g}",
         f"{module.seebeck_coefficient:.4f}",
         f"{module.electrical_resistance:.3g}",
         f"{module.thermal_resistance:.3g}",

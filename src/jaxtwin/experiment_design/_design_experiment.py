@@ -50,7 +50,7 @@ def design_experiment(
 
     The errors that a match of today's recordings together with the new one will have follow from
     the exact derivatives of the readings along the schedule, before anything is recorded. The
-    search changes the schedule step by step (`_exchange`). Schedules in which a reading or a cell
+    search changes the schedule step by step. Schedules in which a reading or a cell
     gets hotter than the rig's limits in the simulation are left out.
 
     **Arguments:**

@@ -177,7 +177,7 @@ class Session:
         start: float | int | None = None,
         end: float | int | None = None,
     ) -> Experiment:
-        """The recording on an even grid, by the rule of `_resample`: no temperature is filled in.
+        """The recording on an even grid. No temperature is filled in.
 
         **Arguments:**
 

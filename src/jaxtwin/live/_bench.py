@@ -46,8 +46,10 @@ class Bench:
 
     Used as a context manager, which starts and closes the links:
 
-        with connect(rig, "socket://127.0.0.1:7000", journal=recorder) as bench:
-            for record in bench: ...
+    ```python
+    with connect(rig, "socket://127.0.0.1:7000", journal=recorder) as bench:
+        for record in bench: ...
+    ```
 
     **Arguments:**
 

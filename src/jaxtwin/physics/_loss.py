@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from ..rig._plate import FILM_REFERENCE
 
 STEFAN_BOLTZMANN = 5.670374419e-8
-"""W/(m^2 K^4), exact since 2019."""
+"""The Stefan-Boltzmann constant, W/(m^2 K^4), exact since 2019."""
 
 CALM = 1.0
 """Rise below which the film stops falling, K: a room's air is never still, and a power of zero

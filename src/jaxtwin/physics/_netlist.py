@@ -99,7 +99,7 @@ class Loss:
     """The change of the plate's losses to the surroundings with its temperature.
 
     - `exponent`: links of the role `"film"` conduct as the temperature difference to this power,
-      and as they say at `FILM_REFERENCE`; None where they do not change.
+      and as they say at a difference of 20 K; None where they do not change.
     - `radiators`: pairs (node, emissivity times area in m^2 as terms of a sum) of what radiates.
     """
 

@@ -79,7 +79,7 @@ class Twin(eqx.Module):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the camera channels."""
+        """Names of the channels."""
         return self.wiring.channels
 
     @property

@@ -118,10 +118,12 @@ Drawn = TypeVar("Drawn", Figure, Axes)
 
 @contextmanager
 def style(name: StyleName, *, width: float | int | None = None) -> Iterator[None]:
-    """Draws all pictures of a block in another style, matplotlib's own included:
+    """Draws all pictures of a block in another style, matplotlib's own included.
 
-        with plots.style("paper"):
-            fit.plot()
+    ```python
+    with plots.style("paper"):
+        fit.plot()
+    ```
 
     Styles can be nested: `with plots.style("paper"), plots.style("grey"):`.
 

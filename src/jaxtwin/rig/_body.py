@@ -14,8 +14,8 @@ class Body:
     **Arguments:**
 
     - `name`: unique among bodies and plate elements.
-    - `capacitance`: its heat capacity, J/K; or None where
-    - `temperature`: is what it is held at, whatever heat flows into it, K: coolant, an ice bath.
+    - `capacitance`: its heat capacity, J/K; None for a body that is held at a temperature.
+    - `temperature`: what it is held at, whatever heat flows into it, K: coolant, an ice bath.
     - `initial_temperature`: at the start, K; None means that of the plate.
     """
 

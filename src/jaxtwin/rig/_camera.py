@@ -96,8 +96,8 @@ class Channel:
     **Arguments:**
 
     - `name`: unique in the rig, as recordings name it.
-    - `nodes`: T is the plain mean of these plate elements and bodies, or, where there are none,
-    - `x`, `y`: T is the mean over this rectangle of the plate, m.
+    - `nodes`: T is the plain mean of these plate elements and bodies, where there are some.
+    - `x`, `y`: otherwise T is the mean over this rectangle of the plate, m.
     - `gain`: dimensionless. Below 1 where the surface reflects part of the room (bare metal).
     - `lag`: time constant with which the sensor follows T, s; None where it is T at once.
     """

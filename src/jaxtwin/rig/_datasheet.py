@@ -54,7 +54,7 @@ class Datasheet:
 
     @property
     def thermal_resistance(self) -> float:
-        r"""In K/W.
+        r"""The thermal resistance of the module, K/W:
 
         $$R_{Th} = \frac{\Delta T_{max}}{I_{max} V_{max}} \frac{2 T_h}{T_h - \Delta T_{max}}$$
         """

@@ -31,7 +31,7 @@ class Plate:
     - `film_coefficient`: heat transfer to air, W/(m^2 K), one for each column.
     - `film_row_factor`: factor on the film coefficient, one for each row.
     - `film_exponent`: the film conducts as the temperature difference to this power, and as
-      `film_coefficient` (or the circuit's links to the surroundings) says at `FILM_REFERENCE`;
+      `film_coefficient` (or the circuit's links to the surroundings) says at a difference of 20 K;
       None for a film that does not change.
     - `emissivity`: of the uncovered faces and edges, for radiation beside the film; None for none.
 

@@ -85,7 +85,7 @@ def sensitivity(
     from a normal distribution around its value, independently of the others and kept positive; for
     each draw the mean squared error of every channel against its recording is computed. The index
     is the Pearson correlation between the two; beside it stands Spearman's, that of their ranks.
-    Both have 95 % confidence intervals: fifty draws leave them uncertain by about +-0.3. A cost has
+    Both have 95 % confidence intervals: fifty draws leave them uncertain by about 0.3. A cost has
     heavy tails, and Pearson's correlation rests on the few draws furthest out: look at the ranks
     for what holds for most draws. Near an optimum the cost is quadratic, which no correlation sees.
 

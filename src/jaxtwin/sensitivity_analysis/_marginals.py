@@ -41,7 +41,7 @@ class AbstractMarginal(abc.ABC):
     @abc.abstractmethod
     def poincare_weight(self, values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         r"""The weight $w$ of Poincaré's inequality, $\operatorname{var}(f) \le E[(w f')^2]$ for
-        every smooth function f of the parameter; the least where it is known."""
+        every smooth function $f$ of the parameter; the least where it is known."""
 
     @abc.abstractmethod
     def to_salib(self) -> SALibDistribution:

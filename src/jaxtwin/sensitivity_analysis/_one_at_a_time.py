@@ -18,7 +18,7 @@ class OneAtATime(AbstractMethod):
     """Each parameter at its 2.5 % and 97.5 % quantile while the others are at their medians: the
     change of the output, `low` and `high`, and `swing`, the span of the three values.
 
-    It takes 2 d + 1 runs, whatever `draws`, and sees no interaction.
+    It takes 2 d + 1 runs for d parameters, whatever `draws`, and sees no interaction.
     """
 
     name = "oat"

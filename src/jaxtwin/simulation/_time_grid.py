@@ -40,12 +40,12 @@ class TimeGrid(eqx.Module):
     **Arguments:**
 
     - `times`: the times of the samples since the first one, s.
-    - `sizes`: the distinct step sizes, s; 0 for added steps (`_padding`).
+    - `sizes`: the distinct step sizes, s; 0 for steps that were added to fill the grid up.
     - `size`: the index of each step's size.
     - `duty`: the duty that is held during each step, -1 to 1.
     - `ambient`: the recorded ambient temperature that is held during each step, K; None if it is
       not recorded.
-    - `polynomials`: the interpolation within each step, see `step_polynomials`.
+    - `polynomials`: the interpolation within each step.
     - `step_of`: the index of the step that contains each sample of the experiment.
     - `weights`: the weights of the values and slopes around that step in the sample's temperature,
       which are the values of the polynomials at the sample.

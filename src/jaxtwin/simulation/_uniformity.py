@@ -30,17 +30,17 @@ class Uniformity:
 
     @property
     def mean_range(self) -> float:
-        """Over time, K."""
+        """The mean of the range over time, K."""
         return _mean(self.range)
 
     @property
     def mean_std(self) -> float:
-        """Over time, K."""
+        """The mean of the standard deviation over time, K."""
         return _mean(self.std)
 
     @property
     def largest_range(self) -> float:
-        """Over time, K."""
+        """The largest range at any time, K."""
         return float(np.fmax.reduce(self.range))
 
     def __repr__(self) -> str:
