@@ -3,8 +3,7 @@
 `dual-cell` is matched to the authors' three step recordings, which leave more of its parameters
 open than of those of `paper-2024`. Schedules with the smallest errors of all parameters are
 compared with the steps of the recordings and with a pseudo-random binary sequence of the same
-duration: D- and A-optimal ones as long as a recording, within its duty cycles and with cooling, and
-of an hour.
+duration: D- and A-optimal ones as long as a recording, within its duty cycles and with cooling.
 
     python -m benchmarks.design
 
@@ -31,12 +30,10 @@ LEVELS = 3
 CASES: dict[str, dict[str, Any]] = {
     "heating": {"duration": 1000, "hold": 100},
     "cooling": {"duration": 1000, "hold": 100, "cooling": True},
-    "hour": {"duration": 3600, "hold": 200},
 }
 TITLES = {
     "heating": "1000 s, heating only",
     "cooling": "1000 s, heating and cooling",
-    "hour": "An hour, heating only",
 }
 STEPS = "the recordings' steps"
 
@@ -108,9 +105,8 @@ def page(answer: dict[str, Any]) -> str:
         f"{answer['directions']} directions less well than the priors. All 15 channels are read in "
         "the new recording, with the noise of the match and the cells as they were mounted. Levels "
         "of duty: off, the highest of the recordings, and half of it; with cooling off, the "
-        "highest, and its opposite. In an hour the recordings' steps, which end at 1000 s, hold "
-        "their last duty. [Experiment design](../../docs/experiment-design.md) says what "
-        "follows.\n\n"
+        "highest, and its opposite. "
+        "[Experiment design](../../docs/experiment-design.md) says what follows.\n\n"
         "Predicted mean error of all parameters, in % of today's, by both criteria; and the work "
         "of each search:\n\n"
     )
