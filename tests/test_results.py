@@ -17,8 +17,19 @@ from matplotlib.figure import Figure
 from small_results import analysis, fit, global_analysis, recordings
 
 import jaxtwin as jt
-from jaxtwin.control import PID, ClosedLoopRun, Frontier, Tuning, frontier
-from jaxtwin.matching import FittedParameters
+from jaxtwin import control, plots
+from jaxtwin.control import (
+    PID,
+    ClosedLoopRun,
+    Frontier,
+    OperatingPoint,
+    Tuning,
+    UltimatePoint,
+    frontier,
+    most_even_point,
+    ultimate_point,
+)
+from jaxtwin.matching import FittedParameters, Profile
 from jaxtwin.physics import DCSweep
 from jaxtwin.simulation import Reductions
 from jaxtwin.validation import Prediction
@@ -65,6 +76,16 @@ def frontier_of_two() -> Frontier:
     return frontier(controller, fit().twin, 25.0, duration_s=20, weights=[0, 1], rounds=1)
 
 
+def even() -> OperatingPoint:
+    return most_even_point(jt.Twin("dual-cell"), 30)
+
+
+def oscillation() -> UltimatePoint:
+    time = np.arange(100.0)
+    wave = np.sin(2 * np.pi * time / 20)
+    return ultimate_point((time, 40 - 0.25 * wave, np.where(wave >= 0, 0.5, 0.3)))
+
+
 def design() -> jt.ExperimentDesign:
     return jt.design_experiment(jt.Twin("single-cell"), duration=20, hold=10, levels=2)
 
@@ -87,8 +108,13 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "ClosedLoopRun": lambda _: closed_loop(),
     "Tuning": lambda _: tuning(),
     "Frontier": lambda _: frontier_of_two(),
+    "OperatingPoint": lambda _: even(),
+    "UltimatePoint": lambda _: oscillation(),
 }
 """Class -> one of it."""
+
+NUMBERS = {"OperatingPoint", "UltimatePoint"}
+"""Of these, those that are a few numbers: a table of them, and no picture."""
 
 LONG = {
     "Band",
@@ -105,7 +131,14 @@ LONG = {
 """Of these, those that take more than some seconds, nearly all of it compilation."""
 
 INPUTS = {"CSources", "FMU", "Netlist", "PlateMap", "Rig", "Twin"}
+INPUTS |= {"AbstractController", "Scenario"}
 """Classes that public functions give and that are no results."""
+
+INSIDE_JAX = {"ClosedLoop"}
+"""Signals as JAX arrays; `ClosedLoopRun` shows them."""
+
+TUPLES = {"DiskMargin", "Margins"}
+"""Named tuples of numbers, as python-control gives them."""
 
 
 @pytest.fixture(autouse=True)
@@ -116,15 +149,16 @@ def _closed_figures():
 
 def test_every_class_that_a_public_function_gives_is_looked_at_here():
     given = set()
-    for name in jt.__all__:
-        function = getattr(jt, name)
+    public = [(package, name) for package in (jt, control) for name in package.__all__]
+    for package, name in public:
+        function = getattr(package, name)
         if inspect.isfunction(function):
             kind = inspect.signature(function).return_annotation
             for part in (kind, *typing.get_args(kind)):
                 if inspect.isclass(part) and part.__module__.startswith("jaxtwin"):
                     given.add(part.__name__)
-    assert given - INPUTS <= set(RESULTS)
-    assert {"Run", "Fit", "Validation", "Sensitivity", "Sweep"} <= given
+    assert given - INPUTS - INSIDE_JAX - TUPLES <= set(RESULTS)
+    assert {"Run", "Fit", "Validation", "Sensitivity", "Sweep", "Frontier"} <= given
 
 
 @pytest.mark.slow
@@ -139,10 +173,12 @@ def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: P
     html = result._repr_html_()
     assert html.startswith("<table><caption>")
     assert html.count("<tr>") == html.count("</tr>") > 1
-    assert isinstance(result.to_xarray(), xarray.Dataset)
     table = result.to_dataframe()
     assert isinstance(table, pandas.DataFrame)
     assert len(table) > 0
+    if kind in NUMBERS:
+        return
+    assert isinstance(result.to_xarray(), xarray.Dataset)
     picture = result.plot()
     figure = picture if isinstance(picture, Figure) else picture.get_figure(root=True)
     assert isinstance(figure, Figure)
@@ -189,10 +225,41 @@ def test_the_tables_hold_the_numbers_of_the_results():
 @pytest.mark.slow
 def test_a_profile_is_drawn_with_its_limit_and_interval():
     found = jt.profile(fit(), "R_E", points=3)
-    (axes,) = found.plot().axes
+    axes = found.plot()
     curve, limit = axes.lines[:2]
     np.testing.assert_array_equal(curve.get_ydata(), found.excess)
     assert set(np.asarray(limit.get_ydata())) == {3.841}
+
+
+def test_a_profile_is_drawn_into_given_axes():
+    found = Profile("R_E", "ohm", np.array([1.0, 2.0, 3.0]), np.array([9.0, 0.0, 9.0]), (1.3, 2.7))
+    _, (left, right) = pyplot.subplots(1, 2)
+    assert plots.plot_profile(found, ax=right) is right
+    assert right.get_xlabel().endswith("ohm")
+    assert not left.has_data()
+
+
+def test_the_table_of_an_operating_point_holds_its_numbers_by_name():
+    twin = jt.Twin("dual-cell")
+    point = jt.linearize(twin, duty=[0.4, 0.3]).operating_point
+    table = point.to_dataframe()
+    assert table.loc[("duty", "P2")].tolist() == [0.3, "1"]
+    assert table.loc[("channel", "TAM"), "value"] == point.outputs[twin.channels.index("TAM")]
+    assert table.loc[("node", "P1.TC"), "value"] == point.nodes[twin.netlist.index["P1.TC"]]
+    assert len(table) == 2 + len(point.nodes) + len(point.outputs) + 1
+    at_rest = jt.LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]]).operating_point
+    assert at_rest.to_dataframe().index.tolist() == [
+        ("duty", "u1"), ("node", "x1"), ("channel", "y1"), ("ambient", "")
+    ]  # fmt: skip
+
+
+def test_the_table_of_an_ultimate_point_holds_its_numbers():
+    """A square wave of 0.1 has a fundamental of 0.4 / pi, a wave of 0.25 K against it: gain
+    1.6 / pi per kelvin, in a period of 20 s."""
+    table = oscillation().to_dataframe()
+    assert table.loc["gain", "value"] == pytest.approx(1.6 / np.pi, rel=0.02)
+    assert table.loc["period_s"].tolist() == [20.0, "s"]
+    assert table.loc["amplitude", "value"] == pytest.approx(0.25)
 
 
 def test_distributions_are_those_of_the_draws():

@@ -1,5 +1,7 @@
 """The film of a plate."""
 
+import base64
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -65,7 +67,14 @@ def test_a_film_shows_the_duty_of_each_cell(tmp_path: Path):
     duty = film._fig.axes[1]  # pyright: ignore[reportAttributeAccessIssue]
     np.testing.assert_array_equal(duty.lines[0].get_ydata()[[0, -1]], [50, 100])
     np.testing.assert_array_equal(duty.lines[1].get_ydata()[[0, -1]], [25, 0])
-    film.save(tmp_path / "plate.gif", writer="pillow", dpi=20)
+    film.save(tmp_path / "plate.gif", writer="pillow", dpi=20)  # else matplotlib warns
+
+
+def test_a_film_for_a_page_holds_all_pictures():
+    html = animate_plate(RIG, heated(), frames=3).to_jshtml(default_mode="once")
+    pictures = re.findall(r'= "data:image/png;base64,([^"]+)"', html)
+    assert len(pictures) == len(set(pictures)) == 3
+    assert all(base64.b64decode(picture).startswith(b"\x89PNG") for picture in pictures)
 
 
 def test_a_run_of_few_samples_has_a_picture_for_each(tmp_path: Path):

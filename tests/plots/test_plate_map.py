@@ -88,6 +88,23 @@ def test_rows_of_panels_hold_all_maps():
     assert drawn == ["0 s", "1 s", "2 s", "3 s", "4 s", "channels and cells"]
 
 
+def test_a_single_map_goes_into_given_axes():
+    rig = load_rig("dual-cell")
+    figure, (left, right) = pyplot.subplots(1, 2)
+    first = np.linspace(20, 40, 24)
+    assert plot_plate_map(rig, first[None], ("500 s",), ax=right) is right
+    assert right.get_title("left") == "500 s"
+    scale = figure.axes[-1]
+    assert scale.get_ylim() == (20, 40)
+    assert not left.has_data()
+    (alone, *_) = plot_plate_map(rig, first[None], ("500 s",)).axes
+    assert colours(right, rig) == colours(alone, rig)
+    with pytest.raises(
+        ParameterError, match="expected a single map to draw into given axes, got 2"
+    ):
+        plot_plate_map(rig, np.stack([first, first]), ("0 s", "500 s"), ax=left)
+
+
 @pytest.mark.parametrize("shape", [(1, 30), (2, 24)])
 def test_other_shapes_than_maps_of_the_plate_are_refused(shape):
     with pytest.raises(ParameterError, match=r"expected shape \(1, 24\) .* dual-cell, got"):

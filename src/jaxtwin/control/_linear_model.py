@@ -1,6 +1,7 @@
 """A linear model of a twin near an operating point."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import equinox as eqx
@@ -177,11 +178,10 @@ class LinearModel(eqx.Module):
             raise ControlError("at_rest: expected a stable model, got a pole that does not decay")
         moved = -np.linalg.solve(np.asarray(self.A), np.asarray(self.rates))
         point = self.operating_point
-        rest = OperatingPoint(
-            point.duty,
-            np.asarray(point.nodes) + moved,
-            np.asarray(point.outputs) + np.asarray(self.C) @ moved,
-            point.ambient,
+        rest = replace(
+            point,
+            nodes=np.asarray(point.nodes) + moved,
+            outputs=np.asarray(point.outputs) + np.asarray(self.C) @ moved,
         )
         return eqx.tree_at(
             lambda m: (m.rates, m.operating_point), self, (None, rest), is_leaf=_is_none

@@ -210,16 +210,24 @@ def _model(
     by_nodes, by_duty = slopes(system, nodes, duty, reference)
     zero = jnp.zeros((), reference.dtype)
     celsius = reference - ZERO_CELSIUS
+    cells = tuple(cell.name for cell in twin.netlist.cells)
+    states = tuple(node.name for node in twin.netlist.nodes)
     model = LinearModel(
         by_nodes / system.capacitance[:, None],
         by_duty / system.capacitance[:, None],
         jax.jacfwd(system.channel_temperatures)(nodes),
         jnp.zeros((system.gain.size, duty.size), reference.dtype),
         operating_point=OperatingPoint(
-            duty, nodes + celsius, system.channel_temperatures(nodes) + celsius, celsius
+            duty,
+            nodes + celsius,
+            system.channel_temperatures(nodes) + celsius,
+            celsius,
+            cell_names=cells,
+            node_names=states,
+            channel_names=twin.channels,
         ),
-        state_names=tuple(node.name for node in twin.netlist.nodes),
-        input_names=tuple(cell.name for cell in twin.netlist.cells),
+        state_names=states,
+        input_names=cells,
         output_names=twin.channels,
         delay_s=zero if system.delay is None else system.delay,
         lag_s=zero if system.lag is None else system.lag,

@@ -1,7 +1,7 @@
 """Steady states: the temperatures for a duty cycle, and the duty cycle for temperatures."""
 
 from collections.abc import Mapping
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import equinox as eqx
 import jax
@@ -10,9 +10,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._arguments import finite_number
+from .._display import html_table
 from .._errors import ControlError
 from .._lapack import solve
 from ..physics import System, Twin
+
+if TYPE_CHECKING:
+    import pandas
 
 ZERO_CELSIUS = 273.15
 
@@ -34,12 +38,51 @@ class OperatingPoint(eqx.Module):
     - `nodes`: temperatures of the nodes, degC, in the order of `twin.netlist.nodes`.
     - `outputs`: readings of the channels, degC.
     - `ambient`: temperature of the surroundings, degC.
+    - `cell_names`, `node_names`, `channel_names`: the names of the above; empty for numbers.
     """
 
     duty: Float[Array | np.ndarray, " inputs"]
     nodes: Float[Array | np.ndarray, " nodes"]
     outputs: Float[Array | np.ndarray, " outputs"]
     ambient: Float[Array | np.ndarray, ""]
+    cell_names: tuple[str, ...] = eqx.field(static=True, default=())
+    node_names: tuple[str, ...] = eqx.field(static=True, default=())
+    channel_names: tuple[str, ...] = eqx.field(static=True, default=())
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A table with a row for the duty of each cell, the temperature of each node, the reading
+        of each channel and the ambient temperature. Its index is quantity and name; its columns are
+        value and unit."""
+        import pandas
+
+        table = pandas.DataFrame(self._rows(), columns=["quantity", "name", "value", "unit"])
+        return table.set_index(["quantity", "name"])
+
+    def _rows(self) -> list[tuple[str, str, float, str]]:
+        """Quantity, name, value and unit of each number."""
+        parts = (
+            ("duty", "u", self.cell_names, self.duty, "1"),
+            ("node", "x", self.node_names, self.nodes, "degC"),
+            ("channel", "y", self.channel_names, self.outputs, "degC"),
+        )
+        rows = [
+            (quantity, name, float(value), unit)
+            for quantity, letter, given, values, unit in parts
+            for name, value in zip(
+                given or [f"{letter}{n + 1}" for n in range(len(values))],
+                np.asarray(values),
+                strict=True,
+            )
+        ]
+        return [*rows, ("ambient", "", float(self.ambient), "degC")]
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (f"{quantity} {name}".strip(), f"{value:.4g}", unit)
+            for quantity, name, value, unit in self._rows()
+            if quantity != "node"
+        ]
+        return html_table("OperatingPoint", ("", "value", "unit"), rows)
 
 
 @final

@@ -9,16 +9,20 @@ ultimate gain, the proportional gain at which the loop would oscillate.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal, TypeAlias, final, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final, get_args
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from .._arguments import whole_number
+from .._display import html_table
 from .._errors import ControlError
 from ._closed_loop_run import ClosedLoopRun
 from ._pid import PID
+
+if TYPE_CHECKING:
+    import pandas
 
 Rule: TypeAlias = Literal["tyreus-luyben", "ziegler-nichols"]
 
@@ -31,6 +35,9 @@ _RULES: dict[tuple[str, bool], tuple[float, float, float]] = {
 """(Rule, with derivative) -> Kp per ultimate gain, and integral and derivative time per ultimate
 period (Tyreus and Luyben, Ind. Eng. Chem. Res. 31 (1992) 2625; Luyben and Luyben,
 *Essentials of Process Control*, 1997; Ziegler and Nichols, Trans. ASME 64 (1942) 759)."""
+
+_UNITS = {"gain": "1/K", "period_s": "s", "phase_deg": "deg", "amplitude": "K", "cycles": "1"}
+"""Field of an `UltimatePoint` -> unit."""
 
 FILTER = 1 / 8
 """The time constant of the derivative's filter per derivative time."""
@@ -59,6 +66,17 @@ class UltimatePoint:
     phase_deg: float
     amplitude: float
     cycles: int
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A table with a row for each number: its name as index, value and unit."""
+        import pandas
+
+        rows = [(name, getattr(self, name), unit) for name, unit in _UNITS.items()]
+        return pandas.DataFrame(rows, columns=["name", "value", "unit"]).set_index("name")
+
+    def _repr_html_(self) -> str:
+        rows = [(name, f"{getattr(self, name):.4g}", unit) for name, unit in _UNITS.items()]
+        return html_table("UltimatePoint", ("", "value", "unit"), rows)
 
     def pid(self, rule: Rule = "tyreus-luyben", *, derivative: bool = True, **settings: Any) -> PID:
         """Makes a PID by a tuning rule.

@@ -42,7 +42,7 @@ from ._objective import make_objective
 if TYPE_CHECKING:
     import pandas
     import xarray
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 LIMIT = 3.841
 """The 95 % quantile of the chi-squared distribution with one degree of freedom."""
@@ -78,7 +78,7 @@ class Profile:
     excess: Float[np.ndarray, " points"]
     interval: tuple[float, float]
 
-    def plot(self) -> "Figure":
+    def plot(self) -> "Axes":
         """Plots the excess over the parameter, with the interval: `jaxtwin.plots.plot_profile`."""
         return picture("plot_profile", self)
 

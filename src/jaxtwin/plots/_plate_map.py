@@ -1,6 +1,7 @@
 """The plate as a map of temperatures at several times, Figs. 5 and 13b of the paper."""
 
 from collections.abc import Sequence
+from typing import overload
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +9,7 @@ from matplotlib import colormaps, pyplot
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
@@ -22,6 +23,27 @@ HEAT = ListedColormap(colormaps["inferno"](np.linspace(0.18, 1.0, 256)))
 """Of temperatures; the coldest is a dark violet, as black plates show no difference."""
 
 
+@overload
+def plot_plate_map(
+    rig: Rig,
+    temperatures: Float[np.ndarray, "maps elements"],
+    titles: Sequence[str],
+    *,
+    columns: int = 2,
+    ax: None = None,
+) -> Figure: ...
+
+
+@overload
+def plot_plate_map(
+    rig: Rig,
+    temperatures: Float[np.ndarray, "maps elements"],
+    titles: Sequence[str],
+    *,
+    ax: Axes,
+) -> Axes: ...
+
+
 @styled
 def plot_plate_map(
     rig: Rig,
@@ -29,7 +51,8 @@ def plot_plate_map(
     titles: Sequence[str],
     *,
     columns: int = 2,
-) -> Figure:
+    ax: Axes | None = None,
+) -> Figure | Axes:
     """Temperatures over the plate, one panel for each time, and a panel that names the channels.
 
     Every element is drawn at its true size in one colour, as the twin has one temperature for it.
@@ -42,11 +65,13 @@ def plot_plate_map(
       `run.states[[100, 300, 500], :elements]`, for example.
     - `titles`: of the maps, such as `"100 s"`.
     - `columns`: of the figure.
+    - `ax`: axes to draw a single map into, without the panel that names the channels; None for a
+      new figure.
 
-    **Returns:** the figure.
+    **Returns:** the figure; or the axes, where they are given.
 
     **Raises:** `ParameterError` where there is not one temperature for each element and one title
-    for each map.
+    for each map, or where several maps are to go into given axes.
     """
     shape = (len(titles), len(rig.plate.element_names))
     if np.shape(temperatures) != shape:
@@ -54,22 +79,38 @@ def plot_plate_map(
             f"temperatures: expected shape {shape} for {shape[0]} titles and the elements of "
             f"{rig.name}, got {np.shape(temperatures)}"
         )
+    norm = Normalize(float(np.min(temperatures)), float(np.max(temperatures)))
+    scale = ScalarMappable(norm, HEAT)
+    if ax is not None:
+        if len(titles) != 1:
+            raise ParameterError(
+                f"ax: expected a single map to draw into given axes, got {len(titles)}; draw each "
+                "into its own, or leave ax out"
+            )
+        ax.set_axis_off()
+        _draw_map(ax, rig, titles[0], np.asarray(temperatures)[0], scale)
+        _draw_scale(ax.figure, scale, ax, 20)
+        return ax
     panels = len(titles) + 1
     rows = -(-panels // columns)
     height = _ROOM_ABOVE + _MAP_WIDTH * rig.plate.height / rig.plate.width
     figure = pyplot.figure(figsize=(_MAP_WIDTH * columns + 1, height * rows), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
-    norm = Normalize(float(np.min(temperatures)), float(np.max(temperatures)))
-    scale = ScalarMappable(norm, HEAT)
     for axes in grid.flat:
         axes.set_axis_off()
     for axes, title, values in zip(grid.flat, titles, temperatures, strict=False):
         _draw_map(axes, rig, title, values, scale)
     _draw_channels(grid.flat[panels - 1], rig)
-    bar = figure.colorbar(scale, ax=grid, shrink=0.7, aspect=28, pad=0.02)
+    _draw_scale(figure, scale, grid, 28)
+    return figure
+
+
+def _draw_scale(
+    figure: Figure | SubFigure, scale: ScalarMappable, beside: Axes | np.ndarray, aspect: int
+) -> None:
+    bar = figure.colorbar(scale, ax=beside, shrink=0.7, aspect=aspect, pad=0.02)
     bar.set_label("temperature, °C")
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
-    return figure
 
 
 def _draw_map(

@@ -2,7 +2,7 @@
 
 import numpy as np
 from matplotlib import pyplot
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
 from ..matching import Profile
 from ._style import palette, points, styled, symbol
@@ -12,7 +12,7 @@ LIMIT = 3.841
 
 
 @styled
-def plot_profile(profile: Profile) -> Figure:
+def plot_profile(profile: Profile, *, ax: Axes | None = None) -> Axes:
     """Plots the increase of the cost with a parameter held at other values.
 
     Values below the dashed line at 3.84 are inside the 95 % interval, which is shaded as far as the
@@ -21,25 +21,26 @@ def plot_profile(profile: Profile) -> Figure:
     **Arguments:**
 
     - `profile`: the result of `jaxtwin.profile`.
+    - `ax`: axes to draw into, or None for a new figure.
 
-    **Returns:** the figure.
+    **Returns:** the axes.
     """
-    figure = pyplot.figure(figsize=(5.6, 3.6), layout="constrained")
-    axes = figure.subplots()
+    if ax is None:
+        ax = pyplot.figure(figsize=(5.6, 3.6), layout="constrained").subplots()
     low, high = np.clip(profile.interval, profile.values[0], profile.values[-1])
-    axes.axvspan(low, high, color=palette().sky, alpha=0.35, lw=0, label="95 % interval")
-    axes.plot(profile.values, profile.excess, "o-", color=palette().vermilion, ms=5)
-    axes.axhline(LIMIT, color=palette().muted, lw=1.0, ls=(0, (4, 3)))
-    axes.annotate(
+    ax.axvspan(low, high, color=palette().sky, alpha=0.35, lw=0, label="95 % interval")
+    ax.plot(profile.values, profile.excess, "o-", color=palette().vermilion, ms=5)
+    ax.axhline(LIMIT, color=palette().muted, lw=1.0, ls=(0, (4, 3)))
+    ax.annotate(
         f"{LIMIT:.2f}", (1, LIMIT), xycoords=("axes fraction", "data"), xytext=(3, 0),
         textcoords="offset points", va="center", color=palette().ink, fontsize=points(9),
     )  # fmt: skip
-    axes.set_ylim(bottom=min(0.0, float(profile.excess.min())))
+    ax.set_ylim(bottom=min(0.0, float(profile.excess.min())))
     unit = f", {profile.unit}" if profile.unit else ""
-    axes.set(
+    ax.set(
         title="Profile likelihood",
         xlabel=f"{symbol(profile.name)}{unit}",
         ylabel="excess of twice the cost",
     )
-    axes.legend(loc="upper center")
-    return figure
+    ax.legend(loc="upper center")
+    return ax
