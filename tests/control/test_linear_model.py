@@ -73,21 +73,25 @@ def test_the_operating_point_is_where_a_long_run_ends(rig: str, duty: list[float
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("step", [(0.01, 0.0), (0.0, 0.01), (0.01, 0.01)])
 @pytest.mark.parametrize(
     ("rig", "duty", "values"),
     [("dual-cell", [0.4, 0.3], {"t_delay": 2.4}), ("paper-2024", [0.3, 0.3], {})],
 )
-def test_a_step_of_the_duty_by_a_hundredth_is_that_of_the_twin(rig, duty, values):
-    """Within 1 % of the change at every sample; the change at the end is exact to the curvature."""
+def test_a_step_of_the_duty_by_a_hundredth_is_that_of_the_twin(rig, duty, values, step):
+    """At every sample, and in each channel, within 1 % of that channel's own change: what is left
+    is curvature. A channel needs no floor, because even the one furthest from the cell that moves
+    changes by a fifth of what the nearest does."""
     twin = Twin(rig, values)
     time = np.arange(601.0)
-    step = np.array([0.01, 0.0])
-    drive = np.where(time[:, None] < 1, duty, duty + step)
+    drive = np.where(time[:, None] < 1, duty, np.add(duty, step))
     run = simulate(twin, Experiment(time, drive), initial="steady").temperatures
     model = linearize(twin, duty=duty)
     found = model.discretise(1.0).simulate(drive)
     change, expected = found - model.operating_point.outputs, run - run[0]
-    assert np.abs(change - expected).max() < 0.01 * np.abs(expected).max()
+    sizes = np.abs(expected).max(axis=0)
+    assert sizes.min() > 0.2 * sizes.max()
+    assert np.all(np.abs(change - expected).max(axis=0) < 0.01 * sizes)
 
 
 @pytest.mark.parametrize("sample_time", [0.1, 1.0, 30.0])

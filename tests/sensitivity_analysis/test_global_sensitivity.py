@@ -11,7 +11,7 @@ from jaxtyping import Array
 from small_results import fit, recordings
 
 import jaxtwin as jt
-from jaxtwin import Experiment, GlobalSensitivity, ParameterError, SimulationError, Twin
+from jaxtwin import Experiment, Fit, GlobalSensitivity, ParameterError, SimulationError, Twin
 from jaxtwin.sensitivity_analysis import LogNormal, Normal, Sobol, StandardisedRegression, Uniform
 from jaxtwin.sensitivity_analysis._input_choices import chosen_inputs
 
@@ -198,15 +198,23 @@ def test_a_twin_of_each_recording_has_the_same_relative_draws():
     np.testing.assert_allclose(found.values[0, len(middle) :], middle, rtol=1e-4)
 
 
+COVARIANCE = np.array([[0.04, 0.016], [0.016, 0.01]])
+
+
+def _correlated_fit() -> Fit:
+    """The small fit, whose R_E and R_pc have this covariance of their logarithms."""
+    covariance = np.eye(4)
+    covariance[:2, :2] = COVARIANCE
+    return replace(fit(), uncertainty=replace(fit().uncertainty, vector_covariance=covariance))
+
+
 @pytest.mark.slow
 def test_the_posterior_of_a_fit_is_drawn_with_its_correlation():
-    covariance = np.diag([0.04, 0.01, 1.0, 1.0])
-    covariance[0, 1] = covariance[1, 0] = 0.016
-    known = replace(fit(), uncertainty=replace(fit().uncertainty, vector_covariance=covariance))
+    known = _correlated_fit()
     inputs = chosen_inputs("posterior", known, known.twin, None, 0.25)
     assert inputs.names == ("R_E", "R_pc")
     logarithms = np.log(StandardisedRegression().design(inputs, 4096, 0, "sobol").samples)
-    np.testing.assert_allclose(np.cov(logarithms, rowvar=False), covariance[:2, :2], rtol=0.02)
+    np.testing.assert_allclose(np.cov(logarithms, rowvar=False), COVARIANCE, rtol=0.02)
     middle = [np.log(known.twin.values[name]) for name in inputs.names]
     np.testing.assert_allclose(logarithms.mean(axis=0), middle, atol=1e-3)
     (single,) = chosen_inputs("posterior", known, known.twin, ["R_pc"], 0.25).names
@@ -217,6 +225,62 @@ def test_the_posterior_of_a_fit_is_drawn_with_its_correlation():
         jt.sensitivity(known, method="sobol", inputs="posterior")
     with pytest.raises(ParameterError, match="expected a fit, got a twin"):
         jt.sensitivity(known.twin, recordings()[0], method="shapley", inputs="posterior")
+
+
+@pytest.mark.slow
+def test_shapley_effects_of_a_posterior_are_those_of_its_covariance():
+    """Of b1 ln R_E + b2 ln R_pc: the closed form of Song and others 2016 for two correlated normal
+    variables. The effects of any output sum to 1."""
+    known = _correlated_fit()
+    s1, s2, r = 0.2, 0.1, 0.8
+    b1, b2 = 1.0, 3.0
+
+    def logarithms(draws: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {"sum": b1 * np.log(draws["R_E"]) + b2 * np.log(draws["R_pc"])}
+
+    options = {"method": "shapley", "inputs": "posterior", "seed": 4}
+    found = jt.sensitivity(known, model=logarithms, draws=4000, **options)
+    assert found.names == ("R_E", "R_pc")
+    first, second, both = (b1 * s1) ** 2, (b2 * s2) ** 2, r * b1 * b2 * s1 * s2
+    one = first * (1 - r**2 / 2) + both + second * r**2 / 2
+    np.testing.assert_allclose(found["Sh"][0, 0], one / (first + second + 2 * both), atol=0.02)
+    np.testing.assert_allclose(found["Sh"].sum(axis=1), 1.0, rtol=1e-12)
+    drawn = np.cov(np.log(found.samples), rowvar=False)
+    np.testing.assert_allclose(drawn, COVARIANCE, rtol=0.05)
+    simulated = jt.sensitivity(known, outputs=["cost", "final"], draws=32, **options)
+    np.testing.assert_allclose(simulated["Sh"].sum(axis=1), 1.0, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_partial_rank_correlations_of_a_posterior_are_those_of_its_draws():
+    """By the inverse of the correlation of the ranks, of which the method makes no use."""
+    known = _correlated_fit()
+    found = jt.sensitivity(
+        known, method="prcc", inputs="posterior", outputs=["final"], draws=512, seed=4
+    )
+    np.testing.assert_allclose(np.cov(np.log(found.samples), rowvar=False), COVARIANCE, rtol=0.05)
+    for row, values in enumerate(found.values.T):
+        ranks = np.column_stack([found.samples, values]).argsort(axis=0).argsort(axis=0)
+        inverse = np.linalg.inv(np.corrcoef(ranks, rowvar=False))
+        expected = -inverse[:2, 2] / np.sqrt(np.diag(inverse)[:2] * inverse[2, 2])
+        np.testing.assert_allclose(found["PRCC"][row], expected, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_energy_and_peak_power_are_outputs():
+    """Of a resistive heater by hand: V^2 / R for 40 % of 20 s, and 80 % of 10 s."""
+    drive = Experiment.schedule("0:0.4,20:0.8", duration=30, cells=1, name="heated")
+    found = jt.sensitivity(
+        Twin("printer-bed"), drive, method="sobol", draws=64, names=["R_tracks", "R_pc"],
+        outputs=["energy", "peak_power"], seed=1,
+    )  # fmt: skip
+    assert found.labels == ("energy", "peak_power")
+    assert [output.unit for output in found.outputs] == ["J", "W"]
+    power = 12.0**2 / (found.samples[:, 0] + 0.01 + 0.05)
+    np.testing.assert_allclose(found.values, np.outer(power, [16.0, 0.8]), rtol=1e-9)
+    # A contact does not change what a resistance draws.
+    np.testing.assert_allclose(found["ST"][:, 1], 0.0, atol=1e-12)
+    assert np.all(found["ST"][:, 0] > 0.5)
 
 
 @pytest.mark.slow
