@@ -52,16 +52,25 @@ def test_a_failed_run_is_left_out(twin: Twin):
 def test_measures_of_closed_loops_are_outputs():
     twin = Twin("single-cell")
     controller = PID(0.1, 0.001, measured=[list(twin.channels)])
+    settings: dict[str, Any] = {"duration_s": 300, "noise": False, "quantised": False}
 
     def loops(draws: Draws) -> Reductions:
+        measures = ["settling_time", "energy"]
         return jt.simulate_closed_loop(
-            twin, controller, 30.0, duration_s=20, draws=draws, measures=["energy"], seed=1
+            twin, controller, 30.0, draws=draws, measures=measures, **settings
         )
 
     found = jt.sensitivity(twin, method="pearson", model=loops, draws=8, names=["R_E", "C_load"])
-    assert found.labels == ("energy",)
-    draws = dict(zip(found.names, found.samples.T, strict=True))
-    np.testing.assert_array_equal(found.values[:, 0], loops(draws)["energy"])
+    assert found.labels == ("settling_time", "energy")  # as they were asked for
+    assert not found.failed.any()
+    assert len(set(found.values[:, 0])) > 3
+    for number, row in enumerate(found.samples):
+        own = twin.with_values(dict(zip(found.names, row.tolist(), strict=True)))
+        run = jt.simulate_closed_loop(own, controller, 30.0, **settings)
+        assert found.values[number, 1] == pytest.approx(run.energy[-1], rel=1e-6)
+        # From the first sample on after which all are within half a kelvin.
+        out = np.flatnonzero(np.abs(run.output[:, 0] - 30.0) > 0.5)
+        assert found.values[number, 0] == run.time[out[-1] + 1]
 
 
 @pytest.mark.parametrize(

@@ -305,7 +305,7 @@ def _many(
     chunk_size = min(max(CHUNK_BYTES // loop_bytes, 1), LARGEST_CHUNK)
     results = work_in_chunks(rows, work, chunk_size=chunk_size, workers=workers)
     # Energy and peak power are measures of the loop here, computed at every step of the plant.
-    own = {name: values for name, values in results.items() if name != "failed"}
+    own = {name: results[name] for name in measures}
     return Reductions(twin.channels, results["failed"], own=own)
 
 

@@ -56,8 +56,9 @@ def work_in_chunks(
         with jax.default_device(devices[number % len(devices)]):
             found = jax.tree.map(np.asarray, dict(work(chunk)))
         with one_at_a_time:
-            for name in found.keys() - result.keys():
-                result[name] = np.empty((count, *found[name].shape[1:]), found[name].dtype)
+            for name, values in found.items():
+                if name not in result:
+                    result[name] = np.empty((count, *values.shape[1:]), values.dtype)
         for name, values in found.items():
             result[name][first : first + size] = values[: count - first]
         if on_progress is not None:
