@@ -1,6 +1,9 @@
 """A match and a sensitivity analysis that take seconds, for tests of what is made of them."""
 
+from dataclasses import replace
 from functools import cache
+
+import numpy as np
 
 from jaxtwin import (
     Experiment,
@@ -28,6 +31,17 @@ def fit() -> Fit:
     rig = load_rig("paper-2024")
     twin = Twin(rig, rig.parameter_sets["published"])
     return match(twin, recordings(), free=["R_E", "R_pc", "T_amb"], max_iterations=6)
+
+
+COVARIANCE = np.array([[0.04, 0.016], [0.016, 0.01]])
+"""Of the logarithms of R_E and R_pc in `correlated_fit`."""
+
+
+def correlated_fit() -> Fit:
+    """The small fit, as if its recordings left R_E and R_pc open with this covariance."""
+    covariance = np.eye(4)
+    covariance[:2, :2] = COVARIANCE
+    return replace(fit(), uncertainty=replace(fit().uncertainty, vector_covariance=covariance))
 
 
 @cache

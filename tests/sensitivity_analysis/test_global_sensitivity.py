@@ -1,17 +1,15 @@
 """Global analyses of a twin, on a short recording made by the twin itself."""
 
-from dataclasses import replace
-
 import jax.numpy as jnp
 import numpy as np
 import pandas
 import pytest
 import xarray
 from jaxtyping import Array
-from small_results import fit, recordings
+from small_results import COVARIANCE, correlated_fit, fit, recordings
 
 import jaxtwin as jt
-from jaxtwin import Experiment, Fit, GlobalSensitivity, ParameterError, SimulationError, Twin
+from jaxtwin import Experiment, GlobalSensitivity, ParameterError, SimulationError, Twin
 from jaxtwin.sensitivity_analysis import LogNormal, Normal, Sobol, StandardisedRegression, Uniform
 from jaxtwin.sensitivity_analysis._input_choices import chosen_inputs
 
@@ -198,19 +196,9 @@ def test_a_twin_of_each_recording_has_the_same_relative_draws():
     np.testing.assert_allclose(found.values[0, len(middle) :], middle, rtol=1e-4)
 
 
-COVARIANCE = np.array([[0.04, 0.016], [0.016, 0.01]])
-
-
-def _correlated_fit() -> Fit:
-    """The small fit, whose R_E and R_pc have this covariance of their logarithms."""
-    covariance = np.eye(4)
-    covariance[:2, :2] = COVARIANCE
-    return replace(fit(), uncertainty=replace(fit().uncertainty, vector_covariance=covariance))
-
-
 @pytest.mark.slow
 def test_the_posterior_of_a_fit_is_drawn_with_its_correlation():
-    known = _correlated_fit()
+    known = correlated_fit()
     inputs = chosen_inputs("posterior", known, known.twin, None, 0.25)
     assert inputs.names == ("R_E", "R_pc")
     logarithms = np.log(StandardisedRegression().design(inputs, 4096, 0, "sobol").samples)
@@ -231,7 +219,7 @@ def test_the_posterior_of_a_fit_is_drawn_with_its_correlation():
 def test_shapley_effects_of_a_posterior_are_those_of_its_covariance():
     """Of b1 ln R_E + b2 ln R_pc: the closed form of Song and others 2016 for two correlated normal
     variables. The effects of any output sum to 1."""
-    known = _correlated_fit()
+    known = correlated_fit()
     s1, s2, r = 0.2, 0.1, 0.8
     b1, b2 = 1.0, 3.0
 
@@ -239,7 +227,7 @@ def test_shapley_effects_of_a_posterior_are_those_of_its_covariance():
         return {"sum": b1 * np.log(draws["R_E"]) + b2 * np.log(draws["R_pc"])}
 
     options = {"method": "shapley", "inputs": "posterior", "seed": 4}
-    found = jt.sensitivity(known, model=logarithms, draws=4000, **options)
+    found = jt.sensitivity(known, model=logarithms, draws=16_000, **options)
     assert found.names == ("R_E", "R_pc")
     first, second, both = (b1 * s1) ** 2, (b2 * s2) ** 2, r * b1 * b2 * s1 * s2
     one = first * (1 - r**2 / 2) + both + second * r**2 / 2
@@ -254,7 +242,7 @@ def test_shapley_effects_of_a_posterior_are_those_of_its_covariance():
 @pytest.mark.slow
 def test_partial_rank_correlations_of_a_posterior_are_those_of_its_draws():
     """By the inverse of the correlation of the ranks, of which the method makes no use."""
-    known = _correlated_fit()
+    known = correlated_fit()
     found = jt.sensitivity(
         known, method="prcc", inputs="posterior", outputs=["final"], draws=512, seed=4
     )
