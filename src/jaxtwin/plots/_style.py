@@ -113,7 +113,7 @@ class _Look:
 _look: ContextVar[_Look] = ContextVar("look", default=_Look())  # noqa: B039 (it is frozen)
 
 Arguments = ParamSpec("Arguments")
-Drawn = TypeVar("Drawn", Figure, Axes)
+Drawn = TypeVar("Drawn", bound=Figure | Axes)
 
 
 @contextmanager
