@@ -6,7 +6,8 @@ On `dual-cell`, in float64, warm, in CPU time of the process. An MPC of 4 states
 delay and lag, with a horizon of 20 and two outputs, in a closed loop: its step alone, without
 limits, with one of the rate, and with one of a channel too. The gradient is that of the integral of
 the absolute error over 64 draws of the plant: a PI of the mean over 600 s, and a `DecoupledPI` with
-four gains over 1200 s.
+four gains over 1200 s; of the latter also with that of the sensitivity peak of each draw's linear
+loop, as `tune` needs it for a `sensitivity_limit`.
 """
 
 import os
@@ -22,6 +23,7 @@ import jaxtwin as jt
 from jaxtwin.control import MEASURES, MPC, PID, DecoupledPI, scenario
 from jaxtwin.control._controller_vector import ControllerVector
 from jaxtwin.control._loop_slopes import LoopSlopes
+from jaxtwin.control._tune import tuning_problem
 
 from ._measure import run_alone
 
@@ -64,6 +66,27 @@ def measure(quick: bool = False) -> dict[str, Any]:
         vector = ControllerVector.of("benchmark", controller, names[name])
         slopes = LoopSlopes(twin, draws, vector, happens, kept, None)
         answer[f"gradient of a {name}, s"] = _seconds(lambda s=slopes, v=vector: s([v.values], 1))
+    name = "DecoupledPI over 1200 s"
+    controller, duration = loops[name]
+    problem = tuning_problem(
+        "benchmark",
+        controller,
+        twin,
+        40,
+        duration,
+        tuned=names[name],
+        objective="integral_absolute_error",
+        draws=draws,
+        tail_weight=0.5,
+        sensitivity_limit=2.0,
+        starts=1,
+        seed=0,
+        workers=None,
+        settings={},
+    )
+    answer[f"gradient of a {name}, with the sensitivity peak, s"] = _seconds(
+        lambda: problem._evaluated([problem.vector.values])
+    )
     return answer | {"draws": count, "load": os.getloadavg()[0]}
 
 
