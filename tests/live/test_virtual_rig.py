@@ -18,6 +18,7 @@ from jaxtwin.live import (
     Faults,
     Follower,
     Gap,
+    Image,
     LinkChange,
     LinkState,
     LiveTwin,
@@ -99,6 +100,31 @@ def test_the_same_seed_sends_the_same_bytes(twin: Twin) -> None:
     ]
     assert sent[0] == sent[1]
     assert sent[0] != sent[2]
+
+
+@pytest.mark.parametrize(
+    ("is_stated", "size", "relaxation"), [(True, 1.0, (10, 40)), (False, 0.8, (25,))]
+)
+def test_a_recalibration_jumps_and_fades_as_the_rig_file_says(
+    rig: Rig, is_stated: bool, size: float, relaxation: tuple[int, ...]
+) -> None:
+    """The mean of all pixels of a plate at rest, by the sum of decays that a match assumes."""
+    assert rig.camera is not None
+    if not is_stated:
+        rig = replace(rig, camera=replace(rig.camera, common_error=None))
+    device = VirtualRig(Twin(rig), seed=5, camera_hz=1, faults=Faults.parse("jumps=20"))
+    frames, _, _ = deframe(b"", heard(device, HandClock(), 40.0))
+    images = [message for message in map(parse, frames) if isinstance(message, Image)]
+    mean = np.array([image.pixels.mean() / 100 for image in images])
+    assert len(images) == 40
+    assert [image.device_us for image in images if image.flags] == [20_000_000]
+    assert mean[20] == mean[19]  # the shutter is closed: the image stands
+    random = np.random.default_rng([5, 1])
+    jumps = [random.normal(0, size) for _ in relaxation]
+    elapsed = np.arange(1, 20)
+    offset = sum(b * np.exp(-elapsed / tau) for b, tau in zip(jumps, relaxation, strict=True))
+    # The mean of 4800 pixels has a noise of 1.4 mK.
+    np.testing.assert_allclose(mean[21:40] - mean[:20].mean(), offset, rtol=0, atol=0.01)
 
 
 def test_each_start_has_another_name_whatever_the_seed(twin: Twin) -> None:

@@ -72,7 +72,7 @@ def reading_errors(
     if faults.stall:
         every, length = faults.stall
         arrives &= ~((times >= every) & (times % every < length))
-    recalibrations = Recalibrations(faults.jumps, seed)
+    recalibrations = Recalibrations(faults.jumps, seed, rig.common_error)
     for sample, time in enumerate(times.tolist()):
         recalibrations.advance(time)
         error[sample] += recalibrations.offset(time)

@@ -24,7 +24,8 @@ class Faults:
     **Arguments:**
 
     - `drop`, `corrupt`: probability that a message is lost, or that bytes of it are changed.
-    - `jumps`: interval of the camera's recalibrations; each changes its offset. 0: never.
+    - `jumps`: interval of the camera's recalibrations; each changes its offset, as
+      `[camera.common_error]` of the rig file says. 0: never.
     - `stall`: (interval, duration) of silences.
     - `disconnect`: interval after which the connection is cut. 0: never.
     - `loosen`: (cell, time, factor) by which its contact resistances to the plate are multiplied.

@@ -1,20 +1,25 @@
 """A camera's recalibrations: a shutter that closes, and an offset that jumps and fades."""
 
-import math
 from typing import final
 
 import numpy as np
+
+from ..rig import CommonError
 
 SHUTTER_SECONDS = 1.0
 """Time for which a recalibration freezes the image, s."""
 
 JUMP_KELVIN, JUMP_DECAY = 0.8, 25.0
-"""Size and duration of the change of the camera's offset at a recalibration."""
+"""Size (K) and duration (s) of a jump of the camera's offset, where the rig file states none."""
 
 
 @final
 class Recalibrations:
-    """When the shutter is closed, and the offset, as time goes on.
+    r"""When the shutter is closed, and the offset, as time goes on.
+
+    At a recalibration the offset jumps to $\sum_j b_j$ and fades as $\sum_j b_j e^{-t / \tau_j}$.
+    The time constants are those of `[camera.common_error]`, and each $b_j$ is drawn from the prior
+    that a match has for it: normal, with the standard deviation `jump`.
 
     The virtual rig and a simulated closed loop with the same seed see the same jumps.
 
@@ -22,18 +27,24 @@ class Recalibrations:
 
     - `interval`: between two of them, s; 0: never.
     - `seed`: of the jumps.
+    - `common_error`: that of the rig file; None for `JUMP_KELVIN` and `JUMP_DECAY`.
     """
 
-    def __init__(self, interval: float, seed: int):
+    def __init__(self, interval: float, seed: int, common_error: CommonError | None):
         self._interval = interval
         self._random = np.random.default_rng([seed, 1])
-        self._at = self._jump = 0.0
+        self._size, relaxation = JUMP_KELVIN, (JUMP_DECAY,)
+        if common_error is not None:
+            self._size, relaxation = common_error.jump, common_error.relaxation
+        self._relaxation = np.array(relaxation)
+        self._jump = np.zeros(len(relaxation))
+        self._at = 0.0
 
     def advance(self, time: float) -> None:
         """Advances to a time, s."""
         while self._interval and time >= self._at + self._interval:
             self._at += self._interval
-            self._jump = self._random.normal(0, JUMP_KELVIN)
+            self._jump = self._random.normal(0, self._size, len(self._relaxation))
 
     def is_closed(self, time: float) -> bool:
         """Whether the shutter is closed."""
@@ -41,4 +52,4 @@ class Recalibrations:
 
     def offset(self, time: float) -> float:
         """Offset of all pixels, K."""
-        return self._jump * math.exp(-(time - self._at) / JUMP_DECAY)
+        return float(self._jump @ np.exp(-(time - self._at) / self._relaxation))

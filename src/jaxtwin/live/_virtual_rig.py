@@ -101,7 +101,7 @@ class VirtualRig:
             else (rig.maximum_temperature - 273.15 + OVER_LIMIT)
         )
         self._rests: dict[object, bytes] = {}
-        self._recalibrations = Recalibrations(self.faults.jumps, seed)
+        self._recalibrations = Recalibrations(self.faults.jumps, seed, rig.common_error)
         self._frozen: np.ndarray | None = None
         self._done: set[str] = set()
         self._cuts = 0
