@@ -1,7 +1,9 @@
 """A controller on the virtual rig: it holds the reference; the cells go off whatever happens."""
 
+import contextlib
 import json
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hand_clock import HandClock, virtual_bench
+from patient_clock import PatientClock
 
 import jaxtwin as jt
 from jaxtwin import ControlError, SafetyStop, Twin, linearize
@@ -28,7 +31,18 @@ from jaxtwin.control import (
 from jaxtwin.control._control import LiveLoop
 from jaxtwin.control._stability import check_stability
 from jaxtwin.io import Session
-from jaxtwin.live import Faults, Moment, Recorder, SystemClock, TcpServer, VirtualRig, report, serve
+from jaxtwin.live import (
+    Clock,
+    Faults,
+    Moment,
+    Recorder,
+    SystemClock,
+    TcpServer,
+    VirtualRig,
+    connect,
+    report,
+    serve,
+)
 
 OFF = (0, 0)
 
@@ -72,6 +86,52 @@ def test_the_rig_does_what_the_simulated_loop_did(
     # Within a second of a recalibration the reading that stands may be the one before or after.
     is_clear = np.mod(np.array(times) + 2, 60) > 4
     np.testing.assert_allclose(measured[is_clear], expected[is_clear], rtol=0, atol=0.3)
+
+
+@contextlib.contextmanager
+def served(device: VirtualRig, clock: Clock) -> Iterator[str]:
+    """The address of a TCP port at which a virtual rig is reached meanwhile."""
+    server, stop = TcpServer("127.0.0.1:0"), threading.Event()
+    thread = threading.Thread(target=serve, args=(device, server, clock, stop), name="rig")
+    thread.start()
+    try:
+        yield server.url
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
+
+
+@pytest.mark.slow
+def test_a_rig_over_tcp_does_what_the_simulated_loop_did(twin: Twin, pid: PID, tmp_path: Path):
+    """Each channel of each frame within 0.3 K, with a step of the reference and the same seed."""
+    speed, schedule = 4, "0:30,60:35"
+    simulated = jt.simulate_closed_loop(twin, pid, schedule, duration_s=120, seed=4).run
+    device = VirtualRig(twin, speed=speed, seed=4)
+    clock = PatientClock("rig", threading.current_thread().name)
+    with (
+        served(device, clock) as url,
+        Recorder(tmp_path / "session.db", twin.rig, clock=clock) as recorder,
+        connect(twin.rig, url, journal=recorder, clock=clock) as bench,
+    ):
+        outcome = control(bench, twin, pid, schedule, duration_s=120)
+    assert outcome == "completed"
+    assert device.pwm == OFF
+    with Session(tmp_path / "session.db") as session:
+        decisions = session.database.execute(
+            "SELECT arrival, content FROM documents WHERE kind = 'decision'"
+        ).fetchall()
+        readings = np.array(session.database.execute("SELECT * FROM readings").fetchall(), float)
+    arrival, device_us, channels = readings[:, 2], readings[:, 3], readings[:, 6:]
+    # The device's time, less that at which the run began; the fastest message had no delay.
+    began = np.median([at * 1e-9 * speed - json.loads(said)["time"] for at, said in decisions])
+    time = device_us * 1e-6 + np.min(arrival * 1e-9 * speed - device_us * 1e-6) - began
+    is_driven = (time >= 0) & (time <= 120)
+    assert is_driven.sum() > 9 * 110  # frames a second
+    rows = simulated.temperatures.T
+    expected = np.array([np.interp(time[is_driven], simulated.time, row) for row in rows]).T
+    np.testing.assert_allclose(channels[is_driven], expected, rtol=0, atol=0.3)
+    assert expected[-1].mean() > 34  # the loop has followed both references
 
 
 @pytest.mark.slow
@@ -289,13 +349,10 @@ def test_the_command_controls_a_rig_over_tcp(
     twin: Twin, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     save_controller(tmp_path / "pid.toml", PID(0.1, 0.001), twin.rig)
-    server, stop = TcpServer("127.0.0.1:0"), threading.Event()
     device = VirtualRig(twin)
-    thread = threading.Thread(target=serve, args=(device, server, SystemClock(), stop))
-    thread.start()
-    words = ["control", "dual-cell", "--link", server.url, "--reference", "0:30"]
-    words += ["--controller", str(tmp_path / "pid.toml")]
-    try:
+    with served(device, SystemClock()) as url:
+        words = ["control", "dual-cell", "--link", url, "--reference", "0:30"]
+        words += ["--controller", str(tmp_path / "pid.toml")]
         code = run_command([*words, "--duration", "4", "--out", str(tmp_path / "run.db")])
         assert code == 0
         assert "the cells are off" in capsys.readouterr().out
@@ -304,10 +361,6 @@ def test_the_command_controls_a_rig_over_tcp(
         (tmp_path / "pid.toml").write_text(text)
         assert run_command(words) == 2
         assert "expected a controller for 'dual-cell'" in capsys.readouterr().err
-    finally:
-        stop.set()
-        thread.join()
-        server.close()
     with Session(tmp_path / "run.db") as session:
         (content,) = session.database.execute(
             "SELECT content FROM documents WHERE kind = 'start'"

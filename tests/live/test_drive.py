@@ -9,6 +9,7 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hand_clock import HandClock, stepped_bench, virtual_bench
 
@@ -291,6 +292,24 @@ def test_nothing_but_duties_reaches_a_device(rig: Rig, twin: Twin, clock: HandCl
         with pytest.raises(JaxtwinError, match="expected 2 numbers from -1 to 1"):
             operate(virtual_bench(rig, device, clock), twin, lambda moment, duty=wrong: duty)
         assert device.pwm == OFF
+
+
+def test_what_a_command_is_late_does_not_delay_the_next_ones(
+    rig: Rig, twin: Twin, clock: HandClock
+) -> None:
+    """Each multiple of 0.25 s has its command at the next poll, also where polls are 0.07 s
+    apart."""
+    device, times = VirtualRig(twin), list[float]()
+
+    def source(moment: Moment) -> tuple[float, float] | None:
+        times.append(moment.time)
+        return (0.2, 0.2) if moment.time < 5 else None
+
+    openers = {"rig": lambda: InProcess(device, clock)}
+    operate(stepped_bench(rig, openers, clock, step=0.07), twin, source)
+    late = np.array(times) - 0.25 * np.arange(len(times))
+    assert len(times) == 21
+    assert 0 <= late.min() <= late.max() < 0.0701
 
 
 @pytest.mark.slow

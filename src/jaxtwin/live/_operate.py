@@ -70,7 +70,7 @@ def operate(
 
     - `bench`: its links, started.
     - `twin`: of the rig, whose file must state `limits.temperature`.
-    - `duty`: asked every quarter of a second.
+    - `duty`: asked at each quarter of a second since the start.
     - `silence`: longest time without data, s.
     - `reset`: end a trip of the device first, on purpose.
     - `about`: stored at the start of the run in a recording: a plan or a command line, for example.
@@ -171,19 +171,21 @@ class _Run:
         self._learn(records)
         begin = bench.clock.now()
         guard.begin(begin, boots)
-        commanded = -INTERVAL
+        commanded = -1
         while True:
             records = bench.poll(0.02)
             self._learn(records)
             trip = guard.check(records, bench.clock.now())
             if trip is not None:
                 raise SafetyStop(f"stopped: {trip.detail}", trip.kind)
-            elapsed = seconds(bench.clock.now() - begin)
+            passed = bench.clock.now() - begin
             if stop is not None and stop.is_set():
                 return "stopped"
-            if elapsed - commanded < INTERVAL:
+            # Counted from the beginning: what each command is late must not delay the next ones.
+            number = passed // round(INTERVAL * 1e9)
+            if number == commanded:
                 continue
-            commanded = elapsed
+            commanded, elapsed = number, seconds(passed)
             asked = duty(self._moment(elapsed * rate))
             if asked is None:
                 return "completed"
