@@ -15,9 +15,9 @@ from ..simulation import Stepper
 from ..simulation._draws import work_in_chunks
 from ._closed_loop import ClosedLoop, run_loop
 from ._controller_vector import ControllerVector
+from ._many_loops import CHUNK_BYTES, is_whole_delay, numbers_a_step, steppers_of
 from ._measures import Measure
 from ._scenario import Scenario
-from ._simulate_closed_loop import CHUNK_BYTES, is_whole_delay, numbers_a_step, steppers_of
 
 LARGEST_CHUNK = 64
 """The largest number of loops, each with all derivatives, that a core computes at a time."""

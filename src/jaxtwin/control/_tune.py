@@ -23,13 +23,13 @@ from ..simulation._simulate_batch import _checked_draws
 from ._controller import AbstractController
 from ._controller_vector import ControllerVector
 from ._loop_slopes import LoopSlopes
+from ._many_loops import held_at_medians, longest_delay
 from ._measures import Measure
 from ._objective import Objective, checked_objective
 from ._sampled_loop import SampledLoops
 from ._scenario import scenario
 from ._search_box import SearchBox, search_box
 from ._side_by_side_sqp import Evaluation, Round, descents
-from ._simulate_closed_loop import held_at_medians, longest_delay
 from ._tuning import TunedLoop, Tuning, TuningStep
 
 WITHIN = 1e-3
