@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,11 +28,13 @@ from jaxtwin.control import (
     control,
     read_controller,
     save_controller,
+    ultimate_point,
 )
 from jaxtwin.control._control import LiveLoop
 from jaxtwin.control._stability import check_stability
 from jaxtwin.io import Session
 from jaxtwin.live import (
+    Bench,
     Clock,
     Faults,
     Moment,
@@ -43,6 +46,7 @@ from jaxtwin.live import (
     report,
     serve,
 )
+from jaxtwin.rig import Rig
 
 OFF = (0, 0)
 
@@ -310,6 +314,48 @@ def test_a_loop_that_is_not_stable_is_refused_before_there_is_a_connection_or_a_
     assert run_command(words) == 2
     assert "deviations from 40 degC that grow e-fold in" in capsys.readouterr().err
     assert not (tmp_path / "run.db").exists()
+
+
+@pytest.mark.slow
+def test_a_relay_on_a_rig_finds_what_it_finds_in_the_simulated_loop(
+    twin: Twin,
+    clock: HandClock,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """The ultimate gain to 5 %, the period to a sample. What is printed are fields of a file."""
+    relay = Relay(0.15, 0.22, 0.1, limits=(0, 1))
+    save_controller(tmp_path / "relay.toml", relay, twin.rig)
+    device = VirtualRig(twin, speed=4, seed=2)
+
+    def connected(
+        rig: Rig, *urls: str, journal: Recorder | None, baud: int
+    ) -> contextlib.AbstractContextManager[Bench]:
+        # Not entered, because that would start a thread that reads the link besides.
+        return contextlib.nullcontext(virtual_bench(rig, device, clock, journal=journal))
+
+    monkeypatch.setattr("jaxtwin.live.connect", connected)
+    words = ["control", "dual-cell", "--link", "socket://127.0.0.1:1", "--reference", "0:30"]
+    words += ["--controller", str(tmp_path / "relay.toml"), "--duration"]
+    assert run_command([*words, "300"]) == 0
+    said = capsys.readouterr().out
+    assert device.pwm == OFF
+    simulated = ultimate_point(jt.simulate_closed_loop(twin, relay, 30, duration_s=300, seed=2))
+    found = re.search(r"ultimate gain (\S+) 1/K, period (\S+) s", said)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(simulated.gain, rel=0.05)
+    assert float(found[2]) == pytest.approx(simulated.period_s, abs=1)
+    of_all = ["format = 1", 'rig = "dual-cell"', 'kind = "pid"', 'sample_time = "1 s"']
+    (tmp_path / "pid.toml").write_text("\n".join([*of_all, said[said.index("Kp") :]]))
+    pid, expected = read_controller(tmp_path / "pid.toml", twin.rig), simulated.pid()
+    assert isinstance(pid, PID)
+    for name in ("Kp", "Ki", "Kd", "Tf"):
+        np.testing.assert_allclose(getattr(pid, name), getattr(expected, name), rtol=0.1)
+
+    assert run_command([*words, "60"]) == 2
+    assert "at least 3 whole periods of the relay" in capsys.readouterr().err
+    assert device.pwm == OFF
 
 
 @pytest.mark.slow

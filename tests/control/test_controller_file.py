@@ -22,6 +22,7 @@ from jaxtwin.control import (
     FunctionController,
     LinearModel,
     OperatingPoint,
+    Relay,
     read_controller,
     save_controller,
 )
@@ -37,6 +38,19 @@ limits = [0.0, 0.9]
 Kp = "0.1 1/K"
 Ki = ["7.2 1/(K hour)", "0.001 1/(K s)"]
 tracking_time = "1 min"
+"""
+
+RELAY_FILE = """
+format = 1
+rig = "dual-cell"
+kind = "relay"
+sample_time = "0.5 s"
+measured = [["T11", "T16"]]
+limits = [0.0, 0.9]
+amplitude = ["0.1", "0.0"]
+bias = ["30 %", "0.2"]
+hysteresis = "50 mK"
+timeout = "5 min"
 """
 
 
@@ -56,9 +70,22 @@ def test_units_become_those_of_the_si(tmp_path: Path, twin: Twin):
     assert float(np.asarray(pid.tracking_time_s)) == 60
 
 
+def test_a_relay_is_read_with_its_units(tmp_path: Path, twin: Twin):
+    relay = read(tmp_path, RELAY_FILE, twin)
+    assert isinstance(relay, Relay)
+    np.testing.assert_array_equal(relay.amplitude, [0.1, 0.0])
+    np.testing.assert_allclose(np.asarray(relay.bias), [0.3, 0.2])
+    assert float(np.asarray(relay.hysteresis)) == pytest.approx(0.05)
+    assert relay.timeout_s == 300
+    assert relay.measured == (("T11", "T16"),)
+    assert (relay.sample_time_s, relay.limits) == (0.5, (0.0, 0.9))
+
+
 @pytest.mark.parametrize(
     "controller",
     [
+        Relay(0.1, 0.4, 0.05, timeout_s=90, measured=["T11", "T16"], limits=(0, 1)),
+        Relay(np.array([0.1, 0.0]), -0.2, 0.1, sample_time_s=0.5),
         PID(0.1, 0.002, 0.3, 2.0, setpoint_weight=0.7, limits=(0, 1)),
         PID(np.array([0.1, 0.2]), measured=["T11", ["T16", "T26"]], tracking_time_s=9.0),
         DecoupledPI(
@@ -77,6 +104,30 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin, controller):
             np.testing.assert_array_equal(found, value)
         else:
             assert found == value
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('["0.1", "0.0"]', '"0.1 K"', "amplitude: expected a duty .* does not measure a duty"),
+        ('["0.1", "0.0"]', '["0.1"]', "amplitude: expected one value, or one for each of the 2"),
+        ('["0.1", "0.0"]', '"0"', "Relay: amplitude: expected a number above 0"),
+        ('["30 %", "0.2"]', '"1.5"', "Relay: bias: expected a duty from -1 to 1"),
+        ('"50 mK"', '["50 mK", "60 mK"]', "hysteresis: expected a temperature difference"),
+        ('"50 mK"', '"0.1 degC"', "hysteresis: expected a temperature difference"),
+        ('timeout = "5 min"', 'timeout_s = "5 min"', "timeout_s: unknown field"),
+        ('"5 min"', '"0 s"', "timeout: expected a time above 0"),
+        ('hysteresis = "50 mK"', "", "hysteresis: expected this field, got none"),
+        ('[["T11", "T16"]]', '["T11", "T16"]', "measured: expected one output, got 2; channels"),
+    ],
+)
+def test_a_wrong_field_of_a_relay_is_named(
+    tmp_path: Path, twin: Twin, old: str, new: str, message: str
+):
+    assert old in RELAY_FILE
+    with pytest.raises(ControlError, match=message) as error:
+        read(tmp_path, RELAY_FILE.replace(old, new), twin)
+    assert str(error.value).startswith(str(tmp_path / "controller.toml"))
 
 
 @pytest.mark.parametrize(
@@ -104,8 +155,13 @@ def test_a_wrong_field_is_named(tmp_path: Path, twin: Twin, old: str, new: str, 
     assert str(error.value).startswith(str(tmp_path / "controller.toml"))
 
 
+FIELDS = [
+    (text, line.partition(" =")[0]) for text in (PID_FILE, RELAY_FILE) for line in text.split("\n")
+]
+
+
 @given(
-    st.sampled_from(["format", "rig", "kind", "sample_time", "measured", "limits", "Kp", "Ki"]),
+    st.sampled_from([(text, field) for text, field in FIELDS if field]),
     st.recursive(
         st.none() | st.booleans() | st.floats(allow_nan=False) | st.integers() | st.text(),
         lambda inner: st.lists(inner, max_size=3),
@@ -113,9 +169,10 @@ def test_a_wrong_field_is_named(tmp_path: Path, twin: Twin, old: str, new: str, 
     ),
 )
 def test_no_value_of_a_field_ends_in_another_error(
-    tmp_path_factory: pytest.TempPathFactory, twin: Twin, field: str, value: object
+    tmp_path_factory: pytest.TempPathFactory, twin: Twin, place: tuple[str, str], value: object
 ):
-    lines = [line for line in PID_FILE.splitlines() if not line.startswith(field)]
+    file, field = place
+    lines = [line for line in file.splitlines() if not line.startswith(f"{field} =")]
     text = json.dumps(value) if value is not None else "nan"
     path = tmp_path_factory.mktemp("files") / "controller.toml"
     path.write_text("\n".join([*lines, f"{field} = {text}"]), encoding="utf-8", errors="replace")
@@ -311,5 +368,5 @@ def damaged(text: str, place: int, kind: str) -> str:
 
 
 def test_a_function_has_no_file(tmp_path: Path, twin: Twin):
-    with pytest.raises(ControlError, match="expected a PID, a DecoupledPI, an LQI or an MPC"):
+    with pytest.raises(ControlError, match="an LQI, an MPC or a Relay, got FunctionController"):
         save_controller(tmp_path / "c.toml", FunctionController(lambda t, r, y: 0.0), twin.rig)

@@ -155,6 +155,26 @@ def test_an_oscillation_that_drifts_is_refused():
         ultimate_point(oscillation([20, 20, 20], drift=0.02))
     with pytest.raises(ControlError, match="at least 3 whole periods of the relay, found 2"):
         ultimate_point(oscillation([20, 20]))
+    time, output, duty = oscillation([20, 20, 20])
+    heard = (time < 24) | (time > 29)
+    with pytest.raises(ControlError, match="got none for 7 s of a period of 20 s"):
+        ultimate_point((time[heard], output[heard], duty[heard]))
+
+
+def test_late_and_missing_samples_do_not_change_what_is_found():
+    r"""A square wave of duty, $d = 0.1$, whose fundamental is $4 d / \pi \sin(\omega t)$, and an
+    output $0.5 \sin(\omega t - 2.7)$. Samples are up to 0.2 s late; three are left out."""
+    period, late = 30.0, np.random.default_rng(0).uniform(0, 0.2, 150)
+    time = np.delete(np.arange(150.0) + late, [70, 101, 102])
+    turn = 2 * np.pi * time / period
+    output = 40 + 0.5 * np.sin(turn - 2.7)
+    duty = 0.4 + 0.1 * np.where(np.sin(turn) > 0, 1.0, -1.0)
+    point = ultimate_point((time, output[:, None], np.column_stack([np.full(147, 0.5), duty])))
+    assert point.period_s == pytest.approx(period, abs=0.1)
+    assert point.amplitude == pytest.approx(0.5, rel=0.02)
+    assert point.gain == pytest.approx(4 * 0.1 / np.pi / 0.5, rel=0.02)
+    # The plant is the sampled one: with the hold, which is half a sample late.
+    assert point.phase_deg == pytest.approx(np.degrees(-2.7) - 360 * 0.5 / period, abs=2)
 
 
 @pytest.mark.parametrize(
@@ -175,7 +195,9 @@ def test_a_relay_that_is_none_is_refused(arguments: dict[str, Any], message: str
 @pytest.mark.parametrize(
     "given",
     [
-        ([0.0, 1.0, 3.0], [1.0, 2.0, 3.0], [0.0, 1.0, 0.0]),
+        ([0.0, 1.0, 1.0], [1.0, 2.0, 3.0], [0.0, 1.0, 0.0]),
+        ([0.0, 1.0, 2.0], np.ones((3, 2)), [0.0, 1.0, 0.0]),
+        ([0.0, 1.0, 2.0], np.ones((3, 0)), [0.0, 1.0, 0.0]),
         ([0.0, 1.0, 2.0], [1.0, np.nan, 3.0], [0.0, 1.0, 0.0]),
         ([0.0, 1.0, 2.0], [1.0, 2.0], [0.0, 1.0]),
     ],

@@ -1,6 +1,6 @@
 """`jaxtwin control`: a controller on a live rig."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,9 +19,15 @@ from ._options import (
     SetOption,
     SilenceOption,
 )
+from ._output import say
 
 if TYPE_CHECKING:
+    from ..control import Decision
     from ..physics import Twin
+
+
+_UNITS = {"Kp": "1/K", "Ki": "1/(K s)", "Kd": "s/K", "Tf": "s"}
+"""Field of a PID's file -> its unit."""
 
 
 def control(
@@ -51,11 +57,15 @@ def control(
 
     The cells are also switched off after an error. The exit code is 0 after the whole time, 3 if an
     interlock stopped it, 130 after Ctrl-C.
+
+    After a relay, prints the ultimate gain and period of its oscillation, and the fields of a PID
+    from them. The exit code is 2 if the plate did not oscillate evenly.
     """
+    decisions: list[Decision] = []
 
     def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
+        from ..control import Relay, read_controller
         from ..control import control as run_controller
-        from ..control import read_controller
         from ..control._control import checked_loop
 
         chosen = read_controller(controller, twin.rig)
@@ -66,6 +76,7 @@ def control(
             controller=chosen,
             references=reference,
             duration_s=duration,
+            on_decision=decisions.append if isinstance(chosen, Relay) else None,
         )
         about = {
             "plan": {"reference": reference, "duration_s": duration},
@@ -87,3 +98,23 @@ def control(
         set_name=set_name,
         baud=baud,
     )
+    if decisions:
+        say(_oscillation(decisions))
+
+
+def _oscillation(decisions: "Sequence[Decision]") -> str:
+    """Describes the critical point of a plate, and the PID by the rule of Tyreus and Luyben in the
+    words of a controller file.
+
+    **Raises:** `ControlError` if the oscillation is not even.
+    """
+    from ..control import ultimate_point
+
+    point = ultimate_point(decisions)
+    pid = point.pid()
+    found = (
+        f"ultimate gain {point.gain:.3g} 1/K, period {point.period_s:.3g} s, phase "
+        f"{point.phase_deg:.0f} degrees, by the last {point.cycles} periods"
+    )
+    fields = [f'{name} = "{getattr(pid, name):.3g} {unit}"' for name, unit in _UNITS.items()]
+    return "\n".join([found, "a PID by the rule of Tyreus and Luyben:", *fields])

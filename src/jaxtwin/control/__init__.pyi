@@ -8,6 +8,7 @@ from ._controller import AbstractController as AbstractController
 from ._controller import FunctionController as FunctionController
 from ._controller_file import read_controller as read_controller  # .toml -> controller
 from ._controller_file import save_controller as save_controller
+from ._decision import Decision as Decision  # a sample of a controller on a live rig
 from ._decoupled_pi import DecoupledPI as DecoupledPI  # on the mean and on differences
 from ._decoupled_pi import decoupling_of as decoupling_of  # from the plate's gain
 from ._directions import Directions as Directions  # mean and uniformity

@@ -14,6 +14,7 @@ from .._jax_settings import own_settings
 from ..live import Bench, Document, Moment, operate
 from ..physics import Twin
 from ._controller import AbstractController
+from ._decision import Decision
 from ._reach import check_reach, check_sample_time
 from ._references import reference_samples, references_ahead, sample_times
 from ._stability import check_stability
@@ -34,6 +35,7 @@ def control(
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
+    on_decision: Callable[[Decision], None] | None = None,
 ) -> Literal["completed", "stopped"]:
     """Runs a controller on a live rig. The cells are off when the function returns or raises.
 
@@ -50,6 +52,7 @@ def control(
     - `references`: as in `simulate_closed_loop`.
     - `duration_s`: the duration in the time of the rig, s, a multiple of the sample time.
     - `silence`, `reset`, `about`, `stop`, `on_progress`: as in `jaxtwin.live.operate`.
+    - `on_decision`: called with each decision, while the rig waits for its command.
 
     **Returns:** `"completed"` at the end of the duration, `"stopped"` if `stop` was set before.
 
@@ -59,7 +62,13 @@ def control(
     `PID`, a `DecoupledPI`, an `LQI` or an `MPC` whose loop with the twin is not stable.
     """
     loop = LiveLoop(
-        bench, twin, controller, references, duration_s=duration_s, silence_s=float(silence)
+        bench,
+        twin,
+        controller,
+        references,
+        duration_s=duration_s,
+        silence_s=float(silence),
+        on_decision=on_decision,
     )
     plan = {"references": loop.text, "duration_s": float(duration_s)}
     return operate(
@@ -109,6 +118,7 @@ class LiveLoop:
     **Arguments:** those of `control`, and
 
     - `silence_s`: the longest time without a reading, in the time of the rig, s.
+    - `on_decision`: called with each decision.
     """
 
     def __init__(
@@ -120,6 +130,7 @@ class LiveLoop:
         *,
         duration_s: float | int,
         silence_s: float = 3.0,
+        on_decision: Callable[[Decision], None] | None = None,
     ):
         self.text = references if isinstance(references, str) else np.asarray(references).tolist()
         self._bench, self._controller = bench, controller
@@ -134,6 +145,7 @@ class LiveLoop:
             self._state: Any = jax.tree.map(np.asarray, controller.init(off, still))
             _step(controller, self._state, self._ahead[0], still)
         self._silence = silence_s
+        self._on_decision = on_decision
         self._sample: int | None = None
         self._seen: tuple[float, Float[np.ndarray, " outputs"]] | None = None
         self._duty = np.zeros(len(twin.rig.cells))
@@ -158,14 +170,12 @@ class LiveLoop:
         if duty.shape != self._duty.shape or not np.isfinite(duty).all():
             raise SafetyStop(f"stopped: the controller asked for duty {duty}", "controller")
         self._sample, self._duty = sample, np.clip(duty, -1.0, 1.0)
-        content = {
-            "time": moment.time,
-            "reference": self._references[sample].tolist(),
-            "measurement": measurement.tolist(),
-            "duty": self._duty.tolist(),
-        }
+        decision = Decision(moment.time, self._references[sample], measurement, self._duty)
+        content = {name: np.asarray(value).tolist() for name, value in decision._asdict().items()}
         bench = self._bench
         bench.note(Document(bench.clock.now(), "decision", "control", content))
+        if self._on_decision is not None:
+            self._on_decision(decision)
         return self._duty
 
     def _measured(self, moment: Moment) -> Float[np.ndarray, " outputs"] | None:

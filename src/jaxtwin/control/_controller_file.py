@@ -1,7 +1,7 @@
 """Reads and writes controllers as TOML files.
 
-`save_controller` writes the file of an `LQI` or an `MPC`, see `_model_controller_file`. The file of
-a `PID` can also be written by hand:
+`save_controller` writes the file of an `LQI` or an `MPC`, see `_model_controller_file`. The files
+of the others, such as a `PID`, can also be written by hand:
 
 ```toml
 format = 1
@@ -31,7 +31,7 @@ from .._whole_file import check_ending, write_whole_file
 from ..rig import Rig
 from ..rig._bundled import parse_toml, read_toml
 from ..rig._problems import refuse
-from ..rig._units import Kind
+from ..rig._units import NOISE, Kind
 from ._controller import AbstractController
 from ._controller_fields import Refuse, as_quantity, groups, numbers, quantity
 from ._decoupled_pi import DecoupledPI
@@ -45,6 +45,7 @@ from ._model_controller_file import (
 )
 from ._mpc import MPC
 from ._pid import PID
+from ._relay import Relay
 
 FORMAT = 1
 
@@ -72,27 +73,38 @@ _FIELDS: dict[str, dict[str, Kind]] = {
         "Ki_difference": _INTEGRAL,
         "setpoint_weight": _WEIGHT,
     },
+    "relay": {
+        "amplitude": Kind("a duty", "", "0.1", least="zero"),
+        "bias": Kind("a duty", "", "0.4", least="any"),
+        "hysteresis": NOISE,
+        "timeout": _INTERVAL,
+    },
 }
 """Kind of controller -> name of a parameter in the file -> its quantity."""
 
-_NAMES = {PID: "pid", DecoupledPI: "decoupled-pi", **KINDS}
+_NAMES = {PID: "pid", DecoupledPI: "decoupled-pi", Relay: "relay", **KINDS}
 
 _KNOWN = {
     "pid": tuple(_FIELDS["pid"]),
     "decoupled-pi": (*_FIELDS["decoupled-pi"], "decoupling"),
+    "relay": tuple(_FIELDS["relay"]),
     **FIELDS,
 }
 
 _REQUIRED = {
     "pid": ("Kp",),
     "decoupled-pi": ("measured", *tuple(_FIELDS["decoupled-pi"])[:4]),
+    "relay": ("amplitude", "bias", "hysteresis"),
     **REQUIRED,
 }
 
 _COMMON = ("format", "rig", "kind", "sample_time", "measured", "limits")
 
-_ARGUMENTS = {"tracking_time": "tracking_time_s"}
+_ARGUMENTS = {"tracking_time": "tracking_time_s", "timeout": "timeout_s"}
 """Name of a field -> name of its argument in Python, if the argument's name has a unit."""
+
+_OF_ALL_CELLS = ("hysteresis", "timeout")
+"""Fields that are one number, not one for each cell."""
 
 
 def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractController:
@@ -103,7 +115,7 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
     - `path`: the .toml file.
     - `rig`: the rig that the file must name.
 
-    **Returns:** a `PID`, a `DecoupledPI`, an `LQI` or an `MPC`.
+    **Returns:** a `PID`, a `DecoupledPI`, an `LQI`, an `MPC` or a `Relay`.
 
     **Raises:** `ControlError` if the file cannot be read, is for another rig, or has a field or a
     value that is not allowed. The message names the file and the field.
@@ -117,7 +129,7 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
     **Arguments:**
 
     - `path`: the .toml file.
-    - `controller`: a `PID`, a `DecoupledPI`, an `LQI` or an `MPC`.
+    - `controller`: a `PID`, a `DecoupledPI`, an `LQI`, an `MPC` or a `Relay`.
     - `rig`: the rig that the controller is for.
 
     **Raises:** `ControlError` for another kind of controller, for a controller that does not fit
@@ -127,8 +139,8 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
     kind = _NAMES.get(type(controller))
     if kind is None:
         raise ControlError(
-            "save_controller: controller: expected a PID, a DecoupledPI, an LQI or an MPC, got "
-            f"{controller!r}"
+            "save_controller: controller: expected a PID, a DecoupledPI, an LQI, an MPC or a "
+            f"Relay, got {controller!r}"
         )
     lines = [
         f"format = {FORMAT}",
@@ -194,12 +206,12 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)  # LinAlgWarning is one
                 return model_controller(kind, data, arguments, rig, no)
-        return _pid(kind, data, arguments, rig, channels, no)
+        return _law(kind, data, arguments, rig, channels, no)
     except (ArithmeticError, LinAlgError, TypeError, ValueError) as error:
         no("", str(error))
 
 
-def _pid(
+def _law(
     kind: str,
     data: Mapping[str, Any],
     arguments: dict[str, Any],
@@ -207,21 +219,37 @@ def _pid(
     channels: Sequence[str],
     no: Refuse,
 ) -> AbstractController:
+    """Makes a controller whose file holds its parameters, without a model."""
     fields = _FIELDS[kind]
     arguments |= {
-        _ARGUMENTS.get(name, name): quantity(data[name], name, unit, no)
+        _ARGUMENTS.get(name, name): quantity(
+            data[name], name, unit, no, is_list=name not in _OF_ALL_CELLS
+        )
         for name, unit in fields.items()
         if name in data
     }
     if "decoupling" in data:
         rows = data["decoupling"] if isinstance(data["decoupling"], list) else [data["decoupling"]]
         arguments["decoupling"] = [numbers(row, "decoupling", no) for row in rows]
+    if kind == "relay" and "measured" in arguments:
+        if len(arguments["measured"]) != 1:
+            no(
+                "measured",
+                f"expected one output, got {len(arguments['measured'])}; channels that are "
+                'averaged have brackets of their own, such as [["T11", "T16"]]',
+            )
+        (arguments["measured"],) = arguments["measured"]
+    made: dict[str, type[AbstractController]] = {
+        "pid": PID,
+        "decoupled-pi": DecoupledPI,
+        "relay": Relay,
+    }
     try:
-        controller: AbstractController = (PID if kind == "pid" else DecoupledPI)(**arguments)
+        controller = made[kind](**arguments)
         outputs = len(controller.output_weights(channels))
     except ControlError as error:
         no("", str(error))
-    if outputs not in (1, len(rig.cells)) or (kind != "pid" and outputs != len(rig.cells)):
+    if outputs not in (1, len(rig.cells)) or (kind == "decoupled-pi" and outputs != len(rig.cells)):
         no("measured", f"expected an output for each of the {len(rig.cells)} cells, got {outputs}")
     _check_cells(arguments, fields, len(rig.cells), no)
     return controller

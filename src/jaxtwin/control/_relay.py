@@ -74,8 +74,8 @@ class Relay(AbstractChannelGroupController):
       over all channels.
     - `limits`, `sample_time_s`: as in `PID`.
 
-    **Raises:** `ControlError` if the amplitude, the hysteresis or the time-out is not above 0, if
-    the bias is not within -1 to 1, or if there are several outputs.
+    **Raises:** `ControlError` if the amplitude or the time-out is not above 0, if the hysteresis is
+    negative, if the bias is not within -1 to 1, or if there are several outputs.
     """
 
     amplitude: Parameter

@@ -7,6 +7,7 @@ averaged out. With a small hysteresis the phase of $G$ is -180 degrees, and $1 /
 ultimate gain, the proportional gain at which the loop would oscillate.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final, get_args
@@ -19,6 +20,7 @@ from .._arguments import whole_number
 from .._display import html_table
 from .._errors import ControlError
 from ._closed_loop_run import ClosedLoopRun
+from ._decision import Decision
 from ._pid import PID
 
 if TYPE_CHECKING:
@@ -44,6 +46,9 @@ FILTER = 1 / 8
 
 SAME_PERIOD = 0.15
 """The relative difference that periods may have; two samples more are always allowed."""
+
+GAP = 0.25
+"""The longest time without a sample, in periods."""
 
 SAME_LEVEL = 0.15
 """The change of the mean from period to period that is allowed, relative to the oscillation's
@@ -102,22 +107,25 @@ class UltimatePoint:
 
 
 def ultimate_point(
-    run: ClosedLoopRun | tuple[ArrayLike, ArrayLike, ArrayLike], *, cycles: int = 3
+    run: ClosedLoopRun | Sequence[Decision] | tuple[ArrayLike, ArrayLike, ArrayLike],
+    *,
+    cycles: int = 3,
 ) -> UltimatePoint:
     """Computes the critical frequency and gain of a plant from a run with a `Relay`.
 
     **Arguments:**
 
-    - `run`: the result of `simulate_closed_loop` with a `Relay`; or times (s), measured output
-      (degC) and duty of a cell that switches, each `(times,)` at equal steps, as in the decisions
-      of a recording by `jaxtwin control`.
+    - `run`: the result of `simulate_closed_loop` with a `Relay`; or the decisions of
+      `jaxtwin.control.control`; or times (s, `(times,)`), measured outputs (degC, `(times,)` or
+      `(times, 1)`) and duty cycles (`(times,)` or `(times, cells)`). On a rig, samples come late or
+      are left out; each counts for the time until the next one.
     - `cycles`: the number of periods, from the end, that are evaluated.
 
-    **Raises:** `ControlError` if the run has fewer periods, or if the oscillation still drifts.
+    **Raises:** `ControlError` if the run has fewer periods, if the oscillation still drifts, or if
+    samples are missing in it for more than a quarter of a period.
     """
     count = whole_number("ultimate_point: cycles", cycles, 1, ControlError)
     time, output, duty = _arrays(run)
-    step = time[1] - time[0]
     changes = np.diff(duty)
     ups = 1 + np.flatnonzero(changes > 0.5 * np.abs(changes).max()) if changes.any() else []
     if len(ups) < count + 1:
@@ -127,14 +135,29 @@ def ultimate_point(
         )
     ups = ups[-count - 1 :]
     periods = np.diff(time[ups])
-    pieces = [slice(a, b) for a, b in pairwise(ups)]
-    levels = np.array([output[piece].mean() for piece in pieces])
-    height = float(np.mean([np.ptp(output[piece]) for piece in pieces]))
-    _check_drift(periods, levels, height, step)
     whole = slice(ups[0], ups[-1])
+    steps = np.diff(time[ups[0] : ups[-1] + 1])
+    usual = float(np.median(steps))
+    if steps.max() > max(GAP * periods.mean(), 1.5 * usual):
+        raise ControlError(
+            "ultimate_point: run: expected samples through the whole oscillation, got none for "
+            f"{steps.max():.3g} s of a period of {periods.mean():.3g} s"
+        )
+    pieces = [slice(a, b) for a, b in pairwise(ups)]
+    levels = np.array(
+        [np.average(output[p], weights=np.diff(time[p.start : p.stop + 1])) for p in pieces]
+    )
+    height = float(np.mean([np.ptp(output[piece]) for piece in pieces]))
+    _check_drift(periods, levels, height, usual)
     omega = 2 * np.pi / periods.mean()
     wave = np.exp(-1j * omega * time[whole])
-    Y, U = (2 * np.mean(values[whole] * wave) for values in (output, duty))
+
+    def fundamental(values: Float[np.ndarray, " times"]) -> complex:
+        # Without the mean, because steps that differ let a little of it into each wave.
+        swing = values[whole] - np.average(values[whole], weights=steps)
+        return complex(2 * np.average(swing * wave, weights=steps))
+
+    Y, U = fundamental(output), fundamental(duty)
     response = Y / U
     phase = float(np.degrees(np.angle(response)))
     return UltimatePoint(
@@ -147,31 +170,36 @@ def ultimate_point(
 
 
 def _arrays(run: Any) -> tuple[Float[np.ndarray, " times"], ...]:
-    if isinstance(run, ClosedLoopRun):
-        if run.measurement.shape[1] != 1:
-            raise ControlError(
-                "ultimate_point: run: expected one with a Relay, which has a single output, got "
-                f"{run.measurement.shape[1]} outputs"
-            )
-        switching = int(np.argmax(np.ptp(run.duty, axis=0)))
-        return run.time, run.measurement[:, 0], run.duty[:, switching]
     try:
-        time, output, duty = (np.asarray(values, float) for values in run)
+        if isinstance(run, ClosedLoopRun):
+            run = run.time, run.measurement, run.duty
+        elif run and isinstance(run[0], Decision):
+            run = tuple(zip(*((d.time, d.measurement, d.duty) for d in run), strict=True))
+        time, output, duty = run
+        time, output, duty = (np.asarray(values, float) for values in (time, output, duty))
     except (TypeError, ValueError):
         raise ControlError(
-            "ultimate_point: run: expected a ClosedLoopRun, or (time, output, duty), got "
-            f"{type(run).__name__}"
+            "ultimate_point: run: expected a ClosedLoopRun, decisions, or (time, output, duty), "
+            f"got {type(run).__name__}"
         ) from None
-    same = time.ndim == 1 and time.shape == output.shape == duty.shape and len(time) > 2
-    if not same or not all(np.isfinite(values).all() for values in (time, output, duty)):
+    rows = time.size
+    has_shapes = all(v.shape[:1] == (rows,) and v.ndim <= 2 and v.size for v in (output, duty))
+    is_finite = all(np.isfinite(values).all() for values in (time, output, duty))
+    if not (time.ndim == 1 and rows > 2 and has_shapes and is_finite):
         raise ControlError(
             "ultimate_point: run: expected finite times, output and duty of one length, got shapes "
             f"{time.shape}, {output.shape} and {duty.shape}"
         )
-    steps = np.diff(time)
-    if not (steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-6)):
-        raise ControlError("ultimate_point: run: expected times at equal steps")
-    return time, output, duty
+    output, duty = output.reshape(rows, -1), duty.reshape(rows, -1)
+    if output.shape[1] != 1:
+        raise ControlError(
+            "ultimate_point: run: expected one with a Relay, which has a single output, got "
+            f"{output.shape[1]} outputs"
+        )
+    if not np.all(np.diff(time) > 0):
+        raise ControlError("ultimate_point: run: expected times that increase")
+    switching = int(np.argmax(np.ptp(duty, axis=0)))
+    return time, output[:, 0], duty[:, switching]
 
 
 def _check_drift(
