@@ -96,7 +96,8 @@ def with_links(page: str) -> str:
 
 
 def missing(reference: Path) -> list[str]:
-    """Public names that have no docstring, or that the built pages lack, a line each."""
+    """Public names that have no docstring, or that the built pages lack, and methods and properties
+    that have none, of their own or inherited; a line each."""
     found = {package: anchors(reference / f"{package}.html") for package in packages()}
     problems = []
     for package in packages():
@@ -106,7 +107,34 @@ def missing(reference: Path) -> list[str]:
                 problems.append(f"reference/{package}.html: {whole} is missing")
             if not docstring(package, name):
                 problems.append(f"{whole}: expected a docstring, got none")
+    return problems + _undocumented_members()
+
+
+def _undocumented_members() -> list[str]:
+    """Members of public classes without a docstring, a line each."""
+    problems = []
+    for package in packages():
+        for name in public_names(package):
+            value = getattr(importlib.import_module(package), name)
+            if not inspect.isclass(value) or (package == "jaxtwin" and home(name) != package):
+                continue
+            problems += [
+                f"{package}.{name}.{member}: expected a docstring, got none"
+                for member in _members(value)
+                if not inspect.getdoc(getattr(value, member))
+            ]
     return problems
+
+
+def _members(owner: type) -> list[str]:
+    """The public methods and properties of a class that jaxtwin defines, also in a base of it."""
+    return [
+        member.name
+        for member in inspect.classify_class_attrs(owner)
+        if not member.name.startswith("_")
+        and member.defining_class.__module__.startswith("jaxtwin.")
+        and (member.kind != "data" or isinstance(member.object, functools.cached_property))
+    ]
 
 
 @functools.cache

@@ -86,6 +86,10 @@ class TcpServer:
         self._device: VirtualRig | None = None
 
     def tick(self, data: bytes, device: VirtualRig) -> None:
+        """Lets hosts connect, sends each of them the messages, and passes on what they sent.
+
+        A host that reads too slowly, or is gone, is disconnected.
+        """
         self._accept(device)
         for client, unsent in list(self._clients.items()):
             unsent += data
@@ -113,10 +117,12 @@ class TcpServer:
                 self._drop(client)
 
     def hang_up(self) -> None:
+        """Disconnects all hosts, as a fault; they may connect again."""
         for client in list(self._clients):
             self._drop(client)
 
     def close(self) -> None:
+        """Disconnects all hosts and gives the port back."""
         self.hang_up()
         self._listener.close()
 
@@ -164,6 +170,10 @@ class PtyServer:
         self._selector.register(self._near, selectors.EVENT_READ)
 
     def tick(self, data: bytes, device: VirtualRig) -> None:
+        """Writes the messages, and passes on what was received.
+
+        What nobody reads for half a second is discarded.
+        """
         self._unsent += data
         try:
             sent = os.write(self._near, self._unsent[:4096]) if self._unsent else 0
@@ -187,9 +197,11 @@ class PtyServer:
                 device.receive(os.read(self._near, 4096))
 
     def hang_up(self) -> None:
+        """Discards what has not been sent: a terminal has no connection to cut."""
         self._unsent.clear()
 
     def close(self) -> None:
+        """Ends the pseudo-terminal: its name is gone."""
         self._selector.close()
         os.close(self._near)
         os.close(self._far)
@@ -213,6 +225,10 @@ class MqttServer:
             raise LinkError(f"{self.url}: {error}") from None
 
     def tick(self, data: bytes, device: VirtualRig) -> None:
+        """Publishes the messages, and passes on the commands that have arrived.
+
+        **Raises:** `LinkError` once the connection to the broker is lost.
+        """
         try:
             if data:
                 self._transport.write(data)
@@ -224,6 +240,7 @@ class MqttServer:
         """Does nothing: the fault does not apply to a broker."""
 
     def close(self) -> None:
+        """Leaves the broker."""
         self._transport.close()
 
 
@@ -243,6 +260,10 @@ class InProcess:
         self._waiting = device.connected()
 
     def read(self) -> bytes:
+        """Advances the rig to the time of the clock. Returns the bytes that it sends meanwhile.
+
+        **Raises:** `ConnectionResetError` where a fault of the rig cuts the connection.
+        """
         data = self._waiting + self._device.due(self._clock.now())
         self._waiting = b""
         if self._device.cuts_connection():
@@ -250,7 +271,8 @@ class InProcess:
         return data
 
     def write(self, data: bytes) -> None:
+        """Passes commands to the rig, at once."""
         self._device.receive(data)
 
     def close(self) -> None:
-        pass
+        """Does nothing: there is no connection to end."""

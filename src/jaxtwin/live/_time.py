@@ -46,12 +46,15 @@ class SystemClock:
         self._offset = time.time_ns() - time.monotonic_ns()
 
     def now(self) -> int:
+        """Host time, ns since 1970 as of the start; it increases steadily."""
         return time.monotonic_ns() + self._offset
 
     def utc(self) -> int:
+        """The time of the system's clock, ns since 1970; it may step."""
         return time.time_ns()
 
     def is_synchronised(self) -> bool | None:
+        """Whether NTP keeps the system's clock, as Linux says; `None` on other systems."""
         if sys.platform != "linux":
             return None
         # adjtimex(2) with no mode set only reads. It answers with the state of the clock.
@@ -59,6 +62,7 @@ class SystemClock:
         return None if state < 0 else state != TIME_ERROR
 
     def wait(self, event: threading.Event, seconds: float) -> bool:
+        """Waits until the event is set or the time (s) is over. Returns whether it is set."""
         return event.wait(seconds)
 
 
