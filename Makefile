@@ -74,9 +74,12 @@ notebook: $(INSTALLED_DEV)
 notebook-check: $(INSTALLED_WHEEL)
 	.venv-wheel/bin/python -m pip install --quiet "$$(echo dist/*.whl)[notebook,storage]"
 	set -e; made=$$(mktemp -d); trap 'rm -rf "$$made"' EXIT; \
-	cp notebooks/*.ipynb "$$made"; \
 	$(if $(RECORDINGS),export JAXTWIN_RECORDINGS="$${JAXTWIN_RECORDINGS:-$(RECORDINGS)}"; )\
-	.venv-wheel/bin/jupyter nbconvert --to notebook --execute --inplace "$$made"/*.ipynb
+	for notebook in notebooks/*.ipynb; do \
+	    cp "$$notebook" "$$made"; copy=$$made/$${notebook##*/}; start=$$(date +%s); \
+	    .venv-wheel/bin/jupyter nbconvert --to notebook --execute --inplace "$$copy"; \
+	    echo "$$notebook: $$(($$(date +%s) - start)) s"; \
+	done
 
 # Warnings are errors.
 docs: $(INSTALLED_DOCS)
