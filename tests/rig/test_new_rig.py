@@ -1,9 +1,11 @@
 """Whatever sizes a person gives, the written rig file is read and has a network."""
 
+import json
 import tomllib
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 import typer
 from hypothesis import Phase, given, settings
@@ -131,6 +133,23 @@ def test_the_command_writes_a_file_that_check_passes(
     assert run(["new-rig", "bench.toml", *ARGUMENTS]) == 2
     assert "expected a new file" in capsys.readouterr().err
     assert Path("bench.toml").read_bytes() == before
+
+
+def test_an_editor_finds_the_schema_from_the_first_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert run(["new-rig", "bench.toml", *ARGUMENTS]) == 0
+    directive, _, text = Path("bench.toml").read_text("utf-8").partition("\n")
+    assert directive.startswith("#:schema ./")
+    schema = Path(directive.removeprefix("#:schema "))
+    validator = jsonschema.Draft202012Validator(json.loads(schema.read_text("utf-8")))
+    validator.validate(tomllib.loads(text))
+    with pytest.raises(jsonschema.ValidationError, match="thicknes"):
+        validator.validate(tomllib.loads(text.replace("thickness", "thicknes")))
+    schema.write_text("{}")
+    assert run(["new-rig", "other.toml", *ARGUMENTS]) == 0
+    assert schema.read_text("utf-8") == "{}"
 
 
 def test_a_person_is_asked_for_what_no_option_gives(

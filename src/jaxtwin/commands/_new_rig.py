@@ -9,7 +9,7 @@ import typer
 
 from .._errors import JaxtwinError, RigError
 from .._whole_file import write_whole_file
-from ._output import check_output
+from ._output import check_output, write_json
 
 Asked = tuple[str, str, str | None]
 """Option, question and default of the answer; None if there is none."""
@@ -49,12 +49,13 @@ def new_rig(
     """Write a commented rig file. What no option gives is asked.
 
     Sizes are text with a unit. What is not known has a value from handbooks or a datasheet, and a
-    prior as wide as the ignorance. A file that is there is not replaced.
+    prior as wide as the ignorance. Beside it is rig.schema.json, with which editors complete and
+    check the file. A file that is there is not replaced.
     """
     check_output(file, ".toml", option="FILE")
     if file.exists():
         raise RigError(f"{file}: expected a new file, got one that is there; choose another name")
-    from ..rig import CellPlace, bundled_materials, bundled_modules, new_rig_text
+    from ..rig import CellPlace, bundled_materials, bundled_modules, json_schema, new_rig_text
     from ..rig._fields import Fields
     from ..rig._new_rig import plate_size
 
@@ -99,7 +100,11 @@ def new_rig(
         limit=limit,
         reader=reader,
     )
-    write_whole_file(file, text.encode(), RigError)
+    # Editors with Even Better TOML or Taplo read the schema's place from the first line.
+    schema = file.with_name("rig.schema.json")
+    write_whole_file(file, f"#:schema ./{schema.name}\n{text}".encode(), RigError)
+    if not schema.exists():
+        write_json(schema, json_schema())
     from ..rig import load_rig
 
     print(load_rig(str(file)))
