@@ -1,12 +1,14 @@
 """Every Python snippet of the README and of docs/ runs, in the order in which a reader meets them.
 
-Rigs and recordings that a snippet takes for granted are made beforehand. What would take minutes is
-made smaller, and a loop that goes on for ever is stopped as its reader would, by an interrupt.
+Rigs, recordings and a camera that a snippet takes for granted are made beforehand. What would take
+minutes is made smaller, and a loop that goes on for ever is stopped as its reader would, by an
+interrupt.
 """
 
 import ast
 import contextlib
 import re
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -20,7 +22,7 @@ import pytest
 import jaxtwin as jt
 import jaxtwin.io
 from jaxtwin.data import synthetic_recordings
-from jaxtwin.live import SystemClock, TcpServer, VirtualRig, serve
+from jaxtwin.live import Reading, SystemClock, TcpServer, VirtualRig, connect, serve
 
 CHECKOUT = Path(__file__).parent.parent
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -30,9 +32,14 @@ SMALLER = {
     "draws=1000": "draws=300",
     "draws=4096": "draws=16",
     "moment.time > 600": "moment.time > 3",
+    '"0:30,300:35", duration_s=600)': '"0:30", duration_s=5)',
+    "duration_s=900, on_decision": "duration_s=5, on_decision",
 }
 ADDRESS = "127.0.0.1:7000"
-"""Of docs/live.md."""
+"""Of the virtual rig of docs/live.md and docs/control.md."""
+
+CAMERA = "127.0.0.1:7001"
+"""Of docs/firmware/lepton.md."""
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +50,7 @@ def snippets(page: str) -> list[str]:
 
 PAGES = [
     str(page.relative_to(CHECKOUT))
-    for page in (CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").glob("*.md")))
+    for page in (CHECKOUT / "README.md", *sorted((CHECKOUT / "docs").rglob("*.md")))
     if "```python" in page.read_text()
 ]
 
@@ -117,6 +124,16 @@ def surroundings_of(page: str, names: dict[str, Any]) -> Iterator[None]:
         names["print"] = printing_for(5.0)
         with rig_that_listens():
             yield
+    elif page == "docs/control.md":
+        with rig_that_listens():
+            yield
+    elif page == "docs/experiment-design.md":
+        shutil.copy(Path(jaxtwin.__file__).parent / "data/rigs/single-cell.toml", "my-rig.toml")
+        names["recordings"] = [jt.read_recording("session-0.csv")]
+        yield
+    elif page == "docs/firmware/lepton.md":
+        with host_of_the_camera(names):
+            yield
     elif page == "docs/sweep.md":
         experiments = [jt.read_recording(path) for path in synthetic_recordings()]
         names["experiments"] = experiments
@@ -137,6 +154,28 @@ def printing_for(seconds: float) -> Callable[..., None]:
             raise KeyboardInterrupt
 
     return shown
+
+
+@contextlib.contextmanager
+def host_of_the_camera(names: dict[str, Any]) -> Iterator[None]:
+    """A driver that yields pictures of 30 degC for a second, and the host that reads them."""
+    twin = jt.Twin("dual-cell")
+
+    def frames() -> Iterator[tuple[int, np.ndarray, bool]]:
+        for number in range(20):
+            yield number, np.full((60, 80), 30315, np.uint16), number == 10
+            time.sleep(0.05)
+        raise KeyboardInterrupt
+
+    names["frames"] = frames
+    with connect(twin.rig, f"socket://{CAMERA}") as bench:
+        yield
+        names["connection"].close()
+        names["server"].close()
+        readings = [record for record in bench.poll() if isinstance(record, Reading)]
+    assert [reading.recalibrating for reading in readings].count(True) == 1
+    for reading in readings:
+        np.testing.assert_allclose(reading.temperatures, 30.0, atol=1e-6)
 
 
 @contextlib.contextmanager
