@@ -75,6 +75,6 @@ def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
         for name, there in zip(design.names, known, strict=True)
     ]
     axes.set_yticks(rows, names)
-    axes.invert_yaxis()
+    axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set(xlabel="standard error, % of today's", title="what a match would know")
     axes.legend(loc="best")
