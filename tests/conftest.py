@@ -95,6 +95,7 @@ def float64() -> Iterator[None]:
 PROGRAMS = {
     "ngspice": "ngspice",
     "mosquitto": "mosquitto",
+    "ffmpeg": "ffmpeg",
     "compiler": "c++",
     "c_compiler": "cc",
 }

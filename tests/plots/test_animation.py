@@ -2,6 +2,7 @@
 
 import base64
 import re
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -82,6 +83,41 @@ def test_a_run_of_few_samples_has_a_picture_for_each(tmp_path: Path):
     film.save(tmp_path / "plate.gif", writer="pillow", dpi=20)
     with Image.open(tmp_path / "plate.gif") as gif:
         assert getattr(gif, "n_frames", 1) == 4
+
+
+def test_a_gif_is_written_by_pillow_without_a_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    animate_plate(RIG, heated(), frames=2).save(tmp_path / "plate.gif", dpi=20)
+    with Image.open(tmp_path / "plate.gif") as gif:
+        assert getattr(gif, "n_frames", 1) == 2
+    assert not caplog.messages
+
+
+def test_a_video_without_ffmpeg_is_refused_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    film = animate_plate(RIG, heated(), frames=2)
+    with pytest.raises(ParameterError, match=r"plate.mp4: expected ffmpeg.* or save a \.gif"):
+        film.save(tmp_path / "plate.mp4", dpi=20)
+    assert not list(tmp_path.iterdir())
+    film.save(tmp_path / "plate.gif", dpi=20)
+
+
+@pytest.mark.ffmpeg
+def test_ffmpeg_reads_the_pictures_of_a_video(tmp_path: Path):
+    video = tmp_path / "plate.mp4"
+    animate_plate(RIG, heated(), frames=6, seconds=3).save(video, dpi=40)
+    read = ["ffmpeg", "-i", str(video), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(read, capture_output=True, check=True)
+    told = done.stderr.decode()
+    assert "Duration: 00:00:03.00" in told
+    width, height = map(int, re.findall(r", (\d+)x(\d+)[, ]", told)[0])
+    pictures = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3)
+    assert len(pictures) == 6
+    assert np.all(np.diff(pictures.mean(axis=(1, 2, 3))) != 0)
 
 
 def test_runs_of_other_rigs_and_numbers_out_of_range_are_refused():

@@ -1,11 +1,12 @@
 """The plate's temperatures as a film."""
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from jaxtyping import Float, Int
-from matplotlib import pyplot
-from matplotlib.animation import FuncAnimation
+from matplotlib import pyplot, rcParams
+from matplotlib.animation import AbstractMovieWriter, FuncAnimation, writers
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 FRAMES = 100
 """As many as a GIF of some hundred kilobytes holds."""
 
+PILLOW = (".gif", ".webp")
+"""Files that matplotlib writes with Pillow; for others it starts another program."""
+
 
 def animate_plate(
     rig: Rig,
@@ -35,8 +39,8 @@ def animate_plate(
 ) -> FuncAnimation:
     """The plate map over time, above the duty cycles of the cells.
 
-    `.save("plate.gif")` writes it with Pillow, `.save("plate.mp4")` where ffmpeg is installed;
-    `.to_jshtml()` is for a web page or a notebook.
+    `.save("plate.gif")` writes it with Pillow, `.save("plate.mp4")` with ffmpeg, and raises
+    `ParameterError` where that is not installed; `.to_jshtml()` is for a web page or a notebook.
 
     **Arguments:**
 
@@ -64,9 +68,35 @@ def animate_plate(
     chosen = np.searchsorted(simulated.time, times - 1e-9)
     film = _Film(rig, simulated, chosen)
     figure = film.draw()
-    return FuncAnimation(
+    return _Animation(
         figure, film.show, frames=len(chosen), interval=1000 * seconds / len(chosen), blit=False
     )
+
+
+@final
+class _Animation(FuncAnimation):
+    """Matplotlib's, which without ffmpeg would hand every file to Pillow, also those that Pillow
+    cannot write."""
+
+    def save(
+        self,
+        filename: str | Path,
+        writer: AbstractMovieWriter | str | None = None,
+        *args: Any,
+        **options: Any,
+    ) -> None:
+        super().save(filename, writer or _writer_of(filename), *args, **options)
+
+
+def _writer_of(filename: str | Path) -> str:
+    """Pillow, or the program that matplotlib's settings name: ffmpeg unless they are changed."""
+    name = "pillow" if Path(filename).suffix.lower() in PILLOW else rcParams["animation.writer"]
+    if not writers.is_available(name):
+        raise ParameterError(
+            f"{filename}: expected {name}, which writes videos, to be installed; install it, or "
+            "save a .gif"
+        )
+    return name
 
 
 class _Film:
