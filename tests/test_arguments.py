@@ -21,13 +21,14 @@ import diffrax
 import numpy as np
 import optimistix
 from jaxtwin import *
-from jaxtwin import plots
+from jaxtwin import control, plots
 from jaxtwin.data import synthetic_recordings
 rig = load_rig("paper-2024")
 twin = Twin(rig)
 drive = Experiment.schedule("0:0.5", duration=50, cells=2)
 seen = read_recording(synthetic_recordings()[0]).between(0, 60)
 draws = {"R_ph": [0.5, 0.6]}
+pid, draught = control.PID(0.1), control.Draught("V11", 0, 1, 1)
 found = {}
 for text in json.load(sys.stdin):
     try:
@@ -53,6 +54,15 @@ CASES = {
         "ParameterError",
         "style: expected paper, grey or dark, got 'light'",
     ),
+    "control.scenario(twin, pid, 30, duration_s=20, faults=5)": (
+        "ControlError",
+        "faults: expected text such as 'drop=0.01,jumps=164', or Faults, got 5",
+    ),
+    "control.scenario(twin, pid, 30, duration_s=20, disturbances=draught)": (
+        "ControlError",
+        "disturbances: expected a list of Draught and HeatInput, got Draught",
+    ),
+    "control.PID(0.1, measured=5)": ("ControlError", "PID: measured: expected channels, or groups"),
     "simulate('paper-2024', drive)": ("SimulationError", TWIN),
     "simulate(None, drive)": ("SimulationError", TWIN),
     "simulate(rig, drive)": ("SimulationError", TWIN),
@@ -264,7 +274,14 @@ def test_whole_numbers_of_numpy_are_whole_numbers():
 
 def test_a_single_name_is_one_and_a_repeated_one_counts_once():
     assert names_of("free", "R_E", JaxtwinError) == ("R_E",)
-    assert names_of("free", ["R_E", "R_pc", "R_E"], JaxtwinError) == ("R_E", "R_pc")
+    assert names_of("free", ["R_pc", "R_E", "R_pc"], JaxtwinError) == ("R_pc", "R_E")
+
+
+def test_names_of_a_set_have_the_same_order_in_every_process():
+    names = [f"R_{number}" for number in range(10)]  # ten have one order in 3.6 million
+    for given in (set(names), frozenset(names[::-1])):
+        assert names_of("free", given, JaxtwinError) == tuple(names)
+    assert names_of("free", dict.fromkeys(names[::-1]).keys(), JaxtwinError) == tuple(names[::-1])
 
 
 def test_a_tilde_is_the_home_folder(tmp_path, monkeypatch):

@@ -66,7 +66,8 @@ def finite_number(where: str, value: Any, error: Failure) -> float:
 
 
 def names_of(where: str, value: object, error: Failure) -> tuple[str, ...]:
-    """Names, each once and in the order given. A single text is one name.
+    """Names, each once and in the order given; those of a set, which has no order that is the same
+    in the next process, in that of the alphabet. A single text is one name.
 
     **Raises:** `error` for anything else.
     """
@@ -79,7 +80,7 @@ def names_of(where: str, value: object, error: Failure) -> tuple[str, ...]:
     for name in names:
         if not isinstance(name, str):
             _refuse(where, name, expected, error)
-    return tuple(dict.fromkeys(names))
+    return tuple(sorted(names) if isinstance(value, set | frozenset) else dict.fromkeys(names))
 
 
 def mapping_of(where: str, value: Any, expected: str, error: Failure) -> Mapping[str, Any]:

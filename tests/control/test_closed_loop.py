@@ -253,6 +253,14 @@ def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: floa
         (35, {"sensor_delay_s": 0.3}, "expected a multiple of the step of the plant"),
         (35, {"failed_channels": {"T99": 1.0}}, "unknown channel 'T99'"),
         (35, {"disturbances": [Draught(("V99",), 0, 1, 1)]}, "unknown element 'V99'"),
+        (35, {"silence_s": -1}, "silence_s: expected at least 0 s, got -1 s"),
+        (35, {"initial": -300}, "initial: expected -273.15 degC and above, got -300 degC"),
+        (
+            35,
+            {"ambient": "0:20,60:-300"},
+            "ambient: expected -273.15 degC and above, got -300 degC",
+        ),
+        (35, {"workers": 0}, "workers: expected a whole number above 0, got 0"),
         (35, {"controller_draws": {"Kx": [1.0]}}, "unknown parameter 'Kx'"),
         (35, {"draws": {"R_E": [1.0]}, "controller_draws": {"Kp": [1, 2]}}, "same number of draws"),
         (35, {"draws": {"R_E": [2.0]}, "measures": ["speed"]}, "unknown measure 'speed'"),
@@ -264,6 +272,22 @@ def test_what_does_not_fit_is_refused(
 ):
     with pytest.raises(ControlError, match=message):
         simulate_closed_loop(twin, pid, references, **{"duration_s": DURATION, **settings})
+
+
+@pytest.mark.parametrize(
+    ("controller", "message"),
+    [
+        (PID(0.1, measured=["TAM", "TBM", "TCM"]), "2 cells, got a PID whose gains do not fit"),
+        (PID([0.1, 0.1, 0.1]), "2 cells, got a PID whose gains do not fit"),
+        (PID([[0.1], [0.1]]), "2 cells, got a PID whose gains do not fit"),
+        (lambda *_: jnp.zeros(3), r"returns a duty, or 2 of them.* of shape \(3,\)"),
+    ],
+)
+def test_a_controller_of_another_number_of_cells_is_refused(
+    twin: Twin, controller: Any, message: str
+):
+    with pytest.raises(ControlError, match=message):
+        simulate_closed_loop(twin, controller, 35, duration_s=DURATION)
 
 
 def test_a_duty_that_does_not_stay_finite_ends_the_simulation(twin: Twin):

@@ -10,6 +10,7 @@ import pytest
 
 from jaxtwin import ControlError
 from jaxtwin.control import PID, AbstractController, DecoupledPI, FunctionController, decoupling_of
+from jaxtwin.control._controller import checked_measured
 from jaxtwin.control._decoupled_pi import inverse
 
 GROUPS = (("T11",), ("T16",))
@@ -174,12 +175,20 @@ def test_groups_of_channels_are_means():
         ({"Kp": 1.0, "limits": (0.5, 0.1)}, "PID: limits: expected the lowest"),
         ({"Kp": 1.0, "limits": (0, 2)}, "PID: limits: expected the lowest"),
         ({"Kp": 1.0, "sample_time_s": 0}, "PID: sample_time_s: expected a number above 0"),
+        ({"Kp": 1.0 + 2.0j}, "PID: Kp: expected finite"),
         ({"Kp": 1.0, "measured": []}, "PID: measured: expected channels"),
     ],
 )
 def test_wrong_parameters_are_refused(arguments: dict, message: str):
     with pytest.raises(ControlError, match=message):
         PID(**arguments)
+
+
+@pytest.mark.parametrize("measured", [{"a", "b"}, [{"a", "b"}], frozenset({"a"}), 5, ["a", 5]])
+def test_outputs_without_an_order_are_refused(measured: object):
+    """Which output of a set is the first may be another in the next process."""
+    with pytest.raises(ControlError, match="PID: measured: expected channels, or groups"):
+        checked_measured("PID", measured)
 
 
 def test_a_decoupling_that_is_none_is_refused():

@@ -1,5 +1,8 @@
 """A twin step by step is the twin of `simulate`."""
 
+import copy
+import pickle
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -144,3 +147,31 @@ def test_gradients_pass_backwards_through_steps():
         at = jnp.array(0.5)
         forwards = jax.jacfwd(end)(at)
         np.testing.assert_allclose(jax.grad(end)(at), forwards, rtol=1e-10)
+
+
+def test_a_pickled_or_copied_stepper_takes_the_same_steps():
+    """JAX reads its float64 arrays from a pickle as float32 where it is not told otherwise."""
+    stepper = Stepper(Twin("paper-2024"), 1.0)
+    state = stepper.step(stepper.start(), [0.5, 0.2], steps=60)
+    expected = stepper.channels(stepper.step(state, [0.1, 0.9], steps=60))
+    for other, begin in (
+        pickle.loads(pickle.dumps((stepper, state))),
+        copy.deepcopy((stepper, state)),
+    ):
+        found = other.channels(other.step(begin, [0.1, 0.9], steps=60))
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_stepper_computes_in_float32_inside_a_function_compiled_in_float32():
+    stepper = Stepper(Twin("paper-2024"), 1.0)
+    begin, duty = stepper.start(), np.array([0.5, 0.2])
+    expected = stepper.channels(stepper.step(begin, duty, steps=60))
+
+    @jax.jit
+    def after_a_minute(duty: jax.Array) -> jax.Array:
+        return stepper.channels(stepper.step(begin, duty, steps=60))
+
+    with jax.enable_x64(False):
+        found = after_a_minute(jnp.asarray(duty))
+    assert found.dtype == jnp.float32
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)

@@ -2,7 +2,7 @@
 
 import dataclasses
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias, TypeVar, final
 
 import equinox as eqx
@@ -145,8 +145,13 @@ class FunctionController(AbstractController):
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """Calls the function."""
         time, last = state
-        asked = self.function(time, jnp.asarray(reference), jnp.asarray(measurement))
-        duty = jnp.broadcast_to(jnp.asarray(asked, last.dtype), last.shape)
+        asked = jnp.asarray(self.function(time, jnp.asarray(reference), jnp.asarray(measurement)))
+        if asked.shape not in ((), (1,), last.shape):
+            raise ControlError(
+                f"FunctionController: expected a function that returns a duty, or {last.size} of "
+                f"them, one for each cell, got an array of shape {asked.shape}"
+            )
+        duty = jnp.broadcast_to(asked.astype(last.dtype), last.shape)
         return duty, (time + self.sample_time_s, duty)
 
 
@@ -225,17 +230,17 @@ def means_of(
     return weights
 
 
-def checked_measured(
-    where: str, measured: Sequence[str | Sequence[str]] | None
-) -> tuple[tuple[str, ...], ...] | None:
+def checked_measured(where: str, measured: Any) -> tuple[tuple[str, ...], ...] | None:
     """Returns the outputs as tuples of channels. A single name is an output of one channel.
 
-    **Raises:** `ControlError` if there is no output, or an output without a channel.
+    **Raises:** `ControlError` if there is no output, an output without a channel, or a set, which
+    has no order of its own.
     """
     if measured is None:
         return None
-    groups = tuple((part,) if isinstance(part, str) else tuple(part) for part in measured)
-    if not groups or not all(groups) or isinstance(measured, str):
+    parts = _in_order(measured)
+    groups = tuple((part,) if isinstance(part, str) else _in_order(part) for part in parts)
+    if not groups or not all(groups):
         raise ControlError(
             f"{where}: measured: expected channels, or groups of channels, such as "
             f"[['T11', 'T12'], ['T15', 'T16']], got {measured!r}"
@@ -295,5 +300,13 @@ def checked_deviations(
     return numbers
 
 
+def _in_order(parts: Any) -> tuple[Any, ...]:
+    """Returns the parts of what has several in an order; none of anything else."""
+    is_one = isinstance(parts, str | set | frozenset) or not isinstance(parts, Iterable)
+    # Names of NumPy and pandas are texts of their own kinds.
+    return () if is_one else tuple(str(part) if isinstance(part, str) else part for part in parts)
+
+
 def _is_array(value: object) -> bool:
-    return isinstance(value, int | float | str | bool | np.ndarray | np.generic | jax.Array | list)
+    number = int | float | complex | str | bool | np.generic
+    return isinstance(value, number | np.ndarray | jax.Array | list | tuple)

@@ -1,5 +1,5 @@
-"""Checks before a loop is run: whether the rig can reach the references, and whether the controller
-is fast enough."""
+"""Checks before a loop is run: whether the controller is one for the cells of the rig, whether the
+rig can reach the references, and whether the controller is fast enough."""
 
 from itertools import chain, islice, product
 from typing import Any
@@ -14,6 +14,7 @@ from .._compilation import persistent_jit
 from .._errors import ControlError
 from ..physics import System, Twin
 from ..simulation._modes import network_modes
+from ._controller import AbstractChannelGroupController, AbstractController
 
 LEVELS = 17
 """The equal duty cycles that are tried, because a cell cools best with less than full duty."""
@@ -80,6 +81,38 @@ def check_reach(
                 f"references: expected temperatures that {held_by} can hold at the same time, got "
                 f"{wanted} degC at {times[samples[number]]:g} s; the nearest are {found} degC"
             )
+
+
+def check_cells(where: str, controller: AbstractController, cells: int, outputs: int) -> None:
+    """Refuses a controller that does not command as many cells as the rig has.
+
+    **Raises:** `ControlError` that says what the controller commands.
+    """
+    preview = (controller.preview_samples,) if controller.preview_samples else ()
+
+    def commanded() -> Array:
+        measurement = jnp.zeros(outputs)
+        state = controller.init(jnp.zeros(cells), measurement)
+        return controller.step(state, jnp.zeros((*preview, outputs)), measurement)[0]
+
+    expected = (
+        f"{where}: controller: expected the duty of {cells} {'cells' if cells > 1 else 'cell'}"
+    )
+    try:
+        shape = jax.eval_shape(commanded).shape
+    except (TypeError, ValueError) as problem:
+        # In a function of the user's the problem may be any other.
+        if not isinstance(controller, AbstractChannelGroupController):
+            raise
+        raise ControlError(
+            f"{expected}, got a {type(controller).__name__} whose gains do not fit; "
+            "give one output for all cells, or an output and a gain for each cell"
+        ) from problem
+    if shape != (cells,):
+        raise ControlError(
+            f"{expected}, got an array of shape {shape} from {type(controller).__name__}, which "
+            f"has {outputs} {'outputs' if outputs > 1 else 'output'}"
+        )
 
 
 def check_sample_time(twin: Twin, sample_time_s: float) -> None:

@@ -1,7 +1,7 @@
 """What a closed loop goes through: references, disturbances, and the errors of its readings."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import final
 
 import equinox as eqx
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
-from .._arguments import finite_number, whole_number
+from .._arguments import finite_number, of_kind, whole_number
 from .._errors import ControlError
 from .._jax_settings import own_settings
 from ..live import Faults
@@ -17,10 +17,12 @@ from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ._controller import AbstractController, ControlFunction, as_controller
-from ._disturbances import Disturbance, disturbance_tables
-from ._reach import check_reach, check_sample_time
+from ._disturbances import Disturbance, Draught, HeatInput, disturbance_tables
+from ._reach import check_cells, check_reach, check_sample_time
 from ._reading_errors import reading_errors
 from ._references import reference_samples, sample_times
+
+ABSOLUTE_ZERO = -273.15
 
 LONGEST_STEP = 1.0
 """The longest step of the plant, s. With a step of 1 s the error of the channels is some
@@ -101,8 +103,9 @@ def scenario(
     - `silence_s`: the cells are switched off for the rest of the run after this time without a
       reading, s.
 
-    **Raises:** `ControlError` for an invalid argument, for a reference out of reach, and for a
-    sample time above the time constants of the plant.
+    **Raises:** `ControlError` for an invalid argument, for a controller whose outputs or gains do
+    not belong to the cells of the rig, for a reference out of reach, and for a sample time above
+    the time constants of the plant.
     """
     where = "scenario"
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
@@ -111,6 +114,17 @@ def scenario(
     times = sample_times(where, duration_s, interval)
     weights = np.asarray(chosen.output_weights(plant.channels), float)
     reference = reference_samples(f"{where}: references", references, times, len(weights))
+    silence = finite_number(f"{where}: silence_s", silence_s, ControlError)
+    if silence < 0:
+        raise ControlError(f"{where}: silence_s: expected at least 0 s, got {silence:g} s")
+    if isinstance(disturbances, Draught | HeatInput) or not isinstance(disturbances, Iterable):
+        raise ControlError(
+            f"{where}: disturbances: expected a list of Draught and HeatInput, got {disturbances!r}"
+        )
+    if isinstance(faults, str):
+        faults = Faults.parse(faults)
+    expected = "text such as 'drop=0.01,jumps=164', or Faults"
+    of_kind(f"{where}: faults", faults, Faults, expected, ControlError)
     # Rounding must not add a step to a whole number of steps.
     substeps = max(1, math.ceil(interval / LONGEST_STEP * (1 - 1e-9)))
     step = interval / substeps
@@ -122,6 +136,8 @@ def scenario(
         surroundings = reference_samples(
             f"{where}: ambient", room if ambient is None else ambient, rows, 1
         ).reshape(len(times), substeps)
+        _check_above_absolute_zero(f"{where}: ambient", surroundings)
+        check_cells(where, chosen, len(plant.netlist.cells), len(weights))
         check_sample_time(plant, interval)
         check_reach(system, weights, reference, times, surroundings, chosen.limits)
     late = finite_number(f"{where}: sensor_delay_s", sensor_delay_s, ControlError)
@@ -136,7 +152,7 @@ def scenario(
         plant.rig,
         times,
         noise=noise,
-        faults=Faults.parse(faults) if isinstance(faults, str) else faults,
+        faults=faults,
         failed_channels={} if failed_channels is None else failed_channels,
         seed=whole_number(f"{where}: seed", seed, 0, ControlError),
     )
@@ -158,7 +174,7 @@ def scenario(
         longest_delay_s=delay,
         sensor_delay_steps=late_steps,
         counts=plant.rig.driver.counts if quantised else None,
-        silence_s=finite_number(f"{where}: silence_s", silence_s, ControlError),
+        silence_s=silence,
     )
 
 
@@ -175,4 +191,12 @@ def _initial(where: str, twin: Twin, initial: object) -> Float[np.ndarray, " nod
             f"{where}: initial: expected a temperature, or one for each of the {count} nodes, in "
             f"degC, got {initial!r}"
         ) from None
+    _check_above_absolute_zero(f"{where}: initial", values)
     return values
+
+
+def _check_above_absolute_zero(where: str, temperatures: Float[np.ndarray, "..."]) -> None:
+    if temperatures.min() < ABSOLUTE_ZERO:
+        raise ControlError(
+            f"{where}: expected {ABSOLUTE_ZERO:g} degC and above, got {temperatures.min():g} degC"
+        )

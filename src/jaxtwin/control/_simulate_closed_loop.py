@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from .._arguments import mapping_of
+from .._arguments import mapping_of, names_of, whole_number
 from .._errors import ControlError, SimulationError
 from .._jax_settings import own_settings
 from .._name_suggestions import unknown_name
@@ -123,6 +123,8 @@ def simulate_closed_loop(
     )
     plant_draws = _checked_plant_draws(plant, draws, controller_draws)
     count = _count(chosen, plant_draws, controller_draws)
+    if workers is not None:
+        whole_number("simulate_closed_loop: workers", workers, 1, ControlError)
     held = held_at_medians(plant, plant_draws)
     check_values(held)
     happens = scenario(held, chosen, references, duration_s=duration_s, **settings)
@@ -222,7 +224,7 @@ def _checked_measures(
                     f"{where}: {name}: expected a JAX function of a ClosedLoop, got {function!r}"
                 )
         return dict(measures)
-    names = (measures,) if isinstance(measures, str) else tuple(measures)
+    names = names_of(where, measures, ControlError)
     for name in names:
         if name not in MEASURES:
             raise ControlError(f"{where}: {unknown_name('measure', name, MEASURES)}")

@@ -156,6 +156,8 @@ def tuning_problem(
         raise ControlError(
             f"{where}: quantised: expected False, because rounding has no derivative, got True"
         )
+    if workers is not None:
+        whole_number(f"{where}: workers", workers, 1, ControlError)
     vector, box = search_box(f"{where}: tuned", controller, tuned)
     aim = checked_objective(where, objective, tail_weight)
     limit = _checked_limit(where, sensitivity_limit)

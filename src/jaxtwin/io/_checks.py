@@ -100,9 +100,17 @@ def duty_from_counts(
 
 
 def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:
-    """Channel names, each once. A single string is one name."""
+    """Channel names, each once. A single string is one name.
+
+    A set is refused, because columns belong to names by their order.
+    """
     if not isinstance(channels, Iterable):
         raise RecordingError(f"channels: expected one name or several, got {channels!r}")
+    if isinstance(channels, set | frozenset):
+        raise RecordingError(
+            f"channels: expected names in the order of the columns, such as a list, got a set: "
+            f"{', '.join(sorted(map(str, channels)))}"
+        )
     names = (channels,) if isinstance(channels, str) else tuple(channels)
     # NumPy's and pandas' own kinds of text print in another way.
     names = tuple(str(name) if isinstance(name, str) else name for name in names)

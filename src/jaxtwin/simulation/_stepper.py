@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.dtypes import canonicalize_dtype
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
@@ -41,6 +42,10 @@ class StepperState(eqx.Module):
     nodes: Float[Array | np.ndarray, " nodes"]
     duty: Float[Array | np.ndarray, " cells"]
     commands: Float[Array | np.ndarray, "delays cells"]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickles and copies the numbers as arrays of NumPy, see `Stepper`."""
+        return _as_numpy(self)
 
 
 @final
@@ -135,11 +140,16 @@ class Stepper(eqx.Module):
             self.factors, self.field, self.plate, self.half_decay, self.half, stability = steps
         check_stable("Stepper", size, stability)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickles and copies the numbers as arrays of NumPy: those of JAX lose their float64 where
+        another process reads them."""
+        return _as_numpy(self)
+
     @property
     def ambient(self) -> Float[Array, ""]:
         """The ambient temperature of the rig, degC: the default of each step."""
         with settings_for(self.reference):
-            return self.reference - ZERO_CELSIUS
+            return jnp.asarray(self.reference) - ZERO_CELSIUS
 
     def start(
         self,
@@ -189,7 +199,8 @@ class Stepper(eqx.Module):
         **Raises:** `SimulationError` if the command does not have a number for each cell.
         """
         with settings_for(self.reference, state, duty, ambient, steps, heat):
-            dtype = self.reference.dtype
+            stepper, state = _in_precision_of_caller((self, state))
+            dtype = stepper.reference.dtype
             command = jnp.asarray(duty, dtype)
             cells = len(self.system.wiring.cold)
             if command.shape != (cells,):
@@ -197,22 +208,39 @@ class Stepper(eqx.Module):
                     f"Stepper.step: duty: expected {cells} duty cycles, one for each cell, got an "
                     f"array of shape {command.shape}"
                 )
-            ambient = self.ambient if ambient is None else jnp.asarray(ambient, dtype)
+            ambient = stepper.ambient if ambient is None else jnp.asarray(ambient, dtype)
             if heat is not None:
                 heat = jnp.asarray(heat, dtype)
             if isinstance(steps, int) and is_traced(self.reference, state, command, ambient):
                 # As a number it is a loop of known length, through which gradients pass.
-                return _take_steps(self, state, command, ambient, steps, heat)
-            return _steps(self, state, command, ambient, jnp.asarray(steps), heat)
+                return _take_steps(stepper, state, command, ambient, steps, heat)
+            return _steps(stepper, state, command, ambient, jnp.asarray(steps), heat)
 
     def channels(
         self, state: StepperState, ambient: ArrayLike | float | int | None = None
     ) -> Float[Array, " channels"]:
         """The readings of the channels, degC, at an ambient temperature, degC (None: the rig's)."""
         with settings_for(self.reference, state, ambient):
-            dtype = self.reference.dtype
-            ambient = self.ambient if ambient is None else jnp.asarray(ambient, dtype)
-            return _channels(self.system, jnp.asarray(state.nodes, dtype), ambient)
+            stepper, state = _in_precision_of_caller((self, state))
+            dtype = stepper.reference.dtype
+            ambient = stepper.ambient if ambient is None else jnp.asarray(ambient, dtype)
+            return _channels(stepper.system, jnp.asarray(state.nodes, dtype), ambient)
+
+
+def _in_precision_of_caller(
+    whole: tuple[Stepper, StepperState],
+) -> tuple[Stepper, StepperState]:
+    """Stepper and state in float32 inside a transformation of a caller who computes in that."""
+    if jax.config.read("jax_enable_x64"):
+        return whole
+    return jax.tree.map(
+        lambda leaf: jnp.asarray(leaf, canonicalize_dtype(jnp.result_type(leaf))), whole
+    )
+
+
+def _as_numpy(module: eqx.Module) -> dict[str, Any]:
+    """The fields of a module with arrays of NumPy in place of those of JAX."""
+    return vars(jax.tree.map(np.asarray, module)).copy()
 
 
 def check_stable(where: str, step_size: float, stability: Float[Array, ""]) -> None:
