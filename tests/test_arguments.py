@@ -62,6 +62,11 @@ CASES = {
         "ControlError",
         "disturbances: expected a list of Draught and HeatInput, got Draught",
     ),
+    "plots.plot_netlist(twin.netlist)": ("ParameterError", f"plot_netlist: {TWIN}"),
+    "match(twin, [seen], groups={'monday'})": (
+        "MatchError",
+        "groups: expected a name for each recording, got {'monday'}",
+    ),
     "control.PID(0.1, measured=5)": ("ControlError", "PID: measured: expected channels, or groups"),
     "simulate('paper-2024', drive)": ("SimulationError", TWIN),
     "simulate(None, drive)": ("SimulationError", TWIN),

@@ -118,3 +118,15 @@ def test_what_c_cannot_say_is_refused(tmp_path: Path):
     with pytest.raises(ControlError, match="model_B: expected finite numbers in float, got 9"):
         export_c(large, tmp_path / "none", precision="float")
     assert not (tmp_path / "none").exists()
+
+
+def test_files_that_cannot_be_written_are_refused(tmp_path: Path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(ControlError, match=r"folder: .*file: cannot be made"):
+        export_c(small(), tmp_path / "file")
+    with pytest.raises(ControlError, match="a path whose names are not too long"):
+        export_c(small(), tmp_path, name="x" * 300)
+    (tmp_path / "model.c").mkdir()
+    with pytest.raises(ControlError, match=r"model\.c: cannot be written"):
+        export_c(small(), tmp_path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["file", "model.c", "model.h"]

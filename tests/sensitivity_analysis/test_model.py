@@ -98,3 +98,16 @@ def test_what_does_not_go_with_a_model_is_refused(
 def test_several_twins_have_no_model(twin: Twin):
     with pytest.raises(SimulationError, match="sensitivity: twin: expected a Twin"):
         jt.sensitivity([twin, twin], method="src", model=ishigami)
+
+
+def test_without_any_finite_output_no_parameter_is_called_the_strongest(twin: Twin):
+    names = list(INPUTS)
+    found = jt.sensitivity(
+        twin,
+        method="src",
+        names=names,
+        draws=16,
+        model=lambda values: {"nothing": np.full(len(values[names[0]]), np.nan)},
+    )
+    assert "no index is known" in repr(found)
+    assert "strongest" not in repr(found)

@@ -8,6 +8,7 @@ from typing import Literal, final
 
 from .._arguments import of_kind, path_of
 from .._errors import ControlError
+from .._whole_file import write_whole_file
 from ..control import LQI, MPC, PID, DecoupledPI, DiscreteModel
 from ..control._discrete_model import check_at_rest
 from ..rig import Rig
@@ -94,7 +95,7 @@ def export_c(
     **Returns:** the files and their sizes.
 
     **Raises:** `ControlError` for a model that is none or not finite, a controller that is not for
-    the rig, or a name or a precision that C does not have.
+    the rig, a name or a precision that C does not have, or where the files cannot be written.
     """
     if re.fullmatch(r"[A-Za-z]\w*", str(name), flags=re.ASCII) is None:
         raise ControlError(
@@ -119,9 +120,14 @@ def export_c(
             of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
             check_at_rest("export_c: model", model.offset)
             code = discrete_model_c(model, name, precision, origin)
-    target.mkdir(parents=True, exist_ok=True)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise ControlError(
+            f"export_c: folder: {target}: cannot be made: {problem.strerror or problem}"
+        ) from None
     header, source = target / f"{name}.h", target / f"{name}.c"
-    header.write_text(code.header, encoding="ascii")
-    source.write_text(code.source, encoding="ascii")
+    for file, text in ((header, code.header), (source, code.source)):
+        write_whole_file(file, text.encode("ascii"), ControlError)
     size = 8 if precision == "double" else 4
     return CSources(header, source, code.coefficients * size, code.states * size)

@@ -191,7 +191,8 @@ def named_groups(
         if not any(named):
             return ("",), (0,) * len(named)
     else:
-        if isinstance(groups, str) or not isinstance(groups, Iterable):
+        # A set has no order in which its names could belong to the recordings.
+        if isinstance(groups, str | set | frozenset) or not isinstance(groups, Iterable):
             raise MatchError(f"groups: expected a name for each recording, got {groups!r}")
         named = list(groups)
         for name in named:

@@ -15,6 +15,7 @@ from matplotlib.patches import Rectangle
 from .._errors import ParameterError
 from ..physics import Twin
 from ..physics._netlist import network_counts, network_text
+from ..physics._twin import check_twin
 from ..rig import Plate
 from ..rig._plate import AMBIENT
 from ._netlist_bodies import draw_bodies, draw_links_on_plate
@@ -49,9 +50,10 @@ def plot_netlist(
 
     **Returns:** the axes.
 
-    **Raises:** `ParameterError` where there is not one temperature for each node, or not one value
-    for each parameter.
+    **Raises:** `ParameterError` where something else than a twin is given, or not one temperature
+    for each node, or not one value for each parameter.
     """
+    check_twin("plot_netlist: twin", twin, ParameterError)
     values = twin.numbers_si
     nodes = twin.netlist.nodes
     if temperatures is None:

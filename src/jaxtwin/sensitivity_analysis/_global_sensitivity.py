@@ -262,14 +262,16 @@ class GlobalSensitivity:
         return html_table(f"{self!r}, {label}", ("parameter", *table.columns), rows)
 
     def __repr__(self) -> str:
-        strongest = ", ".join(self.ranking()[:3])
+        indices = self[self.method.main][self.row()]
+        known = [name for name in self.ranking() if np.isfinite(indices[self.names.index(name)])]
+        strongest = f"strongest {', '.join(known[:3])}" if known else "no index is known"
         missing = self.design.blocks - int(self.counted.min())
         lost = ""
         if missing:
             lost = f" ({missing} of {self.design.blocks} blocks of runs incomplete, left out)"
         return (
             f"<GlobalSensitivity of {self.rig} by {self.method.name}: {len(self.failed)} runs"
-            f"{lost}, {len(self.outputs)} outputs, strongest {strongest}>"
+            f"{lost}, {len(self.outputs)} outputs, {strongest}>"
         )
 
 
