@@ -74,7 +74,7 @@ def coverage(fits: Sequence[Fit], truth: dict[str, np.ndarray]) -> dict[str, tup
     for name, values in truth.items():
         inside, flagged = [], []
         for fit, value in zip(fits, values, strict=True):
-            row = fit.parameter(name)
+            row = fit[name]
             entry = [label.split("[")[0] for label in fit.uncertainty.labels].index(name)
             spread = np.sqrt(fit.uncertainty.vector_covariance[entry, entry])
             at = np.log(row.value / value) if row.is_logarithmic else row.value - value

@@ -142,7 +142,7 @@ def test_sensors_are_read_from_the_element_that_they_lie_on(rig: Rig):
 def test_a_match_recovers_the_truth_and_a_validation_predicts(rig: Rig, recording: Experiment):
     fit = match(Twin(rig), recording)
     for name, value in TRUTH.items():
-        row = fit.parameter(name)
+        row = fit[name]
         assert abs(row.value - value) < 3 * row.standard_error < 0.1 * value
     assert fit.rmse == pytest.approx(0.05, rel=0.1)
     assert not fit.camera["run"].error.any()

@@ -17,7 +17,7 @@ def test_a_match_of_one_parameter_that_ends_at_its_bound_gives_a_fit(truth: floa
     day = Experiment(drive.time, drive.duty, channels=("T",), temperatures=seen + noise)
     start = Twin("single-cell", {"C_load": 35.0})
     fit = match(start, day, free=["C_load"], bounds={"C_load": (30.0, 40.0)})
-    row = fit.parameter("C_load")
+    row = fit["C_load"]
     assert row.at_bound
     assert row.value == pytest.approx(bound, rel=1e-12)
     assert np.isnan(row.standard_error)

@@ -57,7 +57,7 @@ def fits(benches: list[Experiment]) -> tuple[Fit | None, ...]:
 
 def value(fit: Fit | None) -> float:
     assert fit is not None
-    return fit.parameter("C_load").value
+    return fit["C_load"].value
 
 
 @pytest.mark.slow
@@ -70,7 +70,7 @@ def test_hubers_loss_forgives_outliers_of_the_only_channel(benches: list[Experim
         (weights,) = fit.weights.values()
         assert np.all(weights[10::20] < 0.2)
         assert np.median(weights) == 1.0
-        row = fit.parameter("C_load")
+        row = fit["C_load"]
         assert abs(row.value - TRUTH["C_load"]) < 4 * row.standard_error
         assert row.standard_error < 0.3
 
@@ -87,7 +87,7 @@ def test_masks_and_events_are_those_of_their_recordings(benches: list[Experiment
         alone = match(Twin("single-cell"), recording, free=FREE, masks=own)
         assert value(fit) == pytest.approx(value(alone), rel=1e-6)
         np.testing.assert_array_equal(fit.weights[recording.name], alone.weights[recording.name])
-        row = fit.parameter("C_load")
+        row = fit["C_load"]
         assert abs(row.value - TRUTH["C_load"]) < 4 * row.standard_error
 
 

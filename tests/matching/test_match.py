@@ -58,7 +58,7 @@ def clean(start: Twin):
 
 def test_the_truth_is_recovered_without_noise(clean):
     for name, value in TRUTH.items():
-        assert clean.parameter(name).value == pytest.approx(value, rel=0.01)
+        assert clean[name].value == pytest.approx(value, rel=0.01)
     found = [values["T_amb"] for values in clean.recording_values.values()]
     np.testing.assert_allclose(found, AMBIENT, atol=0.01)
     assert clean.rmse < 1e-3
@@ -104,7 +104,7 @@ def test_noise_moves_the_values_within_their_standard_errors(start: Twin):
         fit = match(start, recordings(0.1, seed), free=[*FREE, "T_amb"])
         assert fit.rmse == pytest.approx(0.1, rel=0.15)
         for name, value in TRUTH.items():
-            row = fit.parameter(name)
+            row = fit[name]
             assert 0 < row.standard_error < 0.2 * value
             inside += abs(row.value - value) < 1.96 * row.standard_error
     assert inside >= 19
@@ -112,14 +112,14 @@ def test_noise_moves_the_values_within_their_standard_errors(start: Twin):
 
 def test_bounds_hold_and_are_reported(start: Twin):
     fit = match(start, recordings(0.0), free=[*FREE, "T_amb"], bounds={"R_E": (1.6, 3.0)})
-    row = fit.parameter("R_E")
+    row = fit["R_E"]
     assert row.value == 1.6
     assert row.at_bound
     assert np.isnan(row.standard_error)
     assert np.isnan(row.interval).all()
     (at_bound,) = [p for p in fit.to_dict()["parameters"] if p["name"] == "R_E"]
     assert at_bound["interval"] == [None, None]
-    assert not fit.parameter("R_Tez").at_bound
+    assert not fit["R_Tez"].at_bound
 
 
 @pytest.mark.slow
@@ -147,7 +147,7 @@ def test_scopes_can_be_changed(start: Twin):
     assert all(not values for values in fit.recording_values.values())
     fit = match(start, recordings(0.0), free=["R_E"], per_recording=["R_E"], max_iterations=5)
     assert set(fit.recording_values["day 1"]) == {"R_E"}
-    assert fit.parameter("T_amb").value == 15.0
+    assert fit["T_amb"].value == 15.0
 
 
 @pytest.mark.parametrize(

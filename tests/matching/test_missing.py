@@ -133,7 +133,7 @@ def test_the_truth_is_recovered_from_what_is_left(start: Twin, whole: Experiment
     holes[20:40, 1] = True
     fit = match(start, with_holes(whole, holes), free=FREE)
     for name, value in TRUTH.items():
-        row = fit.parameter(name)
+        row = fit[name]
         assert abs(row.value - value) < 3 * row.standard_error < value
     there = ~holes
     error = (fit.runs["day"].temperatures - np.asarray(whole.temperatures))[there]
@@ -151,7 +151,7 @@ def test_no_two_channels_at_the_same_time_have_nothing_alone(start: Twin, whole:
     fit = match(start, with_holes(whole, holes), free=FREE, robust=3.0)
     assert fit.noise[0] == fit.noise[1]
     for name, value in TRUTH.items():
-        row = fit.parameter(name)
+        row = fit[name]
         assert abs(row.value - value) < 3 * row.standard_error < value
 
 

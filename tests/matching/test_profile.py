@@ -76,7 +76,7 @@ def known_error(name: str, rho: float) -> float:
 def test_the_excess_at_three_standard_errors_is_nine(rho: float):
     """A parabola of the curvature 1 / se^2, by hand; in K^2 it would be a hundredth of that."""
     fit = fits(rho)[0]
-    row = fit.parameter("T_start")
+    row = fit["T_start"]
     steps = np.array([-3.0, -1.0, 1.0, 3.0])
     found = profile(fit, "T_start", row.value + steps * row.standard_error)
     np.testing.assert_allclose(found.excess, steps**2, rtol=0.03)
@@ -105,7 +105,7 @@ def test_a_parameter_at_its_bound_has_an_interval_on_the_other_side():
         bounds={"T_amb": (21.0, 30.0)},
     )
     assert fit is not None
-    assert fit.parameter("T_amb").at_bound
+    assert fit["T_amb"].at_bound
     found = profile(fit, "T_amb", [21.0, 21.1, 21.2, 21.4, 22.0])
     assert found.interval[0] == 21.0
     assert 21.0 < found.interval[1] < 22.0

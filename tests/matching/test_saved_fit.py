@@ -284,7 +284,7 @@ def test_a_channel_that_never_changes_is_named_and_left_out_of_the_mean(fit: Fit
 def test_access_is_plain_and_unknown_names_are_met_with_the_nearest(fit: Fit):
     assert list(fit.parameters) == list(fit.twin.rig.parameters)
     assert fit["R_E"] is fit.parameters["R_E"]
-    for ask in (lambda: fit["R_e"], lambda: fit.parameters["R_e"], lambda: fit.parameter("R_e")):
+    for ask in (lambda: fit["R_e"], lambda: fit.parameters["R_e"]):
         with pytest.raises(ParameterError, match="unknown parameter 'R_e', did you mean 'R_E'"):
             ask()
     frame = fit.to_dataframe()

@@ -74,7 +74,7 @@ def test_corrections_are_found_and_the_plate_keeps_its_dynamics(disturbed: Fit):
     for camera in disturbed.camera.values():
         np.testing.assert_allclose(camera.events, EVENTS, atol=2)
     for name, value in TRUTH.items():
-        row = disturbed.parameter(name)
+        row = disturbed[name]
         # Four standard errors: one false alarm in ten thousand.
         assert abs(row.value - value) < 4 * row.standard_error
         assert row.standard_error < 0.1 * abs(value)
@@ -97,7 +97,7 @@ def test_without_corrections_none_are_found_and_the_camera_takes_nothing(calm: F
         assert camera.events == ()
         assert np.abs(camera.error).max() < 0.3
     for name, value in TRUTH.items():
-        row = calm.parameter(name)
+        row = calm[name]
         assert abs(row.value - value) < 4 * row.standard_error
 
 
@@ -127,7 +127,7 @@ def test_the_jacobian_is_that_of_the_residuals(
 
 @pytest.mark.slow
 def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
-    row = calm.parameter("g_T26")
+    row = calm["g_T26"]
     assert row.prior_to_data_ratio == 0
     assert "no effect" in row.warnings
     assert calm.uncertainty.insensitive == ("g_T26",)
@@ -139,13 +139,13 @@ def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
 def test_intervals_are_in_the_scale_of_the_match(calm: Fit):
     """Of a logarithm v exp(+- 1.96 s), with s of the optimiser's own vector; else v +- 1.96 s."""
     known = calm.uncertainty
-    row = calm.parameter("h_A")
+    row = calm["h_A"]
     entry = known.labels.index("h_A")
     s = np.sqrt(known.vector_covariance[entry, entry])
     assert row.relative_standard_error == pytest.approx(s, rel=1e-12)
     ends = row.value * np.exp([-1.96 * s, 1.96 * s])
     assert row.interval == pytest.approx(ends, rel=1e-4)
-    room = calm.parameter("T_amb")
+    room = calm["T_amb"]
     assert np.isnan(room.relative_standard_error)
     reach = 1.96 * room.standard_error
     assert room.interval == pytest.approx((room.value - reach, room.value + reach), rel=1e-4)
@@ -206,7 +206,7 @@ def test_masked_spans_do_not_count(start: Twin):
         masks={"day 1": [(200.0, 239.0)]},
     )
     assert fit.weights["day 1"][210, 0] == 0.0
-    assert abs(fit.parameter("h_A").value - 20.0) < 4 * fit.parameter("h_A").standard_error
+    assert abs(fit["h_A"].value - 20.0) < 4 * fit["h_A"].standard_error
 
 
 @pytest.mark.slow
@@ -223,7 +223,7 @@ def test_hubers_loss_forgives_what_plain_squares_do_not(start: Twin):
     assert fit.weights["day 1"][25, 1] < 0.2
     assert np.median(fit.weights["day 1"]) == 1.0
     for name, value in TRUTH.items():
-        row = fit.parameter(name)
+        row = fit[name]
         assert abs(row.value - value) < 4 * row.standard_error
 
 
@@ -240,7 +240,7 @@ def test_a_hand_before_the_camera_is_found_and_shaded(start: Twin):
     assert weights[120:130].max() < 0.5
     assert np.mean(np.delete(weights, np.arange(120, 130), axis=0) == 1.0) > 0.98
     for name, value in TRUTH.items():
-        row = fit.parameter(name)
+        row = fit[name]
         assert abs(row.value - value) < row.standard_error
     axes = plots.plot_camera_error(fit).axes[0]
     shades = [part for part in axes.patches if part.get_gid() == "masked"]
@@ -252,7 +252,7 @@ def test_a_hand_before_the_camera_is_found_and_shaded(start: Twin):
 
 @pytest.mark.slow
 def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_linear(calm: Fit):
-    row = calm.parameter("h_A")
+    row = calm["h_A"]
     told: set[int] = set()
     found = profile(calm, "h_A", points=7, on_progress=lambda iteration: told.add(iteration.start))
     assert told == set(range(7))
@@ -292,7 +292,7 @@ def test_many_sets_in_one_batch_have_honest_intervals(start: Twin):
     kept = [fit for fit in fits if fit is not None]
     assert len(kept) == 16
     inside = [
-        abs(fit.parameter(name).value - value) < 1.96 * fit.parameter(name).standard_error
+        abs(fit[name].value - value) < 1.96 * fit[name].standard_error
         for fit in kept
         for name, value in TRUTH.items()
     ]
@@ -306,7 +306,7 @@ def test_a_batch_gives_what_single_matches_give(start: Twin, disturbed: Fit):
     (fit, _) = match_many(start, [days, days[::-1]], free=FREE)
     assert fit is not None
     for name in FREE:
-        assert fit.parameter(name).value == pytest.approx(disturbed.parameter(name).value, rel=1e-4)
+        assert fit[name].value == pytest.approx(disturbed[name].value, rel=1e-4)
 
 
 @pytest.mark.slow
@@ -366,9 +366,9 @@ def test_bounds_do_not_change_what_a_prior_means(start: Twin):
 @pytest.mark.slow
 def test_a_temperature_is_near_its_bound_on_its_own_scale(calm: Fit):
     """A lower bound of 5 degC is no reason to take logarithms."""
-    row = calm.parameter("T_amb")
+    row = calm["T_amb"]
     assert not row.is_logarithmic
-    assert calm.parameter("h_A").is_logarithmic
+    assert calm["h_A"].is_logarithmic
     assert near_bound(replace(row, lower=5.0, value=5.2, upper=35.0))
     assert not near_bound(replace(row, lower=5.0, value=5.4, upper=35.0))
 

@@ -228,13 +228,13 @@ def test_history_ends_at_the_fits_rmse_and_shows_each_free_parameter():
     shown = {panel.get_title(loc="left"): panel for panel in panels}
     assert set(shown) == {symbol(row.name) for row in fit().parameters.values() if row.free}
     last = heights(shown[symbol("R_E")].lines[0])[-1]
-    assert last == pytest.approx(fit().parameter("R_E").value)
+    assert last == pytest.approx(fit()["R_E"].value)
     own = [heights(line)[-1] for line in shown[symbol("T_amb")].lines]
     assert own == pytest.approx([values["T_amb"] for values in fit().recording_values.values()])
 
 
 def test_parameters_stand_between_their_bounds_on_a_logarithmic_scale():
-    row = fit().parameter("R_E")  # 1e-5 to 10 ohm
+    row = fit()["R_E"]  # 1e-5 to 10 ohm
     assert _position(row.lower, row) == 0
     assert _position(row.upper, row) == 1
     assert _position(0.01, row) == pytest.approx(0.5)

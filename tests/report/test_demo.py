@@ -130,7 +130,7 @@ def test_warnings_of_a_match_stand_in_its_tables():
     assert "Correlated: another parameter can replace it." in table.caption
     assert "prior" not in table.head  # this rig has none
     (told,) = [row for row in table.rows if row[0] == "R_E"]
-    assert told[5] == interval_text(fit().parameter("R_E").interval)
+    assert told[5] == interval_text(fit()["R_E"].interval)
 
 
 @pytest.mark.slow

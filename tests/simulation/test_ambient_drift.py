@@ -147,6 +147,4 @@ def test_a_match_finds_the_drift_of_each_recording():
         assert error < 0.6
     (both,) = match_many(Twin("dual-cell"), [runs], free=free, events="none")
     assert both is not None
-    assert both.parameter("T_amb_drift").value == pytest.approx(
-        fit.parameter("T_amb_drift").value, rel=1e-3
-    )
+    assert both["T_amb_drift"].value == pytest.approx(fit["T_amb_drift"].value, rel=1e-3)

@@ -165,7 +165,7 @@ def test_each_recording_is_predicted_by_a_match_to_the_others(crossed: Validatio
     for prediction, other in zip(crossed.predictions, ("tuesday", "monday"), strict=True):
         assert prediction.fit is not None
         assert prediction.fit.recordings == (other,)
-        assert prediction.fit.parameter("C_load").value == pytest.approx(24.0, rel=0.05)
+        assert prediction.fit["C_load"].value == pytest.approx(24.0, rel=0.05)
 
 
 @pytest.mark.slow

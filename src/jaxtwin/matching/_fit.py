@@ -239,10 +239,6 @@ class Fit:
         """
         return self.parameters[name]
 
-    def parameter(self, name: str) -> FittedParameter:
-        """The same as `fit[name]`."""
-        return self.parameters[name]
-
     def summary(self, style: Style = "text") -> str:
         """The parameters in the layout of Table 4 of the paper with 95 % intervals, priors and
         warnings. The plain text also contains the fit of each channel and the undetermined
