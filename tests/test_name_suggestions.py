@@ -18,7 +18,7 @@ from jaxtwin import (
 from jaxtwin._by_recording import ByRecording
 from jaxtwin._name_suggestions import did_you_mean
 from jaxtwin.commands._sources import open_twin
-from jaxtwin.sensitivity_analysis._input_choices import chosen_inputs
+from jaxtwin.sensitivity_analysis._input_choices import resolve_inputs
 from jaxtwin.sensitivity_analysis._methods import checked_method
 from jaxtwin.sensitivity_analysis._unit_samples import checked_kind
 
@@ -45,7 +45,10 @@ def test_the_nearest_of_several_names():
         (lambda: Twin("dual-cell").module("P11"), "P[12]"),
         (lambda: unchecked(checked_method)("sobl"), "sobol"),
         (lambda: unchecked(checked_kind)("latin-hypercub"), "latin-hypercube"),
-        (lambda: unchecked(chosen_inputs)("bound", None, Twin("single-cell"), None, 0.2), "bounds"),
+        (
+            lambda: unchecked(resolve_inputs)("bound", None, Twin("single-cell"), None, 0.2),
+            "bounds",
+        ),
         (lambda: ByRecording({"monday": 1})["mondya"], "monday"),
         (lambda: open_twin(load_rig("paper-2024"), "publishd", None), "published"),
     ],

@@ -1,7 +1,7 @@
 """Work in units that an executor hands to its workers: processes of this machine, or of a cluster.
 
-A unit is a function of this package and its arguments. It says all that its result depends on, so
-that any worker can do it, and do it again where another was lost.
+A unit is a function of this package and its arguments. It contains everything on which its result
+depends, so that any worker can compute it, and compute it again if another worker was lost.
 """
 
 import multiprocessing
@@ -16,10 +16,10 @@ from ._errors import JaxtwinError
 Result = TypeVar("Result")
 
 ATTEMPTS = 3
-"""How often a unit is handed out before its failure is taken for its own."""
+"""The number of times that a unit is submitted before its failure is raised."""
 
 POLL = 0.2
-"""Seconds between two looks at jobs that cannot say themselves that they are done."""
+"""The interval at which jobs that are no futures are polled, s."""
 
 
 @runtime_checkable
@@ -41,8 +41,8 @@ class Executor(Protocol):
 
 
 def check_executor(where: str, executor: object, error: type[JaxtwinError]) -> None:
-    """Refuses what has no `submit` and is not None, and processes that would be forked: JAX's
-    threads are not in them, and whatever waits for one waits for ever.
+    """Refuses an executor without `submit`, and one that forks processes: a forked process lacks
+    JAX's threads, and would wait for them forever. None is accepted.
 
     **Raises:** `error`.
     """
@@ -69,20 +69,20 @@ def work_in_units(
     units: Iterable[tuple[Any, ...]],
     error: type[JaxtwinError],
 ) -> Generator[tuple[int, Result]]:
-    """Has an executor do all units.
+    """Computes all units on an executor.
 
-    A unit that fails is handed out again, as its worker may have been lost; the third failure is
-    raised. Where the executor takes no more, what it has is finished first. What has not begun yet
-    is called off where the generator is closed.
+    A unit that fails is submitted again, because its worker may have been lost; the third failure
+    is raised. If the executor refuses further units, those that it has are finished first. If the
+    generator is closed, units that have not begun are cancelled.
 
     **Arguments:**
 
-    - `where`: function and argument, for messages.
+    - `where`: the function and the argument, for messages.
     - `work`: a function of a module, which pickle can name.
-    - `units`: the arguments of each.
-    - `error`: for failures that are none of this package's.
+    - `units`: the arguments of each unit.
+    - `error`: the exception for failures that are not errors of this package.
 
-    **Returns:** the number of each unit and its result, as they are done.
+    **Returns:** the number of each unit and its result, in the order in which they finish.
     """
     arguments = list(units)
     attempts = [0] * len(arguments)
@@ -132,7 +132,7 @@ def work_in_units(
 
 
 def _finished(waiting: Iterable[Job]) -> list[Job]:
-    """Those that are done, at least one."""
+    """Waits until at least one job is done, and returns all that are."""
     jobs = list(waiting)
     futures = [job for job in jobs if isinstance(job, Future)]
     if len(futures) == len(jobs):

@@ -22,7 +22,7 @@ def analysis(method: MethodName) -> GlobalSensitivity:
     contributes; a temperature at the start that is always the same."""
     by_name = METHODS[method]
     inputs = Inputs({name: Normal(1.0, 0.25) for name in NAMES})
-    design = by_name.design(inputs, 64, 1, by_name.usual_samples)
+    design = by_name.design(inputs, 64, 1, by_name.default_samples)
     share = np.exp(-((TIMES / 100 - np.linspace(0, 1, 8)[:, None]) ** 2) * 10)
     cost = ((design.samples - 1) ** 2) @ np.arange(8.0)
     start = np.full(len(cost), 15.0)

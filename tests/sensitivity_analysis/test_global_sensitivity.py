@@ -11,7 +11,7 @@ from small_results import COVARIANCE, correlated_fit, fit, recordings
 import jaxtwin as jt
 from jaxtwin import Experiment, GlobalSensitivity, ParameterError, SimulationError, Twin
 from jaxtwin.sensitivity_analysis import LogNormal, Normal, Sobol, StandardisedRegression, Uniform
-from jaxtwin.sensitivity_analysis._input_choices import chosen_inputs
+from jaxtwin.sensitivity_analysis._input_choices import resolve_inputs
 
 NAMES = ["R_E", "R_pc", "R_Tez"]
 TIMES = [10.0, 50.0, 100.0]
@@ -199,16 +199,16 @@ def test_a_twin_of_each_recording_has_the_same_relative_draws():
 @pytest.mark.slow
 def test_the_posterior_of_a_fit_is_drawn_with_its_correlation():
     known = correlated_fit()
-    inputs = chosen_inputs("posterior", known, known.twin, None, 0.25)
+    inputs = resolve_inputs("posterior", known, known.twin, None, 0.25)
     assert inputs.names == ("R_E", "R_pc")
     logarithms = np.log(StandardisedRegression().design(inputs, 4096, 0, "sobol").samples)
     np.testing.assert_allclose(np.cov(logarithms, rowvar=False), COVARIANCE, rtol=0.02)
     middle = [np.log(known.twin.values[name]) for name in inputs.names]
     np.testing.assert_allclose(logarithms.mean(axis=0), middle, atol=1e-3)
-    (single,) = chosen_inputs("posterior", known, known.twin, ["R_pc"], 0.25).names
+    (single,) = resolve_inputs("posterior", known, known.twin, ["R_pc"], 0.25).names
     assert single == "R_pc"
     with pytest.raises(ParameterError, match="expected some of R_E, R_pc, got R_Th"):
-        chosen_inputs("posterior", known, known.twin, ["R_Th"], 0.25)
+        resolve_inputs("posterior", known, known.twin, ["R_Th"], 0.25)
     with pytest.raises(ParameterError, match="independent"):
         jt.sensitivity(known, method="sobol", inputs="posterior")
     with pytest.raises(ParameterError, match="expected a fit, got a twin"):

@@ -57,8 +57,8 @@ def analysed(
     method: AbstractMethod, inputs: Inputs, function=ishigami, draws: int | None = None, seed=3
 ) -> tuple[dict[str, np.ndarray], Design]:
     """Indices of the function, and of a second output beside it, which are left out here."""
-    draws = method.usual_draws if draws is None else draws
-    design = method.design(inputs, draws, seed, method.usual_samples)
+    draws = method.default_draws if draws is None else draws
+    design = method.design(inputs, draws, seed, method.default_samples)
     outputs = np.column_stack([function(design.samples), design.samples[:, 0]])
     slopes = None
     if method.needs_slopes:

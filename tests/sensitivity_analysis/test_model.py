@@ -83,7 +83,7 @@ def test_measures_of_closed_loops_are_outputs():
         ({"model": lambda draws: {"a": draws["R_E"].astype(str)}}, "'a': expected a number"),
         ({"model": ishigami, "outputs": ["final"]}, "outputs: expected none beside a model"),
         ({"model": ishigami, "times": [3.0]}, "times: expected none beside a model"),
-        ({"model": ishigami, "method": "dgsm"}, "takes no derivatives"),
+        ({"model": ishigami, "method": "dgsm"}, "a method without derivatives"),
         ({"model": ishigami, "method": "correlations"}, "beside a global method only"),
     ],
 )

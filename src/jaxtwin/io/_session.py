@@ -14,7 +14,7 @@ from ._clock_map import ClockMap
 from ._experiment import Experiment
 from ._lock import is_locked
 from ._resample import bin_means_by_run, held
-from ._session_file import Columns, damage_told, is_session, read_metadata
+from ._session_file import Columns, damage_as_recording_error, is_session, read_metadata
 
 if TYPE_CHECKING:
     from ..rig import Rig
@@ -122,7 +122,7 @@ class Session:
 
         A device that lost its connection and came back without a restart has one clock.
         """
-        with damage_told(self.file):
+        with damage_as_recording_error(self.file):
             return self._clocks()
 
     def _clocks(self) -> list[DeviceClock]:
@@ -191,7 +191,7 @@ class Session:
 
         **Raises:** `RecordingError` where duty or temperatures are missing altogether.
         """
-        with damage_told(self.file):
+        with damage_as_recording_error(self.file):
             # One moment of a file that may be growing.
             self.database.execute("BEGIN")
             try:
@@ -245,7 +245,7 @@ class Session:
         self, table: str, columns: tuple[str, ...], where: str, clocks: list[DeviceClock] | None
     ) -> Series:
         names = ", ".join(f'"{name}"' for name in columns)
-        with damage_told(self.file):
+        with damage_as_recording_error(self.file):
             rows = self.database.execute(
                 f"SELECT greeting, device_us, {names} FROM {table} {where}"
             )

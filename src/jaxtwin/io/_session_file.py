@@ -71,7 +71,7 @@ class Columns:
 
 
 @contextlib.contextmanager
-def damage_told(file: Path) -> Iterator[None]:
+def damage_as_recording_error(file: Path) -> Iterator[None]:
     """Says in a sentence that a recording is damaged, for what reads its rows inside the block.
 
     SQLite notices some damage itself; other damage leaves rows with text instead of numbers.

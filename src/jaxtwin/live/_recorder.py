@@ -15,7 +15,7 @@ from typing import Any, final
 
 from .._errors import RecordingError
 from ..io._lock import lock, unlock
-from ..io._session_file import damage_told, is_session, read_metadata
+from ..io._session_file import damage_as_recording_error, is_session, read_metadata
 from ..rig import Rig
 from ._counted import Counters, counted_in
 from ._records import Event, Record
@@ -105,7 +105,7 @@ class Recorder:
             self._counted: dict[str, Counters] = {}
             if existed:
                 self._check_rig(metadata)
-                with damage_told(self.file):
+                with damage_as_recording_error(self.file):
                     self._counted.update(counted_in(self._database))
             self._run = self._begin(None if existed else metadata)
             self._rows = RowWriter(

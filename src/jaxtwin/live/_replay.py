@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 
 from ..io import Session
-from ..io._session_file import Columns, damage_told
+from ..io._session_file import Columns, damage_as_recording_error
 from ._messages import Hello
 from ._records import (
     Command,
@@ -56,7 +56,7 @@ class Replay:
         self.states: dict[str, LinkState] = {}
         self.session = Session(file)
         self._speed = speed
-        with damage_told(self.session.file):
+        with damage_as_recording_error(self.session.file):
             self._tables = tuple(map(self._told, self._all()))
         # Of records that arrived together, greetings come first: the others refer to them.
         self._records = heapq.merge(*self._tables, key=lambda record: record.arrival)
@@ -126,7 +126,7 @@ class Replay:
         return recorded / self._speed - (self.clock.now() - self._begin) * 1e-9
 
     def _told(self, rows: Rows) -> Rows:
-        with damage_told(self.session.file):
+        with damage_as_recording_error(self.session.file):
             yield from rows
 
     def _all(self) -> tuple[Rows, ...]:

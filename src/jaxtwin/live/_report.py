@@ -7,7 +7,7 @@ from typing import Any, final
 import numpy as np
 
 from ..io import Session
-from ..io._session_file import damage_told
+from ..io._session_file import damage_as_recording_error
 
 
 @final
@@ -46,7 +46,7 @@ def report(session: Session) -> dict[str, Any]:
 
     **Raises:** `RecordingError` where the recording is damaged.
     """
-    with damage_told(session.file):
+    with damage_as_recording_error(session.file):
         return _report(session)
 
 

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..matching import Fit
-from ._samples import masked_key, mean_there, of_sampled, shade_masked
+from ._samples import masked_key, mean_of_samples, shade_masked, weights_of_samples
 from ._style import palette, points, styled
 
 
@@ -25,13 +25,13 @@ def plot_camera_error(fit: Fit) -> Figure:
     **Returns:** the figure.
     """
     columns = len(fit.runs)
-    weights = {name: of_sampled(run, fit.weights[name]) for name, run in fit.runs.items()}
+    weights = {name: weights_of_samples(run, fit.weights[name]) for name, run in fit.runs.items()}
     figure = pyplot.figure(figsize=(0.9 + 3.9 * columns, 4.6), layout="constrained")
     grid = figure.subplots(2, columns, sharex="col", sharey=True, squeeze=False)
     for (above, below), (name, run) in zip(grid.T, fit.runs.items(), strict=True):
         assert run.experiment.temperatures is not None
         camera = fit.camera[name]
-        shared = mean_there(run.experiment.temperatures - run.temperatures, axis=1)
+        shared = mean_of_samples(run.experiment.temperatures - run.temperatures, axis=1)
         above.plot(run.time, shared, color=palette().muted, lw=1.0)
         above.plot(run.time, camera.offset, color=palette().vermilion, lw=1.6)
         below.plot(run.time, shared - camera.offset, color=palette().ink, lw=1.0)

@@ -14,7 +14,13 @@ from .._errors import SimulationError
 from .._measures import fit_text, mean_fit_percent
 from ..simulation import Run
 from ._labels import label_ends
-from ._samples import last_means, masked_key, mean_there, of_sampled, shade_masked
+from ._samples import (
+    masked_key,
+    mean_of_samples,
+    means_of_last_samples,
+    shade_masked,
+    weights_of_samples,
+)
 from ._style import palette, points, styled
 
 PANELS = 5  # in a row
@@ -99,18 +105,18 @@ def plot_residuals(
     ends = []
     for axes, run, weight in zip_longest(row, runs, weights):
         if weight is not None:
-            shade_masked(axes, run.time, of_sampled(run, weight))
+            shade_masked(axes, run.time, weights_of_samples(run, weight))
         residual = _recorded(run) - run.temperatures
         for number, part in enumerate(residual.T):
             axes.plot(run.time, part, color=palette().cycle[number % len(palette().cycle)], lw=0.9)
-        axes.plot(run.time, mean_there(residual, axis=1), color=palette().ink, lw=2.0)
+        axes.plot(run.time, mean_of_samples(residual, axis=1), color=palette().ink, lw=2.0)
         axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0)
         axes.set(title=run.experiment.name or "recording", xlabel="time, s")
         axes.set_title(
             f"RMSE {run.rmse:.2f} K", loc="right", fontsize=points(9), fontweight="normal"
         )
         axes.set_xlim(run.time[0], run.time[-1])
-        tail = last_means(residual, len(run.time) // 20)
+        tail = means_of_last_samples(residual, len(run.time) // 20)
         ends.append(
             list(zip(tail.tolist(), run.channels, palette().cycle * len(tail), strict=False))
         )
@@ -120,7 +126,7 @@ def plot_residuals(
     figure.legend(
         handles=[
             Line2D([], [], color=palette().ink, lw=2.0, label="mean of the channels"),
-            *masked_key(of_sampled(*pair) for pair in zip(runs, weights, strict=False)),
+            *masked_key(weights_of_samples(*pair) for pair in zip(runs, weights, strict=False)),
         ],
         loc="outside lower right",
         ncols=2,

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ..io import Experiment
 from ._labels import label_ends
-from ._samples import last_means
+from ._samples import means_of_last_samples
 from ._style import palette, styled
 
 
@@ -56,7 +56,7 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
     for axes, experiment in zip(grid.T, experiments, strict=True):
         label_ends(axes[-1], _cells_by_drive(experiment), spacing=0.2)
         if experiment.temperatures is not None:
-            tail = last_means(experiment.temperatures, len(experiment.time) // 50)
+            tail = means_of_last_samples(experiment.temperatures, len(experiment.time) // 50)
             colors = [palette().cycle[number % len(palette().cycle)] for number in range(len(tail))]
             label_ends(axes[0], list(zip(tail.tolist(), experiment.channels, colors, strict=True)))
     return figure

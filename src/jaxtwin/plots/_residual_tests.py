@@ -11,7 +11,7 @@ from .._normal_distribution import QUANTILE_975, normal_quantiles
 from .._residual_statistics import autocorrelation, ljung_box
 from ..simulation import Run
 from ._labels import label_ends
-from ._samples import last_means
+from ._samples import means_of_last_samples
 from ._style import palette, points, styled
 
 LONGEST = 300
@@ -90,7 +90,7 @@ def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     over_time.set_title(
         f"RMSE {run.rmse:.2f} K", loc="right", fontsize=points(9), fontweight="normal"
     )
-    tail = last_means(residuals, len(run.time) // 20)
+    tail = means_of_last_samples(residuals, len(run.time) // 20)
     label_ends(
         over_time, list(zip(tail.tolist(), run.channels, palette().cycle * len(tail), strict=False))
     )

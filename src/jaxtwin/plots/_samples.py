@@ -1,4 +1,4 @@
-"""Samples that are missing, and spans that count less in a match, for all pictures."""
+"""Missing samples, and spans with a lower weight in a match, as all pictures show them."""
 
 from collections.abc import Iterable
 
@@ -11,22 +11,24 @@ from ..simulation import Run
 from ._style import palette
 
 
-def of_sampled(
+def weights_of_samples(
     run: Run, weights: Float[np.ndarray, "times channels"]
 ) -> Float[np.ndarray, "times channels"]:
-    """The weights of a run's samples, 1 where one is missing: that is a gap in the line."""
+    """Returns the weights of a run's samples. A missing sample gets the weight 1, because it is
+    already a gap in the line."""
     return np.where(run.experiment.sampled, weights, 1.0)
 
 
 def shade_masked(
     axes: Axes, time: Float[np.ndarray, " times"], weights: Float[np.ndarray, "times channels"]
 ) -> None:
-    """Shades where a sample of any channel counts less than fully, the darker the less.
+    """Shades the times at which a sample of any channel has a weight below 1; lower weights are
+    darker.
 
     **Arguments:**
 
-    - `axes`: whose x axis is the time, s.
-    - `weights`: 0 to 1.
+    - `axes`: axes with the time as x axis, s.
+    - `weights`: the weights of the samples, 0 to 1.
     """
     weight = weights.min(axis=1)
     edges = np.flatnonzero(np.diff(weight)) + 1
@@ -41,17 +43,19 @@ def shade_masked(
 
 
 def masked_key(weights: Iterable[Float[np.ndarray, "_ _"]]) -> list[Patch]:
-    """The legend of the shading; empty without any."""
+    """Returns the legend entry of the shading; empty if nothing is shaded."""
     shaded = any(bool((weight < 1).any()) for weight in weights)
     return [Patch(color=palette().faint, lw=0, label="counted less")] if shaded else []
 
 
-def mean_there(values: Float[np.ndarray, "rows columns"], axis: int) -> Float[np.ndarray, " kept"]:
-    """The mean along an axis; NaN where nothing is there.
+def mean_of_samples(
+    values: Float[np.ndarray, "rows columns"], axis: int
+) -> Float[np.ndarray, " kept"]:
+    """Computes the mean along an axis over the samples that exist; NaN if there are none.
 
     **Arguments:**
 
-    - `values`: NaN where a sample is missing.
+    - `values`: the samples; NaN for a missing one.
     """
     there = ~np.isnan(values)
     counts = there.sum(axis=axis)
@@ -59,14 +63,14 @@ def mean_there(values: Float[np.ndarray, "rows columns"], axis: int) -> Float[np
     return np.divide(sums, counts, out=np.full(counts.shape, np.nan), where=counts > 0)
 
 
-def last_means(
+def means_of_last_samples(
     values: Float[np.ndarray, "times channels"], samples: int
 ) -> Float[np.ndarray, " channels"]:
-    """The mean of the last samples of each channel that are there; NaN where it has none.
+    """Computes the mean of the last existing samples of each channel; NaN if it has none.
 
     **Arguments:**
 
-    - `samples`: how many; at least one counts.
+    - `samples`: the number of samples; at least one is used.
     """
     ends = [column[~np.isnan(column)][-max(1, samples) :] for column in values.T]
     return np.array([end.mean() if end.size else np.nan for end in ends])

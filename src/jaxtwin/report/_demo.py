@@ -12,7 +12,7 @@ from ..physics import Twin
 from ..rig import load_rig
 from ._blocks import Block, Numbers, Section, Table, Text
 from ._demo_checks import check_table
-from ._demo_match import match_fixed, match_own, recover_truth
+from ._demo_match import match_ambient_per_recording, match_fixed, recover_truth
 from ._demo_sensitivity import analyse
 from ._demo_simulate import dc_sweeps, plate_map, simulate_published
 from ._demo_source import Source, find_source
@@ -83,7 +83,7 @@ def write_demo(
         published = Twin(rig, rig.parameter_sets["published"])
         simulated, runs, published_numbers = simulate_published(published, source)
         fixed_section, fixed = match_fixed(rig, source, runs, progress)
-        own_section, own = match_own(rig, source, runs, fixed, progress)
+        own_section, own = match_ambient_per_recording(rig, source, runs, fixed, progress)
         even, evenness = uniformity_section(own, level=3)
         truth_section, truth = recover_truth(rig, progress)
         sensed, few, many = analyse(own, draws, progress)

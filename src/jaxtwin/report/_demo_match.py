@@ -82,7 +82,7 @@ def match_fixed(
     return section, fit
 
 
-def match_own(
+def match_ambient_per_recording(
     rig: Rig, source: Source, published: list[Run], fixed: Fit, progress: Progress
 ) -> tuple[Section, Fit]:
     """Matches with an ambient temperature for each recording; the start is still at 15 degC.

@@ -12,12 +12,12 @@ from ..matching import Fit
 from ..physics import Twin
 from ._global_analysis import global_sensitivity
 from ._global_sensitivity import GlobalSensitivity
-from ._input_choices import AskedInputs
+from ._input_choices import InputChoice
 from ._method import AbstractMethod
 from ._methods import MethodName, checked_method
 from ._model import Model
 from ._monte_carlo import correlate_costs
-from ._outputs import AskedOutputs
+from ._outputs import OutputChoice
 from ._sampling import checked_seed, checked_spread
 from ._sensitivity import Sensitivity
 from ._unit_samples import SampleKind
@@ -51,8 +51,8 @@ def sensitivity(
     spread: float | int = 0.25,
     seed: int = 0,
     names: Iterable[str] | None = None,
-    inputs: AskedInputs = "normal",
-    outputs: AskedOutputs = ("cost",),
+    inputs: InputChoice = "normal",
+    outputs: OutputChoice = ("cost",),
     times: Sequence[float] | None = None,
     samples: SampleKind | None = None,
     model: Model | None = None,
@@ -71,8 +71,8 @@ def sensitivity(
     spread: float | int = 0.25,
     seed: int = 0,
     names: Iterable[str] | None = None,
-    inputs: AskedInputs = "normal",
-    outputs: AskedOutputs = ("cost",),
+    inputs: InputChoice = "normal",
+    outputs: OutputChoice = ("cost",),
     times: Sequence[float] | None = None,
     samples: SampleKind | None = None,
     model: Model | None = None,

@@ -1,4 +1,4 @@
-"""Correlations of outputs with parameters, as methods beside the others."""
+"""Correlations of outputs with parameters, as methods of global sensitivity analysis."""
 
 from dataclasses import dataclass
 from typing import final
@@ -18,7 +18,7 @@ class Pearson(AbstractPlainMethod):
 
     name = "pearson"
     main = "pearson"
-    usual_draws = 1000
+    default_draws = 1000
 
     def estimate(
         self,
@@ -39,7 +39,7 @@ class Spearman(AbstractPlainMethod):
 
     name = "spearman"
     main = "spearman"
-    usual_draws = 1000
+    default_draws = 1000
 
     def estimate(
         self,

@@ -26,8 +26,8 @@ class DerivativeBased(AbstractPlainMethod):
 
     name = "dgsm"
     main = "dgsm"
-    usual_draws = 256
-    usual_samples = "sobol"
+    default_draws = 256
+    default_samples = "sobol"
     needs_independence_for = "derivative-based bounds"
     needs_slopes = True
 

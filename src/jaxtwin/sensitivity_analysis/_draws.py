@@ -29,14 +29,15 @@ def paired_twins(
       `Fit.twin_for`.
     - `experiments`: one or several; None for the experiments of the fit.
 
-    **Raises:** `SimulationError` where their numbers differ, there are none, or the twins' rigs do;
-    `MatchError` where a recording that the fit has not seen is too short to take its own values
-    from.
+    **Raises:** `SimulationError` if the numbers of twins and experiments differ, if there are none,
+    or if the twins have different rigs; `MatchError` if a recording that was not matched is too
+    short to estimate its values.
     """
     if experiments is None:
         if not isinstance(twin, Fit):
             raise SimulationError(
-                f"{study}: experiments: expected one or several, got none; only a fit has its own"
+                f"{study}: experiments: expected one or several, got none; only a fit "
+                "has experiments"
             )
         experiments = twin.experiments
     recordings = as_experiments(f"{study}: experiments", experiments, SimulationError)
@@ -56,7 +57,7 @@ def paired_twins(
             f"twins for {len(recordings)} experiments"
         )
     if any(twin.rig != twins[0].rig for twin in twins):
-        raise SimulationError(f"{study}: expected twins of one rig, got twins of several")
+        raise SimulationError(f"{study}: expected twins of the same rig, got twins of several rigs")
     return twins, recordings
 
 
@@ -72,23 +73,23 @@ def drawn_names(twin: Twin, names: Iterable[str] | None) -> list[str]:
     """
     table = twin.rig.parameters
     if names is None:
-        # Where the camera looks is a length and an angle about 0, not a property of the plant.
+        # The registration is a length and an angle about 0, and not a property of the plant.
         zones = twin.wiring.zones
         registration = frozenset() if zones is None else zones.registration.names
-        chosen = [
+        selected = [
             name
             for name, row in table.items()
             if row.free and row.scope != "recording" and name not in registration
         ]
     else:
-        chosen = list(names_of("names", names, ParameterError))
-    unknown = [name for name in chosen if name not in table]
-    if unknown or not chosen:
+        selected = list(names_of("names", names, ParameterError))
+    unknown = [name for name in selected if name not in table]
+    if unknown or not selected:
         raise ParameterError(
             f"{twin.rig.name}: names: expected some of {', '.join(table)}, got "
             f"{', '.join(unknown) or 'none'}{did_you_mean(unknown, table)}"
         )
-    return chosen
+    return selected
 
 
 def central_values(twin: Twin, names: Iterable[str] | None) -> dict[str, float]:

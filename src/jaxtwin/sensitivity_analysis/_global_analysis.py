@@ -1,5 +1,5 @@
-"""A global sensitivity analysis: all outputs of all runs, and the indices that a method makes of
-them."""
+"""A global sensitivity analysis: simulates the runs of a method, and estimates the indices of all
+outputs from them."""
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,13 +18,13 @@ from ..simulation import simulate_batch
 from ..simulation._reductions import ReductionFunction
 from ._draws import paired_twins, rescaled_draws
 from ._global_sensitivity import GlobalSensitivity
-from ._input_choices import AskedInputs, chosen_inputs
+from ._input_choices import InputChoice, resolve_inputs
 from ._inputs import Inputs
 from ._method import AbstractMethod, indices_of
 from ._model import Model, run_model
 from ._outputs import (
-    AskedOutputs,
     Column,
+    OutputChoice,
     OutputName,
     checked_outputs,
     columns_of,
@@ -46,15 +46,15 @@ def global_sensitivity(
     spread: float,
     seed: int,
     names: Iterable[str] | None,
-    inputs: AskedInputs,
-    outputs: AskedOutputs,
+    inputs: InputChoice,
+    outputs: OutputChoice,
     times: Sequence[float] | None,
     samples: SampleKind | None,
     model: Model | None,
     executor: Executor | None,
     on_progress: Callable[[int], None] | None,
 ) -> GlobalSensitivity:
-    """The arguments are those of `sensitivity`."""
+    """Runs a global sensitivity analysis. The arguments are those of `sensitivity`."""
     began = time.perf_counter()
     if model is None:
         twins, recordings = paired_twins("sensitivity", twin, experiments)
@@ -62,22 +62,30 @@ def global_sensitivity(
         twins, recordings = [nominal_twin("sensitivity: twin", twin, SimulationError)], []
         if method.needs_slopes:
             raise SimulationError(
-                "sensitivity: method: expected one that takes no derivatives beside a model, got "
+                "sensitivity: method: expected a method without derivatives beside a model, got "
                 f"{method!r}"
             )
-    count = method.usual_draws if draws is None else draws
-    count = whole_number("sensitivity: draws", count, method.least_draws, SimulationError)
-    kind = method.usual_samples if samples is None else checked_kind(samples)
-    asked = checked_outputs(outputs)
-    drawn = chosen_inputs(inputs, twin, twins[0], names, spread)
-    design = method.design(drawn, count, seed, kind)
+    count = method.default_draws if draws is None else draws
+    count = whole_number("sensitivity: draws", count, method.min_draws, SimulationError)
+    kind = method.default_samples if samples is None else checked_kind(samples)
+    quantities = checked_outputs(outputs)
+    distribution = resolve_inputs(inputs, twin, twins[0], names, spread)
+    design = method.design(distribution, count, seed, kind)
     values = design.samples
     if model is None:
         columns, rates = _run_experiments(
-            twins, recordings, drawn, values, method, asked, times, executor, on_progress
+            twins,
+            recordings,
+            distribution,
+            values,
+            method,
+            quantities,
+            times,
+            executor,
+            on_progress,
         )
     else:
-        columns, rates = run_model(model, _draws_for(twins[0], drawn, values)), None
+        columns, rates = run_model(model, _draws_for(twins[0], distribution, values)), None
     table = np.column_stack([column for _, column in columns]).astype(float)
     indices, counted = indices_of(method, design, table, rates, seed)
     return GlobalSensitivity(
@@ -97,37 +105,37 @@ def global_sensitivity(
 def _run_experiments(
     twins: Sequence[Twin],
     recordings: Sequence[Experiment],
-    drawn: Inputs,
+    inputs: Inputs,
     values: Float[np.ndarray, "runs parameters"],
     method: AbstractMethod,
-    asked: Mapping[str, OutputName | ReductionFunction],
+    outputs: Mapping[str, OutputName | ReductionFunction],
     times: Sequence[float] | None,
     executor: Executor | None,
     on_progress: Callable[[int], None] | None,
 ) -> tuple[list[Column], Float[np.ndarray, "runs outputs parameters"] | None]:
-    """The outputs of all runs of all experiments, and their derivatives where the method needs
-    them."""
+    """Computes the outputs of all runs of all experiments, and their derivatives if the method
+    needs them."""
     columns: list[Column] = []
-    slopes: list[list[Column]] = [[] for _ in drawn.names]
-    for own_twin, experiment in zip(twins, recordings, strict=True):
-        chosen = samples_at(times, experiment)
-        reductions = reductions_for(asked, chosen)
-        own = _draws_for(own_twin, drawn, values)
-        found = simulate_batch(
-            own_twin,
+    slopes: list[list[Column]] = [[] for _ in inputs.names]
+    for recording_twin, experiment in zip(twins, recordings, strict=True):
+        samples = samples_at(times, experiment)
+        reductions = reductions_for(outputs, samples)
+        draws = _draws_for(recording_twin, inputs, values)
+        results = simulate_batch(
+            recording_twin,
             experiment,
-            own,
+            draws,
             reductions=reductions,
             executor=executor,
             on_progress=on_progress,
         )
-        columns += columns_of(found, asked, chosen, experiment)
+        columns += columns_of(results, outputs, samples, experiment)
         if method.needs_slopes:
-            for j, part in enumerate(slopes_of(own_twin, experiment, own, reductions)):
-                factor = own[drawn.names[j]][0] / values[0, j] if drawn.relative_to else 1.0
+            for j, part in enumerate(slopes_of(recording_twin, experiment, draws, reductions)):
+                factor = draws[inputs.names[j]][0] / values[0, j] if inputs.relative_to else 1.0
                 slopes[j] += [
                     (output, factor * column)
-                    for output, column in columns_of(part, asked, chosen, experiment)
+                    for output, column in columns_of(part, outputs, samples, experiment)
                 ]
     rates = _stacked_slopes([with_mean_cost(part) for part in slopes], method)
     return with_mean_cost(columns), rates

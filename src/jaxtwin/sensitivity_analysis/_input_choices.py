@@ -1,5 +1,5 @@
-"""The usual distributions of a rig's parameters: around a value, in bounds, before and after a
-match."""
+"""Resolves the argument `inputs` of a global analysis to distributions of the parameters: around
+their values, between their bounds, by their priors, or by the posterior of a match."""
 
 from collections.abc import Iterable, Mapping
 from typing import Literal, TypeAlias, get_args
@@ -19,12 +19,12 @@ from ._marginals import AbstractMarginal, LogNormal, Normal, Uniform
 
 InputKind: TypeAlias = Literal["normal", "lognormal", "bounds", "priors", "posterior"]
 
-AskedInputs: TypeAlias = InputKind | Mapping[str, AbstractMarginal]
+InputChoice: TypeAlias = InputKind | Mapping[str, AbstractMarginal]
 """A kind, or name -> distribution."""
 
 
-def chosen_inputs(
-    asked: AskedInputs,
+def resolve_inputs(
+    choice: InputChoice,
     origin: object,
     twin: Twin,
     names: Iterable[str] | None,
@@ -34,8 +34,8 @@ def chosen_inputs(
 
     **Arguments:**
 
-    - `asked`: a kind, or name -> distribution.
-    - `origin`: the fit, for its posterior; anything else has none.
+    - `choice`: a kind, or name -> distribution.
+    - `origin`: the fit whose posterior is meant by "posterior"; any other object has none.
     - `twin`: the twin whose values are the centres.
     - `names`: names of the drawn parameters; None for all that are free, have a prior, or were
       matched.
@@ -43,22 +43,24 @@ def chosen_inputs(
 
     **Raises:** `ParameterError` for parameters that have no such distribution.
     """
-    if not isinstance(asked, str):
-        return _own(mapping_of("sensitivity: inputs", asked, _EXPECTED, ParameterError), twin)
-    if asked not in get_args(InputKind):
-        raise ParameterError(
-            f"sensitivity: inputs: expected {_EXPECTED}, got {asked!r}"
-            f"{did_you_mean([asked], get_args(InputKind))}"
+    if not isinstance(choice, str):
+        return _given_marginals(
+            mapping_of("sensitivity: inputs", choice, _EXPECTED, ParameterError), twin
         )
-    if asked == "posterior":
+    if choice not in get_args(InputKind):
+        raise ParameterError(
+            f"sensitivity: inputs: expected {_EXPECTED}, got {choice!r}"
+            f"{did_you_mean([choice], get_args(InputKind))}"
+        )
+    if choice == "posterior":
         return _posterior(origin, names)
-    if asked == "bounds":
+    if choice == "bounds":
         rows = [twin.rig.parameters[name] for name in drawn_names(twin, names)]
         return Inputs({row.name: _in_bounds(twin, row) for row in rows})
-    if asked == "priors":
+    if choice == "priors":
         return _priors(twin, names)
     values = central_values(twin, names)
-    if asked == "normal":
+    if choice == "normal":
         marginals = {name: _around(value, spread) for name, value in values.items()}
         return Inputs(marginals, relative_to=values)
     for name, value in values.items():
@@ -75,7 +77,7 @@ _EXPECTED = f"one of {', '.join(get_args(InputKind))}, or name -> distribution"
 
 
 def _around(value: float, spread: float) -> Normal:
-    """The paper's: cut off at 0, so that a resistance stays positive."""
+    """The normal distribution of the paper, truncated at 0 so that a resistance stays positive."""
     limits = {"low": 0.0} if value > 0 else {"high": 0.0}
     return Normal(value, spread * abs(value), **limits)
 
@@ -100,11 +102,11 @@ def _priors(twin: Twin, names: Iterable[str] | None) -> Inputs:
                 f"{twin.rig.name}: parameter {row.name}: expected a prior, got none; give it one "
                 "in the rig file, or leave it out with names=[...]"
             )
-        middle = row.value if row.prior_value is None else row.prior_value
+        centre = row.value if row.prior_value is None else row.prior_value
         if row.is_logarithmic:
-            marginals[row.name] = LogNormal(middle, row.standard_deviation)
+            marginals[row.name] = LogNormal(centre, row.standard_deviation)
         else:
-            marginals[row.name] = Normal(middle, row.standard_deviation, row.lower, row.upper)
+            marginals[row.name] = Normal(centre, row.standard_deviation, row.lower, row.upper)
     if not marginals:
         raise ParameterError(
             f'{twin.rig.name}: inputs "priors": expected priors in the rig file, got none; use '
@@ -115,7 +117,7 @@ def _priors(twin: Twin, names: Iterable[str] | None) -> Inputs:
 
 def _posterior(origin: object, names: Iterable[str] | None) -> Inputs:
     """The Gaussian approximation of a match, in the logarithms of positive parameters. Values that
-    ended at a bound, or that nothing tells, are held."""
+    ended at a bound, or that the recordings do not determine, are held."""
     if not isinstance(origin, Fit):
         raise ParameterError(
             'sensitivity: inputs "posterior": expected a fit, got a twin; pass the fit itself'
@@ -148,7 +150,7 @@ def _posterior(origin: object, names: Iterable[str] | None) -> Inputs:
     return Inputs(marginals, covariance / np.outer(errors, errors))
 
 
-def _own(marginals: Mapping[str, AbstractMarginal], twin: Twin) -> Inputs:
+def _given_marginals(marginals: Mapping[str, AbstractMarginal], twin: Twin) -> Inputs:
     names = drawn_names(twin, marginals)
     for name, marginal in marginals.items():
         if not isinstance(marginal, AbstractMarginal):

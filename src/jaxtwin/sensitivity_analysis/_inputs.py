@@ -16,7 +16,7 @@ from ._marginals import SMALLEST, AbstractMarginal
 @final
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """The joint distribution of the drawn parameters: a distribution of each, and their
+    """The joint distribution of the drawn parameters: their marginal distributions and their
     correlation.
 
     Correlated parameters are a Gaussian copula: their normal scores, `ndtri` of their
@@ -25,9 +25,10 @@ class Inputs:
     **Arguments:**
 
     - `marginals`: name -> distribution.
-    - `correlation`: of the normal scores; None where parameters are independent.
-    - `relative_to`: the values around which parameters were drawn, where twins of other values are
-      to have the same draws relative to theirs; None where draws are the same for all.
+    - `correlation`: the correlation of the normal scores; None for independent parameters.
+    - `relative_to`: the values around which parameters are drawn, name -> value. A twin with other
+      values then gets draws at the same ratios to its own values. None if all twins get the same
+      draws.
     """
 
     marginals: Mapping[str, AbstractMarginal]
@@ -36,13 +37,14 @@ class Inputs:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters."""
+        """The names of the parameters."""
         return tuple(self.marginals)
 
     def correlated(
         self, unit: Float[np.ndarray, "draws parameters"]
     ) -> Float[np.ndarray, "draws parameters"]:
-        """Probabilities that hang together as the parameters do, from independent ones."""
+        """Transforms independent probabilities to probabilities with the correlation of the
+        parameters."""
         if self.correlation is None:
             return unit
         return ndtr(ndtri(np.clip(unit, SMALLEST, 1 - 2.0**-53)) @ self.root.T)
@@ -58,7 +60,7 @@ class Inputs:
     def values(
         self, unit: Float[np.ndarray, "draws parameters"]
     ) -> Float[np.ndarray, "draws parameters"]:
-        """The parameters of these probabilities, each by its own distribution."""
+        """Transforms probabilities to values of the parameters, each by its quantile function."""
         pairs = zip(self.marginals.values(), unit.T, strict=True)
         return np.column_stack([marginal.quantile(column) for marginal, column in pairs])
 
@@ -71,13 +73,13 @@ class Inputs:
             raise ParameterError(
                 f"sensitivity: inputs: expected independent parameters for {method}, whose indices "
                 'have no meaning for others, got correlated ones; use method="shapley", or "src" '
-                'or "prcc" for what a parameter does while the others stand'
+                'or "prcc" for the effect of a parameter while the others are held'
             )
 
     def to_salib(self) -> dict[str, Any]:
-        """The problem in SALib's form, for its samplers and analysers.
+        """Returns the problem in SALib's form, for its samplers and analysers.
 
-        **Raises:** `ParameterError` where parameters are correlated, which SALib cannot say.
+        **Raises:** `ParameterError` for correlated parameters, which SALib's form cannot represent.
         """
         if self.correlation is not None:
             raise ParameterError(

@@ -1,8 +1,9 @@
-"""What a method of global sensitivity analysis is: which runs it needs, and what it makes of them.
+"""The interface of a method of global sensitivity analysis: the runs that it needs, and the indices
+that it estimates from them.
 
 Runs come in blocks, such as the rows of Saltelli's scheme that share a base sample, or a trajectory
-of Morris. A block is complete where all its runs gave finite outputs; those that are not are left
-out as a whole and counted, and resampling takes whole blocks.
+of Morris. A block is complete if all its runs have finite outputs. Incomplete blocks are left out
+as a whole, and resampling takes whole blocks.
 """
 
 import abc
@@ -16,15 +17,15 @@ from ._inputs import Inputs
 from ._unit_samples import SampleKind, unit_samples
 
 COLUMNS = 64
-"""Outputs that are worked on at a time, so that products of blocks, parameters and outputs stay
-small."""
+"""The number of outputs that are analysed at a time, so that products of blocks, parameters and
+outputs stay small."""
 
 LEAST_BLOCKS = 2
-"""Complete blocks below which nothing is said of an output."""
+"""The smallest number of complete blocks from which indices of an output are estimated."""
 
 CONSTANT = 1e-12
-"""An output whose values differ by less than this part of them has no variance: the rest is
-rounding."""
+"""An output whose values differ by less than this fraction of their size counts as constant: the
+differences are rounding."""
 
 Indices = dict[str, Float[np.ndarray, "outputs ..."]]
 """Name -> index of each output `(outputs,)`, of each of its parameters `(outputs, parameters)`, or
@@ -38,10 +39,10 @@ class Design:
 
     **Arguments:**
 
-    - `inputs`: what is drawn.
+    - `inputs`: the distributions of the drawn parameters.
     - `unit`: probabilities of the parameters' values, `(runs, parameters)`.
-    - `block`: runs in a block; blocks follow each other.
-    - `order`: of the parameters in each block, where that differs between blocks.
+    - `block`: the number of runs in a block; blocks follow each other.
+    - `order`: the order of the parameters in each block, if it differs between blocks.
     """
 
     inputs: Inputs
@@ -59,42 +60,44 @@ class Design:
         """The parameters' values."""
         return self.inputs.values(self.unit)
 
-    def of_blocks(self, chosen: Bool[np.ndarray, " blocks"]) -> "Design":
-        """The design with some of its blocks only."""
+    def of_blocks(self, mask: Bool[np.ndarray, " blocks"]) -> "Design":
+        """Returns the design with the blocks for which the mask is true."""
         return replace(
             self,
-            unit=self.unit[np.repeat(chosen, self.block)],
-            order=None if self.order is None else self.order[chosen],
+            unit=self.unit[np.repeat(mask, self.block)],
+            order=None if self.order is None else self.order[mask],
         )
 
 
 class AbstractMethod(abc.ABC):
     """A method of global sensitivity analysis.
 
-    - `name`: as `jaxtwin.sensitivity` takes it.
+    - `name`: the name of the method in `jaxtwin.sensitivity`.
     - `main`: the index by which parameters are ranked.
-    - `usual_draws`, `usual_samples`: of its design, unless others are asked for.
-    - `least_draws`: below which it says nothing.
-    - `needs_slopes`: whether it takes derivatives of the outputs in the parameters.
+    - `default_draws`, `default_samples`: the number and the kind of samples if the caller chooses
+      none.
+    - `min_draws`: the smallest number of draws that the method accepts.
+    - `needs_slopes`: whether the method needs derivatives of the outputs with respect to the
+      parameters.
     """
 
     name: ClassVar[str]
     main: ClassVar[str]
-    usual_draws: ClassVar[int]
-    usual_samples: ClassVar[SampleKind] = "random"
-    least_draws: ClassVar[int] = 3
+    default_draws: ClassVar[int]
+    default_samples: ClassVar[SampleKind] = "random"
+    min_draws: ClassVar[int] = 3
     needs_slopes: ClassVar[bool] = False
 
     @abc.abstractmethod
     def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
-        """The runs that the method needs.
+        """Makes the runs that the method needs.
 
         **Arguments:**
 
-        - `inputs`: what is drawn.
-        - `draws`: how many blocks.
+        - `inputs`: the distributions of the drawn parameters.
+        - `draws`: the number of blocks.
         - `seed`: the same seed gives the same runs.
-        - `samples`: where the method does not have its own.
+        - `samples`: the kind of samples; methods with samples of their own ignore it.
         """
 
     @abc.abstractmethod
@@ -105,22 +108,23 @@ class AbstractMethod(abc.ABC):
         slopes: Float[np.ndarray, "runs outputs parameters"] | None,
         seed: int,
     ) -> Indices:
-        """The indices of outputs that all runs gave and that vary.
+        """Estimates the indices of outputs that vary and are finite in all runs.
 
         **Arguments:**
 
-        - `design`: what `design` gave, or some blocks of it.
-        - `outputs`: of its runs.
-        - `slopes`: of the outputs in the parameters, where the method needs them.
-        - `seed`: of the resampling.
+        - `design`: the result of the method `design`, or some blocks of it.
+        - `outputs`: the outputs of its runs.
+        - `slopes`: the derivatives of the outputs with respect to the parameters; None for a method
+          that does not need them.
+        - `seed`: the seed of the resampling.
         """
 
 
 class AbstractPlainMethod(AbstractMethod):
-    """A method that takes samples of all parameters together, each run a block.
+    """A method whose runs are samples of all parameters together; each run is a block.
 
-    - `needs_independence_for`: what it is called where it refuses correlated parameters; None where
-      it takes them, with the correlations that they have.
+    - `needs_independence_for`: the name of the method in the error for correlated parameters; None
+      if the method supports correlated parameters.
     """
 
     needs_independence_for: ClassVar[str | None] = None
@@ -139,30 +143,30 @@ def indices_of(
     slopes: Float[np.ndarray, "runs outputs parameters"] | None = None,
     seed: int = 0,
 ) -> tuple[Indices, Int[np.ndarray, " outputs"]]:
-    """The indices of outputs some of whose runs may have failed, or which may not vary.
+    """Estimates the indices of outputs that may be constant, or whose runs may have failed.
 
     **Arguments:**
 
     - `method`, `design`: a method, and its design.
-    - `outputs`: NaN where a run failed.
-    - `slopes`: where the method needs them.
-    - `seed`: of the resampling.
+    - `outputs`: the outputs of all runs; NaN for a failed run.
+    - `slopes`: their derivatives with respect to the parameters, if the method needs them.
+    - `seed`: the seed of the resampling.
 
-    **Returns:** the indices, NaN for outputs that do not vary or have no two complete blocks; and
-    how many blocks each output had.
+    **Returns:** the indices, NaN for outputs that do not vary or have fewer than two complete
+    blocks; and the number of complete blocks of each output.
     """
     finite = np.isfinite(outputs)
     if slopes is not None:
         finite &= np.isfinite(slopes).all(axis=2)
     complete = finite.reshape(design.blocks, design.block, -1).all(axis=1)
     patterns, group = np.unique(complete, axis=1, return_inverse=True)
-    found: Indices = {}
-    for number, chosen in enumerate(patterns.T):
+    indices: Indices = {}
+    for number, mask in enumerate(patterns.T):
         columns = np.flatnonzero(group.ravel() == number)
-        if np.count_nonzero(chosen) < LEAST_BLOCKS:
+        if np.count_nonzero(mask) < LEAST_BLOCKS:
             continue
-        part = design.of_blocks(chosen)
-        runs = np.repeat(chosen, design.block)
+        part = design.of_blocks(mask)
+        runs = np.repeat(mask, design.block)
         columns = columns[varies(outputs[np.ix_(runs, columns)])]
         for first in range(0, len(columns), COLUMNS):
             some = columns[first : first + COLUMNS]
@@ -170,16 +174,16 @@ def indices_of(
             estimates = method.estimate(part, outputs[np.ix_(runs, some)], rates, seed)
             for name, values in estimates.items():
                 shape = (outputs.shape[1], *values.shape[1:])
-                found.setdefault(name, np.full(shape, np.nan))[some] = values
-    return found or _nothing(method, design, outputs), complete.sum(axis=0)
+                indices.setdefault(name, np.full(shape, np.nan))[some] = values
+    return indices or _no_indices(method, design, outputs), complete.sum(axis=0)
 
 
 def varies(outputs: Float[np.ndarray, "runs outputs"]) -> Bool[np.ndarray, " outputs"]:
-    """Which outputs differ between runs by more than rounding."""
+    """Returns which outputs differ between runs by more than rounding."""
     return np.ptp(outputs, axis=0) > CONSTANT * np.abs(outputs).max(axis=0)
 
 
-def _nothing(
+def _no_indices(
     method: AbstractMethod, design: Design, outputs: Float[np.ndarray, "runs outputs"]
 ) -> Indices:
     return {method.main: np.full((outputs.shape[1], design.unit.shape[1]), np.nan)}

@@ -18,23 +18,24 @@ Model: TypeAlias = Callable[
 
 
 def run_model(model: Model, draws: dict[str, Float[np.ndarray, " runs"]]) -> list[Column]:
-    """The outputs of a model for some draws.
+    """Runs a user's model and returns its outputs.
 
-    **Raises:** `SimulationError` where it does not give one number, or several, for each draw.
+    **Raises:** `SimulationError` if the model does not return one or several numbers for each draw.
     """
     runs = len(next(iter(draws.values())))
-    found: Any = model(draws)
+    results: Any = model(draws)
     failed = np.zeros(runs, bool)
-    if isinstance(found, Reductions):
-        failed = found.failed
-        present = [name for name in REDUCTIONS if getattr(found, name) is not None]
-        found = {name: found[name] for name in (*present, *found.own)}
-    if not isinstance(found, Mapping) or not found:
+    if isinstance(results, Reductions):
+        failed = results.failed
+        present = [name for name in REDUCTIONS if getattr(results, name) is not None]
+        results = {name: results[name] for name in (*present, *results.own)}
+    if not isinstance(results, Mapping) or not results:
         raise SimulationError(
-            f"sensitivity: model: expected that it returns output -> values, got {found!r}"
+            "sensitivity: model: expected a function that returns output -> values, got one that "
+            f"returns {results!r}"
         )
     columns: list[Column] = []
-    for name, values in cast(Mapping[Any, Any], found).items():
+    for name, values in cast(Mapping[Any, Any], results).items():
         array = np.asarray(values)
         if not isinstance(name, str) or array.dtype.kind not in "fiu" or array.shape[:1] != (runs,):
             raise SimulationError(

@@ -39,7 +39,7 @@ class Morris(AbstractMethod):
 
     name = "morris"
     main = "mu_star"
-    usual_draws = 40
+    default_draws = 40
 
     def __post_init__(self) -> None:
         levels = whole_number("Morris: levels", self.levels, 2, SimulationError)

@@ -1,4 +1,5 @@
-"""One parameter at a time, from the middle to both ends of what is likely: a tornado's numbers."""
+"""Varies one parameter at a time, from its median to a low and a high quantile: the numbers of a
+tornado plot."""
 
 from dataclasses import dataclass
 from typing import final
@@ -18,13 +19,13 @@ class OneAtATime(AbstractMethod):
     """Each parameter at its 2.5 % and 97.5 % quantile while the others are at their medians: the
     change of the output, `low` and `high`, and `swing`, the span of the three values.
 
-    It takes 2 d + 1 runs for d parameters, whatever `draws`, and sees no interaction.
+    The method takes 2 d + 1 runs for d parameters, whatever `draws`, and ignores interactions.
     """
 
     name = "oat"
     main = "swing"
-    usual_draws = 1
-    least_draws = 1
+    default_draws = 1
+    min_draws = 1
 
     def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
         inputs.check_independent("one parameter at a time")

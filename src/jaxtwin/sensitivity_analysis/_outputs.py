@@ -1,4 +1,4 @@
-"""What a global analysis looks at: numbers of each run, by quantity, channel, time, recording."""
+"""The outputs of a global analysis: numbers of each run, by quantity, channel, time, recording."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,11 +21,11 @@ OutputName: TypeAlias = ReductionName | Literal["uniformity", "temperature"]
 """The name of a reduction (see `jaxtwin.simulation.Reductions`); the "uniformity", the range over
 the channels on average over time, K; or the "temperature" of each channel at several times."""
 
-AskedOutputs: TypeAlias = Iterable[OutputName] | Mapping[str, OutputName | ReductionFunction]
+OutputChoice: TypeAlias = Iterable[OutputName] | Mapping[str, OutputName | ReductionFunction]
 """Names of outputs, or name -> the same name, or a JAX function of a trajectory."""
 
 TIMES = 25
-"""At how many times temperatures are looked at unless others are asked for."""
+"""The default number of times at which temperatures are outputs."""
 
 
 @final
@@ -33,11 +33,13 @@ TIMES = 25
 class Output:
     """A number that each run gives.
 
-    - `quantity`: such as "cost"; of a user's function with several results, such as "rise[0]".
-    - `channel`: where it is of one; "mean" of all for the cost; else empty.
-    - `time`: s, where it is of one; else NaN.
-    - `recording`: its name; empty for what is of all recordings.
-    - `unit`: empty where it is not known.
+    - `quantity`: the name of the quantity, such as "cost"; for a user's function with several
+      results also the place of the result, such as "rise[0]".
+    - `channel`: the channel, or "mean" for the mean cost of all; empty for a quantity that belongs
+      to no channel.
+    - `time`: the time of the quantity, s; NaN for a quantity of the whole run.
+    - `recording`: the name of the recording; empty for a quantity of all recordings.
+    - `unit`: the unit; empty if it is not known.
     """
 
     quantity: str
@@ -47,7 +49,12 @@ class Output:
     unit: str = ""
 
     def label(self, several_recordings: bool) -> str:
-        """Such as "cost T11", or "temperature T11 at 60 s (step A)"."""
+        """The output as text, such as "cost T11" or "temperature T11 at 60 s (step A)".
+
+        **Arguments:**
+
+        - `several_recordings`: whether the text contains the name of the recording.
+        """
         words = [self.quantity, self.channel] if self.channel else [self.quantity]
         if not np.isnan(self.time):
             words.append(f"at {self.time:g} s")
@@ -68,41 +75,45 @@ class TemperatureAt:
 
 
 def mean_range(trajectory: Float[Array, "times channels"]) -> Float[Array, ""]:
-    """The highest less the lowest temperature of the channels, on average over time, K."""
+    """Computes the difference between the highest and the lowest temperature of the channels, on
+    average over time, K."""
     return jnp.mean(trajectory.max(axis=1) - trajectory.min(axis=1))
 
 
-def checked_outputs(outputs: AskedOutputs) -> dict[str, OutputName | ReductionFunction]:
+def checked_outputs(outputs: OutputChoice) -> dict[str, OutputName | ReductionFunction]:
     """Returns the requested outputs by their names.
 
     **Raises:** `SimulationError` for unknown names, and for no name at all.
     """
-    asked: dict[str, Any]
+    requested: dict[str, Any]
     if isinstance(outputs, Mapping):
-        asked = dict(cast(Mapping[str, Any], outputs))
+        requested = dict(cast(Mapping[str, Any], outputs))
     else:
         names = names_of("sensitivity: outputs", outputs, SimulationError)
-        asked = {name: name for name in names}
+        requested = {name: name for name in names}
     known = (*REDUCTIONS, *(name for part in get_args(OutputName)[1:] for name in get_args(part)))
-    if not asked:
+    if not requested:
         raise SimulationError(
             f"sensitivity: outputs: expected some of {', '.join(known)}, or functions by name, got "
             "none"
         )
-    for name, value in asked.items():
+    for name, value in requested.items():
         if isinstance(value, str) and (value not in known or value != name):
             raise SimulationError(
                 f"sensitivity: outputs: expected some of {', '.join(known)}, or functions by name, "
                 f"got {value!r}{did_you_mean([value], known)}"
             )
-    return asked
+    return requested
 
 
 def samples_at(times: Sequence[float] | None, experiment: Experiment) -> tuple[int, ...]:
-    """The samples of an experiment that are nearest to some times; None for times that divide it
-    evenly.
+    """Finds the samples of an experiment that are nearest to some times.
 
-    **Raises:** `SimulationError` for a time outside of the experiment, or none.
+    **Arguments:**
+
+    - `times`: the times, s; None for times that divide the experiment evenly.
+
+    **Raises:** `SimulationError` if there is no time, or one outside of the experiment.
     """
     grid = experiment.time
     if times is None:
@@ -125,14 +136,16 @@ def samples_at(times: Sequence[float] | None, experiment: Experiment) -> tuple[i
 
 
 def reductions_for(
-    asked: Mapping[str, OutputName | ReductionFunction], samples: tuple[int, ...]
+    outputs: Mapping[str, OutputName | ReductionFunction], samples: tuple[int, ...]
 ) -> dict[str, ReductionName | ReductionFunction]:
     """Returns the reductions that `simulate_batch` has to compute."""
-    own: dict[Any, ReductionFunction] = {
+    functions: dict[Any, ReductionFunction] = {
         "uniformity": mean_range,
         "temperature": TemperatureAt(samples),
     }
-    reductions: dict[str, Any] = {name: own.get(value, value) for name, value in asked.items()}
+    reductions: dict[str, Any] = {
+        name: functions.get(value, value) for name, value in outputs.items()
+    }
     return reductions
 
 
@@ -140,18 +153,18 @@ Column = tuple[Output, Float[np.ndarray, " runs"]]
 
 
 def columns_of(
-    found: Reductions, asked: Iterable[str], samples: tuple[int, ...], experiment: Experiment
+    results: Reductions, names: Iterable[str], samples: tuple[int, ...], experiment: Experiment
 ) -> list[Column]:
-    """Each number that the runs of an experiment gave, NaN where a run failed."""
+    """Returns each output of the runs of an experiment; NaN for a failed run."""
     return [
-        (output, np.where(found.failed, np.nan, column))
-        for name in asked
-        for output, column in _columns(name, found, samples, experiment)
+        (output, np.where(results.failed, np.nan, column))
+        for name in names
+        for output, column in _columns(name, results, samples, experiment)
     ]
 
 
 def with_mean_cost(columns: list[Column]) -> list[Column]:
-    """And the mean cost of all channels and recordings, where it was asked for."""
+    """Appends the mean cost of all channels and recordings, if costs are among the outputs."""
     costs = [column for output, column in columns if output.quantity == "cost"]
     if not costs:
         return columns
@@ -159,24 +172,24 @@ def with_mean_cost(columns: list[Column]) -> list[Column]:
 
 
 def labels_of(outputs: Sequence[Output]) -> tuple[str, ...]:
-    """The outputs as text, each its own."""
+    """Returns a text for each output. No two texts are equal."""
     recordings = {output.recording for output in outputs if output.recording}
     return tuple(distinct_names(output.label(len(recordings) > 1) for output in outputs))
 
 
 def failed_runs(columns: Sequence[Column]) -> Bool[np.ndarray, " runs"]:
-    """Which runs gave a number that is not finite."""
+    """Returns which runs have an output that is not finite."""
     return np.any([~np.isfinite(column) for _, column in columns], axis=0)
 
 
 def _columns(
-    name: str, found: Reductions, samples: tuple[int, ...], experiment: Experiment
+    name: str, results: Reductions, samples: tuple[int, ...], experiment: Experiment
 ) -> list[tuple[Output, Shaped[np.ndarray, " runs"]]]:
-    values, recording = found[name], experiment.name
+    values, recording = results[name], experiment.name
     if name == "temperature":
         return [
             (Output(name, channel, float(experiment.time[sample]), recording, "degC"), column)
-            for number, channel in enumerate(found.channels)
+            for number, channel in enumerate(results.channels)
             for sample, column in zip(samples, values[:, :, number].T, strict=True)
         ]
     unit = "K" if name == "uniformity" else ""
@@ -185,7 +198,7 @@ def _columns(
         if REDUCTIONS[name].dimension == "channel":
             return [
                 (Output(name, channel, recording=recording, unit=unit), column)
-                for channel, column in zip(found.channels, values.T, strict=True)
+                for channel, column in zip(results.channels, values.T, strict=True)
             ]
     return columns_of_values(Output(name, recording=recording, unit=unit), values)
 
@@ -193,7 +206,8 @@ def _columns(
 def columns_of_values(
     output: Output, values: Shaped[np.ndarray, "runs ..."]
 ) -> list[tuple[Output, Shaped[np.ndarray, " runs"]]]:
-    """An output's column, or several, named by their place, where each run gives an array."""
+    """Returns the column of an output. If each run gives an array, each of its entries has a
+    column, named by its place."""
     columns = values.reshape(len(values), -1).T
     places = [f"[{', '.join(map(str, place))}]" for place in np.ndindex(*values.shape[1:])]
     ends = places if values.ndim > 1 else [""]

@@ -37,8 +37,8 @@ class PolynomialChaos(AbstractPlainMethod):
 
     name = "pce"
     main = "ST"
-    usual_draws = 1024
-    usual_samples = "sobol"
+    default_draws = 1024
+    default_samples = "sobol"
     needs_independence_for = "polynomial chaos"
 
     def estimate(

@@ -1,4 +1,4 @@
-r"""Regression of outputs on parameters: what a parameter does while the others stand.
+r"""Regression of outputs on parameters: the effect of a parameter while the others are held.
 
 With the correlations $C$ of the parameters with each other and $c$ with the output, the
 standardised coefficients are $C^{-1} c$ and their share of the variance $R^2 = c^T C^{-1} c$. With
@@ -25,8 +25,8 @@ class StandardisedRegression(AbstractPlainMethod):
 
     name = "src"
     main = "SRC"
-    usual_draws = 1024
-    usual_samples = "latin-hypercube"
+    default_draws = 1024
+    default_samples = "latin-hypercube"
 
     def estimate(
         self,
@@ -37,8 +37,8 @@ class StandardisedRegression(AbstractPlainMethod):
     ) -> Indices:
         together = np.concatenate([design.samples, outputs], axis=1)
         count = design.unit.shape[1]
-        found = correlations(together)
-        coefficients = _coefficients(found, count)
+        correlation = correlations(together)
+        coefficients = _coefficients(correlation, count)
         again = [
             _coefficients(correlations(together, weights), count)
             for weights in resample_weights(len(together), seed)
@@ -46,7 +46,7 @@ class StandardisedRegression(AbstractPlainMethod):
         return {
             "SRC": coefficients,
             "SRC_conf": half_width(np.stack(again)),
-            "R2": np.sum(coefficients * found[count:, :count], axis=1),
+            "R2": np.sum(coefficients * correlation[count:, :count], axis=1),
         }
 
 
@@ -58,8 +58,8 @@ class PartialRankCorrelation(AbstractPlainMethod):
 
     name = "prcc"
     main = "PRCC"
-    usual_draws = 1024
-    usual_samples = "latin-hypercube"
+    default_draws = 1024
+    default_samples = "latin-hypercube"
 
     def estimate(
         self,
@@ -93,20 +93,21 @@ def correlations(
 
 
 def _coefficients(
-    found: Float[np.ndarray, "columns columns"], count: int
+    correlation: Float[np.ndarray, "columns columns"], count: int
 ) -> Float[np.ndarray, "outputs parameters"]:
-    return _times_inverse(found[count:, :count], found[:count, :count])
+    return _times_inverse(correlation[count:, :count], correlation[:count, :count])
 
 
 def _partial(
-    found: Float[np.ndarray, "columns columns"], count: int
+    correlation: Float[np.ndarray, "columns columns"], count: int
 ) -> Float[np.ndarray, "outputs parameters"]:
     """Computes partial correlations of parameters and each output by block inversion."""
-    each, own = _times_inverse(found[count:, :count], found[:count, :count]), found[count:, :count]
-    rest = np.maximum(1 - np.sum(each * own, axis=1), 0.0)[:, None]
-    inverse = np.diag(_times_inverse(np.eye(count), found[:count, :count]))
+    with_output = correlation[count:, :count]
+    each = _times_inverse(with_output, correlation[:count, :count])
+    unexplained = np.maximum(1 - np.sum(each * with_output, axis=1), 0.0)[:, None]
+    inverse = np.diag(_times_inverse(np.eye(count), correlation[:count, :count]))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return each / np.sqrt(rest * inverse + each**2)
+        return each / np.sqrt(unexplained * inverse + each**2)
 
 
 def _times_inverse(

@@ -1,14 +1,16 @@
 r"""Shapley effects: the variance divided fairly, also among parameters that are correlated.
 
 Sobol's indices of correlated parameters overlap and leave gaps. The Shapley effect of a parameter
-is by how much $c(J) = E[\operatorname{var}(f \mid x_{-J})]$ grows when it enters $J$, on average
-over all orders in which parameters can enter; effects are not negative and their sum is 1 (Owen
-2014; Song, Nelson and Staum, SIAM/ASA Journal on Uncertainty Quantification 4 (2016) 1060-1083). A
-parameter that the twin does not depend on may have an effect, where it says something of others.
+is the increase of $c(J) = E[\operatorname{var}(f \mid x_{-J})]$ when it enters the set $J$, on
+average over all orders in which parameters can enter; effects are not negative and their sum is 1
+(Owen 2014; Song, Nelson and Staum, SIAM/ASA Journal on Uncertainty Quantification 4 (2016)
+1060-1083). A parameter on which the twin does not depend has an effect if it is correlated with
+others.
 
-A block is a random order. For each set on its way there is one outer sample of what is not in the
-set, and three inner samples of what is, given the outer one, whose variance is taken (the numbers
-that Song and others advise).
+A block is a random order. Each set of parameters in this order has one outer sample of the
+parameters outside the set, and three inner samples of those inside it, given the outer one. The
+variance is that of the inner samples. These numbers of samples are those that Song and others
+recommend.
 """
 
 from dataclasses import dataclass
@@ -24,7 +26,7 @@ from ._method import AbstractMethod, Design, Indices
 from ._unit_samples import SampleKind
 
 INNER = 3
-"""Samples whose variance is taken."""
+"""The number of inner samples."""
 
 
 @final
@@ -37,7 +39,7 @@ class Shapley(AbstractMethod):
 
     name = "shapley"
     main = "Sh"
-    usual_draws = 256
+    default_draws = 256
 
     def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
         count = len(inputs.names)
@@ -62,10 +64,10 @@ class Shapley(AbstractMethod):
         blocks, count = design.order.shape
         rows = (outputs - outputs.mean(axis=0)).reshape(blocks, -1, INNER, outputs.shape[1])
         means, squares = rows.mean(axis=(1, 2)), (rows**2).mean(axis=(1, 2))
-        # How much of the variance each set has: none of an empty one.
+        # The variance that each set explains: 0 for the empty set.
         within = rows.var(axis=2, ddof=1)[:, : count - 1]
-        known = np.concatenate([np.zeros_like(means)[:, None], within], axis=1)
-        gains = np.concatenate([np.diff(known, axis=1), -known[:, -1:]], axis=1)
+        explained = np.concatenate([np.zeros_like(means)[:, None], within], axis=1)
+        gains = np.concatenate([np.diff(explained, axis=1), -explained[:, -1:]], axis=1)
         is_last = np.zeros((blocks, count))
         is_last[np.arange(blocks), design.order[:, -1]] = 1.0
         place = np.argsort(design.order, axis=1)
@@ -85,15 +87,15 @@ class Shapley(AbstractMethod):
 
 def _condition(
     scores: Float[np.ndarray, "inner parameters"],
-    held: np.ndarray,
-    drawn: np.ndarray,
+    fixed: np.ndarray,
+    varied: np.ndarray,
     inputs: Inputs,
 ) -> None:
-    """Gives all inner samples the held parameters of the first, and shifts the drawn ones to their
-    distribution given those (Matheron's rule)."""
-    shift = scores[:1, held] - scores[:, held]
+    """Sets the fixed parameters of all inner samples to those of the first, and shifts the varied
+    ones to their distribution given these (Matheron's rule)."""
+    shift = scores[:1, fixed] - scores[:, fixed]
     if inputs.correlation is not None:
-        among = inputs.correlation[np.ix_(held, held)]
-        across = inputs.correlation[np.ix_(held, drawn)]
-        scores[:, drawn] += shift @ np.linalg.lstsq(among, across, rcond=1e-10)[0]
-    scores[:, held] += shift
+        among = inputs.correlation[np.ix_(fixed, fixed)]
+        across = inputs.correlation[np.ix_(fixed, varied)]
+        scores[:, varied] += shift @ np.linalg.lstsq(among, across, rcond=1e-10)[0]
+    scores[:, fixed] += shift

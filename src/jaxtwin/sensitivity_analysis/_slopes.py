@@ -1,4 +1,4 @@
-"""Exact derivatives of outputs in parameters, for many draws."""
+"""Exact derivatives of outputs with respect to parameters, for many draws."""
 
 from collections.abc import Mapping
 
@@ -15,33 +15,33 @@ from ..physics import Twin
 from ..simulation import Reductions, TimeGrid
 from ..simulation._padding import padded, padded_time_grid
 from ..simulation._power import power_of_states
-from ..simulation._reductions import AskedReductions, Reduction, checked_reductions
+from ..simulation._reductions import Reduction, ReductionChoice, checked_reductions
 from ..simulation._refinement import needs_shorter_steps
 from ..simulation._simulate import _run_exponential, checked_channels
 from ..simulation._workers import work_in_chunks
 
 CHUNK = 32
-"""Draws that a core differentiates at a time, each in all parameters."""
+"""The number of draws that a core differentiates at a time, each with respect to all parameters."""
 
 
 def slopes_of(
     twin: Twin,
     experiment: Experiment,
     draws: Mapping[str, Float[np.ndarray, " draws"]],
-    reductions: AskedReductions,
+    reductions: ReductionChoice,
 ) -> list[Reductions]:
-    """The derivatives of reductions with respect to each parameter, as further reductions.
+    """Computes the derivatives of reductions with respect to each parameter, as further reductions.
 
-    They are NaN for draws that the default solver would run again on shorter steps.
+    They are marked failed for draws that the default solver would solve again with shorter steps.
 
-    **Arguments:** as those of `simulate_batch`.
+    **Arguments:** those of `simulate_batch`.
 
-    **Returns:** those of the first parameter, of the second, and so on.
+    **Returns:** the derivatives with respect to the first parameter, the second, and so on.
 
     **Raises:** `SimulationError` for reductions of the plate, whose derivatives are not computed.
     """
-    wanted = checked_reductions(reductions, [experiment])
-    on_plate = [name for name, reduction in wanted.items() if reduction.reads == "plate_end"]
+    requested = checked_reductions(reductions, [experiment])
+    on_plate = [name for name, reduction in requested.items() if reduction.reads == "plate_end"]
     if on_plate:
         raise SimulationError(
             f"sensitivity: outputs: expected functions of the channels for derivatives, got "
@@ -61,7 +61,7 @@ def slopes_of(
                 grid,
                 tuple(chunk),
                 values,
-                wanted,
+                requested,
                 columns,
                 len(experiment.time),
                 target,
@@ -70,11 +70,11 @@ def slopes_of(
             is_refused = needs_shorter_steps(number, error, 0) | np.isnan(number)
             return {**slopes, "failed": is_refused}
 
-    found = work_in_chunks(draws, work, chunk_size=CHUNK)
+    slopes = work_in_chunks(draws, work, chunk_size=CHUNK)
     return [
         Reductions.of(
             channels,
-            {name: part if name == "failed" else part[..., j] for name, part in found.items()},
+            {name: part if name == "failed" else part[..., j] for name, part in slopes.items()},
         )
         for j in range(len(draws))
     ]
@@ -109,11 +109,11 @@ def _slopes_of_chunk(
         if any(reduction.reads in ("energy", "peak_power") for reduction in reductions.values()):
             drawn_power = power_of_states(drawn, states, grid.times, commands, grid.steady_start)
             parts |= {"energy": drawn_power.energy[-1], "peak_power": drawn_power.peak}
-        found = {}
+        results = {}
         for name, reduction in reductions.items():
             more = (recorded,) if reduction.needs_recording else ()
-            found[name] = jnp.asarray(reduction.function(parts[reduction.reads], *more))
-        return found, (number, error)
+            results[name] = jnp.asarray(reduction.function(parts[reduction.reads], *more))
+        return results, (number, error)
 
     slopes, (number, error) = jax.vmap(jax.jacfwd(read, has_aux=True))(values)
     return slopes, number, error

@@ -39,8 +39,8 @@ class Sobol(AbstractMethod):
 
     name = "sobol"
     main = "ST"
-    usual_draws = 1024
-    usual_samples = "sobol"
+    default_draws = 1024
+    default_samples = "sobol"
 
     def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
         inputs.check_independent("Sobol's indices")

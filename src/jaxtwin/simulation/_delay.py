@@ -27,7 +27,7 @@ each. With fewer steps, the error between their ends is a tenth of a kelvin for 
 minute."""
 
 
-def has_own_delays(twin: Twin, drawn: Iterable[str]) -> bool:
+def draws_change_delay(twin: Twin, drawn: Iterable[str]) -> bool:
     """Whether draws of these parameters differ in the driver's delay."""
     delay = twin.wiring.delay
     return delay is not None and not delay.names.isdisjoint(drawn)

@@ -15,7 +15,7 @@ from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
 from ._compressed import CompressedRecording, compress
-from ._delay import delayed_time_grid, has_own_delays
+from ._delay import delayed_time_grid, draws_change_delay
 from ._initial import CheckedInitial
 from ._kernels import (
     Prepared,
@@ -86,7 +86,7 @@ class DrawSolver:
         - `on_progress`: called with the number of draws in each finished chunk.
         - `total`: the number of all draws if `draws` is a part of them; see `work_in_chunks`.
         """
-        own_delays = has_own_delays(self.twin, draws)
+        own_delays = draws_change_delay(self.twin, draws)
         commanded = self._grid(refinement)
         # Draws with the same delay share the interpolation weights of the samples.
         grid = commanded if own_delays else _delayed_as(self.twin, commanded)

@@ -33,7 +33,7 @@ ReductionName: TypeAlias = Literal[
 ReductionFunction: TypeAlias = Callable[[Float[Array, "times channels"]], Shaped[Array, "..."]]
 """A reduction by the user: a pure JAX function of the trajectory of one draw, degC."""
 
-AskedReductions: TypeAlias = (
+ReductionChoice: TypeAlias = (
     Iterable[ReductionName] | Mapping[str, ReductionName | ReductionFunction]
 )
 """Names of reductions; or a mapping from the name of a result to a reduction or a function."""
@@ -288,7 +288,7 @@ def checked_reductions(
     """
     experiments = list(experiments)
     if isinstance(reductions, Mapping):
-        wanted = {name: _checked_reduction(name, asked) for name, asked in reductions.items()}
+        wanted = {name: _checked_reduction(name, choice) for name, choice in reductions.items()}
     else:
         names = names_of("reductions", reductions, SimulationError)
         wanted = {name: _checked_reduction(name, name) for name in names}
@@ -302,26 +302,26 @@ def checked_reductions(
     return wanted
 
 
-def _checked_reduction(name: str, asked: str | ReductionFunction) -> Reduction:
+def _checked_reduction(name: str, choice: str | ReductionFunction) -> Reduction:
     known = ", ".join(REDUCTIONS)
-    if isinstance(asked, str):
-        if asked not in REDUCTIONS or asked != name:
+    if isinstance(choice, str):
+        if choice not in REDUCTIONS or choice != name:
             raise SimulationError(
-                f"reductions: expected some of {known}, got {asked}"
-                f"{did_you_mean([asked], REDUCTIONS)}"
+                f"reductions: expected some of {known}, got {choice}"
+                f"{did_you_mean([choice], REDUCTIONS)}"
             )
-        return REDUCTIONS[asked]
-    if not callable(asked):
+        return REDUCTIONS[choice]
+    if not callable(choice):
         raise SimulationError(
             f"reductions: {name}: expected one of {known}, or a JAX function of a trajectory "
-            f"(times, channels), got {asked!r}"
+            f"(times, channels), got {choice!r}"
         )
     if name in REDUCTIONS or name == "failed":
         raise SimulationError(
             f"reductions: expected another name for a function than {name!r}, which is the name of "
             "a known reduction; rename it"
         )
-    return Reduction("trajectory", asked)
+    return Reduction("trajectory", choice)
 
 
 def _check_recorded(experiment: Experiment) -> None:

@@ -28,12 +28,12 @@ from ._initial import (
 )
 from ._integrate import integrate
 from ._modes import run_modes
-from ._own_twin import FittedTwins, own_twin
 from ._padding import padded_time_grid
 from ._refinement import Results, solve_refined, stability_number
 from ._resolution import unresolved_network
 from ._run import Run
 from ._time_grid import TimeGrid
+from ._twin_of_experiment import FittedTwins, twin_of_experiment
 
 if TYPE_CHECKING:
     import diffrax
@@ -89,7 +89,7 @@ def simulate(
     has several values.
     """
     method = chosen_method(solver, stepsize_controller, dt0)
-    twin = own_twin(twin, experiment)
+    twin = twin_of_experiment(twin, experiment)
     channels = checked_channels(twin, experiment)
     check_values(twin)
     start = checked_initial(twin, initial)
@@ -193,7 +193,7 @@ def response(
     an option.
     """
     method = chosen_method(solver, stepsize_controller, dt0, adjoint)
-    twin = own_twin(twin, experiment)
+    twin = twin_of_experiment(twin, experiment)
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)

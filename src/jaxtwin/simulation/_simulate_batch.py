@@ -17,10 +17,10 @@ from ..physics import Twin
 from ._draw_units import solve_draws
 from ._draws import DrawSolver, Precision
 from ._initial import Initial, checked_initial
-from ._own_twin import FittedTwins, own_twin
-from ._reductions import AskedReductions, Reductions, checked_reductions
+from ._reductions import ReductionChoice, Reductions, checked_reductions
 from ._refinement import Results, solve_refined
 from ._simulate import checked_channels, chosen_method
+from ._twin_of_experiment import FittedTwins, twin_of_experiment
 
 if TYPE_CHECKING:
     import diffrax
@@ -52,7 +52,7 @@ def simulate_batch(
     experiment: Experiment,
     draws: Mapping[str, ArrayLike],
     *,
-    reductions: AskedReductions,
+    reductions: ReductionChoice,
     initial: Initial = None,
     precision: Precision = "float64",
     solver: "diffrax.AbstractSolver | None" = None,
@@ -72,7 +72,7 @@ def simulate_batch(
     experiment: Experiment,
     draws: Mapping[str, ArrayLike],
     *,
-    reductions: AskedReductions | None = None,
+    reductions: ReductionChoice | None = None,
     initial: Initial = None,
     precision: Precision = "float64",
     solver: "diffrax.AbstractSolver | None" = None,
@@ -131,7 +131,7 @@ def simulate_batch(
     temperatures, if an option is invalid, or if an executor fails.
     """
     method = chosen_method(solver, stepsize_controller, dt0, adjoint)
-    twin = own_twin(twin, experiment)
+    twin = twin_of_experiment(twin, experiment)
     names = checked_channels(twin, experiment)
     start = checked_initial(twin, initial)
     arrays = _checked_draws(twin, draws)

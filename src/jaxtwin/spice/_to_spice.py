@@ -17,7 +17,7 @@ from ..physics import Netlist, ThermoelectricElement, Twin
 from ..physics._loss import CALM, STEFAN_BOLTZMANN
 from ..rig import Rig, Value
 from ..rig._plate import AMBIENT, FILM_REFERENCE
-from ..simulation._own_twin import FittedTwins, own_twin
+from ..simulation._twin_of_experiment import FittedTwins, twin_of_experiment
 
 _RAMP = 1e-6
 """How long a step of the drive takes, s: sources of SPICE are made of straight lines."""
@@ -55,7 +55,7 @@ def to_spice(
     **Raises:** `SimulationError` where the experiment drives another number of cells;
     `ParameterError` where a parameter holds more than one value.
     """
-    twin = own_twin(twin, experiment)
+    twin = twin_of_experiment(twin, experiment)
     cells = len(twin.netlist.cells)
     if experiment.n_cells != cells:
         raise SimulationError(

@@ -20,7 +20,7 @@ class FittedTwins(Protocol):
         ...
 
 
-def own_twin(twin: Twin | FittedTwins, experiment: Experiment) -> Twin:
+def twin_of_experiment(twin: Twin | FittedTwins, experiment: Experiment) -> Twin:
     """Returns a twin unchanged, or the twin of a fit for an experiment.
 
     **Raises:** `SimulationError` if it is neither; the errors of `Fit.twin_for`.
