@@ -62,9 +62,9 @@ def measure(quick: bool = False) -> dict[str, Any]:
     }
     kept = {"error": MEASURES["integral_absolute_error"][0]}
     for name, (controller, duration) in loops.items():
-        happens = scenario(twin, controller, 40, duration_s=duration, quantised=False)
+        conditions = scenario(twin, controller, 40, duration_s=duration, quantised=False)
         vector = ControllerVector.of("benchmark", controller, names[name])
-        slopes = LoopSlopes(twin, draws, vector, happens, kept, None)
+        slopes = LoopSlopes(twin, draws, vector, conditions, kept, None)
         answer[f"gradient of a {name}, s"] = _seconds(lambda s=slopes, v=vector: s([v.values], 1))
     name = "DecoupledPI over 1200 s"
     controller, duration = loops[name]

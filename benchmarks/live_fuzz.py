@@ -41,10 +41,10 @@ def feed(data: bytes) -> None:
         content = encode_packet(b"\x01\x00" + content)
     whole = deframe(b"", content)
     first = deframe(b"", content[:cut])
-    second = deframe(first.rest, content[cut:])
+    second = deframe(first.remainder, content[cut:])
     assert first.frames + second.frames == whole.frames
     assert first.discarded + second.discarded == whole.discarded
-    assert len(whole.rest) <= PACKET_BYTES + 2
+    assert len(whole.remainder) <= PACKET_BYTES + 2
 
     receiver = Receiver("link", IDENTITY)
     receiver.changed(LinkChange("link", NOW, LinkState.CONNECTING, ""))

@@ -235,7 +235,7 @@ CASES = {
         "match_many: executor: expected .* got 3",
     ),
     "validate(twin, seen, warm_up='a')": ("MatchError", "validate: warm_up: " + FINITE),
-    "validate(twin, seen, own=3)": ("MatchError", "validate: own: " + NAMES),
+    "validate(twin, seen, names=3)": ("MatchError", "validate: names: " + NAMES),
     "validate_split(twin, seen, None)": ("MatchError", "validate_split: at: " + FINITE),
     "leave_one_out(twin, [seen, seen], by='day')": (
         "MatchError",

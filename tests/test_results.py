@@ -301,19 +301,19 @@ def test_own_quantities_with_several_values_are_columns_and_add_no_rows():
     }
     channels, failed = ("T11", "TAM"), np.array([False, False])
     final = np.array([[20.0, 21.0], [22.0, 23.0]])
-    table = Reductions(channels, failed, final=final, own=own).to_dataframe()
+    table = Reductions(channels, failed, final=final, custom=own).to_dataframe()
     assert len(table) == 4
     assert table.index.names == ["draw", "channel"]
     assert table.loc[(1, "TAM"), "final"] == 23.0
     assert table.loc[(1, "T11"), "hottest"] == 2.0
     assert table.loc[(0, "T11"), ["ends[0]", "ends[1]", "ends[2]"]].tolist() == [1.0, 2.0, 3.0]
     assert table.loc[(1, "TAM"), "grid[1, 0]"] == 6.0
-    assert Reductions(channels, failed, own={"ends": own["ends"]}).to_dataframe().shape == (4, 4)
+    assert Reductions(channels, failed, custom={"ends": own["ends"]}).to_dataframe().shape == (4, 4)
 
 
 def test_distributions_of_a_number_for_each_draw_have_a_single_row():
     values = np.array([1.0, 2.0, 4.0])
-    reduced = Reductions(("T",), np.zeros(3, bool), own={"hottest": values})
+    reduced = Reductions(("T",), np.zeros(3, bool), custom={"hottest": values})
     (axes,) = reduced.plot().axes
     np.testing.assert_array_equal(axes.lines[0].get_xdata(), [2.0])
 

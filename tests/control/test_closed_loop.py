@@ -57,11 +57,11 @@ def test_a_loop_is_controller_and_stepper_in_turns(twin: Twin, pid: PID):
 
 @pytest.mark.slow
 def test_gradients_are_those_of_differences(twin: Twin):
-    happens = scenario(twin, PID(0.05), 35, duration_s=DURATION, quantised=False)
+    conditions = scenario(twin, PID(0.05), 35, duration_s=DURATION, quantised=False)
 
     def cost(Kp: jax.Array, resistance: jax.Array) -> jax.Array:
         plant = twin.with_values({"R_E": resistance})
-        loop = closed_loop(plant, PID(Kp=Kp, Ki=0.001), happens)
+        loop = closed_loop(plant, PID(Kp=Kp, Ki=0.001), conditions)
         return MEASURES["integral_squared_error"][0](loop)
 
     with jax.enable_x64(True):
@@ -125,20 +125,22 @@ def test_a_stall_and_a_failed_channel_end_with_the_cells_off(twin: Twin, pid: PI
 
 
 def test_recalibrations_are_those_of_the_virtual_rig(twin: Twin, pid: PID):
-    happens = scenario(twin, pid, 35, duration_s=DURATION, faults="jumps=60", noise=False, seed=5)
+    conditions = scenario(
+        twin, pid, 35, duration_s=DURATION, faults="jumps=60", noise=False, seed=5
+    )
     # Frames of the virtual rig have the same: tests/live/test_virtual_rig.py.
     random = np.random.default_rng([5, 1])
     fast, slow = random.normal(0, 1.0), random.normal(0, 1.0)  # the rig file: 1 K, 10 s and 40 s
-    assert not happens.arrives[60]
-    assert happens.arrives[61]
+    assert not conditions.arrives[60]
+    assert conditions.arrives[61]
     expected = fast * np.exp(-20 / 10) + slow * np.exp(-20 / 40)
-    np.testing.assert_allclose(happens.error[80], expected)
-    np.testing.assert_array_equal(happens.error[:60], 0)
+    np.testing.assert_allclose(conditions.error[80], expected)
+    np.testing.assert_array_equal(conditions.error[:60], 0)
 
 
 def test_noise_is_that_of_the_camera_s_zones(twin: Twin, pid: PID):
-    happens = scenario(twin, pid, 35, duration_s=3000)
-    deviation = np.asarray(happens.error).std(axis=0)
+    conditions = scenario(twin, pid, 35, duration_s=3000)
+    deviation = np.asarray(conditions.error).std(axis=0)
     pixels = 80 * 36 / 12  # of a zone; each has 0.1 K
     np.testing.assert_allclose(deviation[0], 0.1 / np.sqrt(pixels), rtol=0.1)
 

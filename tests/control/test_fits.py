@@ -54,7 +54,7 @@ def test_a_closed_loop_of_a_fit_is_that_of_its_mean_twin():
         jt.simulate_closed_loop(twin, CONTROLLER, 25, duration_s=20, draws=draws, seed=3)
         for twin in (fit(), fit().mean_twin)
     )
-    for name, values in expected.own.items():
+    for name, values in expected.custom.items():
         np.testing.assert_array_equal(many[name], values)
 
 

@@ -131,10 +131,10 @@ def test_the_search_finds_a_minimum_on_a_curved_limit():
         f, [0.4, 0.3], bounds=[(0, 1)] * 2, constraints=[{"type": "ineq", "fun": lambda z: -c(z)}]
     )
     for start in (0, 1):
-        kept = [part for part in history if part.start == start and part.found.c <= 1e-3]
-        best = min(kept, key=lambda part: part.found.f)
+        kept = [part for part in history if part.start == start and part.evaluation.c <= 1e-3]
+        best = min(kept, key=lambda part: part.evaluation.f)
         np.testing.assert_allclose(best.point, known.x, atol=1e-2)
-        assert best.found.f == pytest.approx(known.fun, rel=0.02)
+        assert best.evaluation.f == pytest.approx(known.fun, rel=0.02)
 
 
 def test_the_worst_draws_count_by_their_weight():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxtwin.io._resample import bin_means, held
+from jaxtwin.io._resample import bin_means, zero_order_hold
 
 GRID = np.array([10.0, 11.0, 12.0, 13.0])
 
@@ -23,11 +23,11 @@ def test_a_reading_that_lacks_one_channel_counts_in_the_others() -> None:
 
 def test_a_value_is_in_force_until_the_next_but_not_for_ever() -> None:
     time, values = np.array([10.0, 10.9]), np.array([[0.5], [0.78]])
-    duty, there = held(time, values, GRID + 0.5, longest=2.0)
+    duty, there = zero_order_hold(time, values, GRID + 0.5, longest=2.0)
     assert duty[:, 0].tolist()[:2] == [0.5, 0.78]
     assert there.tolist() == [True, True, True, False]
 
 
 def test_nothing_is_in_force_before_the_first_value() -> None:
-    _, there = held(np.array([11.0]), np.array([[0.5]]), np.array([10.9, 11.0]), 5.0)
+    _, there = zero_order_hold(np.array([11.0]), np.array([[0.5]]), np.array([10.9, 11.0]), 5.0)
     assert there.tolist() == [False, True]

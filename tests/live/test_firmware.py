@@ -57,7 +57,7 @@ def run(
         command = [str(sketch), *map(str, (milliseconds, hot, broken))]
         ran = subprocess.run(command, stdin=line, capture_output=True, check=True)
     found = deframe(b"", ran.stdout)
-    assert (found.discarded, found.rest) == (0, b"")
+    assert (found.discarded, found.remainder) == (0, b"")
     assert b"floating" not in ran.stderr, "a pin was an output before it was off"
     changes = [tuple(map(int, change.split())) for change in ran.stderr.splitlines()]
     return Ran([parse(frame) for frame in found.frames], changes)  # pyright: ignore

@@ -28,7 +28,7 @@ def deframed(stream: bytes, cuts: list[int]) -> tuple[list[str | bytes], int, by
         found = deframe(rest, stream[begin:end])
         frames += found.frames
         discarded += found.discarded
-        rest = found.rest
+        rest = found.remainder
     return frames, discarded, rest
 
 
@@ -92,7 +92,7 @@ def test_a_frame_with_changed_bytes_is_not_accepted(
 def test_what_waits_for_its_end_stays_bounded(chunks: list[bytes]) -> None:
     rest = b""
     for chunk in [b"\x00\x02", *chunks]:
-        rest = deframe(rest, chunk.replace(b"\x00", b"\x01") * 8).rest
+        rest = deframe(rest, chunk.replace(b"\x00", b"\x01") * 8).remainder
         assert len(rest) <= PACKET_BYTES + 2
 
 

@@ -172,7 +172,7 @@ def test_each_recording_is_predicted_by_a_match_to_the_others(crossed: Validatio
 def test_residuals_of_the_truth_itself_are_white(truth: Twin, days: list[Experiment]):
     """Noise alone is left, and the test of whiteness says so."""
     exact = truth.with_values({"T_amb": 20.0, "T_start": 18.5, "T_sink": 18.5})
-    (prediction,) = validate(exact, days[0], own=[]).predictions
+    (prediction,) = validate(exact, days[0], names=[]).predictions
     assert prediction.whiteness["T"].is_white
     assert prediction.run.rmse == pytest.approx(NOISE, rel=0.2)
 

@@ -61,13 +61,18 @@ def lqi_law(controller: LQI, cells: int, name: str, precision: str) -> Law:
             rows(states, f"{x}[i]", f"{x}[i]", ("+", "by_rest", outputs, "y[j]")),
             rows(
                 cells,
-                "state->kept[i]",
+                "state->duty_offset[i]",
                 f"duty[i] - {name}_duty[i]",
                 ("-", "bN", outputs, f"(measurement[j] - {name}_at[j])"),
                 ("+", "Kx", fed_back, f"{x}[j]"),
             ),
-            rows(outputs, f"{q}[i]", zero, ("+", "Kt", cells, "state->kept[j]")),
-            rows(cells, "state->kept[i]", "state->kept[i]", ("-", "Ki", outputs, f"{q}[j]")),
+            rows(outputs, f"{q}[i]", zero, ("+", "Kt", cells, "state->duty_offset[j]")),
+            rows(
+                cells,
+                "state->duty_offset[i]",
+                "state->duty_offset[i]",
+                ("-", "Ki", outputs, f"{q}[j]"),
+            ),
         ]
     )
     init = f"    {{\n    {precision} y[{outputs}];\n    int j;\n{init}    }}\n"
@@ -81,7 +86,7 @@ def lqi_law(controller: LQI, cells: int, name: str, precision: str) -> Law:
             rows(
                 cells,
                 "asked[i]",
-                f"{name}_duty[i] + state->kept[i]",
+                f"{name}_duty[i] + state->duty_offset[i]",
                 ("+", "bN", outputs, f"(reference[j] - {name}_at[j])"),
                 ("-", "Kx", fed_back, f"{x}[j]"),
                 ("+", "Ki", outputs, f"{q}[j]"),
@@ -102,7 +107,7 @@ def lqi_law(controller: LQI, cells: int, name: str, precision: str) -> Law:
             parameter_text("set-point weight", controller.setpoint_weight, ""),
         ],
         outputs,
-        {"x": states, "kept": cells},
+        {"x": states, "duty_offset": cells},
         tables,
         init,
         step,

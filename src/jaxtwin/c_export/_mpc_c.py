@@ -81,7 +81,9 @@ def _plan_tables(controller: MPC) -> dict[str, tuple[np.ndarray, str]]:
     hessian = np.asarray(cost.hessian, float)
     scale = _scale(hessian)
     cells = len(controller.duty)
-    by_last = np.asarray(cost.by_last, float)[:cells]  # the duty before counts for the first alone
+    by_last = np.asarray(cost.by_last_duty, float)[
+        :cells
+    ]  # the duty before counts for the first alone
     tables = {
         "hessian": (hessian / scale, "of the plan's cost by the moves"),
         "by_states": (np.asarray(cost.by_states, float) / scale, "its slope by the states"),
@@ -90,7 +92,7 @@ def _plan_tables(controller: MPC) -> dict[str, tuple[np.ndarray, str]]:
     }
     soft = controller.soft
     if soft is not None:
-        watched = len(soft.at_rest)
+        watched = len(soft.rest_gain)
         tables |= {
             "soft_by_states": (np.asarray(soft.by_states), "limited temperatures, K"),
             "soft_by_moves": (np.asarray(soft.by_moves), "and by the moves, K"),
@@ -109,9 +111,9 @@ def _target_tables(controller: MPC) -> dict[str, tuple[np.ndarray, str]]:
     }
     soft = controller.soft
     if soft is not None:
-        by_disturbance = np.asarray(soft.at_rest) @ np.asarray(controller.inverse)
+        by_disturbance = np.asarray(soft.rest_gain) @ np.asarray(controller.inverse)
         tables |= {
-            "soft_at_rest": (np.asarray(soft.at_rest), "limited temperatures at rest, K"),
+            "soft_at_rest": (np.asarray(soft.rest_gain), "limited temperatures at rest, K"),
             "soft_by_rest": (by_disturbance, "and by a disturbance"),
         }
     return tables

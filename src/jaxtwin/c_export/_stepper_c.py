@@ -92,8 +92,13 @@ def _tables(stepper: Stepper, sizes: _Sizes, name: str) -> dict[str, tuple[np.nd
         f"{name}_surroundings": (np.asarray(field.surroundings, float), "forces by the ambient"),
         **(
             {}
-            if field.held is None
-            else {f"{name}_held": (np.asarray(field.held, float), "forces by coolant and the like")}
+            if field.reservoir_force is None
+            else {
+                f"{name}_reservoirs": (
+                    np.asarray(field.reservoir_force, float),
+                    "forces by coolant and the like",
+                )
+            }
         ),
         f"{name}_linearised_conductance": (
             np.asarray(modes.linearised_conductance, float),
@@ -326,7 +331,7 @@ static void {name}_losses(const {real} z[{sizes.modes}], {real} ambient,
     const {real} room = {name}_T0 + ambient;
     int i, m;
     for (m = 0; m < {sizes.modes}; ++m) {{
-        force[m] = {name}_surroundings[m] * ambient{_held(sizes, name)};
+        force[m] = {name}_surroundings[m] * ambient{_reservoir_term(sizes, name)};
     }}
     for (i = 0; i < {sizes.elements}; ++i) {{
         {real} at = {zero}, rise, hot, film, left;
@@ -347,9 +352,9 @@ static void {name}_losses(const {real} z[{sizes.modes}], {real} ambient,
 """
 
 
-def _held(sizes: _Sizes, name: str) -> str:
+def _reservoir_term(sizes: _Sizes, name: str) -> str:
     """The C that adds the forces of reservoirs; empty without any."""
-    return f" + {name}_held[m]" if sizes.has_reservoirs else ""
+    return f" + {name}_reservoirs[m]" if sizes.has_reservoirs else ""
 
 
 def _part(sizes: _Sizes, name: str, real: str) -> str:
@@ -458,7 +463,7 @@ def _public(sizes: _Sizes, name: str, real: str) -> str:
         declared, last = f"{real} first[{n}], slope[{n}], b[{n}];", "first, slope"
     else:
         steady = f"""    for (m = 0; m < {n}; ++m) {{
-        first[m] = {name}_surroundings[m] * deviation{_held(sizes, name)};
+        first[m] = {name}_surroundings[m] * deviation{_reservoir_term(sizes, name)};
     }}
 """
         declared, last = f"{real} first[{n}];", "first"
@@ -533,7 +538,7 @@ def _slopes(sizes: _Sizes, name: str, real: str) -> str:
     steady = f"    {name}_losses(state.z, deviation, first);\n"
     if not sizes.has_loss:
         steady = f"""    for (m = 0; m < {n}; ++m) {{
-        first[m] = {name}_surroundings[m] * deviation{_held(sizes, name)};
+        first[m] = {name}_surroundings[m] * deviation{_reservoir_term(sizes, name)};
     }}
 """
     return f"""

@@ -26,7 +26,7 @@ rounding."""
 
 
 @persistent_jit
-def held(
+def zero_order_hold(
     matrices: Matrices,
     delay: Float[Array | np.ndarray, ""],
     lag: Float[Array | np.ndarray, ""] | None,
@@ -71,7 +71,7 @@ def held(
 
 
 @persistent_jit
-def held_rates(
+def integrated_rates(
     A: Float[Array, "state state"], rates: Float[Array, " state"], sample_time: Float[Array, ""]
 ) -> Float[Array, " state"]:
     """What a constant rate of the states, K/s, adds to them in a sample, K."""

@@ -87,6 +87,6 @@ def kalman_filter(
         B=np.vstack([plant.B, np.zeros((outputs, plant.B.shape[1]))]),
         C=C,
         L=filter_gain(where, A, C, process, np.diag(reading_noise**2)),
-        by_duty=np.vstack([plant.rest, np.zeros((outputs, plant.rest.shape[1]))]),
-        by_disturbance=np.vstack([plant.rest @ plant.inverse, unit]),
+        by_duty=np.vstack([plant.rest_states, np.zeros((outputs, plant.rest_states.shape[1]))]),
+        by_disturbance=np.vstack([plant.rest_states @ plant.inverse, unit]),
     )

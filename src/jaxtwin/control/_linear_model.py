@@ -19,7 +19,7 @@ from ._balanced_truncation import Balanced, balanced, residualised
 from ._directions import Directions, directions
 from ._discrete_model import DiscreteModel, check_at_rest
 from ._frequency_response import frequency_response, traced_response
-from ._hold import held, held_rates
+from ._hold import integrated_rates, zero_order_hold
 from ._operating_point import OperatingPoint
 from ._plain import plain
 from ._to_control import continuous
@@ -142,10 +142,10 @@ class LinearModel(eqx.Module):
             time = jnp.asarray(sample_time, self.A.dtype)
             lag = self.lag_s if self.is_lagged else None
             matrices = self.A, self.B, self.C, self.D
-            A, B, C, D = plain(held(matrices, self.delay_s, lag, time, shifts))
+            A, B, C, D = plain(zero_order_hold(matrices, self.delay_s, lag, time, shifts))
             offset = None
             if self.rates is not None:
-                moved = held_rates(jnp.asarray(self.A), jnp.asarray(self.rates), time)
+                moved = integrated_rates(jnp.asarray(self.A), jnp.asarray(self.rates), time)
                 offset = plain(jnp.pad(moved, (0, len(A) - len(moved))))
         lagged = [f"duty {name}" for name in self.input_names] if self.is_lagged else []
         waiting = [f"{name} {n + 1} ago" for n in range(shifts) for name in self.input_names]

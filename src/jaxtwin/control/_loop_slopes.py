@@ -15,7 +15,7 @@ from ..simulation import Stepper
 from ..simulation._draws import work_in_chunks
 from ._closed_loop import ClosedLoop, run_loop
 from ._controller_vector import ControllerVector
-from ._many_loops import CHUNK_BYTES, is_whole_delay, numbers_a_step, steppers_of
+from ._many_loops import CHUNK_BYTES, is_whole_delay, numbers_per_step, steppers_of
 from ._measures import Measure
 from ._scenario import Scenario
 
@@ -47,7 +47,7 @@ class LoopSlopes:
     - `twin`: the twin; parameters that are not drawn keep its values.
     - `draws`: name of a parameter -> values `(draws,)`; empty for the twin without draws.
     - `vector`: the map from the vector to the controller.
-    - `happens`: the scenario of all loops.
+    - `scenario`: the scenario of all loops.
     - `measures`: name -> function.
     - `workers`: the number of threads, None for one for each core.
     """
@@ -57,16 +57,16 @@ class LoopSlopes:
         twin: Twin,
         draws: Mapping[str, Float[np.ndarray, " draws"]],
         vector: ControllerVector,
-        happens: Scenario,
+        scenario: Scenario,
         measures: Mapping[str, Measure],
         workers: int | None,
     ):
-        self._vector, self._happens, self._workers = vector, happens, workers
+        self._vector, self._scenario, self._workers = vector, scenario, workers
         self._measures = tuple(measures.items())
-        size = happens.step_s, happens.longest_delay_s
+        size = scenario.step_s, scenario.longest_delay_s
         with own_settings():
             if draws:
-                whole = is_whole_delay(twin, draws, happens.step_s)
+                whole = is_whole_delay(twin, draws, scenario.step_s)
                 steppers = steppers_of(twin, dict(draws), *size, whole)
                 self.count = len(next(iter(draws.values())))
             else:
@@ -77,7 +77,7 @@ class LoopSlopes:
                 self.count = 1
             self._steppers: Stepper = jax.tree.map(np.asarray, steppers)
         parameters = len(vector.values)
-        a_loop = 8 * happens.ambient.size * numbers_a_step(twin, happens) * (1 + parameters)
+        a_loop = 8 * scenario.ambient.size * numbers_per_step(twin, scenario) * (1 + parameters)
         self._chunk = int(min(max(CHUNK_BYTES // a_loop, 1), LARGEST_CHUNK))
 
     def __call__(
@@ -118,7 +118,7 @@ class LoopSlopes:
         steppers = jax.tree.map(lambda leaf: leaf[draw], self._steppers)
         values = np.stack([chunk[str(entry)] for entry in range(len(chunk) - 1)], axis=1)
         with own_settings():
-            found = _slopes(steppers, self._vector, values, self._happens, self._measures)
+            found = _slopes(steppers, self._vector, values, self._scenario, self._measures)
         return dict(zip(("values", "slopes", "failed"), found, strict=True))
 
 
@@ -127,7 +127,7 @@ def _slopes(
     steppers: Stepper,
     vector: ControllerVector,
     values: Float[Array | np.ndarray, "chunk parameters"],
-    happens: Scenario,
+    scenario: Scenario,
     measures: tuple[tuple[str, Measure], ...],
 ) -> tuple[
     Float[Array, "chunk measures"], Float[Array, "chunk parameters measures"], Bool[Array, " chunk"]
@@ -136,7 +136,7 @@ def _slopes(
         stepper: Stepper, values: Float[Array, " parameters"]
     ) -> tuple[Float[Array, " measures"], Float[Array, "parameters measures"], Bool[Array, ""]]:
         def measured(values: Array) -> tuple[Array, Array]:
-            loop: ClosedLoop = run_loop(stepper, vector.apply(values), happens)
+            loop: ClosedLoop = run_loop(stepper, vector.apply(values), scenario)
             numbers = [jnp.asarray(function(loop), values.dtype) for _, function in measures]
             return jnp.stack(numbers), ~loop.stays_finite
 

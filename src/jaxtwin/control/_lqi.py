@@ -39,7 +39,7 @@ class LQIState(NamedTuple):
 
     states: Float[Array, " state"]
     integral: Float[Array, " outputs"]
-    kept: Float[Array, " cells"]
+    duty_offset: Float[Array, " cells"]
 
 
 @final
@@ -128,7 +128,7 @@ class LQI(AbstractChannelGroupController):
         K, _ = regulator("LQI", A, B, Q, np.diag(u**-2.0))
         self.Kx, self.Ki = K[:, :states], -K[:, states:]
         self.Kt = np.linalg.pinv(self.Ki)
-        self.N = (np.eye(cells) + self.Kx @ plant.rest) @ plant.inverse
+        self.N = (np.eye(cells) + self.Kx @ plant.rest_states) @ plant.inverse
         self.kalman = kalman_filter("LQI", plant, w, v, h)
         self.duty, self.outputs = plant.duty, plant.outputs
 
@@ -152,11 +152,11 @@ class LQI(AbstractChannelGroupController):
         """Computes the duty of a sample and the next state."""
         r, y = jnp.asarray(reference) - self.outputs, jnp.asarray(measurement) - self.outputs
         states = self.kalman.correct(state.states, y)
-        asked = self.duty + self._feedback(states, r) + self.Ki @ state.integral + state.kept
+        asked = self.duty + self._feedback(states, r) + self.Ki @ state.integral + state.duty_offset
         duty = jnp.clip(asked, *self.limits)
         integral = state.integral + self.sample_time_s * (r - y) + self.Kt @ (duty - asked)
         later = self.kalman.predict(states, duty - self.duty)
-        return duty, LQIState(later, integral, state.kept)
+        return duty, LQIState(later, integral, state.duty_offset)
 
     def _feedback(
         self, states: Float[Array, " state"], reference: Float[Array, " outputs"]

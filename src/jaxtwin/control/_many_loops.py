@@ -13,7 +13,7 @@ from .._jax_settings import own_settings
 from ..physics import Twin
 from ..simulation import Precision, Reductions, Stepper
 from ..simulation._draws import work_in_chunks
-from ..simulation._stepper import is_multiple
+from ..simulation._step_preparation import is_multiple
 from ._closed_loop import ClosedLoop, in_precision, run_loop
 from ._controller import AbstractController, with_values
 from ._measures import Measure
@@ -27,7 +27,7 @@ CHUNK_BYTES = 2**28
 """The memory for the loops that a core computes at a time, before their measures are computed."""
 
 
-def held_at_medians(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> Twin:
+def twin_at_medians(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> Twin:
     """Returns the twin with the medians of the drawn parameters, for checks before the
     simulation."""
     return twin.with_values({name: float(np.median(v)) for name, v in draws.items()})
@@ -52,7 +52,7 @@ def longest_delay(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) 
 def simulate_many_loops(
     twin: Twin,
     controller: AbstractController,
-    happens: Scenario,
+    scenario: Scenario,
     *,
     draws: Mapping[str, Float[np.ndarray, " draws"]],
     controller_draws: Mapping[str, ArrayLike],
@@ -63,11 +63,11 @@ def simulate_many_loops(
 ) -> Reductions:
     """Simulates `count` loops, with a draw of the plant, of the controller or of both in each.
 
-    The arguments have been checked by `simulate_closed_loop`; `happens` allows for the longest
+    The arguments have been checked by `simulate_closed_loop`; `scenario` allows for the longest
     delay of all draws.
     """
     dtype = jnp.float32 if precision == "float32" else jnp.float64
-    whole = is_whole_delay(twin, draws, happens.step_s)
+    whole = is_whole_delay(twin, draws, scenario.step_s)
     if not draws:
         # Loops that share a plant also get one each: products of matrices that lie draw by draw
         # take three quarters of the time of those with one matrix.
@@ -75,7 +75,7 @@ def simulate_many_loops(
         draws = {name: np.full(count, float(value))}
     rows = {f"plant {name}": np.asarray(values) for name, values in draws.items()}
     rows |= {f"controller {name}": np.asarray(v, float) for name, v in controller_draws.items()}
-    sizes = happens.step_s, happens.longest_delay_s
+    sizes = scenario.step_s, scenario.longest_delay_s
 
     def work(chunk: Mapping[str, np.ndarray]) -> Mapping[str, Array]:
         with own_settings():
@@ -88,22 +88,24 @@ def simulate_many_loops(
                 for kind in ("plant ", "controller ")
             )
             steppers = steppers_of(twin, plant, *sizes, whole)
-            steppers, fixed, varied = in_precision((steppers, happens, loops), dtype)
+            steppers, fixed, varied = in_precision((steppers, scenario, loops), dtype)
             chosen = in_precision(controller, dtype)
             kept = tuple(measures.items())
             return _measured(steppers, chosen, varied, fixed, kept)
 
-    loop_bytes = jnp.dtype(dtype).itemsize * happens.ambient.size * numbers_a_step(twin, happens)
+    loop_bytes = (
+        jnp.dtype(dtype).itemsize * scenario.ambient.size * numbers_per_step(twin, scenario)
+    )
     chunk_size = min(max(CHUNK_BYTES // loop_bytes, 1), LARGEST_CHUNK)
     results = work_in_chunks(rows, work, chunk_size=chunk_size, workers=workers)
     # Energy and peak power are measures of the loop here, computed at every step of the plant.
-    own = {name: results[name] for name in measures}
-    return Reductions(twin.channels, results["failed"], own=own)
+    custom = {name: results[name] for name in measures}
+    return Reductions(twin.channels, results["failed"], custom=custom)
 
 
-def numbers_a_step(twin: Twin, happens: Scenario) -> int:
+def numbers_per_step(twin: Twin, scenario: Scenario) -> int:
     """Returns how many numbers a `ClosedLoop` has at each step of the plant."""
-    outputs, cells = len(happens.output_weights), len(twin.netlist.cells)
+    outputs, cells = len(scenario.output_weights), len(twin.netlist.cells)
     return 2 + len(twin.netlist.nodes) + len(twin.channels) + 3 * outputs + 2 * cells
 
 
@@ -148,14 +150,14 @@ def _measured(
     steppers: Stepper,
     controller: AbstractController,
     varied: Mapping[str, Float[Array | np.ndarray, "chunk ..."]],
-    happens: Scenario,
+    scenario: Scenario,
     measures: tuple[tuple[str, Measure], ...],
 ) -> dict[str, Array]:
     """Computes the measures of a chunk of loops, each with its stepper."""
 
     def of_draw(stepper: Stepper, values: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
         changed = with_values(controller, values)
-        loop: ClosedLoop = run_loop(stepper, changed, happens, single_precision_losses=True)
+        loop: ClosedLoop = run_loop(stepper, changed, scenario, single_precision_losses=True)
         found = {name: jnp.asarray(function(loop)) for name, function in measures}
         is_finite = loop.stays_finite
         found = {

@@ -24,11 +24,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
-from scipy.linalg import block_diag
 
 from .._arguments import finite_number, mapping_of, whole_number
 from .._errors import ControlError
 from .._name_suggestions import unknown_name
+from ._condensed_program import (
+    Condensed,
+    Deviations,
+    SoftLimits,
+    condense,
+    predict,
+    soft_limits,
+)
 from ._controller import (
     AbstractChannelGroupController,
     Numbers,
@@ -40,7 +47,6 @@ from ._discrete_model import DiscreteModel
 from ._kalman import KalmanFilter, kalman_filter
 from ._plant import Plant, plant_of
 from ._quadratic_program import QuadraticProgram, minimised
-from ._riccati import regulator
 
 
 class MPCState(NamedTuple):
@@ -48,44 +54,6 @@ class MPCState(NamedTuple):
 
     states: Float[Array, " state"]
     duty: Float[Array, " cells"]
-
-
-class Condensed(NamedTuple):
-    """The cost as a function of the duty alone, `(samples, cells)` in a row: its Hessian, and the
-    matrices from which its gradient follows."""
-
-    hessian: Float[Array | np.ndarray, "moves moves"]
-    by_states: Float[Array | np.ndarray, "moves state"]
-    by_last: Float[Array | np.ndarray, "moves cells"]
-    by_target: Float[Array | np.ndarray, "moves moves"]
-
-
-class Deviations(NamedTuple):
-    """The accepted deviations: of the outputs, K, of the duty, and of its change."""
-
-    output: Float[Array | np.ndarray, " outputs"]
-    duty: Float[Array | np.ndarray, " cells"]
-    change: Float[Array | np.ndarray, " cells"]
-
-
-class SoftLimits(NamedTuple):
-    """The temperatures of the watched channels in the samples of the horizon, `(samples, channels)`
-    in a row, as deviations from the operating point: by the states and by the moves, with their
-    limits.
-
-    - `at_rest`: of the channels, per unit of duty.
-    - `C`, `outputs`: of the channels, and what they read at the operating point, degC.
-    - `excess`: the accepted excess, K.
-    """
-
-    by_states: Float[Array | np.ndarray, "rows state"]
-    by_moves: Float[Array | np.ndarray, "rows moves"]
-    lowest: Float[Array | np.ndarray, " rows"]
-    highest: Float[Array | np.ndarray, " rows"]
-    at_rest: Float[Array | np.ndarray, "watched cells"]
-    C: Float[Array | np.ndarray, "watched state"]
-    outputs: Float[Array | np.ndarray, " watched"]
-    excess: Float[Array | np.ndarray, ""]
 
 
 @final
@@ -174,12 +142,12 @@ class MPC(AbstractChannelGroupController):
                 ("reading_noise", reading_noise, outputs),
             )
         )
-        predicted = _predicted(plant, self.horizon)
+        predicted = predict(plant, self.horizon)
         self.deviations = Deviations(y, u, change)
-        self.condensed = _condensed(plant, predicted, self.deviations)
+        self.condensed = condense(plant, predicted, self.deviations)
         (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
         limits_of = np.array([limit for _, *limit in self.temperature_limits])
-        self.soft = _soft_limits(plant, predicted, limits_of, excess) if watched else None
+        self.soft = soft_limits(plant, predicted, limits_of, excess) if watched else None
         self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
         self.gain, self.inverse = plant.gain, plant.inverse
         self.duty, self.outputs = plant.duty, plant.outputs
@@ -238,7 +206,7 @@ class MPC(AbstractChannelGroupController):
         target = aim(missing, heat)
         targets = jnp.broadcast_to(target, (self.horizon, cells)).reshape(-1)
         cost = self.condensed
-        slope = jnp.asarray(cost.by_states) @ states + jnp.asarray(cost.by_last) @ state.duty
+        slope = jnp.asarray(cost.by_states) @ states + jnp.asarray(cost.by_last_duty) @ state.duty
         slope = slope + jnp.asarray(cost.by_target) @ targets
         matrix = jnp.eye(len(slope), dtype=slope.dtype)
         low, high = (jnp.tile(limit - self.duty, self.horizon) for limit in self.limits)
@@ -277,9 +245,9 @@ class MPC(AbstractChannelGroupController):
         low, high = (limit - jnp.asarray(self.duty) for limit in self.limits)
         matrix, softness = jnp.eye(len(low), dtype=gain.dtype), 0.0
         if self.soft is not None:
-            soft, rows = self.soft, len(self.soft.at_rest)
-            coming = jnp.asarray(soft.at_rest) @ heat
-            matrix = jnp.concatenate([matrix, jnp.asarray(soft.at_rest)])
+            soft, rows = self.soft, len(self.soft.rest_gain)
+            coming = jnp.asarray(soft.rest_gain) @ heat
+            matrix = jnp.concatenate([matrix, jnp.asarray(soft.rest_gain)])
             softness = self._softness(low, coming)
             low = jnp.concatenate([low, soft.lowest[:rows] - coming])
             high = jnp.concatenate([high, soft.highest[:rows] - coming])
@@ -305,83 +273,6 @@ class MPC(AbstractChannelGroupController):
             f"<MPC: {outputs} outputs, {cells} cells, horizon {self.horizon}, sample time "
             f"{self.sample_time_s:g} s>"
         )
-
-
-class Predicted(NamedTuple):
-    """The states of sample 1 to the horizon: by the states and disturbances now, and by the
-    moves."""
-
-    by_states: Float[np.ndarray, "samples n state"]
-    by_moves: Float[np.ndarray, "samples n moves"]
-
-
-def _predicted(plant: Plant, horizon: int) -> Predicted:
-    (n, cells), outputs = plant.B.shape, len(plant.C)
-    by_disturbance = plant.B @ plant.inverse @ np.eye(outputs, n + outputs, n)
-    state, moved = np.eye(n, n + outputs), np.zeros((n, horizon * cells))
-    by_states, by_moves = [], []
-    for sample in range(horizon):
-        this = np.eye(cells, horizon * cells, sample * cells)
-        state = plant.A @ state + by_disturbance
-        moved = plant.A @ moved + plant.B @ this
-        by_states.append(state)
-        by_moves.append(moved)
-    return Predicted(np.array(by_states), np.array(by_moves))
-
-
-def _condensed(plant: Plant, predicted: Predicted, deviations: Deviations) -> Condensed:
-    r"""Condenses the cost to a function of the duty.
-
-    With $\xi = (x, u_{-1})$, deviations from the point where the plate comes to rest, and the input
-    $\Delta u$, the problem is that of a regulator, and the cost beyond the horizon is its Riccati
-    cost.
-
-    **Raises:** `ControlError` if the plant has no stable design.
-    """
-    (n, cells), outputs = plant.B.shape, len(plant.C)
-    horizon, _, moves = predicted.by_moves.shape
-    y, u, change = (np.asarray(deviation, float) for deviation in deviations)
-    unit = np.eye(cells)
-    A = np.block([[plant.A, plant.B], [np.zeros((cells, n)), unit]])
-    B = np.vstack([plant.B, unit])
-    Q = np.asarray(block_diag(plant.C.T @ np.diag(y**-2.0) @ plant.C, np.diag(u**-2.0)))
-    _, P = regulator("MPC", A, B, Q, np.diag(change**-2.0))
-    # Row k of each: (x_k, u_{k-1}) for k = 1 to the horizon, by the states and by the moves.
-    duty = np.eye(moves).reshape(horizon, cells, moves)
-    no_states = np.zeros((horizon, cells, n + outputs))
-    by_states = np.concatenate([predicted.by_states, no_states], axis=1).reshape(-1, n + outputs)
-    E = np.concatenate([predicted.by_moves, duty], axis=1).reshape(-1, moves)
-    W = np.asarray(block_diag(*[Q] * (horizon - 1), P))
-    disturbance = np.eye(outputs, n + outputs, n)
-    aim = np.vstack([plant.rest, unit])  # (x, u) at rest per duty
-    at_rest = np.vstack([plant.rest @ plant.inverse @ disturbance, no_states[0]])
-    differences = np.eye(moves) - np.eye(moves, k=-cells)
-    S = np.diag(np.tile(change**-2.0, horizon))
-    first = np.eye(moves, cells)
-    hessian = E.T @ W @ E + differences.T @ S @ differences
-    return Condensed(
-        hessian=(hessian + hessian.T) / 2,
-        by_states=E.T @ W @ (by_states - np.tile(at_rest, (horizon, 1))),
-        by_last=-differences.T @ S @ first,
-        by_target=-E.T @ W @ np.asarray(block_diag(*[aim] * horizon)),
-    )
-
-
-def _soft_limits(
-    plant: Plant, predicted: Predicted, limits: Float[np.ndarray, "watched 2"], excess: float
-) -> SoftLimits:
-    C, (horizon, _, states) = plant.watched, predicted.by_states.shape
-    lowest, highest = np.tile((limits - plant.watched_outputs[:, None]).T, horizon)
-    return SoftLimits(
-        by_states=(C @ predicted.by_states).reshape(-1, states),
-        by_moves=(C @ predicted.by_moves).reshape(len(lowest), -1),
-        lowest=lowest,
-        highest=highest,
-        at_rest=C @ plant.rest,
-        C=C,
-        outputs=plant.watched_outputs,
-        excess=np.asarray(excess),
-    )
 
 
 def _checked_temperature_limits(limits: Any, model: Any) -> tuple[tuple[str, float, float], ...]:

@@ -20,8 +20,8 @@ class Plant(NamedTuple):
     """The plant $x_{k+1} = A x_k + B u_k$, $y_k = C x_k$, as deviations from `duty` and `outputs`.
 
     - `watched`, `watched_outputs`: C of some channels, and what they read at the operating point.
-    - `rest`: the states at rest per unit of duty; `gain`: the outputs at rest, K; `inverse`: the
-      smallest duty that changes the outputs at rest by 1 K.
+    - `rest_states`: the states at rest per unit of duty; `gain`: the outputs at rest, K per unit of
+      duty; `inverse`: the smallest duty that changes the outputs at rest by 1 K.
     """
 
     A: Float[np.ndarray, "state state"]
@@ -32,7 +32,7 @@ class Plant(NamedTuple):
     watched: Float[np.ndarray, "watched state"]
     watched_outputs: Float[np.ndarray, " watched"]
     sample_time_s: float
-    rest: Float[np.ndarray, "state cell"]
+    rest_states: Float[np.ndarray, "state cell"]
     gain: Float[np.ndarray, "output cell"]
     inverse: Float[np.ndarray, "cell output"]
 
@@ -118,8 +118,8 @@ def checked_plant(
             f"{where}: model: expected one that comes to rest under a constant duty, got a pole "
             "at 1"
         )
-    rest = np.linalg.solve(slow, B)
-    gain = C @ rest
+    rest_states = np.linalg.solve(slow, B)
+    gain = C @ rest_states
     condition = np.linalg.cond(gain)
     if not condition < LARGEST_CONDITION:
         raise ControlError(
@@ -127,7 +127,7 @@ def checked_plant(
             f"rest with condition number {condition:.3g}; measure nearer to the cells"
         )
     inverse = np.linalg.pinv(gain)
-    return Plant(A, B, C, *point, *watched, sample_time_s, rest, gain, inverse)
+    return Plant(A, B, C, *point, *watched, sample_time_s, rest_states, gain, inverse)
 
 
 def _check_finite(where: str, *arrays: np.ndarray) -> None:

@@ -25,7 +25,7 @@ from .._compilation import persistent_jit
 from ..physics import Twin
 from ._controller import AbstractController
 from ._controller_vector import ControllerVector
-from ._hold import held
+from ._hold import zero_order_hold
 from ._linearize import _linearized
 from ._operating_point import Target
 from ._references import references_ahead
@@ -186,7 +186,9 @@ def _sampled_plants(
         weights = jnp.asarray(target.channels)
         matrices = model.A, model.B, weights @ model.C, weights @ model.D
         lag = model.lag_s if model.is_lagged else None
-        return held(matrices, model.delay_s, lag, interval, shifts), model.operating_point.duty
+        return zero_order_hold(
+            matrices, model.delay_s, lag, interval, shifts
+        ), model.operating_point.duty
 
     return jax.vmap(of_draw)({name: jnp.asarray(values) for name, values in draws.items()})
 

@@ -56,7 +56,7 @@ class Round(NamedTuple):
     start: int
     number: int
     point: Vector
-    found: Evaluation
+    evaluation: Evaluation
     accepted: bool
 
 
@@ -67,21 +67,21 @@ def descents(evaluate: Evaluate, starts: Sequence[Vector], *, rounds: int) -> li
     """Runs a descent from each start, and returns all points in the order of the requests."""
     history: list[Round] = []
     running: dict[int, _Descent] = {}
-    for start, (point, found) in enumerate(zip(starts, evaluate(starts), strict=True)):
-        history.append(Round(start, 0, point, found, found.is_finite))
-        if found.is_finite:
-            running[start] = _Descent(point, found)
+    for start, (point, evaluation) in enumerate(zip(starts, evaluate(starts), strict=True)):
+        history.append(Round(start, 0, point, evaluation, evaluation.is_finite))
+        if evaluation.is_finite:
+            running[start] = _Descent(point, evaluation)
     for number in range(1, rounds + 1):
         asked = {start: descent.ask() for start, descent in running.items()}
         asked = {start: point for start, point in asked.items() if point is not None}
         running = {start: running[start] for start in asked}
         if not asked:
             break
-        for (start, point), found in zip(
+        for (start, point), evaluation in zip(
             asked.items(), evaluate(list(asked.values())), strict=True
         ):
-            accepted = running[start].receive(found)
-            history.append(Round(start, number, point, found, accepted))
+            accepted = running[start].receive(evaluation)
+            history.append(Round(start, number, point, evaluation, accepted))
     return history
 
 
@@ -89,9 +89,9 @@ def descents(evaluate: Evaluate, starts: Sequence[Vector], *, rounds: int) -> li
 class _Descent:
     """A single descent, which requests points and receives their evaluations."""
 
-    def __init__(self, point: Vector, found: Evaluation):
-        self._z, self._at = point, found
-        self._scale = max(abs(found.f), 1e-300)
+    def __init__(self, point: Vector, evaluation: Evaluation):
+        self._z, self._at = point, evaluation
+        self._scale = max(abs(evaluation.f), 1e-300)
         self._hessian = np.eye(len(point)) * self._scale
         self._reach, self._weight, self._multiplier = FIRST_STEP, 0.0, 0.0
         self._step = np.zeros_like(point)
@@ -114,17 +114,17 @@ class _Descent:
             return None
         return z + self._step
 
-    def receive(self, found: Evaluation) -> bool:
+    def receive(self, evaluation: Evaluation) -> bool:
         """Takes the evaluation of the requested point, and returns whether the descent moves
         there."""
-        fall = self._merit(self._at) - self._merit(found) if found.is_finite else -np.inf
+        fall = self._merit(self._at) - self._merit(evaluation) if evaluation.is_finite else -np.inf
         if not fall > ENOUGH * self._predicted():
             self._reach = 0.4 * min(self._reach, float(np.abs(self._step).max()))
             return False
         if fall > 0.7 * self._predicted():
             self._reach = min(2 * self._reach, LONGEST_STEP)
-        self._update_hessian(found)
-        self._z, self._at = self._z + self._step, found
+        self._update_hessian(evaluation)
+        self._z, self._at = self._z + self._step, evaluation
         return True
 
     def _merit(self, at: Evaluation) -> float:
@@ -145,10 +145,10 @@ class _Descent:
         slope = (self._at.g + self._hessian @ d)[is_free]
         return max(-float(slope @ a[is_free]) / float(a[is_free] @ a[is_free]), 0.0)
 
-    def _update_hessian(self, found: Evaluation) -> None:
+    def _update_hessian(self, evaluation: Evaluation) -> None:
         """Updates the approximation of the Hessian by Powell's damped BFGS formula."""
         d, was = self._step, self._at
-        y = found.g - was.g + self._multiplier * (found.a - was.a)
+        y = evaluation.g - was.g + self._multiplier * (evaluation.a - was.a)
         if self._is_first and float(d @ y) > 0:
             self._hessian = np.eye(len(d)) * float(y @ y) / float(d @ y)
         self._is_first = False
@@ -176,7 +176,7 @@ def _quadratic_minimum(
         "jac": lambda d: -a / length,
     }
     start = np.clip(np.zeros_like(g), low, high)
-    found = minimize(
+    result = minimize(
         lambda d: float(slope @ d + 0.5 * d @ H @ d),
         start,
         jac=lambda d: slope + H @ d,
@@ -185,4 +185,4 @@ def _quadratic_minimum(
         method="SLSQP",
         options={"maxiter": 100, "ftol": 1e-12},
     )
-    return np.clip(found.x, low, high)
+    return np.clip(result.x, low, high)

@@ -28,7 +28,7 @@ from ._controller import (
     as_controller,
     parameter_names,
 )
-from ._many_loops import held_at_medians, longest_delay, simulate_many_loops
+from ._many_loops import longest_delay, simulate_many_loops, twin_at_medians
 from ._measures import MEASURES, Measure
 from ._scenario import scenario
 
@@ -125,16 +125,18 @@ def simulate_closed_loop(
     count = _count(chosen, plant_draws, controller_draws)
     if workers is not None:
         whole_number("simulate_closed_loop: workers", workers, 1, ControlError)
-    held = held_at_medians(plant, plant_draws)
-    check_values(held)
-    happens = scenario(held, chosen, references, duration_s=duration_s, **settings)
+    median_twin = twin_at_medians(plant, plant_draws)
+    check_values(median_twin)
+    conditions = scenario(median_twin, chosen, references, duration_s=duration_s, **settings)
     with own_settings():
         if count is not None:
-            happens = replace(happens, longest_delay_s=longest_delay(held, plant_draws))
+            conditions = replace(
+                conditions, longest_delay_s=longest_delay(median_twin, plant_draws)
+            )
             return simulate_many_loops(
-                held,
+                median_twin,
                 chosen,
-                happens,
+                conditions,
                 draws=plant_draws,
                 controller_draws=controller_draws or {},
                 count=count,
@@ -148,15 +150,15 @@ def simulate_closed_loop(
                     f"simulate_closed_loop: {name}: expected only beside draws or "
                     f"controller_draws, got {value!r}"
                 )
-        stepper = Stepper(held, happens.step_s, longest_delay=happens.longest_delay_s)
-        loop = jax.tree.map(np.asarray, run_loop(stepper, chosen, happens))
+        stepper = Stepper(median_twin, conditions.step_s, longest_delay=conditions.longest_delay_s)
+        loop = jax.tree.map(np.asarray, run_loop(stepper, chosen, conditions))
     if not (np.isfinite(loop.nodes).all() and np.isfinite(loop.duty).all()):
         raise SimulationError(
             f"{plant.rig.name}: closed loop: the temperatures or the duty do not stay finite; look "
             "at the controller's parameters"
         )
-    weights = np.asarray(happens.output_weights)
-    ambient = np.asarray(happens.ambient).reshape(-1)[: len(loop.time)]
+    weights = np.asarray(conditions.output_weights)
+    ambient = np.asarray(conditions.ambient).reshape(-1)[: len(loop.time)]
     return ClosedLoopRun.of(plant, loop, _output_names(weights, plant.channels), ambient)
 
 

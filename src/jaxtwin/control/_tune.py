@@ -23,7 +23,7 @@ from ..simulation._simulate_batch import _checked_draws
 from ._controller import AbstractController
 from ._controller_vector import ControllerVector
 from ._loop_slopes import LoopSlopes
-from ._many_loops import held_at_medians, longest_delay
+from ._many_loops import longest_delay, twin_at_medians
 from ._measures import Measure
 from ._objective import Objective, checked_objective
 from ._sampled_loop import SampledLoops
@@ -162,29 +162,29 @@ def tuning_problem(
     aim = checked_objective(where, objective, tail_weight)
     limit = _checked_limit(where, sensitivity_limit)
     plant_draws = _plant_draws(where, plant, twin, draws, seed)
-    held = held_at_medians(plant, plant_draws)
-    check_values(held)
-    happens = scenario(
-        held,
+    median_twin = twin_at_medians(plant, plant_draws)
+    check_values(median_twin)
+    conditions = scenario(
+        median_twin,
         controller,
         references,
         duration_s=duration_s,
         **{**settings, "seed": seed, "quantised": False},
     )
     with own_settings():
-        delay = longest_delay(held, plant_draws)
-        happens = replace(happens, longest_delay_s=delay)
-        loops = LoopSlopes(held, plant_draws, vector, happens, aim.measures, workers)
+        delay = longest_delay(median_twin, plant_draws)
+        conditions = replace(conditions, longest_delay_s=delay)
+        loops = LoopSlopes(median_twin, plant_draws, vector, conditions, aim.measures, workers)
         linear = None
         if limit is not None:
             linear = SampledLoops(
-                held,
+                median_twin,
                 plant_draws,
                 vector,
-                np.asarray(happens.output_weights),
-                np.asarray(happens.reference)[-1],
+                np.asarray(conditions.output_weights),
+                np.asarray(conditions.reference)[-1],
                 longest_delay_s=delay,
-                sensor_delay_s=happens.sensor_delay_steps * happens.step_s,
+                sensor_delay_s=conditions.sensor_delay_steps * conditions.step_s,
             )
     return TuningProblem(plant.rig.name, vector, box, aim, limit, loops, linear, starts, seed)
 
@@ -237,7 +237,7 @@ class TuningProblem(NamedTuple):
             upper=self.box.upper,
             sensitivity_limit=self.limit,
             before=self._loop(first, before, values_before),
-            after=self._loop(tuned, best.found, found[best.point.tobytes()]),
+            after=self._loop(tuned, best.evaluation, found[best.point.tobytes()]),
             measures=tuple(self.objective.measures),
             weights=self.objective.weights,
             omega=np.zeros(0) if self.linear is None else self.linear.omega,
@@ -287,28 +287,28 @@ class TuningProblem(NamedTuple):
         return points
 
     def _best(self, history: Sequence[Round]) -> Round:
-        finite = [part for part in history if part.found.is_finite]
+        finite = [part for part in history if part.evaluation.is_finite]
         if not finite:
             raise ControlError(
                 "tune: expected a controller within the bounds whose loops are stable and finite, "
                 f"found none among {len(history)}; start with smaller gains, or give other bounds"
             )
-        kept = [part for part in finite if part.found.c <= WITHIN]
+        kept = [part for part in finite if part.evaluation.c <= WITHIN]
         if not kept:
-            nearest = min(finite, key=lambda part: part.found.c)
+            nearest = min(finite, key=lambda part: part.evaluation.c)
             assert self.limit is not None
             raise ControlError(
                 f"tune: sensitivity_limit: expected a limit that some controller within the bounds "
                 f"keeps to, got {self.limit:g}; the lowest peak that was found is "
-                f"{self.limit * math.exp(nearest.found.c):.3g}"
+                f"{self.limit * math.exp(nearest.evaluation.c):.3g}"
             )
-        return min(kept, key=lambda part: part.found.f)
+        return min(kept, key=lambda part: part.evaluation.f)
 
     def _step(self, part: Round) -> TuningStep:
         values = self.box.values(part.point)
-        peak = math.nan if self.limit is None else self.limit * math.exp(part.found.c)
+        peak = math.nan if self.limit is None else self.limit * math.exp(part.evaluation.c)
         named = dict(zip(self.vector.labels, values.tolist(), strict=True))
-        return TuningStep(part.start, part.number, part.found.f, peak, part.accepted, named)
+        return TuningStep(part.start, part.number, part.evaluation.f, peak, part.accepted, named)
 
     def _loop(
         self, parameters: Any, found: Evaluation, measures: Float[np.ndarray, "draws measures"]

@@ -68,7 +68,7 @@ def bin_means_by_run(
     return means
 
 
-def held(
+def zero_order_hold(
     time: Float[np.ndarray, " samples"],
     values: Float[np.ndarray, "samples columns"],
     when: Float[np.ndarray, " grid"],

@@ -13,7 +13,7 @@ from .._errors import RecordingError
 from ._clock_map import ClockMap
 from ._experiment import Experiment
 from ._lock import is_locked
-from ._resample import bin_means_by_run, held
+from ._resample import bin_means_by_run, zero_order_hold
 from ._session_file import Columns, damage_as_recording_error, is_session, read_metadata
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ class Session:
 
         means = bin_means_by_run(readings.time, readings.values, readings.run, grid, step)
         longest = max(step, LONGEST_HOLD * float(np.median(np.diff(duty.time))))
-        drive, there = held(duty.time, duty.values, grid + step / 2, longest)
+        drive, there = zero_order_hold(duty.time, duty.values, grid + step / 2, longest)
         surroundings: Any = None
         if len(ambient.time):
             surroundings = bin_means_by_run(ambient.time, ambient.values, ambient.run, grid, step)[

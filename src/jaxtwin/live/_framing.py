@@ -33,28 +33,28 @@ class Deframed(NamedTuple):
 
     - `frames`: in their order; a line without its checksum is a `str`, a packet without its
         checksum is `bytes`.
-    - `rest`: the bytes of a frame that has not ended yet, at most `PACKET_BYTES` + 2.
+    - `remainder`: the bytes of a frame that has not ended yet, at most `PACKET_BYTES` + 2.
     - `discarded`: how many bytes belonged to no valid frame.
     """
 
     frames: list[str | bytes]
-    rest: bytes
+    remainder: bytes
     discarded: int
 
 
-def deframe(rest: bytes, data: bytes) -> Deframed:
+def deframe(remainder: bytes, data: bytes) -> Deframed:
     """Takes the frames out of a stream of bytes; the same ones however the stream is cut.
 
     **Arguments:**
 
-    - `rest`: what the call before left over; `b""` at the start of a connection.
+    - `remainder`: what the call before left over; `b""` at the start of a connection.
     - `data`: the bytes that came since.
 
     **Returns:**
 
-    The frames that are complete now, and the rest for the next call.
+    The frames that are complete now, and the remainder for the next call.
     """
-    buffer = rest + data
+    buffer = remainder + data
     frames: list[str | bytes] = []
     discarded = start = 0
     while start < len(buffer):
@@ -69,18 +69,18 @@ def deframe(rest: bytes, data: bytes) -> Deframed:
     return Deframed(frames, buffer[start:], discarded)
 
 
-def delines(rest: bytes, data: bytes) -> tuple[list[str], bytes]:
+def delines(remainder: bytes, data: bytes) -> tuple[list[str], bytes]:
     """Divides the bytes of a link that carries only lines, such as those of a host. Unlike
     `deframe` it does not wait for the end of a packet.
 
-    **Returns:** the lines, and the rest for the next call, at most `LINE_BYTES`.
+    **Returns:** the lines, and the remainder for the next call, at most `LINE_BYTES`.
     """
-    *lines, rest = (rest + data).split(_NEWLINE)
+    *lines, remainder = (remainder + data).split(_NEWLINE)
     # What stands before a byte that no line holds belongs to another one.
     ends = [_NO_TEXT.split(line)[-1][-LINE_BYTES:] for line in lines]
     found = [_line(end + _NEWLINE, 0) for end in ends]
     texts = [item[0] for item in found if item is not None]
-    return [text for text in texts if isinstance(text, str)], rest[-LINE_BYTES:]
+    return [text for text in texts if isinstance(text, str)], remainder[-LINE_BYTES:]
 
 
 def encode_line(text: str) -> bytes:

@@ -175,7 +175,7 @@ class VirtualRig:
             if time > until:
                 break
             self._made[stream] += 1
-            sent += self._happens(time)
+            sent += self._advance(time)
             sent.append(self._message(stream, time))
         return b"".join(sent)
 
@@ -187,7 +187,7 @@ class VirtualRig:
         self._cuts, due = cuts, cuts > self._cuts
         return due
 
-    def _happens(self, time: float) -> list[bytes]:
+    def _advance(self, time: float) -> list[bytes]:
         """Physics, watchdog and slow faults up to a time."""
         self.twin.advance(time)
         faults = self.faults

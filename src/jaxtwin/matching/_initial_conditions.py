@@ -79,7 +79,7 @@ def estimate_initial_conditions(
     twin: Twin | Fit,
     experiment: Experiment,
     warm_up: float = WARM_UP,
-    own: Iterable[str] | None = None,
+    names: Iterable[str] | None = None,
     *,
     group: str | None = None,
 ) -> InitialConditions:
@@ -91,7 +91,7 @@ def estimate_initial_conditions(
       rig file gives them.
     - `experiment`: a recording, of which the part before `warm_up` is used.
     - `warm_up`: the end of that part, s from the first sample.
-    - `own`: the parameters to estimate. By default those that have a value for each recording in
+    - `names`: the parameters to estimate. By default those that have a value for each recording in
       the fit or in the rig's table, except a drift of the room, which a minute does not determine.
     - `group`: the group of the recording; by default the one that it names itself. Parameters that
       differ between groups have the values of this group if the fit knows it, and otherwise those
@@ -106,7 +106,7 @@ def estimate_initial_conditions(
     """
     earlier = twin.recording_values if isinstance(twin, Fit) else {}
     group = experiment.group if group is None else group
-    twin, names = _twin_and_names(twin, own, group)
+    twin, names = _twin_and_names(twin, names, group)
     if not names:
         return InitialConditions(twin, {}, np.zeros((0, 0)), ())
     (label,) = named_recordings(twin, [experiment])
@@ -137,10 +137,10 @@ def estimate_initial_conditions(
 
 
 def _twin_and_names(
-    fitted: Twin | Fit, own: Iterable[str] | None, group: str
+    fitted: Twin | Fit, requested: Iterable[str] | None, group: str
 ) -> tuple[Twin, list[str]]:
-    """The twin with the mean own values of the recordings and the values of a group, and the names
-    of the values to estimate."""
+    """Returns the twin with the mean of the recordings' own values and with the values of a group,
+    and the names of the parameters to estimate: the requested ones, or the default."""
     if isinstance(fitted, Fit):
         twin = fitted.twin_of_group(group)
         names = [
@@ -149,8 +149,8 @@ def _twin_and_names(
     else:
         twin = fitted
         names = [name for name, row in twin.rig.parameters.items() if row.scope == "recording"]
-    if own is not None:
-        return twin, list(own)
+    if requested is not None:
+        return twin, list(requested)
     drifts = names_in(twin.rig.ambient_drift)
     if not isinstance(fitted, Fit):
         twin = twin.with_values({n: twin.rig.parameters[n].value for n in drifts & {*names}})

@@ -1,4 +1,4 @@
-"""A user's own model: any function from draws to outputs, such as closed loops."""
+"""A user's custom model: any function from draws to outputs, such as closed loops."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias, cast
@@ -28,7 +28,7 @@ def run_model(model: Model, draws: dict[str, Float[np.ndarray, " runs"]]) -> lis
     if isinstance(results, Reductions):
         failed = results.failed
         present = [name for name in REDUCTIONS if getattr(results, name) is not None]
-        results = {name: results[name] for name in (*present, *results.own)}
+        results = {name: results[name] for name in (*present, *results.custom)}
     if not isinstance(results, Mapping) or not results:
         raise SimulationError(
             "sensitivity: model: expected a function that returns output -> values, got one that "

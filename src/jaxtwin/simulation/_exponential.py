@@ -60,7 +60,8 @@ class ModalField(eqx.Module):
 
     - `reference`: the temperature from which deviations are counted, K.
     - `surroundings`: the force for each kelvin of the ambient's deviation, $V^T g_\text{amb}$.
-    - `held`: the constant force of bodies at a fixed temperature (`Reservoirs`), None for none.
+    - `reservoir_force`: the constant force of bodies at a fixed temperature (`Reservoirs`), None
+      for none.
     - `stiffness`, `mass`: $V^T (G - G_0) V$ and $V^T (C - C_0) V$, where the modes are those of
       $G_0$ and $C_0$. Both are zero in value, but their derivatives are not.
     """
@@ -69,7 +70,7 @@ class ModalField(eqx.Module):
     modes: Modes
     reference: Float[Array, ""]
     surroundings: Float[Array, " modes"]
-    held: Float[Array, " modes"] | None
+    reservoir_force: Float[Array, " modes"] | None
     stiffness: Float[Array, "modes modes"]
     mass: Float[Array, "modes modes"]
 
@@ -84,7 +85,9 @@ class ModalField(eqx.Module):
             modes=modes,
             reference=reference,
             surroundings=V.T @ system.ambient_conductance,
-            held=None if system.reservoirs is None else V.T @ system.reservoirs.heat(reference),
+            reservoir_force=None
+            if system.reservoirs is None
+            else V.T @ system.reservoirs.heat(reference),
             stiffness=V.T @ conductance @ V,
             mass=V.T * capacitance @ V,
         )
@@ -97,8 +100,8 @@ class ModalField(eqx.Module):
         heat = system.cell_heat(deviation + self.reference, inputs.duty)
         flow = jnp.concatenate([-heat.cold, heat.hot]) + modes.linearised_conductance @ deviation
         force = modes.sides.T @ flow + self.surroundings * inputs.ambient
-        if self.held is not None:
-            force = force + self.held
+        if self.reservoir_force is not None:
+            force = force + self.reservoir_force
         if inputs.heat is not None:
             force = force + inputs.heat
         linearised = modes.linearised_loss

@@ -20,7 +20,8 @@ from .._compilation import persistent_jit
 from .._errors import SimulationError
 from .._jax_settings import is_traced, own_settings
 from ._modes import Modes
-from ._stepper import Stepper, advance, check_stable, steps_in_modes, to_modal
+from ._step_preparation import check_stable, steps_in_modes
+from ._stepper import Stepper, advance, to_modal
 
 DEPENDENT = 1e-10
 """Principal components below this part of the largest are rounding."""

@@ -147,7 +147,7 @@ class Reductions:
       `(draws,)`, K.
     - `energy`: the energy that all cells together draw from the supply, `(draws,)`, J.
     - `peak_power`: the largest power that they draw together at any time, `(draws,)`, W.
-    - `own`: the results of the user's functions by name, `(draws, ...)`. A function receives a
+    - `custom`: the results of the user's functions by name, `(draws, ...)`. A function receives a
       trajectory of NaN for a failed draw.
     """
 
@@ -161,26 +161,26 @@ class Reductions:
     plate_std: Float[np.ndarray, " draws"] | None = None
     energy: Float[np.ndarray, " draws"] | None = None
     peak_power: Float[np.ndarray, " draws"] | None = None
-    own: Mapping[str, Shaped[np.ndarray, "draws ..."]] = field(default_factory=dict)
+    custom: Mapping[str, Shaped[np.ndarray, "draws ..."]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, channels: tuple[str, ...], results: Mapping[str, np.ndarray]) -> "Reductions":
         """Makes the result from the arrays of `reduce_readings`, with `failed` among them."""
         named = {name: values for name, values in results.items() if name in REDUCTIONS}
-        own = {name: v for name, v in results.items() if name not in {"failed", *REDUCTIONS}}
-        return cls(channels, results["failed"], **named, own=own)
+        custom = {name: v for name, v in results.items() if name not in {"failed", *REDUCTIONS}}
+        return cls(channels, results["failed"], **named, custom=custom)
 
     def __getitem__(self, name: str) -> Shaped[np.ndarray, "draws ..."]:
         """The result of this name.
 
         **Raises:** `SimulationError` if it was not requested.
         """
-        found = self.own.get(name, getattr(self, name) if name in REDUCTIONS else None)
+        found = self.custom.get(name, getattr(self, name) if name in REDUCTIONS else None)
         if found is None:
             present = [known for known in REDUCTIONS if getattr(self, known) is not None]
             raise SimulationError(
-                f"reductions: expected one of {', '.join([*present, *self.own])}, got {name!r}; "
-                f"ask simulate_batch for it{did_you_mean([name], [*present, *self.own])}"
+                f"reductions: expected one of {', '.join([*present, *self.custom])}, got {name!r}; "
+                f"ask simulate_batch for it{did_you_mean([name], [*present, *self.custom])}"
             )
         return found
 
@@ -200,7 +200,7 @@ class Reductions:
             if (values := getattr(self, name)) is not None:
                 dims = ("draw", "channel")[: values.ndim]
                 variables[name] = (dims, values, {"units": reduction.unit})
-        for name, values in self.own.items():
+        for name, values in self.custom.items():
             dims = ("draw", *(f"{name}_{axis}" for axis in range(1, values.ndim)))
             variables[name] = (dims, values)
         draws = np.arange(len(self.failed))
@@ -214,7 +214,7 @@ class Reductions:
         for each value, such as `rise[0]` and `rise[1]`.
         """
         table = self.to_xarray()
-        for name, values in self.own.items():
+        for name, values in self.custom.items():
             if values.ndim > 1:
                 columns = {
                     f"{name}[{', '.join(map(str, place))}]": ("draw", values[:, *place])
@@ -225,7 +225,7 @@ class Reductions:
 
     def __repr__(self) -> str:
         kept = [name for name in REDUCTIONS if getattr(self, name) is not None]
-        named = ", ".join([*kept, *self.own]) or "nothing"
+        named = ", ".join([*kept, *self.custom]) or "nothing"
         failed = int(np.count_nonzero(self.failed))
         return f"<Reductions of {len(self.failed)} draws: {named}; {failed} failed>"
 

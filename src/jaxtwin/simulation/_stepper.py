@@ -18,14 +18,10 @@ from .._jax_settings import is_traced, settings_for
 from ..physics import System, Twin
 from ..physics._twin import check_twin
 from ._check_values import check_values
-from ._exponential import Inputs, ModalField, StepFactors, exponential_step, step_factors
-from ._modes import Modes, network_modes
-from ._refinement import STABILITY_LIMIT, remainder_gain
+from ._exponential import Inputs, ModalField, StepFactors, exponential_step
+from ._step_preparation import check_stable, is_multiple, prepare_steps, queue_length
 
 ZERO_CELSIUS = 273.15
-
-WHOLE = 1e-9
-"""A delay counts as a multiple of the step size if the relative difference is below this."""
 
 
 @final
@@ -96,22 +92,22 @@ class Stepper(eqx.Module):
 
     system: System
     reference: Float[Array, ""]
-    """What the modes count temperatures from, K: the rig's ambient."""
+    """The temperature from which the modes count, K: the ambient temperature of the rig."""
     delay_steps: Int[Array, ""]
-    """Whole steps of the driver's delay."""
+    """The number of whole steps in the driver's delay."""
     sizes: Float[Array, " parts"]
-    """The parts of a step, s: where there is a delay, that before the command of a step arrives
-    and the rest."""
+    """The parts of a step, s. With a delay that is not a multiple of the step, these are the part
+    before the command of a step arrives and the part after it; otherwise the step is one part."""
     factors: StepFactors
     field: ModalField
-    """Of all but what the plate loses beyond the modes' linear losses."""
+    """The vector field in the modes, without the losses of the plate that are not linear."""
     plate: Float[Array, "elements modes"] | None
-    """The shapes of the plate, where it loses more than that."""
+    """The shapes of the modes on the plate; None if all its losses are linear."""
     half_decay: Float[Array, " modes"]
     half: Float[Array, " modes"]
-    """By how much amplitudes decay, and forces count, in half a step."""
+    """The factors of amplitudes and of forces over half a step."""
     queue: int = eqx.field(static=True)
-    """How many commands can be on their way."""
+    """The number of commands that a state holds."""
 
     def __init__(
         self,
@@ -133,10 +129,10 @@ class Stepper(eqx.Module):
         with settings_for(twin):
             self.system = twin if isinstance(twin, System) else _assembled(twin)
             self.reference = jnp.asarray(self.system.ambient_temperature)
-            self.queue = _queue(self.system.delay, size, longest_delay)
+            self.queue = queue_length(self.system.delay, size, longest_delay)
             is_whole = is_whole_delay or is_multiple(self.system.delay, size)
             step_size_s = jnp.asarray(size, self.reference.dtype)
-            self.delay_steps, self.sizes, steps = _prepared(self.system, step_size_s, is_whole)
+            self.delay_steps, self.sizes, steps = prepare_steps(self.system, step_size_s, is_whole)
             self.factors, self.field, self.plate, self.half_decay, self.half, stability = steps
         check_stable("Stepper", size, stability)
 
@@ -243,104 +239,9 @@ def _as_numpy(module: eqx.Module) -> dict[str, Any]:
     return vars(jax.tree.map(np.asarray, module)).copy()
 
 
-def check_stable(where: str, step_size: float, stability: Float[Array, ""]) -> None:
-    """Refuses steps that are not stable; a stability number that JAX traces is not checked.
-
-    **Raises:** `SimulationError`.
-    """
-    if not is_traced(stability) and not float(stability) <= STABILITY_LIMIT:
-        raise SimulationError(
-            f"{where}: step_size: expected steps with a stability number of at most "
-            f"{STABILITY_LIMIT:g}, got {step_size:g} s with {float(stability):.2g}; take shorter "
-            "steps"
-        )
-
-
-def _queue(
-    delay: Float[Array, ""] | None, step_size: float, longest_delay: float | int | None
-) -> int:
-    """The number of commands in a state: that of this step, and one for each step of the delay,
-    rounded up to a power of two so that a delay of similar size needs no new compilation."""
-    if delay is None:
-        return 0
-    where = "Stepper: longest_delay"
-    if longest_delay is None:
-        if is_traced(delay):
-            raise SimulationError(
-                f"{where}: expected a number, in s, because the driver's delay is traced by JAX, "
-                "got None"
-            )
-        longest = float(delay)
-    else:
-        longest = finite_number(where, longest_delay, SimulationError)
-        if not is_traced(delay) and not float(delay) <= longest:
-            raise SimulationError(
-                f"{where}: expected at least the driver's delay, {float(delay):g} s, got "
-                f"{longest:g} s"
-            )
-    return 1 << (int(longest / step_size) + 1).bit_length()
-
-
 @persistent_jit
 def _assembled(twin: Twin) -> System:
     return twin.system()
-
-
-def is_multiple(delay: Float[Array | np.ndarray, ""] | float | None, step_size: float) -> bool:
-    """Whether a driver's delay is a whole number of steps; False where JAX traces it."""
-    if delay is None:
-        return True
-    if is_traced(delay):
-        return False
-    steps = float(delay) / step_size
-    return abs(steps - round(steps)) <= WHOLE * max(steps, 1.0)
-
-
-class ModalSteps(NamedTuple):
-    """The fields of a `Stepper` that depend on the modes in which it steps, and the stability
-    number of its steps over all duty cycles."""
-
-    factors: StepFactors
-    field: ModalField
-    plate: Float[Array, "elements modes"] | None
-    half_decay: Float[Array, " modes"]
-    half: Float[Array, " modes"]
-    stability: Float[Array, ""]
-
-
-@persistent_jit
-def _prepared(
-    system: System, step_size: Float[Array, ""], is_whole_delay: bool
-) -> tuple[Int[Array, ""], Float[Array, " parts"], ModalSteps]:
-    """The delay in whole steps, the parts of a step, and the steps in the modes with idle cells."""
-    reference = jnp.asarray(system.ambient_temperature)
-    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
-    modes = network_modes(system, idle, reference)
-    if system.delay is None:
-        whole, sizes = jnp.asarray(0), step_size[None]
-    elif is_whole_delay:
-        whole, sizes = jnp.round(system.delay / step_size).astype(int), step_size[None]
-    else:
-        # Rounding must not make n - 1 steps and a whole one of a delay of n steps.
-        whole = jnp.floor(system.delay / step_size * (1 + WHOLE)).astype(int)
-        rest = jnp.maximum(system.delay - whole * step_size, 0.0)
-        sizes = jnp.stack([rest, step_size - rest])
-    return whole, sizes, steps_in_modes(system, modes, step_size, sizes)
-
-
-def steps_in_modes(
-    system: System, modes: Modes, step_size: Float[Array, ""], sizes: Float[Array, " parts"]
-) -> ModalSteps:
-    """What the steps of a network need in these modes."""
-    reference = jnp.asarray(system.ambient_temperature)
-    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
-    levels = jnp.stack([idle - 1, idle, idle + 1])
-    stability = remainder_gain(system, modes, levels, reference, step_size)
-    linear = eqx.tree_at(lambda m: m.plate, modes, None, is_leaf=lambda leaf: leaf is None)
-    field = ModalField.of(system, linear, reference)
-    of_step = step_factors(modes.rates, step_size)
-    factors = step_factors(modes.rates, sizes)
-    return ModalSteps(factors, field, modes.plate, of_step.half_decay, of_step.half, stability)
 
 
 def to_modal(stepper: Stepper, state: StepperState) -> ModalState:

@@ -50,11 +50,11 @@ class Store:
                 _create(folder, plan)
         _refuse_other(folder, read_identity(folder), plan.identity)
 
-    def done(self) -> Bool[np.ndarray, " chunks"]:
+    def finished_chunks(self) -> Bool[np.ndarray, " chunks"]:
         """Whether each chunk is finished."""
-        return np.array([self.is_done(chunk) for chunk in range(self.plan.chunks)])
+        return np.array([self.is_finished(chunk) for chunk in range(self.plan.chunks)])
 
-    def is_done(self, chunk: int) -> bool:
+    def is_finished(self, chunk: int) -> bool:
         """Whether a chunk is marked, and its files are still there."""
         return all(self._file(name, chunk).exists() for name in ("done", *self.arrays))
 

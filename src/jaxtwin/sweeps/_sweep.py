@@ -167,7 +167,7 @@ def sweep(
     )
     store = Store(place, plan)
     sizes = -np.subtract(*np.transpose([plan.span(chunk) for chunk in range(plan.chunks)]))
-    before = store.done()
+    before = store.finished_chunks()
     left = np.flatnonzero(~before).tolist()
     meter = ProgressMeter(int(sizes[before].sum()), plan.draws, len(plan.experiments), on_progress)
     new: list[int] = []
@@ -176,7 +176,7 @@ def sweep(
         for chunk, results in chunks:
             store.write(chunk, results)
             new.append(chunk)
-    done = store.done()
+    done = store.finished_chunks()
     return Sweep(
         folder=store.folder,
         rig=plan.twins[0].rig.name,
@@ -197,7 +197,7 @@ def _solve_here(store: Store, chunks: list[int], meter: ProgressMeter) -> Solved
     """Solves one chunk after the other. Other processes may solve further chunks meanwhile."""
     for chunk in chunks:
         with store.claim([chunk]) as mine:
-            if mine and not store.is_done(chunk):
+            if mine and not store.is_finished(chunk):
                 yield chunk, store.plan.solve(chunk, meter)
             else:
                 start, stop = store.plan.span(chunk)
@@ -209,7 +209,7 @@ def _solve_by(executor: Executor, store: Store, chunks: list[int], meter: Progre
     finish."""
     plan = store.plan
     with store.claim(chunks) as mine:
-        mine = [chunk for chunk in mine if not store.is_done(chunk)]
+        mine = [chunk for chunk in mine if not store.is_finished(chunk)]
         units = [(plan, chunk) for chunk in mine]
         where = "sweep: executor"
         for number, results in work_in_units(where, executor, _solve_chunk, units, SimulationError):

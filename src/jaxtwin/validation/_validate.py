@@ -42,7 +42,7 @@ def validate(
     experiments: Experiment | Sequence[Experiment],
     *,
     warm_up: float | int = WARM_UP,
-    own: Iterable[str] | None = None,
+    names: Iterable[str] | None = None,
     group: str | None = None,
     given: Experiment | Sequence[Experiment] | float | int | None = None,
     on_progress: Callable[[Prediction], None] | None = None,
@@ -63,7 +63,7 @@ def validate(
     - `twin`: a fit, the path of a saved fit, or a twin.
     - `experiments`: one or several recordings of the same rig.
     - `warm_up`: the length of the part from which own values are estimated, s.
-    - `own`: the parameters that are estimated from a recording; by default those with a value for
+    - `names`: the parameters that are estimated from a recording; by default those with a value for
       each recording in the fit or in the rig's table.
     - `group`: the group of the recordings; by default the one that each names itself, and beside
       `given` a new group for a recording without a name of its group.
@@ -77,10 +77,10 @@ def validate(
     """
     fitted = Fit.load(twin) if isinstance(twin, str | os.PathLike) else twin
     twin = fitted.twin if isinstance(fitted, Fit) else fitted
-    own = None if own is None else names_of("validate: own", own, MatchError)
+    names = None if names is None else names_of("validate: names", names, MatchError)
     warm_up = finite_number("validate: warm_up", warm_up, MatchError)
     several = as_experiments("validate: experiments", experiments, MatchError)
-    names = named_recordings(twin, several)
+    labels = named_recordings(twin, several)
     check_callable("validate: on_progress", on_progress, MatchError)
     if group is not None:
         of_kind("validate: group", group, str, "text", MatchError)
@@ -97,14 +97,14 @@ def validate(
             recordings = as_experiments("validate: given", given, MatchError)
             fitted = match_group(known, recordings, groups[0])
             kind += f", given {', '.join(fitted.recordings)}"
-    made = []
-    for name, experiment, of in zip(names, several, groups, strict=True):
+    predictions = []
+    for name, experiment, of in zip(labels, several, groups, strict=True):
         if span is None:
-            made.append(_predict(name, fitted, experiment, warm_up, own=own, group=of))
+            predictions.append(_predict(name, fitted, experiment, warm_up, names=names, group=of))
         else:
-            made.append(_predict_rest(name, check_given(fitted, [of]), experiment, span, of))
-        _tell(on_progress, made[-1])
-    return Validation(twin.rig.name, kind, tuple(made))
+            predictions.append(_predict_rest(name, check_given(fitted, [of]), experiment, span, of))
+        _tell(on_progress, predictions[-1])
+    return Validation(twin.rig.name, kind, tuple(predictions))
 
 
 @announced("validation of the second part")
@@ -151,12 +151,15 @@ def validate_split(
         on_progress=on_progress,
         **_before(at, several, options),
     )
-    made = []
+    predictions = []
     for name, recording in zip(names, several, strict=True):
         run = _from(simulate(fit.twins[name], recording), at)
-        made.append(Prediction(name, run, fit.twins[name], fit.recording_values[name], (), fit))
-        _tell(on_progress, made[-1])
-    return Validation(twin.rig.name, f"matched before {at:g} s, predicted from there", tuple(made))
+        predictions.append(
+            Prediction(name, run, fit.twins[name], fit.recording_values[name], (), fit)
+        )
+        _tell(on_progress, predictions[-1])
+    kind = f"matched before {at:g} s, predicted from there"
+    return Validation(twin.rig.name, kind, tuple(predictions))
 
 
 @announced("leave-one-out validation")
@@ -201,7 +204,7 @@ def leave_one_out(
             f"{groups[0]!r}; give groups=[...], or leave out one recording at a time"
         )
     parts = numbers if by == "group" else range(len(several))
-    made: list[Prediction] = []
+    predictions: list[Prediction] = []
     for part in dict.fromkeys(parts):
         out = [number for number, other in enumerate(parts) if other == part]
         others = [number for number in range(len(several)) if number not in out]
@@ -214,12 +217,13 @@ def leave_one_out(
         )
         for number in out:
             group = groups[numbers[number]] or None
-            made.append(
+            predictions.append(
                 _predict(names[number], fit, several[number], warm_up, fit=fit, group=group)
             )
-            _tell(on_progress, made[-1])
+            _tell(on_progress, predictions[-1])
     others_are = "the others" if by == "recording" else "the other groups"
-    return Validation(twin.rig.name, f"each predicted by a match to {others_are}", tuple(made))
+    kind = f"each predicted by a match to {others_are}"
+    return Validation(twin.rig.name, kind, tuple(predictions))
 
 
 def _predict(
@@ -228,12 +232,12 @@ def _predict(
     recording: Experiment,
     warm_up: float,
     *,
-    own: Iterable[str] | None = None,
+    names: Iterable[str] | None = None,
     fit: Fit | None = None,
     group: str | None = None,
 ) -> Prediction:
     start = _start_of_rest(name, recording, "warm_up", warm_up)
-    found = estimate_initial_conditions(fitted, recording, warm_up, own, group=group)
+    found = estimate_initial_conditions(fitted, recording, warm_up, names, group=group)
     run = _from(simulate(found.twin, recording), start)
     return Prediction(name, run, found.twin, found.values, found.warnings, fit)
 
@@ -246,8 +250,8 @@ def _predict_rest(
     first = match_first_part(fit, recording, given, group)
     whole = simulate(first.twin, recording)
     run = _from(whole, start)
-    (own,) = first.recording_values.values()
-    estimated = {**own, **first.group_values[group]}
+    (recording_values,) = first.recording_values.values()
+    estimated = {**recording_values, **first.group_values[group]}
     warnings = _beyond_given(whole.temperatures, recording.time < start, given)
     return Prediction(name, run, first.twin, estimated, warnings, first)
 

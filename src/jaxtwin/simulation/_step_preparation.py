@@ -1,0 +1,121 @@
+"""The numbers that a `Stepper` computes once for its step size: the parts of a step, which are
+divided by the arrivals of commands, and their factors in the modes of the network."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .._arguments import finite_number
+from .._compilation import persistent_jit
+from .._errors import SimulationError
+from .._jax_settings import is_traced
+from ..physics import System
+from ._exponential import ModalField, StepFactors, step_factors
+from ._modes import Modes, network_modes
+from ._refinement import STABILITY_LIMIT, remainder_gain
+
+WHOLE = 1e-9
+"""A delay counts as a multiple of the step size if the relative difference is below this."""
+
+
+class ModalSteps(NamedTuple):
+    """The fields of a `Stepper` that depend on the modes in which it steps, and the stability
+    number of its steps over all duty cycles."""
+
+    factors: StepFactors
+    field: ModalField
+    plate: Float[Array, "elements modes"] | None
+    half_decay: Float[Array, " modes"]
+    half: Float[Array, " modes"]
+    stability: Float[Array, ""]
+
+
+@persistent_jit
+def prepare_steps(
+    system: System, step_size: Float[Array, ""], is_whole_delay: bool
+) -> tuple[Int[Array, ""], Float[Array, " parts"], ModalSteps]:
+    """Computes the delay in whole steps, the parts of a step, s, and the steps in the modes that the
+    network has with idle cells."""
+    reference = jnp.asarray(system.ambient_temperature)
+    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
+    modes = network_modes(system, idle, reference)
+    if system.delay is None:
+        whole, sizes = jnp.asarray(0), step_size[None]
+    elif is_whole_delay:
+        whole, sizes = jnp.round(system.delay / step_size).astype(int), step_size[None]
+    else:
+        # Rounding must not make n - 1 steps and a whole one of a delay of n steps.
+        whole = jnp.floor(system.delay / step_size * (1 + WHOLE)).astype(int)
+        rest = jnp.maximum(system.delay - whole * step_size, 0.0)
+        sizes = jnp.stack([rest, step_size - rest])
+    return whole, sizes, steps_in_modes(system, modes, step_size, sizes)
+
+
+def steps_in_modes(
+    system: System, modes: Modes, step_size: Float[Array, ""], sizes: Float[Array, " parts"]
+) -> ModalSteps:
+    """Computes what the steps of a network need in these modes."""
+    reference = jnp.asarray(system.ambient_temperature)
+    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
+    levels = jnp.stack([idle - 1, idle, idle + 1])
+    stability = remainder_gain(system, modes, levels, reference, step_size)
+    linear = eqx.tree_at(lambda m: m.plate, modes, None, is_leaf=lambda leaf: leaf is None)
+    field = ModalField.of(system, linear, reference)
+    of_step = step_factors(modes.rates, step_size)
+    factors = step_factors(modes.rates, sizes)
+    return ModalSteps(factors, field, modes.plate, of_step.half_decay, of_step.half, stability)
+
+
+def check_stable(where: str, step_size: float, stability: Float[Array, ""]) -> None:
+    """Refuses steps that are not stable; a stability number that JAX traces is not checked.
+
+    **Raises:** `SimulationError`.
+    """
+    if not is_traced(stability) and not float(stability) <= STABILITY_LIMIT:
+        raise SimulationError(
+            f"{where}: step_size: expected steps with a stability number of at most "
+            f"{STABILITY_LIMIT:g}, got {step_size:g} s with {float(stability):.2g}; take shorter "
+            "steps"
+        )
+
+
+def is_multiple(delay: Float[Array | np.ndarray, ""] | float | None, step_size: float) -> bool:
+    """Whether a driver's delay is a whole number of steps; False where JAX traces it."""
+    if delay is None:
+        return True
+    if is_traced(delay):
+        return False
+    steps = float(delay) / step_size
+    return abs(steps - round(steps)) <= WHOLE * max(steps, 1.0)
+
+
+def queue_length(
+    delay: Float[Array, ""] | None, step_size: float, longest_delay: float | int | None
+) -> int:
+    """Computes the number of commands in a state: that of this step, and one for each step of the
+    delay, rounded up to a power of two so that a delay of similar size needs no new compilation.
+
+    **Raises:** `SimulationError` if the delay is traced by JAX and `longest_delay` is missing, or
+    if the delay is longer than `longest_delay`.
+    """
+    if delay is None:
+        return 0
+    where = "Stepper: longest_delay"
+    if longest_delay is None:
+        if is_traced(delay):
+            raise SimulationError(
+                f"{where}: expected a number, in s, because the driver's delay is traced by JAX, "
+                "got None"
+            )
+        longest = float(delay)
+    else:
+        longest = finite_number(where, longest_delay, SimulationError)
+        if not is_traced(delay) and not float(delay) <= longest:
+            raise SimulationError(
+                f"{where}: expected at least the driver's delay, {float(delay):g} s, got "
+                f"{longest:g} s"
+            )
+    return 1 << (int(longest / step_size) + 1).bit_length()
