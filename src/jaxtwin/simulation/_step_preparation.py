@@ -37,8 +37,8 @@ class ModalSteps(NamedTuple):
 def prepare_steps(
     system: System, step_size: Float[Array, ""], is_whole_delay: bool
 ) -> tuple[Int[Array, ""], Float[Array, " parts"], ModalSteps]:
-    """Computes the delay in whole steps, the parts of a step, s, and the steps in the modes that the
-    network has with idle cells."""
+    """Computes the delay in whole steps, the parts of a step, s, and the steps in the modes of the
+    network with idle cells."""
     reference = jnp.asarray(system.ambient_temperature)
     idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
     modes = network_modes(system, idle, reference)
