@@ -81,9 +81,8 @@ def _plan_tables(controller: MPC) -> dict[str, tuple[np.ndarray, str]]:
     hessian = np.asarray(cost.hessian, float)
     scale = _scale(hessian)
     cells = len(controller.duty)
-    by_last = np.asarray(cost.by_last_duty, float)[
-        :cells
-    ]  # the duty before counts for the first alone
+    # The last duty enters the gradient of the first sample alone.
+    by_last = np.asarray(cost.by_last_duty, float)[:cells]
     tables = {
         "hessian": (hessian / scale, "of the plan's cost by the moves"),
         "by_states": (np.asarray(cost.by_states, float) / scale, "its slope by the states"),
