@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 LAGS = 20
-"""Of Ljung and Box's test; fewer in short series."""
+"""The number of lags in Ljung and Box's test; short series have fewer."""
 
 
 class LjungBox(NamedTuple):

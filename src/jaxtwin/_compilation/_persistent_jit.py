@@ -28,8 +28,8 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 MOST_PROGRAMS = 16
-"""That one function holds in memory; the oldest goes first. Each maps memory some forty times, and
-Linux ends a process with 65 530 such maps."""
+"""The largest number of programs of one function in memory; the oldest is dropped first. Each maps
+memory some forty times, and Linux ends a process with 65 530 such maps."""
 
 UNOPTIMISED: dict[str, str | bool] = {
     "xla_cpu_use_fusion_emitters": False,
@@ -51,7 +51,7 @@ def clear_programs() -> None:
 
 
 def compiling_seconds() -> float:
-    """For how long anything was being traced or compiled in this process so far."""
+    """The time that this process has spent on tracing and compiling so far, s."""
     return _clock.seconds()
 
 

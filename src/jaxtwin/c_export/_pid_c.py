@@ -84,5 +84,5 @@ def pid_law(controller: PID, cells: int, outputs: int, name: str, precision: str
 
 
 def _output(outputs: int) -> str:
-    """Which output cell i follows."""
+    """The index of the output that cell i follows, as C."""
     return "i" if outputs > 1 else "0"

@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from ..physics import Twin
 
 SCHEDULE = "0:0.5,500:0.78"
-"""Of the run that stands for a recording where none is given: the two steps of the paper."""
+"""The schedule of the run that replaces a missing recording: the two steps of the paper."""
 
 DURATION = 1000.0  # s
 
 NOISE = 0.1
-"""Of its readings, K: a camera's."""
+"""The noise of the readings of this run, K: that of a camera."""
 
 ITERATIONS = 3
-"""Of the match, after which each of its programs has run."""
+"""The number of iterations of the match, after which each of its programs has run."""
 
 
 def warm_up(

@@ -32,7 +32,8 @@ def settling_time(loop: ClosedLoop) -> Float[Array, ""]:
 
 
 def overshoot(loop: ClosedLoop) -> Float[Array, ""]:
-    """How far an output goes beyond its reference after the last change, in its direction, K."""
+    """The largest excess of an output over its reference after the last change of the references,
+    in the direction of the change, K."""
     change = _last_change(loop)
     output, reference = jnp.asarray(loop.output), jnp.asarray(loop.reference)
     direction = jnp.sign(reference[change] - output[change])

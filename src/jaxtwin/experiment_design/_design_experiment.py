@@ -27,7 +27,7 @@ RANDOM = 11
 """Random schedules among which the searches start."""
 
 AMPLITUDES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-"""Of the random binary sequence: the first that does not get too hot."""
+"""Amplitudes of the random binary sequence; the first that does not get too hot is used."""
 
 
 @announced("design of an experiment")

@@ -45,7 +45,7 @@ class NoisePrediction(NamedTuple):
 
     @classmethod
     def of(cls, twin: Twin | Fit) -> "NoisePrediction":
-        """That of a fit, or what a match assumes in its first round."""
+        """The noise that a fit has estimated, or that a match assumes in its first round."""
         if isinstance(twin, Fit):
             model = solution_of(twin).noise_model
             return cls(twin.noise, (model.channel.effective, model.common_mode.effective))

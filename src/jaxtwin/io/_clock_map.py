@@ -15,7 +15,8 @@ from jaxtyping import Float, Int
 
 BLOCKS = 8
 SHORTEST_BLOCK, LONGEST_BLOCK = 10.0, 600.0
-"""Of block lengths, s: one eighth of the whole, but a crystal's drift changes within the hour."""
+"""Limits of the length of a block, s. A block is an eighth of the recording within these limits, as
+the drift of a crystal changes within the hour."""
 
 
 @final

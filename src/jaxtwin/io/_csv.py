@@ -24,7 +24,7 @@ EXPECTED = (
 """The columns of a file, for messages."""
 
 SECONDS = {"s": 1.0, "ms": 1e3, "min": 1 / 60, "h": 1 / 3600}
-"""How many of each unit of time a second has."""
+"""The number of each unit of time in a second."""
 
 
 def parse_csv(content: bytes, *, name: str, counts: int, polarity: int) -> Experiment:

@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from ..rig import Rig
 
 MOST_STAMPS = 1_000_000
-"""Of each table that a clock is fitted to; of a longer recording every second, third, ... stamp."""
+"""The largest number of time stamps of a table to which a clock is fitted. Of a longer table, every
+second, third, ... stamp is used."""
 
 MOST_STEPS = 10_000_000
-"""Of an experiment's grid: four months in seconds."""
+"""The largest number of steps of an experiment's grid: four months in seconds."""
 
 LONGEST_HOLD = 3.0
 """Median intervals between controller samples for which one counts as still in force."""

@@ -6,8 +6,8 @@ from .._errors import LinkError
 from ._records import Stream
 
 AHEAD = 60.0
-"""How far a device's time may run ahead of the host's, s of the host. Bytes that waited in a buffer
-at the start, or during a pause of the host, have this effect."""
+"""The largest time by which a device may run ahead of the host, s of the host. Bytes that waited in
+a buffer at the start, or during a pause of the host, have this effect."""
 
 FASTER = 1.01
 """Highest plausible ratio of a device's clock to the host's; crystals are far more accurate."""

@@ -12,7 +12,7 @@ from ._time import Clock
 from ._transport import Transport
 
 PATIENCE = 3.0
-"""How long an answer may take, s."""
+"""The longest time that an answer may take, s."""
 
 
 @final

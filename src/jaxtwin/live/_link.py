@@ -145,7 +145,7 @@ class Link:
             self._report(reason)
 
     def _report(self, reason: str) -> None:
-        """Says once why the link is down, not once for each of a thousand attempts."""
+        """Reports why the link is down, once and not for each of a thousand attempts."""
         if reason == self._reason:
             return
         self._reason = reason

@@ -10,7 +10,8 @@ from ..physics import System, Twin
 from ..simulation import Stepper, StepperState
 
 STEP_SECONDS = 0.1
-"""Of the stepper; its error is far below a camera's noise, and ten steps a second cost little."""
+"""The step of the stepper, s. Its error is far below a camera's noise, and ten steps a second cost
+little."""
 
 
 @final

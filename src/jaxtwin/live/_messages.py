@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import UInt16
 
 VERSION = 2
-"""Of the protocol."""
+"""The version of the protocol."""
 
 RECALIBRATING = 1
 """Flag of a frame taken while the camera recalibrates itself (shutter closed, image frozen)."""

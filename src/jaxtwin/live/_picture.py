@@ -43,7 +43,7 @@ class Picture:
 
 
 def _elements(rig: Rig, camera: Camera) -> Float[np.ndarray, "pixels elements"]:
-    """Which part of each pixel each plate element covers."""
+    """The fraction of each pixel that each element of the plate covers."""
     plate = rig.plate
     names = plate.element_names
     channels = tuple(Channel(name, (name,), None, None, Value(1.0)) for name in names)

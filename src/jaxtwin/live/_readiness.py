@@ -13,8 +13,8 @@ PATIENCE = 30.0
 """Longest time until a rig is ready, s."""
 
 REFUSED = 3.0
-"""For how long a device may stand refused, s. It is asked for its greeting each second, and the
-first may be that of an earlier start, which a broker has kept."""
+"""The longest time for which a device may be refused, s. It is asked for its greeting each second,
+and the first may be that of an earlier start, which a broker has kept."""
 
 FRESH = 1.5
 """Largest age of the newest sample and reading at the first command, s. Older ones, which waited

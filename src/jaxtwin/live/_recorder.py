@@ -260,7 +260,8 @@ class Recorder:
         )
 
     def _on_disk(self) -> tuple[int, int] | None:
-        """Which file stands under the name now."""
+        """Returns the device and the inode of the file that now has the name of the recording; None
+        if there is no such file."""
         try:
             found = self.file.stat()
         except OSError:

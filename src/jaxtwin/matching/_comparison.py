@@ -23,7 +23,7 @@ class CameraError:
 
     @property
     def offset(self) -> Float[np.ndarray, " times"]:
-        """How much too warm the camera reads, K."""
+        """The amount by which the camera reads too warm, K."""
         return -self.error
 
 

@@ -12,7 +12,8 @@ from ..rig import Rig
 from ._camera import checked_frames
 
 MARGIN = 0.25
-"""How far from where the rig file has it an edge is looked for, of the plate's size."""
+"""The range in which an edge is searched about its place in the rig file, as a fraction of the
+plate's size."""
 
 LEAST_OUTSIDE = 2
 """Pixels beside the plate without which an edge is not seen."""

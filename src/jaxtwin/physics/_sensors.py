@@ -21,7 +21,7 @@ from ._camera import channel_weights
 from ._netlist import Link, Netlist, Node
 
 SHARE = 1e-6
-"""Of an element's heat capacity that a sensor has."""
+"""The heat capacity of a sensor, as a fraction of an element's."""
 
 
 def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[Link]]:

@@ -176,7 +176,7 @@ class System(eqx.Module):
 
     @property
     def on_plate(self) -> Float[Array, " channels"] | float:
-        """Which part of what each channel looks at is on the plate."""
+        """The fraction of the zone of each channel that lies on the plate."""
         return 1.0 if self.moved_weights is None else self.moved_weights.sum(axis=1)
 
     def channel_temperatures(

@@ -145,7 +145,7 @@ class ThermoelectricModule(eqx.Module):
 
     @property
     def _constants(self) -> tuple[float, float, float]:
-        """As plain numbers, of one module."""
+        """The constants of a single module as plain numbers."""
         values = (self.seebeck_coefficient, self.electrical_resistance, self.thermal_resistance)
         alpha, R_E, R_Th = (np.asarray(value, float).item() for value in values)
         return alpha, R_E, R_Th

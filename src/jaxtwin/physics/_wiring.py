@@ -1,4 +1,4 @@
-"""How a rig's nodes, links, cells and channels hang together, as constant arrays.
+"""The structure of a rig as constant arrays: how nodes, links, cells and channels are connected.
 
 Everything in here is known before any parameter has a value. It is made once for a rig and takes
 part in compiled code as a constant.

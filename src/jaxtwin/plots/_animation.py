@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..control import ClosedLoopRun
 
 FRAMES = 100
-"""As many as a GIF of some hundred kilobytes holds."""
+"""The default number of frames: as many as a GIF of some hundred kilobytes holds."""
 
 PILLOW = (".gif", ".webp")
 """Files that matplotlib writes with Pillow; for others it starts another program."""

@@ -15,7 +15,7 @@ from ._bode import bode_frequencies
 from ._style import palette, styled
 
 SHARES = (0.05, 0.95)
-"""Of the draws, between which a band lies."""
+"""The quantiles of the draws between which a band lies."""
 
 
 @styled

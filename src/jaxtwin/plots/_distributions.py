@@ -1,4 +1,4 @@
-"""How what was kept of many draws is distributed, channel by channel."""
+"""The distribution of the results of many draws, channel by channel."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""How large the picture of a network is, so that everything in it can be read."""
+"""Chooses the size of the picture of a network such that everything in it can be read."""
 
 from dataclasses import dataclass
 from typing import final
@@ -8,19 +8,19 @@ import numpy as np
 from ..rig import Plate
 
 WIDEST, HIGHEST = 11.0, 5.2
-"""Of a plate whose elements can be read at this size, inches."""
+"""The largest size of a plate whose elements can be read at this size, inches."""
 
 SMALLEST_SIDE, LARGEST_SIDE = 1.15, 2.2
-"""Of a typical element: room for its name and what it is connected to, inches."""
+"""Limits of the size of a typical element, with room for its name and its links, inches."""
 
 LARGEST_PLATE = 18.0
-"""However many elements there are, inches."""
+"""The largest side of a plate with any number of elements, inches."""
 
 BOX, BOX_HEIGHT, GAP = 1.5, 0.47, 0.34
-"""Of a node behind the plate, and between two of them, inches."""
+"""The width and height of a node behind the plate, and the gap between two of them, inches."""
 
 PITCH = 2.85
-"""Between two cells, whose values stand beside them, inches."""
+"""The distance between two cells, whose values stand beside them, inches."""
 
 IN_A_ROW = 4
 LEGEND = 6.0

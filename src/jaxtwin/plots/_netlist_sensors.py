@@ -10,7 +10,7 @@ from ._netlist_cells import outlined
 from ._style import INK, palette, points
 
 DIRECTIONS = ((-1.0, 1.0), (0.0, 1.0), (-1.0, 0.0))
-"""Of the stubs of an element's sensors: to the right and down, in lengths of a stub."""
+"""The directions of the stubs of an element's sensors, right and down, in lengths of a stub."""
 
 
 def draw_sensors(ax: Axes, twin: Twin, values: Mapping[str, float]) -> None:

@@ -20,7 +20,7 @@ from ._style import INK, PALE, palette, points, styled
 _MAP_WIDTH, _ROOM_ABOVE = 4.3, 0.42  # of a panel, inches
 
 HEAT = ListedColormap(colormaps["inferno"](np.linspace(0.18, 1.0, 256)))
-"""Of temperatures; the coldest is a dark violet, as black plates show no difference."""
+"""The colours of temperatures. The coldest is a dark violet, because black shows no differences."""
 
 
 @overload

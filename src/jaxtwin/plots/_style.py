@@ -28,7 +28,7 @@ COLUMN = 3.5
 """Width of a column of a two-column journal, inches."""
 
 PAPER_SCALE = 0.8
-"""Of letters and lines in a column: 8 points where the screen has 10."""
+"""The scale of text and lines in a column: 8 points where the screen has 10."""
 
 INK, PALE = "#1f2933", "white"
 """Letters on maps and matrices, whose ground does not change with the style."""

@@ -24,7 +24,7 @@ MAP_TIMES = (100.0, 300.0, 500.0, 600.0, 1000.0)
 
 
 MODULES = ("CP10-127-05", "TEC1-12706")
-"""Those of the paper's tables and of its model file."""
+"""The modules of the paper's tables and of its model file."""
 
 
 def dc_sweeps() -> Section:

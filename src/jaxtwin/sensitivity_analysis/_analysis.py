@@ -23,7 +23,7 @@ from ._sensitivity import Sensitivity
 from ._unit_samples import SampleKind
 
 PAPERS_DRAWS = 50
-"""How many the paper takes."""
+"""The number of draws in the paper."""
 
 
 @overload

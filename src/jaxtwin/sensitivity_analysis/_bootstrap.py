@@ -6,7 +6,7 @@ from jaxtyping import Float
 from .._normal_distribution import QUANTILE_975
 
 RESAMPLES = 100
-"""How many: as many as SALib takes."""
+"""The number of bootstrap resamples: that of SALib."""
 
 
 def resample_weights(blocks: int, seed: int) -> Float[np.ndarray, "resamples blocks"]:

@@ -32,7 +32,8 @@ LEAST = 5
 """Draws in a part: below, correlations are near -1 or 1 by chance."""
 
 TENFOLDS = 2.0
-"""How many more tenfolds of draws are to change the correlation no more than the interval says."""
+"""The number of further tenfold increases of the draws after which the correlation is to remain
+inside the interval."""
 
 
 def pearson_interval(

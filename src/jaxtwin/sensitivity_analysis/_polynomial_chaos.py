@@ -22,7 +22,7 @@ from ._marginals import SMALLEST
 from ._method import AbstractPlainMethod, Design, Indices
 
 MOST_TERMS = 2000
-"""Of a polynomial: the work grows with their square."""
+"""The largest number of terms of a polynomial; the work grows with its square."""
 
 
 @final

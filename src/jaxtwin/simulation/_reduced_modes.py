@@ -54,7 +54,8 @@ LARGEST_RESIDUAL = 3e-4
 
 ROUNDS = 4
 LOOKS = 32
-"""How many times the space may grow, and at how many steps the residual is evaluated."""
+"""The largest number of times that the space grows, and the number of steps at which the residual
+is evaluated."""
 
 
 RunResult: TypeAlias = tuple[

@@ -20,10 +20,10 @@ from ..rig._plate import AMBIENT, FILM_REFERENCE
 from ..simulation._twin_of_experiment import FittedTwins, twin_of_experiment
 
 _RAMP = 1e-6
-"""How long a step of the drive takes, s: sources of SPICE are made of straight lines."""
+"""The duration of a step of the drive, s, because sources of SPICE are piecewise linear."""
 
 _LONGEST_STEP = 1.0
-"""Of the solver, s. The tolerance asks for shorter ones where anything happens."""
+"""The longest step of the solver, s; the tolerance requires shorter ones after changes."""
 
 
 def to_spice(
