@@ -24,6 +24,8 @@ from jaxtwin._compilation import (
     persistent_jit,
     persistent_jit_unoptimised,
 )
+from jaxtwin.physics import Twin
+from jaxtwin.simulation import Stepper, StepperState
 
 traced: list[str] = []
 """Which functions were traced; a program that is loaded leaves nothing here."""
@@ -101,6 +103,19 @@ def test_another_process_loads_instead_of_tracing():
     assert traced == ["a"]
     np.testing.assert_array_equal(first[1]["y"], 3 * x)
     np.testing.assert_array_equal(second[1]["y"], 4 * x)
+
+
+def stepper(twin: Twin) -> tuple[Stepper, StepperState]:
+    traced.append("stepper")
+    made = Stepper(twin, 1.0)
+    return made, made.start()
+
+
+def test_a_kept_program_gives_steppers_which_pickle_their_arrays_in_their_own_way():
+    first, second = (persistent_jit(stepper)(Twin("paper-2024")) for _ in range(2))
+    assert traced == ["stepper"]
+    assert jax.tree.structure(first) == jax.tree.structure(second)
+    jax.tree.map(np.testing.assert_array_equal, first, second)
 
 
 def test_new_values_share_a_program_and_anything_else_has_its_own():

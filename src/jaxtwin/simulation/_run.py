@@ -163,6 +163,7 @@ class Run:
         """Returns a labelled dataset, with units in the attributes: temperature (time, channel),
         state (time, node), duty (time, cell), channel_range and channel_std (time). If they are
         known, recorded (time, channel), recorded_range, recorded_std and ambient (time) follow."""
+        import pandas
         import xarray
 
         duty = self.experiment.duty
@@ -182,14 +183,14 @@ class Run:
         if self.experiment.ambient is not None:
             ambient = np.broadcast_to(self.experiment.ambient, self.time.shape)
             variables["ambient"] = ("time", ambient, celsius)
+        cells = [f"P{cell + 1}" for cell in range(duty.shape[1])]
+        names = {"channel": self.channels, "node": self.nodes, "cell": cells}
+        # As indices of pandas: to make them of other sequences, XArray imports pint where that is
+        # installed, which takes 0.3 s.
+        indices = {name: pandas.Index(labels) for name, labels in names.items()}
         return xarray.Dataset(
             variables,
-            coords={
-                "time": ("time", self.time, {"units": "s"}),
-                "channel": list(self.channels),
-                "node": list(self.nodes),
-                "cell": [f"P{cell + 1}" for cell in range(duty.shape[1])],
-            },
+            coords={"time": ("time", pandas.Index(self.time), {"units": "s"}), **indices},
             attrs={"rig": self.rig, "experiment": self.experiment.name},
         )
 

@@ -235,8 +235,11 @@ def _in_precision_of_caller(
 
 
 def _as_numpy(module: eqx.Module) -> dict[str, Any]:
-    """The fields of a module with arrays of NumPy in place of those of JAX."""
-    return vars(jax.tree.map(np.asarray, module)).copy()
+    """The fields of a module with arrays of NumPy in place of those of JAX. Other leaves, such as
+    the placeholders in a compiled program's output, stay as they are."""
+    return vars(
+        jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, module)
+    ).copy()
 
 
 @persistent_jit
