@@ -10,7 +10,6 @@ fastest of some runs. Models get random steps of the duty, controllers the readi
 """
 
 import argparse
-import json
 import subprocess
 import tempfile
 from pathlib import Path
@@ -24,6 +23,7 @@ from jaxtwin.control import LQI, MPC, PID, DecoupledPI
 from jaxtwin.simulation import reduce_stepper
 
 from ._machine import machine
+from ._results import write_results
 from ._tables import table
 
 OUTPUTS = [["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]]
@@ -205,10 +205,7 @@ def main() -> None:
         "rounds": options.rounds,
         "rows": measure(options.rounds),
     }
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "c_code.json").write_text(json.dumps(answer, indent=1) + "\n")
-    (options.out / "c_code.md").write_text(page(answer))
-    print(page(answer))
+    write_results(options.out / "c_code.json", answer, page(answer))
 
 
 if __name__ == "__main__":

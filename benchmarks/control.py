@@ -10,7 +10,6 @@ over other draws of the match.
 """
 
 import argparse
-import json
 import os
 import time
 from pathlib import Path
@@ -36,6 +35,7 @@ from jaxtwin.control import (
 from jaxtwin.matching import posterior_draws
 
 from ._machine import machine
+from ._results import write_results
 from ._tables import table
 
 START, REFERENCE, DURATION = 16.0, 40.0, 1500.0
@@ -281,10 +281,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     answer = {"machine": machine()} | measure(options.draws, options.fit)
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "control.json").write_text(json.dumps(answer, indent=1) + "\n")
-    (options.out / "control.md").write_text(page(answer))
-    print(page(answer))
+    write_results(options.out / "control.json", answer, page(answer))
 
 
 if __name__ == "__main__":

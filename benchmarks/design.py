@@ -24,6 +24,7 @@ import numpy as np
 import jaxtwin as jt
 
 from ._machine import machine
+from ._results import write_results
 from ._tables import table
 
 LEVELS = 3
@@ -165,10 +166,7 @@ def main() -> None:
     known = json.loads(path.read_text())["cases"] if path.exists() else {}
     answer = {"machine": machine()} | measure(options.fit, options.only)
     answer["cases"] = known | answer["cases"]
-    options.out.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(answer, indent=1) + "\n")
-    path.with_suffix(".md").write_text(page(answer))
-    print(page(answer))
+    write_results(path, answer, page(answer))
 
 
 if __name__ == "__main__":

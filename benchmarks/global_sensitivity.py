@@ -10,7 +10,6 @@ costs of the runs that both did are compared.
 """
 
 import argparse
-import json
 import os
 import time
 from collections.abc import Callable
@@ -25,6 +24,7 @@ from jaxtwin.sensitivity_analysis import indices_of
 
 from ._equations import equations, stretches
 from ._machine import machine
+from ._results import write_results
 from ._tables import table
 from ._task import HELD, Task
 
@@ -200,10 +200,7 @@ def main() -> None:
     options = parser.parse_args()
     answer = {"machine": machine()} | measure(options.base, options.scipy)
     answer["machine"]["load_after"] = round(os.getloadavg()[0], 2)
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "global_sensitivity.json").write_text(json.dumps(answer, indent=1) + "\n")
-    (options.out / "global_sensitivity.md").write_text(page(answer))
-    print(page(answer))
+    write_results(options.out / "global_sensitivity.json", answer, page(answer))
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ import jaxtwin as jt
 from jaxtwin.sensitivity_analysis import Sobol, Spearman, indices_of
 
 from ._machine import machine
+from ._results import write_results
 from ._tables import table
 
 FEW, MANY = 50, 10_000
@@ -172,10 +173,7 @@ def main() -> None:
     answer = measure(options.base, options.fit, options.only)
     answer["centres"] = known["centres"] | answer["centres"]
     answer = known | {"machine": machine()} | answer
-    options.out.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(answer, indent=1) + "\n")
-    path.with_suffix(".md").write_text(page(answer))
-    print(page(answer))
+    write_results(path, answer, page(answer))
 
 
 if __name__ == "__main__":

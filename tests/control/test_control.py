@@ -74,10 +74,7 @@ def test_the_rig_does_what_the_simulated_loop_did(
         twin, controller, "0:30,100:35", duration_s=200, seed=4, faults="jumps=60"
     )
     with Session(tmp_path / "session.db") as session:
-        rows = session.database.execute(
-            "SELECT content FROM documents WHERE kind = 'decision' ORDER BY id"
-        ).fetchall()
-        decisions = [json.loads(content) for (content,) in rows]
+        decisions = decisions_in(session)
         found = report(session)
     assert len(found["drives"]) == 1
     times = [decision["time"] for decision in decisions]
@@ -90,6 +87,14 @@ def test_the_rig_does_what_the_simulated_loop_did(
     # Within a second of a recalibration the reading that stands may be the one before or after.
     is_clear = np.mod(np.array(times) + 2, 60) > 4
     np.testing.assert_allclose(measured[is_clear], expected[is_clear], rtol=0, atol=0.3)
+
+
+def decisions_in(session: Session) -> list[dict[str, Any]]:
+    """What the controller of a recorded run decided, in order."""
+    rows = session.database.execute(
+        "SELECT content FROM documents WHERE kind = 'decision' ORDER BY id"
+    ).fetchall()
+    return [json.loads(content) for (content,) in rows]
 
 
 @contextlib.contextmanager
@@ -250,10 +255,7 @@ def test_an_mpc_with_preview_from_a_file_runs_on_a_rig(
     assert outcome == "completed"
     assert device.pwm == OFF
     with Session(tmp_path / "session.db") as session:
-        rows = session.database.execute(
-            "SELECT content FROM documents WHERE kind = 'decision' ORDER BY id"
-        ).fetchall()
-    decisions = [json.loads(content) for (content,) in rows]
+        decisions = decisions_in(session)
     duty = {
         kind: [d["duty"] for d in decisions if low <= d["time"] < high]
         for kind, low, high in (("rest", 5, 31), ("before", 38, 40))

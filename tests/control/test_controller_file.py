@@ -106,6 +106,14 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin, controller):
             assert found == value
 
 
+def assert_refused(tmp_path: Path, twin: Twin, text: str, old: str, new: str, message: str) -> None:
+    """A file with this change is refused in a message that begins with its name."""
+    assert old in text
+    with pytest.raises(ControlError, match=message) as error:
+        read(tmp_path, text.replace(old, new), twin)
+    assert str(error.value).startswith(str(tmp_path / "controller.toml"))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -124,10 +132,7 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin, controller):
 def test_a_wrong_field_of_a_relay_is_named(
     tmp_path: Path, twin: Twin, old: str, new: str, message: str
 ):
-    assert old in RELAY_FILE
-    with pytest.raises(ControlError, match=message) as error:
-        read(tmp_path, RELAY_FILE.replace(old, new), twin)
-    assert str(error.value).startswith(str(tmp_path / "controller.toml"))
+    assert_refused(tmp_path, twin, RELAY_FILE, old, new, message)
 
 
 @pytest.mark.parametrize(
@@ -149,10 +154,7 @@ def test_a_wrong_field_of_a_relay_is_named(
     ],
 )
 def test_a_wrong_field_is_named(tmp_path: Path, twin: Twin, old: str, new: str, message: str):
-    assert old in PID_FILE
-    with pytest.raises(ControlError, match=message) as error:
-        read(tmp_path, PID_FILE.replace(old, new), twin)
-    assert str(error.value).startswith(str(tmp_path / "controller.toml"))
+    assert_refused(tmp_path, twin, PID_FILE, old, new, message)
 
 
 FIELDS = [

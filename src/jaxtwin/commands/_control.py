@@ -26,10 +26,6 @@ if TYPE_CHECKING:
     from ..physics import Twin
 
 
-_UNITS = {"Kp": "1/K", "Ki": "1/(K s)", "Kd": "s/K", "Tf": "s"}
-"""Field of a PID's file -> its unit."""
-
-
 def control(
     rig: RigArgument,
     link: LinkOption,
@@ -109,6 +105,7 @@ def _oscillation(decisions: "Sequence[Decision]") -> str:
     **Raises:** `ControlError` if the oscillation is not even.
     """
     from ..control import ultimate_point
+    from ..control._controller_file import PID_UNITS
 
     point = ultimate_point(decisions)
     pid = point.pid()
@@ -116,5 +113,5 @@ def _oscillation(decisions: "Sequence[Decision]") -> str:
         f"ultimate gain {point.gain:.3g} 1/K, period {point.period_s:.3g} s, phase "
         f"{point.phase_deg:.0f} degrees, by the last {point.cycles} periods"
     )
-    fields = [f'{name} = "{getattr(pid, name):.3g} {unit}"' for name, unit in _UNITS.items()]
+    fields = [f'{name} = "{getattr(pid, name):.3g} {unit}"' for name, unit in PID_UNITS.items()]
     return "\n".join([found, "a PID by the rule of Tyreus and Luyben:", *fields])

@@ -82,7 +82,17 @@ _FIELDS: dict[str, dict[str, Kind]] = {
 }
 """Kind of controller -> name of a parameter in the file -> its quantity."""
 
-_NAMES = {PID: "pid", DecoupledPI: "decoupled-pi", Relay: "relay", **KINDS}
+_LAWS: dict[str, type[AbstractController]] = {
+    "pid": PID,
+    "decoupled-pi": DecoupledPI,
+    "relay": Relay,
+}
+"""Kind of controller -> its class, for those whose file holds their parameters."""
+
+_NAMES = {law: kind for kind, law in _LAWS.items()} | KINDS
+
+PID_UNITS = {name: _FIELDS["pid"][name].unit for name in ("Kp", "Ki", "Kd", "Tf")}
+"""Gain or filter time of a PID -> its unit in the file."""
 
 _KNOWN = {
     "pid": tuple(_FIELDS["pid"]),
@@ -239,13 +249,8 @@ def _law(
                 'averaged have brackets of their own, such as [["T11", "T16"]]',
             )
         (arguments["measured"],) = arguments["measured"]
-    made: dict[str, type[AbstractController]] = {
-        "pid": PID,
-        "decoupled-pi": DecoupledPI,
-        "relay": Relay,
-    }
     try:
-        controller = made[kind](**arguments)
+        controller = _LAWS[kind](**arguments)
         outputs = len(controller.output_weights(channels))
     except ControlError as error:
         no("", str(error))

@@ -15,6 +15,7 @@ from .._display import html_table, picture
 from .._errors import ControlError
 from .._jax_settings import is_traced, settings_for
 from .._lapack import solve
+from ..simulation._delay import checked_longest_delay
 from ._balanced_truncation import Balanced, balanced, residualised
 from ._directions import Directions, directions
 from ._discrete_model import DiscreteModel, check_at_rest
@@ -352,21 +353,9 @@ class LinearModel(eqx.Module):
         """The number of commands that can be in transit."""
         if not self.is_delayed:
             return 0
-        where = "discretise: longest_delay_s"
-        if longest_delay_s is None:
-            if is_traced(self.delay_s):
-                raise ControlError(
-                    f"{where}: expected a number, in s, because the driver's delay is traced by "
-                    "JAX, got None"
-                )
-            longest = float(self.delay_s)
-        else:
-            longest = finite_number(where, longest_delay_s, ControlError)
-            if not is_traced(self.delay_s) and not float(self.delay_s) <= longest:
-                raise ControlError(
-                    f"{where}: expected at least the driver's delay, {float(self.delay_s):g} s, "
-                    f"got {longest:g} s"
-                )
+        longest = checked_longest_delay(
+            "discretise: longest_delay_s", longest_delay_s, self.delay_s, ControlError
+        )
         # Rounding must not make n and a rest of a delay of n steps.
         return int(np.ceil(longest / sample_time * (1 - 1e-9)))
 

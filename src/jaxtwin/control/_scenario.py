@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number, of_kind, whole_number
 from .._errors import ControlError
 from .._jax_settings import own_settings
+from ..io._checks import ABSOLUTE_ZERO
 from ..live import Faults
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
@@ -21,8 +22,6 @@ from ._disturbances import Disturbance, Draught, HeatInput, disturbance_tables
 from ._reach import check_cells, check_reach, check_sample_time
 from ._reading_errors import reading_errors
 from ._references import reference_samples, sample_times
-
-ABSOLUTE_ZERO = -273.15
 
 LONGEST_STEP = 1.0
 """The longest step of the plant, s. With a step of 1 s the error of the channels is some

@@ -15,6 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._arguments import finite_number
+from .._errors import JaxtwinError
+from .._jax_settings import is_traced
 from ..physics import Twin
 from ._interpolation import sample_weights, step_polynomials
 from ._time_grid import TimeGrid
@@ -25,6 +28,33 @@ BEFORE = np.diff([0.0, *np.geomspace(FINEST, FIRST, 5), *np.geomspace(FIRST, 1.0
 because a plate that does not start in a steady state changes fastest then, and grow by a quarter
 each. With fewer steps, the error between their ends is a tenth of a kelvin for a delay of a
 minute."""
+
+
+def checked_longest_delay(
+    where: str,
+    longest_delay: float | int | None,
+    delay: Float[Array | np.ndarray, ""],
+    error: type[JaxtwinError],
+) -> float:
+    """Returns the longest delay, s, for which a state has commands in transit; by default the
+    driver's own.
+
+    **Raises:** `error` if the delay is traced by JAX and `longest_delay` is missing, or if the
+    delay is longer.
+    """
+    if longest_delay is None:
+        if is_traced(delay):
+            raise error(
+                f"{where}: expected a number, in s, because the driver's delay is traced by JAX, "
+                "got None"
+            )
+        return float(delay)
+    longest = finite_number(where, longest_delay, error)
+    if not is_traced(delay) and not float(delay) <= longest:
+        raise error(
+            f"{where}: expected at least the driver's delay, {float(delay):g} s, got {longest:g} s"
+        )
+    return longest
 
 
 def draws_change_delay(twin: Twin, drawn: Iterable[str]) -> bool:

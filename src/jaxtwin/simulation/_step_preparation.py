@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .._arguments import finite_number
 from .._compilation import persistent_jit
 from .._errors import SimulationError
 from .._jax_settings import is_traced
 from ..physics import System
+from ._delay import checked_longest_delay
 from ._exponential import ModalField, StepFactors, step_factors
 from ._modes import Modes, network_modes
 from ._refinement import STABILITY_LIMIT, remainder_gain
@@ -103,19 +103,5 @@ def queue_length(
     """
     if delay is None:
         return 0
-    where = "Stepper: longest_delay"
-    if longest_delay is None:
-        if is_traced(delay):
-            raise SimulationError(
-                f"{where}: expected a number, in s, because the driver's delay is traced by JAX, "
-                "got None"
-            )
-        longest = float(delay)
-    else:
-        longest = finite_number(where, longest_delay, SimulationError)
-        if not is_traced(delay) and not float(delay) <= longest:
-            raise SimulationError(
-                f"{where}: expected at least the driver's delay, {float(delay):g} s, got "
-                f"{longest:g} s"
-            )
+    longest = checked_longest_delay("Stepper: longest_delay", longest_delay, delay, SimulationError)
     return 1 << (int(longest / step_size) + 1).bit_length()

@@ -1,0 +1,14 @@
+"""What a benchmark leaves behind: its numbers, and a page about them."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def write_results(numbers: Path, answer: Mapping[str, Any], page: str) -> None:
+    """Writes the numbers as JSON and the page beside them as Markdown, and prints the page."""
+    numbers.parent.mkdir(parents=True, exist_ok=True)
+    numbers.write_text(json.dumps(answer, indent=1) + "\n")
+    numbers.with_suffix(".md").write_text(page)
+    print(page)
