@@ -11,7 +11,7 @@ from dataclasses import fields, is_dataclass
 from importlib import metadata
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 import numpy as np
@@ -27,6 +27,16 @@ KNOWN_CODE = ("builtins", "collections", "functools", "jaxtwin", *LIBRARIES)
 versions. A user's own code may be another one tomorrow under the same name."""
 
 
+@runtime_checkable
+class Fingerprinted(Protocol):
+    """An object that says what it is by itself."""
+
+    @property
+    def fingerprint(self) -> str:
+        """A text that is equal for equal objects, in every process."""
+        ...
+
+
 class NoFingerprintError(Exception):
     """A value holds something that has no meaning outside of this process, such as a closure."""
 
@@ -35,7 +45,8 @@ def fingerprint(value: object) -> str:
     """A digest of a value, the same in every process that has an equal one.
 
     Dataclasses (and so `equinox.Module`s) count by their fields, functions by their names, arrays
-    by shape, type and contents, containers by what is in them.
+    by shape, type and contents, containers by what is in them, other objects by a fingerprint of
+    their own.
 
     **Raises:** `NoFingerprintError` for closures, lambdas, functions and classes of other packages
     than `KNOWN_CODE`, and objects of any other type.
@@ -103,5 +114,7 @@ def _parts(value: object) -> list[object]:
             return [value.func, value.args, value.keywords]
         case _ if is_dataclass(value):
             return [part for f in fields(value) for part in (f.name, getattr(value, f.name))]
+        case Fingerprinted():
+            return [value.fingerprint]
         case _:
             raise NoFingerprintError(repr(value))

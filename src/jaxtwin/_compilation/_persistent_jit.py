@@ -55,7 +55,7 @@ def compiling_seconds() -> float:
     return _clock.seconds()
 
 
-def persistent_jit(function: Callable[P, T]) -> Callable[P, T]:
+def persistent_jit(function: Callable[P, T]) -> "PersistentJit[P, T]":
     """Compiles a function as `equinox.filter_jit` does, and keeps the programs on disk.
 
     All arrays among the arguments are traced, everything else is static. Where the function is
@@ -63,13 +63,13 @@ def persistent_jit(function: Callable[P, T]) -> Callable[P, T]:
     any `jit`. A program with static arguments that mean nothing in another process, such as a
     closure, lives as long as its process.
     """
-    return functools.wraps(function)(_PersistentJit(function, COMPILER_OPTIONS))
+    return PersistentJit(function, COMPILER_OPTIONS)
 
 
-def persistent_jit_unoptimised(function: Callable[P, T]) -> Callable[P, T]:
+def persistent_jit_unoptimised(function: Callable[P, T]) -> "PersistentJit[P, T]":
     """`persistent_jit` for a function that leaves its work to LAPACK, or has next to none: it
     compiles in a third of the time, and its own code is slower."""
-    return functools.wraps(function)(_PersistentJit(function, UNOPTIMISED))
+    return PersistentJit(function, UNOPTIMISED)
 
 
 @final
@@ -124,7 +124,7 @@ class _Clock:
 
 _clock = _Clock()
 
-_functions: "list[_PersistentJit[..., Any]]" = []
+_functions: "list[PersistentJit[..., Any]]" = []
 
 
 @final
@@ -133,8 +133,11 @@ class _Traced:
 
 
 @final
-class _PersistentJit(Generic[P, T]):
+class PersistentJit(Generic[P, T]):
+    """A function that `persistent_jit` compiles."""
+
     def __init__(self, function: Callable[P, T], options: dict[str, str | bool]) -> None:
+        functools.update_wrapper(self, function)
         self._function = function
         self._options = options
         self._inlined = eqx.filter_jit(function)
@@ -151,6 +154,16 @@ class _PersistentJit(Generic[P, T]):
         leaves, structure = jax.tree.flatten((args, kwargs))
         if any(isinstance(leaf, Tracer) for leaf in leaves):
             return self._inlined(*args, **kwargs)
+        program, arrays = self._program_for(leaves, structure)
+        return program(arrays)
+
+    def prepare(self, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Compiles or loads the program for such arguments, and does not run it. Another thread can
+        do other work in the meantime."""
+        self._program_for(*jax.tree.flatten((args, kwargs)))
+
+    def _program_for(self, leaves: list[Any], structure: Any) -> tuple[_Program, list[Any]]:
+        """The program for some arguments, and their arrays."""
         static = tuple(_Traced if eqx.is_array(leaf) else leaf for leaf in leaves)
         arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
         # 1, 1.0 and True are equal, and compile to different programs.
@@ -164,7 +177,7 @@ class _PersistentJit(Generic[P, T]):
                 if program is None:
                     program = self._load_or_compile(structure, static, arrays)
                     self._remember(key, program)
-        return program(arrays)
+        return program, arrays
 
     def _remember(self, key: Hashable, program: _Program) -> None:
         with self._adding:

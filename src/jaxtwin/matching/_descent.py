@@ -21,6 +21,7 @@ from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..simulation._modes import Modes
 from ._descent_result import DescentResult, DescentStep, Evaluation, OnStep, Start
+from ._differences import output_errors_and_differences
 from ._jacobian import output_error_jacobians, weighted_jacobian
 from ._levenberg_marquardt import (
     RUNNING,
@@ -62,6 +63,8 @@ def descend(
     space: SearchSpace,
     max_iterations: int,
     on_step: OnStep | None = None,
+    *,
+    difference_steps: Float[np.ndarray, " unknowns"] | None = None,
 ) -> list[DescentResult]:
     """Minimises every objective from its start.
 
@@ -74,6 +77,8 @@ def descend(
     - `space`: bounds and scale, the same for all descents.
     - `max_iterations`: the limit for each descent, including the iterations of the earlier descent.
     - `on_step`: called with the number of the objective and each step.
+    - `difference_steps`: None for exact derivatives. Otherwise `BoundedLevenbergMarquardt` takes
+      central differences with these steps, which takes less time to compile.
     """
     if not isinstance(solver, BoundedLevenbergMarquardt):
         return descend_with(solver, objectives, starts, space, max_iterations, on_step)
@@ -92,7 +97,7 @@ def descend(
             if on_step is not None:
                 on_step(first + number, step)
 
-        results += _descend_batch(batch, solver, space, max_iterations, report)
+        results += _descend_batch(batch, solver, space, max_iterations, report, difference_steps)
     return results
 
 
@@ -120,6 +125,7 @@ def _descend_batch(
     space: SearchSpace,
     max_iterations: int,
     on_step: OnStep,
+    difference_steps: Float[np.ndarray, " unknowns"] | None,
 ) -> list[DescentResult]:
     earlier = [start for start in batch.starts if isinstance(start, DescentResult)]
     steps = [list(start.steps) for start in earlier] or [[] for _ in batch.objectives]
@@ -130,7 +136,7 @@ def _descend_batch(
         solver = eqx.tree_at(
             lambda s: [s.rtol, s.atol, s.gtol, s.damping], solver, replace_fn=jax.device_put
         )
-        space = jax.device_put(space)
+        space, difference_steps = jax.device_put((space, difference_steps))
         objective = _stacked(batch.objectives)
         state = _first_state(solver, batch.starts, space)
         for iteration in range(int(left.max(initial=0)) + 1):
@@ -138,12 +144,20 @@ def _descend_batch(
                 evaluation = jax.device_put(_stacked([start.evaluation for start in earlier]))
                 errors, jacobians = evaluation.output_errors, evaluation.jacobians
                 proposal = _Proposal(state.vectors, errors, jacobians, None)
-            elif iteration == 0:
-                proposal = _at_start(state.vectors, objective)
             else:
-                vectors = _propose(solver, state.vectors, state.optimiser, space)
+                vectors = state.vectors
+                if iteration > 0:
+                    vectors = _propose(solver, vectors, state.optimiser, space)
                 modes = _find_modes(vectors, objective)
-                proposal = _Proposal(vectors, _solve(vectors, objective, modes), None, modes)
+                if difference_steps is not None:
+                    found = _solve_and_difference(
+                        vectors, objective, modes, difference_steps, space
+                    )
+                    proposal = _Proposal(vectors, *found, modes)
+                elif iteration == 0:
+                    proposal = _at_start(vectors, objective, modes)
+                else:
+                    proposal = _Proposal(vectors, _solve(vectors, objective, modes), None, modes)
             state = _step(solver, state, proposal, space, objective, active)
             # As NumPy arrays, whose entries are taken out without a compiled function.
             optimiser, vectors = jax.tree.map(np.asarray, (state.optimiser, state.vectors))
@@ -185,10 +199,11 @@ def _first_state(
     return DescentState(vectors, optimiser, None)
 
 
-def _at_start(vectors: Float[Array, "descents unknowns"], objective: Objective) -> _Proposal:
+def _at_start(
+    vectors: Float[Array, "descents unknowns"], objective: Objective, modes: list[Modes]
+) -> _Proposal:
     """The starts, with Jacobians as they are always accepted. In a process that has neither of the
     two programs yet both are compiled at the same time."""
-    modes = _find_modes(vectors, objective)
     with ThreadPoolExecutor(1) as pool:
         jacobians = pool.submit(own_settings()(_differentiate), vectors, objective, modes)
         return _Proposal(vectors, _solve(vectors, objective, modes), jacobians.result(), modes)
@@ -286,6 +301,21 @@ def _solve(vectors: Vectors, objectives: Objective, modes: list[Modes]) -> Group
 @persistent_jit
 def _differentiate(vectors: Vectors, objectives: Objective, modes: list[Modes]) -> Groups:
     return _side_by_side(output_error_jacobians)(vectors, objectives, modes)
+
+
+@persistent_jit_unoptimised
+def _solve_and_difference(
+    vectors: Vectors,
+    objectives: Objective,
+    modes: list[Modes],
+    steps: Float[Array, " unknowns"],
+    space: SearchSpace,
+) -> tuple[Groups, Groups]:
+    return _side_by_side(
+        lambda vector, objective, modes: output_errors_and_differences(
+            vector, steps, space, objective, modes
+        )
+    )(vectors, objectives, modes)
 
 
 @persistent_jit

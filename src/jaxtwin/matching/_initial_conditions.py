@@ -52,6 +52,10 @@ MEMORY = 4.0
 REWEIGHTINGS = 4
 ITERATIONS = 50
 
+DIFFERENCE = 1e-4
+"""The steps of central differences, as a part of how far a value is expected to move: far above
+rounding, and so small that the derivatives are exact to six digits."""
+
 UNSEEN = 0.7
 """A value is reported as undetermined if its standard deviation is still this part of its prior's.
 """
@@ -194,6 +198,7 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
             results or [unknowns.start()],
             unknowns.search_space(),
             ITERATIONS,
+            difference_steps=DIFFERENCE * unknowns.scales(),
         )
         (result,) = results
         if not np.isfinite(result.cost):

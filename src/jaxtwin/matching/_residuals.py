@@ -69,8 +69,7 @@ def output_errors(
 
     def of_recording(local: Array, group: RecordingGroup, modes: Modes | None) -> Array:
         simulated = camera_readings(local, objective, group.grid, group.columns, modes)
-        error = simulated - group.temperatures
-        return jnp.where(jnp.arange(len(error))[:, None] < group.lengths, error, 0.0)
+        return errors_of_readings(simulated, group)
 
     return [
         jax.vmap(of_recording)(local, group, of_group)
@@ -78,6 +77,14 @@ def output_errors(
             objective.groups, local_vectors(vector, objective), known, strict=True
         )
     ]
+
+
+def errors_of_readings(
+    simulated: Float[Array, "times channels"], recording: RecordingGroup
+) -> Float[Array, "times channels"]:
+    """Simulated readings minus those of a single recording, K; 0 for padding."""
+    error = simulated - recording.temperatures
+    return jnp.where(jnp.arange(len(error))[:, None] < recording.lengths, error, 0.0)
 
 
 def weighted_residuals(

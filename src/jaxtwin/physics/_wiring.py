@@ -52,6 +52,7 @@ class Wiring:
       `Expressions`, or None.
     - `position` (nodes of the rig,): which node here stands for each node of the rig, and
       `rig_elements`, the same for the plate's elements, which come first.
+    - `fingerprint`: a text that is equal for rigs of equal content, in every process.
     """
 
     def __init__(
@@ -150,7 +151,7 @@ class Wiring:
         ambient = (rig.ambient_temperature, rig.ambient_drift)
         pixel = None if self.zones is None else self.zones.pixel_size
         parts = (rig.driver, rig.channels, registration, pixel, ambient, sizes, position.tolist())
-        self._key = netlist.fingerprint + repr(parts)
+        self.fingerprint = netlist.fingerprint + repr(parts)
 
     def moved_weights(
         self, values_si: Mapping[str, Float[Array, ""]]
@@ -164,10 +165,10 @@ class Wiring:
         return weights @ jnp.asarray(nodes, weights.dtype)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Wiring) and self._key == other._key
+        return isinstance(other, Wiring) and self.fingerprint == other.fingerprint
 
     def __hash__(self) -> int:
-        return hash(self._key)
+        return hash(self.fingerprint)
 
 
 @lru_cache(maxsize=64)

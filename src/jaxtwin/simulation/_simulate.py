@@ -154,6 +154,16 @@ def simulate(
     )
 
 
+def prepare_simulation(twin: Twin, experiment: Experiment) -> None:
+    """Compiles or loads what `simulate` runs first for such a twin and experiment.
+
+    A thread can do this while another estimates the values with which the twin is simulated.
+    """
+    if not is_large(twin, None):
+        with own_settings():
+            _run_exponential.prepare(twin, padded_time_grid(twin, experiment), None)
+
+
 def is_large(twin: Twin, initial: CheckedInitial) -> bool:
     """Whether a run of a twin uses few modes: the network is large, and few cells drive it."""
     if isinstance(initial, str):

@@ -3,6 +3,7 @@ each recording or group of recordings in turn."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal
 
 import numpy as np
@@ -26,6 +27,7 @@ from ..matching._nominal_twin import nominal_twin
 from ..matching._problem import named_groups
 from ..physics import Twin
 from ..simulation import Run, simulate
+from ..simulation._simulate import prepare_simulation
 from ._validation import Prediction, Validation
 
 LEAST = 30
@@ -237,7 +239,10 @@ def _predict(
     group: str | None = None,
 ) -> Prediction:
     start = _start_of_rest(name, recording, "warm_up", warm_up)
-    found = estimate_initial_conditions(fitted, recording, warm_up, names, group=group)
+    twin = fitted.twin if isinstance(fitted, Fit) else fitted
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(prepare_simulation, twin, recording)
+        found = estimate_initial_conditions(fitted, recording, warm_up, names, group=group)
     run = _from(simulate(found.twin, recording), start)
     return Prediction(name, run, found.twin, found.values, found.warnings, fit)
 
