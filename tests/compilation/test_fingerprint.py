@@ -15,6 +15,7 @@ from hypothesis import given
 from jaxtwin import Twin
 from jaxtwin._compilation import _fingerprint
 from jaxtwin._compilation._fingerprint import NoFingerprintError, fingerprint
+from jaxtwin.physics._wiring import wiring_of
 
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text()
 VALUES = st.recursive(
@@ -89,14 +90,21 @@ def test_what_means_nothing_elsewhere_has_none(value):
         fingerprint(value)
 
 
+def test_the_wiring_of_another_rig_or_network_has_another_digest():
+    rigs = [Twin("paper-2024").rig, Twin("dual-cell").rig]
+    wirings = [wiring_of(rig, lumped) for rig in rigs for lumped in (False, True)]
+    assert len({fingerprint(wiring) for wiring in wirings}) == 4
+
+
 @pytest.mark.slow
 def test_a_twin_has_the_same_digest_in_another_process():
     """Whatever the order in which that process goes through its sets (PYTHONHASHSEED)."""
     code = (
         "from jaxtwin import Twin; from jaxtwin._compilation._fingerprint import fingerprint; "
-        "print(fingerprint((Twin('dual-cell'), frozenset('abcdef'))))"
+        "twin = Twin('dual-cell'); print(fingerprint((twin, twin.wiring, frozenset('abcdef'))))"
     )
-    here = fingerprint((Twin("dual-cell"), frozenset("abcdef")))
+    twin = Twin("dual-cell")
+    here = fingerprint((twin, twin.wiring, frozenset("abcdef")))
     for seed in ("1", "2"):
         there = subprocess.run(
             [sys.executable, "-c", code],

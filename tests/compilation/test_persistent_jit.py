@@ -170,6 +170,15 @@ def test_threads_that_want_the_same_program_make_it_once():
     assert [float(found["y"][0]) for _, found in results] == list(range(8))
 
 
+def test_a_program_that_was_prepared_is_not_compiled_again():
+    call = another_process()
+    call.prepare(Line(jnp.array(3.0), "a"), jnp.ones(2))
+    assert traced == ["a"]
+    _, found = call(Line(jnp.array(5.0), "a"), 2 * jnp.ones(2))
+    assert traced == ["a"]
+    np.testing.assert_array_equal(found["y"], [10.0, 10.0])
+
+
 def test_few_programs_stay_in_memory(monkeypatch):
     """Linux ends a process that maps memory too often, which each program does."""
     monkeypatch.setattr(_persistent_jit, "MOST_PROGRAMS", 2)
@@ -177,7 +186,7 @@ def test_few_programs_stay_in_memory(monkeypatch):
     for size in (1, 2, 3, 1):
         call(Line(jnp.array(3.0), "a"), jnp.ones(size))
     assert len(traced) == 3  # the first came back from the disk
-    assert len(call._programs) == 2  # pyright: ignore[reportFunctionMemberAccess]
+    assert len(call._programs) == 2
 
 
 def test_where_jax_keeps_programs_itself_it_is_the_only_one(folder, tmp_path_factory):
@@ -191,7 +200,7 @@ def test_programs_can_be_freed():
     call = another_process()
     call(Line(jnp.array(3.0), "a"), jnp.ones(1))
     clear_programs()
-    assert len(call._programs) == 0  # pyright: ignore[reportFunctionMemberAccess]
+    assert len(call._programs) == 0
 
 
 @pytest.mark.slow

@@ -35,7 +35,7 @@ def chunk(request: pytest.FixtureRequest) -> tuple[Any, Any, Any, Any]:
     draws = {"R_E": np.linspace(1.5, 2.5, DRAWS)}
     with own_settings():
         prepared = jax.eval_shape(
-            lambda draws: prepare_chunk(twin, draws, grid, None, False), draws
+            lambda draws: prepare_chunk(twin, draws, grid.summary(), None), draws
         )
     return twin, grid, draws, prepared
 
@@ -52,7 +52,7 @@ def test_eigenproblems_of_a_batch_are_one_call_by_jacobi():
 
 def test_a_chunk_has_its_linear_algebra_at_once_and_on_the_accelerator(chunk):
     twin, grid, draws, _ = chunk
-    program = lowered(lambda draws: prepare_chunk(twin, draws, grid, None, False), draws)
+    program = lowered(lambda draws: prepare_chunk(twin, draws, grid.summary(), None), draws)
     assert program.count("@cusolver_syevd_ffi") == 1
     assert "@lapack" not in program
     assert "callback" not in program

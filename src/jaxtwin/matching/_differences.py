@@ -37,22 +37,26 @@ def output_errors_and_differences(
     """
 
     def of_recording(
-        local: Array, step: Array, lower: Array, upper: Array, group: RecordingGroup, modes: Modes
+        local: Array, ahead: Array, behind: Array, group: RecordingGroup, modes: Modes
     ) -> tuple[Array, Array]:
-        ahead = jnp.minimum(local + jnp.diag(step), upper)
-        behind = jnp.maximum(local - jnp.diag(step), lower)
+        points = [local + jnp.diag(end - local) for end in (ahead, behind)]
         readings = jax.vmap(
             lambda entries: camera_readings(entries, objective, group.grid, group.columns, modes)
-        )(jnp.concatenate([local[None], ahead, behind]))
+        )(jnp.concatenate([local[None], *points]))
         here, of_ahead, of_behind = jnp.split(readings, [1, 1 + local.size])
-        widths = jnp.diagonal(ahead - behind)[:, None, None]
-        return errors_of_readings(here[0], group), (of_ahead - of_behind) / widths
+        jacobian = (of_ahead - of_behind) / (ahead - behind)[:, None, None]
+        return errors_of_readings(here[0], group), jacobian
 
-    vectors = (vector, steps, jnp.asarray(space.lower), jnp.asarray(space.upper))
-    locals_by_group = zip(*(local_vectors(each, objective) for each in vectors), strict=True)
     errors, jacobians = [], []
-    for local, group, of_group in zip(locals_by_group, objective.groups, modes, strict=True):
-        error, jacobian = jax.vmap(of_recording)(*local, group, of_group)
+    for local, ahead, behind, group, of_group in zip(
+        local_vectors(vector, objective),
+        local_vectors(space.clip(vector + steps), objective),
+        local_vectors(space.clip(vector - steps), objective),
+        objective.groups,
+        modes,
+        strict=True,
+    ):
+        error, jacobian = jax.vmap(of_recording)(local, ahead, behind, group, of_group)
         errors.append(error)
         jacobians.append(jacobian)
     return errors, jacobians

@@ -47,7 +47,7 @@ def recording_modes(vector: Float[Array, " unknowns"], objective: Objective) -> 
 
     def of_recording(local: Array, grid: TimeGrid) -> Modes:
         twin = objective.twin.with_values(objective.layout.local_values(local))
-        return run_modes(twin.system(lumped=True), grid)
+        return run_modes(twin.system(lumped=True), grid.summary())
 
     return [
         jax.vmap(of_recording)(local, group.grid)

@@ -71,7 +71,8 @@ def diffrax_chunk(
         values: Mapping[str, Float[Array | np.ndarray, ""]],
     ) -> tuple[Array, Array, SupplyPower | None, Array]:
         system = twin.with_values(values).system(lumped=keeps_symmetry(initial))
-        is_resolved = ~jnp.isnan(stability_number(system, run_modes(system, grid), grid))
+        inputs = grid.summary()
+        is_resolved = ~jnp.isnan(stability_number(system, run_modes(system, inputs), inputs))
         states, readings, result = solve_with_diffrax(system, experiment, initial, method)
         is_solved = (result == diffrax.RESULTS.successful) & jnp.all(jnp.isfinite(states))
         failed = ~(system.is_valid & is_resolved & is_solved)

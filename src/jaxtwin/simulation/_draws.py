@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, final
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -88,27 +87,29 @@ class DrawSolver:
         """
         own_delays = draws_change_delay(self.twin, draws)
         commanded = self._grid(refinement)
+        inputs, to_be_delayed = commanded.summary(), commanded if own_delays else None
         # Draws with the same delay share the interpolation weights of the samples.
         grid = commanded if own_delays else _delayed_as(self.twin, commanded)
         compressed = None if own_delays else self._compressed(grid)
 
         def work(chunk: Draws) -> dict[str, Array | np.ndarray]:
             with own_settings():
-                prepared = prepare_chunk(self.twin, chunk, commanded, self.initial, own_delays)
+                prepared = prepare_chunk(self.twin, chunk, inputs, self.initial, to_be_delayed)
                 if self.precision == "float32":
                     prepared = _as_float32(prepared)
             with own_settings(float64=self.precision == "float64"):
                 stepped = step_chunk(
                     prepared, grid, self.columns, self._reads("plate_end"), self._reads_power()
                 )
-                # Neither shorter steps nor another solver help an invalid draw.
-                is_valid = prepared.system.is_valid
-                return {
-                    "stability_number": jnp.where(is_valid, prepared.stability_number, 0.0),
-                    "error_estimate": jnp.where(is_valid, stepped.channels.error_estimate, 0.0),
-                    "failed": stepped.failed,
-                    **self._reduced(prepared, stepped, grid, compressed),
-                }
+                reduced = self._reduced(prepared, stepped, grid, compressed)
+            # Neither shorter steps nor another solver help an invalid draw. NumPy compiles nothing.
+            is_valid = np.asarray(prepared.system.is_valid)
+            return {
+                "stability_number": np.where(is_valid, prepared.stability_number, 0.0),
+                "error_estimate": np.where(is_valid, stepped.channels.error_estimate, 0.0),
+                "failed": stepped.failed,
+                **reduced,
+            }
 
         return work_in_chunks(
             draws,

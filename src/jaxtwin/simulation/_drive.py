@@ -32,7 +32,7 @@ class Drive(eqx.Module):
     def of(cls, system: System, grid: TimeGrid) -> "Drive":
         """Makes the drive of a system from a time grid, whether or not its delay is applied
         already."""
-        reference = reference_temperature(system, grid)
+        reference = reference_temperature(system, grid.summary())
         if system.delay is not None and not grid.is_delayed:
             grid = delayed_time_grid(grid, system.delay)
         drift = system.ambient_drift if grid.ambient_at is None else None

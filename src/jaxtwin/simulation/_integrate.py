@@ -69,7 +69,7 @@ def solve_network(
     at each sample, K.
     """
     drive = Drive.of(system, grid)
-    modes = run_modes(system, grid) if modes is None else modes
+    modes = run_modes(system, grid.summary()) if modes is None else modes
     readings = integrate(system, drive, modes, initial, readout)
     return drive, readings.at_samples(drive.grid)
 

@@ -24,7 +24,7 @@ from ._integrate import StepReadings, integrate
 from ._modes import Modes, run_modes
 from ._power import SupplyPower, supply_power
 from ._refinement import stability_number
-from ._time_grid import TimeGrid, reference_temperature
+from ._time_grid import InputSummary, TimeGrid, reference_temperature
 
 
 @final
@@ -64,9 +64,9 @@ class Stepped(eqx.Module):
 def prepare_chunk(
     twin: Twin,
     draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
-    grid: TimeGrid,
+    inputs: InputSummary,
     initial: CheckedInitial,
-    own_delays: bool,
+    commanded: TimeGrid | None = None,
 ) -> Prepared:
     """Computes the systems, the modes and the initial temperatures of a chunk.
 
@@ -74,20 +74,21 @@ def prepare_chunk(
 
     - `twin`: the twin; parameters that are not drawn keep its values.
     - `draws`: name of a parameter -> its values in the unit of the rig's table.
-    - `grid`: the time grid with the commanded duty cycles, before any delay.
+    - `inputs`: the duty cycles and steps of the run.
     - `initial`: the checked temperatures at the start.
-    - `own_delays`: whether the draws differ in the driver's delay.
+    - `commanded`: the time grid before any delay if the draws differ in the driver's delay, else
+      None. The program then serves all runs of the twin, however many steps they take.
     """
 
     def prepare_draw(values: Mapping[str, Float[Array | np.ndarray, ""]]) -> Prepared:
         system = twin.with_values(values).system(lumped=keeps_symmetry(initial))
-        modes = run_modes(system, grid)
-        number = stability_number(system, modes, grid)
-        reference = reference_temperature(system, grid)
-        start = initial_temperatures(system, initial, grid.duty[0], reference)
+        modes = run_modes(system, inputs)
+        number = stability_number(system, modes, inputs)
+        reference = reference_temperature(system, inputs)
+        start = initial_temperatures(system, initial, inputs.first, reference)
         own_grid = None
-        if own_delays and system.delay is not None:
-            own_grid = delayed_time_grid(grid, system.delay)
+        if commanded is not None and system.delay is not None:
+            own_grid = delayed_time_grid(commanded, system.delay)
         return Prepared(system, modes, start, number, own_grid)
 
     return jax.vmap(prepare_draw)(draws)

@@ -23,7 +23,7 @@ from .._elimination import eliminate
 from .._lapack import eigh, solve, solve_definite
 from ..physics import System
 from ._resolution import LARGEST_SPAN, network_span
-from ._time_grid import TimeGrid, reference_temperature
+from ._time_grid import InputSummary, reference_temperature
 
 TYPICAL_TEMPERATURE = 330.0
 """The temperatures of a cell's sides at which the search for the operating point starts, K."""
@@ -140,7 +140,7 @@ def linearise(
     return OperatingPoint(at[sides], -(slope + slope.T) / 2, loss)
 
 
-def run_modes(system: System, grid: TimeGrid) -> Modes:
+def run_modes(system: System, inputs: InputSummary) -> Modes:
     """The modes with the cells at their operating point under the run's mean duty cycle.
 
     Their rates, and therefore all results, are NaN if float64 cannot resolve the slow rates beside
@@ -149,14 +149,13 @@ def run_modes(system: System, grid: TimeGrid) -> Modes:
     **Arguments:**
 
     - `system`: the equations.
-    - `grid`: the steps and the commanded duty cycles.
+    - `inputs`: the commanded duty cycles and the duration.
     """
     dtype = system.capacitance.dtype
-    lengths = jnp.asarray(grid.sizes, dtype)[grid.size]
-    duration = lengths.sum()
-    duty = lengths @ jnp.asarray(grid.duty, dtype) / duration
-    modes = network_modes(system, duty, reference_temperature(system, grid))
-    is_resolved = network_span(system, modes.rates[0], duration) <= LARGEST_SPAN
+    duty = jnp.asarray(inputs.mean, dtype)
+    modes = network_modes(system, duty, reference_temperature(system, inputs))
+    span = network_span(system, modes.rates[0], jnp.asarray(inputs.duration, dtype))
+    is_resolved = span <= LARGEST_SPAN
     return eqx.tree_at(lambda m: m.rates, modes, jnp.where(is_resolved, modes.rates, jnp.nan))
 
 

@@ -202,10 +202,10 @@ def _linearised(
     resistance: Float[Array | np.ndarray, "nodes sides"],
 ) -> tuple[OperatingPoint, Float[Array, " nodes"]]:
     """Returns the operating point of a run, and the deviations at its start, K."""
-    lengths = jnp.asarray(grid.sizes)[grid.size]
-    duty = lengths @ jnp.asarray(grid.duty) / lengths.sum()
-    reference = reference_temperature(system, grid)
-    start = initial_temperatures(system, initial, grid.duty[0], reference) - reference
+    inputs = grid.summary()
+    reference = reference_temperature(system, inputs)
+    start = initial_temperatures(system, initial, inputs.first, reference) - reference
+    duty = jnp.asarray(inputs.mean)
     return linearise(system, duty, reference, jnp.asarray(resistance)), start
 
 
@@ -225,7 +225,7 @@ def _run_in_modes(
     run = (
         deviation[:, system.wiring.position] + drive.reference,
         readings + drive.reference,
-        stability_number(system, modes, grid),
+        stability_number(system, modes, grid.summary()),
         read.error_estimate,
     )
     return run, _looks(system, drive, read)

@@ -1,5 +1,5 @@
 """Decides whether the steps of a solution were short enough. Draws for which they were not are
-solved again with steps half as long, and by a stiff solver if that does not help.
+solved again with shorter steps, and by a stiff solver if that does not help.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, Shaped
 from ..physics import System
 from ._modes import Modes, heat_slope
 from ._resolution import LARGEST_SPAN, network_span, spanned
-from ._time_grid import TimeGrid, reference_temperature
+from ._time_grid import InputSummary, reference_temperature
 
 STABILITY_LIMIT = 1.0
 """The largest `stability_number` of steps that are short enough."""
@@ -23,14 +23,16 @@ ERROR_TOLERANCE = 2e-3
 bounds of `paper-2024`, `dual-cell` and `single-cell`, none with a smaller estimate had an error
 above 1e-3 K."""
 
-REFINEMENTS = 3
-"""The number of times that steps are halved before a stiff solver takes over."""
+REFINEMENTS = (2, 3)
+"""The numbers of times that steps are halved, one after the other, before a stiff solver takes
+over. Halving them once is not tried: it would suffice for half of the draws that need shorter
+steps, and compiling it takes longer than thousands of draws."""
 
 Results: TypeAlias = dict[str, Shaped[np.ndarray, "draws ..."]]
 """Name -> what is kept of each draw."""
 
 
-def stability_number(system: System, modes: Modes, grid: TimeGrid) -> Float[Array, ""]:
+def stability_number(system: System, modes: Modes, inputs: InputSummary) -> Float[Array, ""]:
     r"""A measure of the nonlinear feedback of the cells within the longest step.
 
     An exponential step is exact in the linear part $L$ and explicit in the remainder $N$ of the
@@ -44,12 +46,11 @@ def stability_number(system: System, modes: Modes, grid: TimeGrid) -> Float[Arra
     the network; NaN where it cannot, see `_resolution`.
     """
     dtype = modes.rates.dtype
-    duty = jnp.asarray(grid.duty, dtype)
-    levels = jnp.stack([duty.min(axis=0), duty.max(axis=0)])
-    reference = reference_temperature(system, grid)
-    sizes = jnp.asarray(grid.sizes, dtype)
-    number = remainder_gain(system, modes, levels, reference, jnp.max(sizes))
-    duration = sizes[grid.size].sum()
+    levels = jnp.stack([jnp.asarray(duty, dtype) for duty in (inputs.lowest, inputs.highest)])
+    reference = reference_temperature(system, inputs)
+    longest = jnp.asarray(inputs.longest_step, dtype)
+    number = remainder_gain(system, modes, levels, reference, longest)
+    duration = jnp.asarray(inputs.duration, dtype)
     slowest, fastest = modes.rates[0], modes.rates[-1]
     is_trusted = jnp.isfinite(number) & (spanned(fastest, slowest, duration) <= LARGEST_SPAN)
     is_resolved = network_span(system, slowest, duration) <= LARGEST_SPAN
@@ -108,8 +109,8 @@ def solve_refined(
     solve: Callable[[Int[np.ndarray, " some"], int], Results],
     rescue: Callable[[Int[np.ndarray, " some"]], Results],
 ) -> Results:
-    """Solves draws. Draws for which the steps were too long are solved again with steps half as
-    long, at most `REFINEMENTS` times, and then by a stiff solver.
+    """Solves draws. Draws for which the steps were too long are solved again with shorter ones,
+    see `REFINEMENTS`, and at last by a stiff solver.
 
     **Arguments:**
 
@@ -123,7 +124,7 @@ def solve_refined(
     chosen = np.arange(draws)
     results = solve(chosen, 0)
     chosen = chosen[_pop_refused(results, 0)]
-    for refinement in range(1, REFINEMENTS + 1):
+    for refinement in REFINEMENTS:
         if chosen.size == 0:
             return results
         finer = solve(chosen, refinement)

@@ -60,9 +60,9 @@ def simulate(
     The default solver integrates the linear network exactly and the heat flows of the cells in
     steps of fourth order (see `jaxtwin.simulation`). It was the fastest solver measured at errors
     below 1e-3 K in the channels. The solver estimates its error. If the error is too large, or the
-    heat flows of the cells are stiff (`stability_number`), the steps are halved, up to three times;
-    if that is not enough, `diffrax.Kvaerno5` solves the run. For networks of 600 nodes and more,
-    the solver uses only the few modes that the drive reaches, and estimates the error of this
+    heat flows of the cells are stiff (`stability_number`), the run is solved again with steps of a
+    quarter, then of an eighth, and at last by `diffrax.Kvaerno5`. For networks of 600 nodes and
+    more, the solver uses only the few modes that the drive reaches, and estimates the error of this
     reduction.
 
     **Arguments:**
@@ -275,8 +275,8 @@ def _check_resolved(twin: Twin, experiment: Experiment) -> None:
 
 @persistent_jit_unoptimised
 def _stability_number(twin: Twin, grid: TimeGrid) -> Float[Array, ""]:
-    system = twin.system(lumped=True)
-    return stability_number(system, run_modes(system, grid), grid)
+    system, inputs = twin.system(lumped=True), grid.summary()
+    return stability_number(system, run_modes(system, inputs), inputs)
 
 
 @persistent_jit
@@ -291,11 +291,12 @@ def _run_exponential(
     """Computes the absolute temperatures of the rig's nodes and of its channels, K, the
     `stability_number`, and the error estimate of the solution, K."""
     system = twin.system(lumped=keeps_symmetry(initial))
-    drive, modes = Drive.of(system, grid), run_modes(system, grid)
-    start = initial_temperatures(system, initial, grid.duty[0], drive.reference)
+    inputs = grid.summary()
+    drive, modes = Drive.of(system, grid), run_modes(system, inputs)
+    start = initial_temperatures(system, initial, inputs.first, drive.reference)
     read = integrate(system, drive, modes, start, np.eye(start.size))
     deviation = read.at_samples(drive.grid)
     readings = system.channel_temperatures(deviation, drive.ambient_at_samples())
     states = deviation[:, system.wiring.position] + drive.reference
-    number = stability_number(system, modes, grid)
+    number = stability_number(system, modes, inputs)
     return states, readings + drive.reference, number, read.error_estimate

@@ -34,6 +34,24 @@ of an on/off drive has a kink there, which a longer step would miss."""
 
 
 @final
+class InputSummary(eqx.Module):
+    """What the modes of a run depend on: arrays of the same shape for all runs of a rig.
+
+    - `first`, `mean`, `lowest`, `highest`: of the commanded duty cycles, -1 to 1.
+    - `duration`: of the run, s. `longest_step`: of its steps, s.
+    - `ambient`: the recorded ambient temperature at the start, K; None if it is not recorded.
+    """
+
+    first: Float[Array | np.ndarray, " cells"]
+    mean: Float[Array | np.ndarray, " cells"]
+    lowest: Float[Array | np.ndarray, " cells"]
+    highest: Float[Array | np.ndarray, " cells"]
+    duration: Float[Array | np.ndarray, ""]
+    longest_step: Float[Array | np.ndarray, ""]
+    ambient: Float[Array | np.ndarray, ""] | None
+
+
+@final
 class TimeGrid(eqx.Module):
     """The time grid of an experiment. All arrays are constants of the run.
 
@@ -68,6 +86,22 @@ class TimeGrid(eqx.Module):
     steady_start: bool = eqx.field(static=True, default=False)
     is_delayed: bool = eqx.field(static=True, default=False)
 
+    def summary(self) -> InputSummary:
+        """The summary of the run's inputs and steps."""
+        # NumPy's where the grid is NumPy's: nothing is compiled for it.
+        as_array = np.asarray if isinstance(self.size, np.ndarray) else jnp.asarray
+        lengths = self.sizes[self.size]
+        duration = lengths.sum()
+        return InputSummary(
+            first=self.duty[0],
+            mean=lengths @ self.duty / duration,
+            lowest=self.duty.min(axis=0),
+            highest=self.duty.max(axis=0),
+            duration=as_array(duration),
+            longest_step=as_array(self.sizes.max()),
+            ambient=None if self.ambient_at is None else as_array(self.ambient_at[0]),
+        )
+
 
 def time_grid(twin: Twin | System, experiment: Experiment, refinement: int = 0) -> TimeGrid:
     """The default solver's grid for a twin.
@@ -83,12 +117,12 @@ def time_grid(twin: Twin | System, experiment: Experiment, refinement: int = 0) 
     return build_time_grid(experiment, *twin_steps(twin, refinement))
 
 
-def reference_temperature(system: System, grid: TimeGrid) -> Float[Array, ""]:
+def reference_temperature(system: System, inputs: InputSummary) -> Float[Array, ""]:
     """The temperature from which deviations are counted: the ambient temperature at the start,
     recorded or that of the rig, K."""
-    if grid.ambient_at is None:
+    if inputs.ambient is None:
         return system.ambient_temperature
-    return jnp.asarray(grid.ambient_at[0], system.capacitance.dtype)
+    return jnp.asarray(inputs.ambient, system.capacitance.dtype)
 
 
 def twin_steps(twin: Twin | System, refinement: int) -> tuple[float, float, float, float, int]:

@@ -46,7 +46,7 @@ def work_in_chunks(
     devices = jax.local_devices()
     count = len(next(iter(draws.values())))
     # Draws that are solved again come in any number: few sizes, few compilations.
-    size = min(chunk_size, 1 << ((total or count) - 1).bit_length())
+    size = min(chunk_size, _power_of_four(total or count))
     result: dict[str, np.ndarray] = {}
     one_at_a_time = threading.Lock()
 
@@ -85,6 +85,11 @@ def usual_chunk_size() -> int:
 def is_accelerated() -> bool:
     """Whether the default device of JAX is not a CPU."""
     return jax.default_backend() != "cpu"
+
+
+def _power_of_four(least: int) -> int:
+    bits = (least - 1).bit_length()
+    return 1 << (bits + bits % 2)
 
 
 def _cores() -> int:
