@@ -5,6 +5,8 @@ import pytest
 from scipy.optimize import root
 
 from jaxtwin import Experiment, ParameterError, SimulationError, Twin
+from jaxtwin._compilation import clear_programs
+from jaxtwin.simulation._simulate import _run_exponential, prepare_simulation
 
 TIME = np.arange(61.0)
 DUTY = np.where(TIME < 20, 0.5, 0.8)[:, None] * np.array([1.0, -0.5])
@@ -220,3 +222,12 @@ def test_temperatures_that_overflow_are_an_error(twin):
     """A start beyond all measure, whose square is no number any more."""
     with pytest.raises(SimulationError, match=r"paper-2024: .* do not stay finite"):
         twin.with_values({"T_start": 1e200}).simulate(EXPERIMENT)
+
+
+def test_a_prepared_simulation_compiles_nothing_more(twin):
+    """Whatever the values are with which the twin is simulated in the end."""
+    clear_programs()
+    prepare_simulation(twin, EXPERIMENT)
+    assert len(_run_exponential._programs) == 1
+    twin.with_values({"R_E": 2.2}).simulate(EXPERIMENT)
+    assert len(_run_exponential._programs) == 1

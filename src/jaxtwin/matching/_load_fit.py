@@ -18,8 +18,9 @@ from jaxtyping import Float
 from .._errors import MatchError, ParameterError
 from ..io import Experiment
 from ..physics import Twin
-from ..rig import Rig, load_rig, read_parameters
+from ..rig import Rig, load_rig
 from ..rig._bundled import read_toml
+from ..rig._parameter_file import parsed_values
 from ..rig._problems import refuse
 from ..simulation import simulate
 from ._comparison import CameraError, Comparison
@@ -51,11 +52,11 @@ def load_fit(
             "file to Twin(rig, path)",
         )
     rig = _rig(source, data["fit"], rig)
-    read_parameters(path, rig)  # refuses damaged rows
+    parsed_values(data, source, rig)  # refuses damaged rows
     rows = {name: _row(source, name, data, rig) for name in rig.parameters}
     stored = _stored(source, data["fit"], rows)
     names = tuple(stored.recordings)
-    values = [read_parameters(path, rig, name) for name in names]
+    values = [parsed_values(data, source, rig, name) for name in names]
     groups = tuple(dict.fromkeys(record.group for record in stored.recordings.values()))
     unknowns = _unknowns(rig, stored, groups)
     for name in names:

@@ -17,7 +17,7 @@ import reprlib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from .._arguments import of_kind
 from .._errors import ParameterError
@@ -116,6 +116,14 @@ def read_parameters(
     """
     of_kind("read_parameters: rig", rig, Rig, "a Rig, as load_rig reads it", ParameterError)
     data, source = read_toml(path, ParameterError)
+    return parsed_values(data, source, rig, recording)
+
+
+def parsed_values(
+    data: Mapping[str, Any], source: str, rig: Rig, recording: str | None = None
+) -> dict[str, float]:
+    """The values in the tables of a parameter file; `source` is what it is called in messages. The
+    other arguments, the result and the errors are those of `read_parameters`."""
     table = data.get("parameters")
     if not isinstance(table, dict):
         _refuse(source, "parameters", "expected a table [parameters], got none")
