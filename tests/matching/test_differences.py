@@ -1,5 +1,7 @@
 """Central differences of the output errors, beside their exact derivatives."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,18 +31,15 @@ def test_they_are_the_derivatives_also_at_a_bound(at_bound: bool):
     unknowns = choose_unknowns(twin, (0,), ParameterChoice(NAMES, per_recording=NAMES))
     problem = make_match_problem(twin, recordings, unknowns)
     objective = make_objective(problem, initial_noise_model(problem))
-    space = unknowns.search_space()
+    space = replace(unknowns.search_space(), difference_steps=1e-4 * unknowns.scales())
     vector = np.array(space.upper) if at_bound else unknowns.start()
-    steps = 1e-4 * unknowns.scales()
     with own_settings():
 
         @jax.jit
         def both(vector):
             modes = recording_modes(vector, objective)
             exact = output_errors(vector, objective), output_error_jacobians(vector, objective)
-            return exact, output_errors_and_differences(
-                vector, jnp.asarray(steps), space, objective, modes
-            )
+            return exact, output_errors_and_differences(vector, space, objective, modes)
 
         (errors, jacobians), (found_errors, found_jacobians) = both(jnp.asarray(vector))
     np.testing.assert_allclose(found_errors[0], errors[0], atol=1e-9)

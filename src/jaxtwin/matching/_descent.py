@@ -20,7 +20,15 @@ from jaxtyping import Array, Bool, Float
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..simulation._modes import Modes
-from ._descent_result import DescentResult, DescentStep, Evaluation, OnStep, Start
+from ._descent_result import (
+    NO_CALLBACKS,
+    Callbacks,
+    DescentResult,
+    DescentStep,
+    Evaluation,
+    OnStep,
+    Start,
+)
 from ._differences import output_errors_and_differences
 from ._jacobian import output_error_jacobians, weighted_jacobian
 from ._levenberg_marquardt import (
@@ -62,9 +70,7 @@ def descend(
     starts: Sequence[Start],
     space: SearchSpace,
     max_iterations: int,
-    on_step: OnStep | None = None,
-    *,
-    difference_steps: Float[np.ndarray, " unknowns"] | None = None,
+    callbacks: Callbacks = NO_CALLBACKS,
 ) -> list[DescentResult]:
     """Minimises every objective from its start.
 
@@ -74,12 +80,11 @@ def descend(
     - `solver`: `BoundedLevenbergMarquardt` runs all descents side by side; any other solver runs
       them one after the other through `optimistix.least_squares`.
     - `starts`: either all vectors, or all results of earlier descents with other weights.
-    - `space`: bounds and scale, the same for all descents.
+    - `space`: bounds, scale and steps of differences, the same for all descents.
     - `max_iterations`: the limit for each descent, including the iterations of the earlier descent.
-    - `on_step`: called with the number of the objective and each step.
-    - `difference_steps`: None for exact derivatives. Otherwise `BoundedLevenbergMarquardt` takes
-      central differences with these steps, which takes less time to compile.
+    - `callbacks`: functions that are called during the descents.
     """
+    on_step = callbacks.on_step
     if not isinstance(solver, BoundedLevenbergMarquardt):
         return descend_with(solver, objectives, starts, space, max_iterations, on_step)
     # The last batch is filled up, so that the others' compiled steps are its own.
@@ -91,22 +96,25 @@ def descend(
             objectives=_filled(objectives[part], size),
             starts=_filled(starts[part], size),
             active=np.arange(size) < len(objectives) - first,
+            meanwhile=callbacks.meanwhile,
         )
 
         def report(number: int, step: DescentStep, first: int = first) -> None:
             if on_step is not None:
                 on_step(first + number, step)
 
-        results += _descend_batch(batch, solver, space, max_iterations, report, difference_steps)
+        results += _descend_batch(batch, solver, space, max_iterations, report)
     return results
 
 
 class _Batch(NamedTuple):
-    """Objectives and their starts side by side. Those that only fill the batch are not active."""
+    """Objectives and their starts side by side. Those that only fill the batch are not active.
+    `meanwhile` is that of `Callbacks`."""
 
     objectives: list[Objective]
     starts: list[Start]
     active: Bool[np.ndarray, " descents"]
+    meanwhile: Callable[[], None] | None
 
 
 class _Proposal(NamedTuple):
@@ -125,7 +133,6 @@ def _descend_batch(
     space: SearchSpace,
     max_iterations: int,
     on_step: OnStep,
-    difference_steps: Float[np.ndarray, " unknowns"] | None,
 ) -> list[DescentResult]:
     earlier = [start for start in batch.starts if isinstance(start, DescentResult)]
     steps = [list(start.steps) for start in earlier] or [[] for _ in batch.objectives]
@@ -136,7 +143,7 @@ def _descend_batch(
         solver = eqx.tree_at(
             lambda s: [s.rtol, s.atol, s.gtol, s.damping], solver, replace_fn=jax.device_put
         )
-        space, difference_steps = jax.device_put((space, difference_steps))
+        space = jax.device_put(space)
         objective = _stacked(batch.objectives)
         state = _first_state(solver, batch.starts, space)
         for iteration in range(int(left.max(initial=0)) + 1):
@@ -149,13 +156,11 @@ def _descend_batch(
                 if iteration > 0:
                     vectors = _propose(solver, vectors, state.optimiser, space)
                 modes = _find_modes(vectors, objective)
-                if difference_steps is not None:
-                    found = _solve_and_difference(
-                        vectors, objective, modes, difference_steps, space
-                    )
+                if space.difference_steps is not None:
+                    found = _solve_and_difference(vectors, objective, modes, space)
                     proposal = _Proposal(vectors, *found, modes)
                 elif iteration == 0:
-                    proposal = _at_start(vectors, objective, modes)
+                    proposal = _at_start(vectors, objective, modes, batch.meanwhile)
                 else:
                     proposal = _Proposal(vectors, _solve(vectors, objective, modes), None, modes)
             state = _step(solver, state, proposal, space, objective, active)
@@ -200,13 +205,19 @@ def _first_state(
 
 
 def _at_start(
-    vectors: Float[Array, "descents unknowns"], objective: Objective, modes: list[Modes]
+    vectors: Float[Array, "descents unknowns"],
+    objective: Objective,
+    modes: list[Modes],
+    meanwhile: Callable[[], None] | None,
 ) -> _Proposal:
     """The starts, with Jacobians as they are always accepted. In a process that has neither of the
     two programs yet both are compiled at the same time."""
     with ThreadPoolExecutor(1) as pool:
         jacobians = pool.submit(own_settings()(_differentiate), vectors, objective, modes)
-        return _Proposal(vectors, _solve(vectors, objective, modes), jacobians.result(), modes)
+        errors = _solve(vectors, objective, modes)
+        if meanwhile is not None:
+            meanwhile()
+        return _Proposal(vectors, errors, jacobians.result(), modes)
 
 
 def _step(
@@ -308,12 +319,11 @@ def _solve_and_difference(
     vectors: Vectors,
     objectives: Objective,
     modes: list[Modes],
-    steps: Float[Array, " unknowns"],
     space: SearchSpace,
 ) -> tuple[Groups, Groups]:
     return _side_by_side(
         lambda vector, objective, modes: output_errors_and_differences(
-            vector, steps, space, objective, modes
+            vector, space, objective, modes
         )
     )(vectors, objectives, modes)
 

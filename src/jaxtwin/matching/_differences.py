@@ -19,7 +19,6 @@ from ._search_space import SearchSpace
 
 def output_errors_and_differences(
     vector: Float[Array, " unknowns"],
-    steps: Float[Array, " unknowns"],
     space: SearchSpace,
     objective: Objective,
     modes: Sequence[Modes],
@@ -31,8 +30,8 @@ def output_errors_and_differences(
 
     **Arguments:**
 
-    - `steps`: the distance of each entry from the two points of its difference. At a bound of the
-      `space` the difference has one side.
+    - `space`: the distance of each entry from the two points of its difference, its
+      `difference_steps`, and bounds. At a bound the difference has one side.
     - `modes`: the `recording_modes` of the vector.
     """
 
@@ -47,6 +46,8 @@ def output_errors_and_differences(
         jacobian = (of_ahead - of_behind) / (ahead - behind)[:, None, None]
         return errors_of_readings(here[0], group), jacobian
 
+    steps = space.difference_steps
+    assert steps is not None
     errors, jacobians = [], []
     for local, ahead, behind, group, of_group in zip(
         local_vectors(vector, objective),
@@ -56,7 +57,9 @@ def output_errors_and_differences(
         modes,
         strict=True,
     ):
-        error, jacobian = jax.vmap(of_recording)(local, ahead, behind, group, of_group)
+        error, jacobian = jax.lax.map(
+            lambda inputs: of_recording(*inputs), (local, ahead, behind, group, of_group)
+        )
         errors.append(error)
         jacobians.append(jacobian)
     return errors, jacobians

@@ -187,6 +187,8 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
     )
     noise_model = replace(initial_noise_model(problem), channel=sensor, common_mode=sensor)
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
+    steps = DIFFERENCE * unknowns.scales()
+    space = replace(unknowns.search_space(), difference_steps=steps)
     room: float | None = None
     results: list[DescentResult] = []
     for _ in range(REWEIGHTINGS):
@@ -196,9 +198,8 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
             [make_objective(problem, noise_model)],
             solver,
             results or [unknowns.start()],
-            unknowns.search_space(),
+            space,
             ITERATIONS,
-            difference_steps=DIFFERENCE * unknowns.scales(),
         )
         (result,) = results
         if not np.isfinite(result.cost):

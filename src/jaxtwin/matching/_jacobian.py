@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from ..physics import Twin
 from ..simulation import TimeGrid
 from ..simulation._modes import Modes
-from ._objective import Objective
+from ._objective import Objective, RecordingGroup
 from ._residual_weights import ResidualWeights, SplitErrors
 from ._residuals import channel_rises, local_vectors
 from ._unknowns import Layout
@@ -41,12 +41,15 @@ def output_error_jacobians(
     - `modes`: the `recording_modes` of the vector, None to find them here.
     """
     known = [None] * len(objective.groups) if modes is None else modes
+
+    def of_recording(inputs: tuple[Array, RecordingGroup, Modes | None]) -> Array:
+        local, group, modes = inputs
+        twin, layout = objective.twin, objective.layout
+        return reading_jacobian(local, twin, layout, group.grid, group.columns, modes)
+
+    # One after the other, as in `output_errors`.
     return [
-        jax.vmap(
-            lambda part, g, modes: reading_jacobian(
-                part, objective.twin, objective.layout, g.grid, g.columns, modes
-            )
-        )(local, group, of_group)
+        jax.lax.map(of_recording, (local, group, of_group))
         for group, local, of_group in zip(
             objective.groups, local_vectors(vector, objective), known, strict=True
         )

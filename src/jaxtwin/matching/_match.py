@@ -14,7 +14,7 @@ from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
 from ._descent import descend
-from ._descent_result import DescentStep
+from ._descent_result import Callbacks, DescentStep
 from ._fit import Fit
 from ._iterations import Iteration, make_iteration, make_optimum
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
@@ -153,7 +153,7 @@ def match(
             others,
             unknowns.search_space(),
             max_iterations,
-            lambda number, step: report_step(number + 1, step),
+            Callbacks(lambda number, step: report_step(number + 1, step)),
         )
     best_first = sorted(
         (start for start, result in enumerate(results) if np.isfinite(result.cost)),

@@ -33,7 +33,7 @@ from .._name_suggestions import did_you_mean
 from .._number_text import short_number
 from .._waiting import announced
 from ._descent import descend
-from ._descent_result import DescentStep
+from ._descent_result import Callbacks, DescentStep
 from ._fit import Fit, solution_of
 from ._iterations import Iteration, make_iteration
 from ._match import default_solver
@@ -189,7 +189,7 @@ def profile(
         starts,
         unknowns.search_space(),
         50,
-        report_step,
+        Callbacks(report_step),
     )
     prior = 0.5 * ((at - objective.prior_means[entry]) * objective.prior_weights[entry]) ** 2
     rise = np.array([result.cost for result in results]) + prior - fit.cost

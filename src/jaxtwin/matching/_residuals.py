@@ -50,7 +50,7 @@ def recording_modes(vector: Float[Array, " unknowns"], objective: Objective) -> 
         return run_modes(twin.system(lumped=True), grid.summary())
 
     return [
-        jax.vmap(of_recording)(local, group.grid)
+        jax.lax.map(lambda inputs: of_recording(*inputs), (local, group.grid))
         for group, local in zip(objective.groups, local_vectors(vector, objective), strict=True)
     ]
 
@@ -67,12 +67,13 @@ def output_errors(
     """
     known = [None] * len(objective.groups) if modes is None else modes
 
+    # One after the other: as fast on a CPU as side by side, and compiled in two thirds of the time.
     def of_recording(local: Array, group: RecordingGroup, modes: Modes | None) -> Array:
         simulated = camera_readings(local, objective, group.grid, group.columns, modes)
         return errors_of_readings(simulated, group)
 
     return [
-        jax.vmap(of_recording)(local, group, of_group)
+        jax.lax.map(lambda inputs: of_recording(*inputs), (local, group, of_group))
         for group, local, of_group in zip(
             objective.groups, local_vectors(vector, objective), known, strict=True
         )

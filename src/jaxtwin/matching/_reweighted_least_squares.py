@@ -10,8 +10,9 @@ import numpy as np
 import optimistix as optx
 
 from .._errors import MatchError
+from ..simulation._simulate import prepare_simulation
 from ._descent import descend
-from ._descent_result import DescentResult, OnStep, Start
+from ._descent_result import Callbacks, DescentResult, OnStep, Start
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._noise_model import NoiseModel, initial_noise_model, update_noise_model
 from ._objective import Objective, make_objective, shapes_needed
@@ -95,7 +96,14 @@ def _descend(
     objectives = [make_objective(*pair, shapes) for pair in pairs]
     _check_alike(objectives)
     space = problems[0].unknowns.search_space()
-    results = descend(objectives, solver, starts, space, max_iterations, on_step)
+
+    def prepare_runs() -> None:
+        """Compiles the runs of the fit that follows."""
+        for experiment in problems[0].experiments:
+            prepare_simulation(problems[0].twin, experiment)
+
+    callbacks = Callbacks(on_step, prepare_runs)
+    results = descend(objectives, solver, starts, space, max_iterations, callbacks)
     return [Estimate(*pair) for pair in zip(results, noise_models, strict=True)]
 
 

@@ -20,11 +20,14 @@ class SearchSpace(eqx.Module):
 
     - `lower`, `upper`: bounds, infinite if there are none.
     - `scale`: the reciprocal of how far each entry is expected to move; None if that is not known.
+    - `difference_steps`: the steps of central differences, for `BoundedLevenbergMarquardt`; None
+      for exact derivatives. Differences take less time to compile.
     """
 
     lower: Vector
     upper: Vector
     scale: Vector | None = None
+    difference_steps: Vector | None = None
 
     def clip(self, vector: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         """The nearest vector inside the bounds."""

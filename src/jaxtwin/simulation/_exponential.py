@@ -92,6 +92,7 @@ class ModalField(eqx.Module):
             mass=V.T * capacitance @ V,
         )
 
+    @eqx.filter_jit  # traced once for all stages of a step
     def force(self, amplitudes: Float[Array, " modes"], inputs: Inputs) -> Float[Array, " modes"]:
         """Computes the right-hand side without the decay of the modes: the heat of the cells, of
         the surroundings and of nonlinear losses."""
