@@ -17,7 +17,6 @@ change of $G$ and $C$ enters as another force. This force is zero in value, and 
 exactly that of the equations.
 """
 
-import functools
 import math
 from typing import Any, final
 
@@ -25,6 +24,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from ..physics import System
@@ -64,6 +64,8 @@ class ModalField(eqx.Module):
       for none.
     - `stiffness`, `mass`: $V^T (G - G_0) V$ and $V^T (C - C_0) V$, where the modes are those of
       $G_0$ and $C_0$. Both are zero in value, but their derivatives are not.
+    - `loss_dtype`: the type in which the losses that are not linear are computed, None for that of
+      the modes. These losses are a small part of the heat flows.
     """
 
     system: System
@@ -73,9 +75,16 @@ class ModalField(eqx.Module):
     reservoir_force: Float[Array, " modes"] | None
     stiffness: Float[Array, "modes modes"]
     mass: Float[Array, "modes modes"]
+    loss_dtype: DTypeLike | None = eqx.field(static=True, default=None)
 
     @classmethod
-    def of(cls, system: System, modes: Modes, reference: Float[Array, ""]) -> "ModalField":
+    def of(
+        cls,
+        system: System,
+        modes: Modes,
+        reference: Float[Array, ""],
+        loss_dtype: DTypeLike | None = None,
+    ) -> "ModalField":
         """Makes the field of a system in its own modes."""
         V = modes.shapes
         conductance = system.conductance - jax.lax.stop_gradient(system.conductance)
@@ -90,6 +99,7 @@ class ModalField(eqx.Module):
             else V.T @ system.reservoirs.heat(reference),
             stiffness=V.T @ conductance @ V,
             mass=V.T * capacitance @ V,
+            loss_dtype=loss_dtype,
         )
 
     @eqx.filter_jit  # traced once for all stages of a step
@@ -105,17 +115,33 @@ class ModalField(eqx.Module):
             force = force + self.reservoir_force
         if inputs.heat is not None:
             force = force + inputs.heat
-        linearised = modes.linearised_loss
-        if system.loss is not None and modes.plate is not None and linearised is not None:
-            plate = modes.plate @ amplitudes
-            lost = system.loss.heat(plate - inputs.ambient, self.reference + inputs.ambient)
-            force = force + modes.plate.T @ (linearised * plate - lost)
+        if modes.plate is not None:
+            force = force + self._losses(amplitudes, inputs.ambient)
         # The change of C acts on the slope, which itself contains the change. Two rounds of this
         # substitution are exact up to second derivatives.
         bent = _vanishing(self.stiffness, amplitudes)
         slope = force - modes.rates * amplitudes
         slope = slope - bent - _vanishing(self.mass, slope)
         return force - bent - _vanishing(self.mass, slope)
+
+    def _losses(
+        self, amplitudes: Float[Array, " modes"], ambient: Float[Array, ""]
+    ) -> Float[Array, " modes"]:
+        """Computes the losses of the plate beyond the modes' linear losses, as a force."""
+        given: Any = (
+            self.modes.plate,
+            self.modes.linearised_loss,
+            self.system.loss,
+            self.reference,
+            amplitudes,
+            ambient,
+        )
+        if self.loss_dtype is not None:
+            given = jax.tree.map(lambda leaf: leaf.astype(self.loss_dtype), given)
+        shapes, linearised, law, reference, amplitudes_, room = given
+        plate = shapes @ amplitudes_
+        lost = law.heat(plate - room, reference + room)
+        return (shapes.T @ (linearised * plate - lost)).astype(amplitudes.dtype)
 
 
 @jax.custom_jvp
@@ -152,44 +178,53 @@ class StepFactors(eqx.Module):
     last: Float[Array, "*sizes modes"]
 
 
-FACTORS = np.array(
-    [
-        [1, 0, 0, 0, 0, 0, 0],
-        [0, 0, 1 / 2, 0, 0, 0, 0],
-        [0, 0, 1 / 2, -1, 0, 0, 0],
-        [0, 0, 0, 1, 0, 0, 0],
-        [0, 1, 0, 0, 0, 0, 0],
-        [0, 0, -1 / 2, 0, 1 / 2, -1 / 2, 0],
-        [0, 0, 1 / 2, 0, 0, 1 / 2, 0],
-        [0, 0, -1 / 2, 1 / 2, 1 / 2, -3 / 4, 1 / 2],
-        [0, 0, 1 / 4, -1 / 2, 0, 1 / 2, -1 / 2],
-        [0, 0, 0, 1 / 2, 0, -1 / 4, 1 / 2],
-    ]
-)
-r"""The `StepFactors`, in their order, as sums of seven functions of $y = -\lambda h / 2$: $e^y$,
-$e^{2 y}$, $h \varphi_1$, $h \varphi_2$, and $h (1 + e^y) \varphi_k$ for $k = 1, 2, 3$."""
+@final
+class DecayFunctions(eqx.Module):
+    r"""The functions of $y = -\lambda h / 2$ from which the `StepFactors` follow: the decay over
+    half a step, $e^y$, and $h \varphi_k(y)$ for $k = 1, 2, 3$."""
+
+    half_decay: Float[Array, "*sizes modes"]
+    phi_1: Float[Array, "*sizes modes"]
+    phi_2: Float[Array, "*sizes modes"]
+    phi_3: Float[Array, "*sizes modes"]
+
+    def factors(self) -> StepFactors:
+        r"""Computes the coefficients of a step.
+
+        The functions of half a step give those of a whole one,
+
+        $$2^k \varphi_k(2 y) = e^y \varphi_k(y) + \sum_{j=1}^{k} \frac{\varphi_j(y)}{(k - j)!}.$$
+
+        A loop over many steps keeps these four functions and calls this in each step: a table of
+        all ten coefficients takes longer to write and to read than they take to compute.
+        """
+        phi_1, phi_2, phi_3 = self.phi_1, self.phi_2, self.phi_3
+        both = 1 + self.half_decay
+        both_1, both_2, both_3 = both * phi_1, both * phi_2, both * phi_3
+        return StepFactors(
+            half_decay=self.half_decay,
+            half=phi_1 / 2,
+            half_start=phi_1 / 2 - phi_2,
+            half_middle=phi_2,
+            decay=self.half_decay**2,
+            whole_start=(both_1 - both_2 - phi_1) / 2,
+            whole_middle=(phi_1 + both_2) / 2,
+            first=(both_1 + both_3 + phi_2 - phi_1) / 2 - 0.75 * both_2,
+            middle=phi_1 / 4 - phi_2 / 2 + (both_2 - both_3) / 2,
+            last=(phi_2 + both_3) / 2 - both_2 / 4,
+        )
+
+
+def decay_functions(rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]) -> DecayFunctions:
+    """Computes the functions of the modes' decay for one or several step sizes, s."""
+    h = jnp.asarray(sizes, rates.dtype)[..., None]
+    growth = jnp.expm1(-rates * h / 2)
+    return DecayFunctions(1 + growth, *(h * phi for phi in _phi(rates * h / 2, growth)))
 
 
 def step_factors(rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]) -> StepFactors:
-    r"""Computes the coefficients for one or several step sizes, s.
-
-    The functions of half a step, $y = -\lambda h / 2$, give those of a whole one,
-
-    $$2^k \varphi_k(2 y) = e^y \varphi_k(y) + \sum_{j=1}^{k} \frac{\varphi_j(y)}{(k - j)!}.$$
-    """
-    h = jnp.asarray(sizes, rates.dtype)[..., None]
-    growth = jnp.expm1(-rates * h / 2)
-    decay = 1 + growth
-    phis = tuple(h * phi for phi in _phi(rates * h / 2, growth))
-    functions = (decay, decay**2, *phis[:2], *((1 + decay) * phi for phi in phis))
-
-    # A loop: XLA would compile the functions again in each of ten separate expressions.
-    def factor(_: None, weights: Array) -> tuple[None, Array]:
-        terms = (weights[k] * function for k, function in enumerate(functions))
-        return None, functools.reduce(jnp.add, terms)
-
-    _, factors = jax.lax.scan(factor, None, jnp.asarray(FACTORS, rates.dtype))
-    return StepFactors(*factors)
+    """Computes the coefficients for one or several step sizes, s."""
+    return decay_functions(rates, sizes).factors()
 
 
 def exponential_step(

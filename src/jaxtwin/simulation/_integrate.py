@@ -6,11 +6,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from ..physics import System
 from ._drive import Drive
-from ._exponential import ModalField, exponential_step, step_factors
+from ._exponential import ModalField, exponential_step, decay_functions
 from ._modes import Modes, run_modes
 from ._time_grid import TimeGrid
 
@@ -80,21 +81,22 @@ def integrate(
     modes: Modes,
     initial: Float[Array, " nodes"],
     readout: Float[Array | np.ndarray, "outputs nodes"] | None,
+    loss_dtype: DTypeLike | None = None,
 ) -> StepReadings:
     """Integrates over the steps of a drive's grid.
 
-    **Arguments:** those of `solve_network`, and the `modes` of the system (`run_modes`). A
-    `readout` of None stands for the temperature of each node.
+    **Arguments:** those of `solve_network`, the `modes` of the system (`run_modes`), and the
+    `loss_dtype` of `ModalField`. A `readout` of None stands for the temperature of each node.
     """
     dtype, grid = modes.rates.dtype, drive.grid
-    field = ModalField.of(system, modes, drive.reference)
-    factors = step_factors(modes.rates, jnp.asarray(grid.sizes, dtype))
+    field = ModalField.of(system, modes, drive.reference, loss_dtype)
+    functions = decay_functions(modes.rates, jnp.asarray(grid.sizes, dtype))
     inputs = drive.inputs()
 
     def advance(state: tuple[Array, Array, Array], step: Any) -> tuple[Any, Any]:
         amplitudes, force, error = state
         size, inputs, next_inputs = step
-        of_size = jax.tree.map(lambda table: table[size], factors)
+        of_size = jax.tree.map(lambda table: table[size], functions).factors()
         amplitudes, step_error = exponential_step(amplitudes, force, of_size, field, inputs)
         # The force that starts the next step, under its inputs. Errors decay as amplitudes do.
         force = field.force(amplitudes, next_inputs)
