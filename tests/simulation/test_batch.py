@@ -86,6 +86,15 @@ def test_float32_is_good_to_a_few_millikelvin_also_where_the_circuit_is_stiff(
     np.testing.assert_allclose(single, whole, atol=3e-3)
 
 
+def test_losses_in_float32_change_a_batch_by_less_than_ten_microkelvin(dual_cell):
+    # Single runs compute all losses in float64. Draws from thick still air to a strong draught.
+    draws = {name: np.array([0.5, 1.0, 2.0]) * dual_cell.values[name] for name in ("h_A", "n_film")}
+    batch = simulate_batch(dual_cell, Experiment(TIME, DUTY), draws)
+    for k, temperatures in enumerate(batch):
+        one = dual_cell.with_values({name: values[k] for name, values in draws.items()})
+        assert np.abs(temperatures - one.simulate(Experiment(TIME, DUTY)).temperatures).max() < 1e-5
+
+
 def test_a_failed_draw_leaves_the_others_alone(twin, experiment, whole):
     draws = {name: values.copy() for name, values in DRAWS.items()}
     draws["R_E"][2] = -1.0

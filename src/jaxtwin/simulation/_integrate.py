@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ..physics import System
 from ._drive import Drive
-from ._exponential import ModalField, exponential_step, decay_functions
+from ._exponential import ModalField, decay_functions, exponential_step
 from ._modes import Modes, run_modes
 from ._time_grid import TimeGrid
 

@@ -105,7 +105,8 @@ def simulate_batch(
       define it outside of loops.
     - `initial`: as in `simulate`.
     - `precision`: the precision of the default solver. float32 is accurate to about a millikelvin,
-      because the solver computes deviations from ambient.
+      because the solver computes deviations from ambient. Nonlinear losses of the plate are always
+      computed in float32, with an error of a few microkelvins.
     - `solver`, `stepsize_controller`, `dt0`: as in `simulate`. `diffrax.diffeqsolve` runs under
       `jax.vmap`: the draws of a chunk take steps until the last of them is at its end.
     - `adjoint`: the adjoint of that diffrax solve, None for `diffrax.ForwardMode()`. This function
