@@ -196,3 +196,14 @@ def test_a_recorded_room_is_the_same_to_another_solver(twins):
     other = twins["startup"].simulate(drive, solver=diffrax.Kvaerno5())
     ours = twins["startup"].simulate(drive)
     np.testing.assert_allclose(ours.temperatures, other.temperatures, rtol=0, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_drive_that_is_reversed_at_every_sample_is_exact(dual_cell: Twin):
+    """The lagged duty passes zero between samples, where the heat of an on/off drive has a kink: in
+    a sample after a reversal too."""
+    duty = np.random.default_rng(1).uniform(-0.6, 0.6, (41, 2))
+    experiment = Experiment(np.arange(41.0), duty)
+    exact = dual_cell.simulate(experiment, solver=diffrax.Kvaerno5(), stepsize_controller=FIXED)
+    found = dual_cell.simulate(experiment)
+    np.testing.assert_allclose(found.temperatures, exact.temperatures, atol=5e-4)

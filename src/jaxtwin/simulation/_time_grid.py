@@ -32,6 +32,12 @@ SETTLING = 6.0
 command is reversed, the duty passes zero within this time for lags of a few seconds, and the heat
 of an on/off drive has a kink there, which a longer step would miss."""
 
+SHORT_SPAN = 1.0
+"""The longest span between two input changes that has equal steps, s."""
+
+REVERSED_PARTS = 4
+"""The number of these steps within the settling time of a reversal, elsewhere one."""
+
 
 @final
 class InputSummary(eqx.Module):
@@ -169,9 +175,13 @@ def build_time_grid(
             f"{least:.2g} steps of at most {largest_step:g} s; simulate it in parts, with "
             "Experiment.between"
         )
+    reversals = time[1:][np.any(duty[1:] * duty[:-1] < 0, axis=1)]
+    last = np.searchsorted(reversals, time[marks], "right")
+    since = time[marks] - np.append(-np.inf, reversals)[last]
+    few = parts * np.where(since < settling, REVERSED_PARTS, 1)
     spans = [
-        _graded(float(time[stop] - time[start]), first_step, growth, largest_step, settling, parts)
-        for start, stop in pairwise(marks)
+        _graded(float(time[stop] - time[start]), first_step, growth, largest_step, settling, int(n))
+        for (start, stop), n in zip(pairwise(marks), few, strict=False)
     ]
     held = np.repeat(marks[:-1], [len(span) for span in spans])
     # Sums of steps and sample times differ by rounding; sizes that differ by no more are one.
@@ -204,9 +214,9 @@ def _graded(
     sides of a cell may settle within milliseconds, which hardly affects temperatures elsewhere, but
     does affect derivatives with respect to the resistances of the cell.
     A drive that changes at every sample never comes to rest. A single step for each sample, or some
-    equal steps, are sufficient for it.
+    equal steps (`parts`), are sufficient for it.
     """
-    if duration <= 4 * first * parts:
+    if duration <= SHORT_SPAN:
         return [duration / parts] * parts
     steps, elapsed = [first / 2**8] + [first / 2**k for k in range(8, 0, -1)], first
     while duration - elapsed > 1e-9:
