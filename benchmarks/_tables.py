@@ -20,7 +20,7 @@ def _machine(where: dict[str, Any], quick: bool) -> str:
     note = "\nA quick run: whether everything runs; its times mean little.\n" if quick else ""
     return (
         f"# Measured {where['date']}\n{note}\n"
-        f"{where['processor']}, {where['cores']} cores, {where['memory_GiB']} GiB; "
+        f"{where['processor']}, cores used: {where['cores']}, {where['memory_GiB']} GiB; "
         f"load {where['load_before']} before, {where.get('load_after', '?')} after. "
         f"Python {where['python']}, {versions}. Devices: {', '.join(where['devices'])}.\n"
     )

@@ -115,7 +115,7 @@ def main() -> None:
             return
         kind = "the authors'" if are_real else "the synthetic"
         cores = len(os.sched_getaffinity(0))
-        print(f"{processor()}, {cores} cores, jax {version('jax')}, {kind} recordings.\n")
+        print(f"{processor()}, cores used: {cores}, jax {version('jax')}, {kind} recordings.\n")
         print("| s on the clock (on processors), medians |", " | ".join(ways), "| load |")
         print("|---|" + "---|" * (len(ways) + 1))
         for name in options.only or table:

@@ -149,7 +149,7 @@ def page(answer: dict[str, Any]) -> str:
     return (
         f"# Draws a second on {answer['rows'][0]['device']}\n{note}\n"
         f"Measured {where['date']} by `make bench-gpu`: 1000 s at 1 Hz, 15 channels, costs and "
-        f"final temperatures. {where['processor']}, {where['cores']} cores; Python "
+        f"final temperatures. {where['processor']}, cores used: {where['cores']}; Python "
         f"{where['python']}, {versions}. An empty cell is a size that would have passed the ten "
         "minutes of the whole page, or a device that does not tell its memory.\n\n"
         + table(head, rows)

@@ -78,8 +78,8 @@ def page(answer: dict[str, Any]) -> str:
     parts.append(
         f"# Time and memory against the size of the rig\n\nMeasured {where['date']} by `python -m "
         f"benchmarks.rig_size`: one run of 1000 s at 1 Hz. CPU seconds over all threads; "
-        f"{where['processor']}, {where['cores']} cores, load {where['load_before']}. The first run "
-        "holds the netlist and compilation, without kept programs.\n"
+        f"{where['processor']}, cores used: {where['cores']}, load {where['load_before']}. The "
+        "first run holds the netlist and compilation, without kept programs.\n"
     )
     for title, rows in (("Plate elements", "by_nodes"), ("Cells", "by_cells")):
         cells = [

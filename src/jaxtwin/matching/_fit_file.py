@@ -24,7 +24,7 @@ fingerprint = "9f86d081..."
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 from jaxtyping import Float
@@ -35,9 +35,6 @@ from ._fitted_parameters import FittedParameter
 from ._iterations import Iteration, Optimum
 from ._noise import Noise
 from ._uncertainty import UnidentifiableDirection
-
-if TYPE_CHECKING:
-    pass
 
 FORMAT = 1
 """The version of the tables."""

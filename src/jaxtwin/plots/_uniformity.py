@@ -153,14 +153,6 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
     return figure
 
 
-def _range(values: np.ndarray, unit: str) -> str:
-    """Lowest and highest of the channels that have a sample."""
-    finite = values[np.isfinite(values)]
-    if not len(finite):
-        return "no sample"
-    return f"{finite.min():.1f} … {finite.max():.1f} {unit}".replace("-", "−")
-
-
 def _samples(run: Run, times: Sequence[float]) -> list[int]:
     """The samples nearest to given times."""
     for time in times:

@@ -101,8 +101,8 @@ def network_modes(
 
 
 @final
-class OperatingPoint(eqx.Module):
-    """The point at which cells and losses are linearised.
+class Linearisation(eqx.Module):
+    """Cells and losses, linearised at a steady state.
 
     - `sides`: the deviations of the cells' sides, K.
     - `conductance`, `loss`: `linearised_conductance` and `linearised_loss` of `Modes`, W/K.
@@ -123,7 +123,7 @@ def linearise(
     duty: Float[Array, " cells"],
     reference: Float[Array, ""],
     resistance: Float[Array, "nodes sides"],
-) -> OperatingPoint:
+) -> Linearisation:
     """Linearises the cells and losses at their steady state.
 
     **Arguments:**
@@ -137,7 +137,7 @@ def linearise(
     loss = None
     if system.loss is not None:
         loss = system.loss.slope(at[np.arange(system.wiring.elements)], reference)
-    return OperatingPoint(at[sides], -(slope + slope.T) / 2, loss)
+    return Linearisation(at[sides], -(slope + slope.T) / 2, loss)
 
 
 def run_modes(system: System, inputs: InputSummary) -> Modes:

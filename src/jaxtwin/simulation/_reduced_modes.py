@@ -30,7 +30,7 @@ from ..physics._system import conductance_entries
 from ._drive import Drive
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, integrate
-from ._modes import Modes, OperatingPoint, linearise, side_nodes
+from ._modes import Linearisation, Modes, linearise, side_nodes
 from ._refinement import stability_number
 from ._resolution import LARGEST_SPAN
 from ._time_grid import TimeGrid, reference_temperature
@@ -136,7 +136,7 @@ def _network(twin: Twin, lumped: bool) -> tuple[System, scipy.sparse.csc_array]:
     return system, scipy.sparse.csc_array(scipy.sparse.coo_array((values, places), shape=shape))
 
 
-def _added(system: System, point: OperatingPoint) -> scipy.sparse.coo_array:
+def _added(system: System, point: Linearisation) -> scipy.sparse.coo_array:
     """Returns the linearised cells and losses as an addition to the conductance matrix."""
     sides, count = side_nodes(system), system.capacitance.size
     rows, columns = (index.ravel() for index in np.meshgrid(sides, sides, indexing="ij"))
@@ -152,7 +152,7 @@ def _projected(
     system: System,
     linear: scipy.sparse.csc_array,
     space: Float[np.ndarray, "nodes vectors"],
-    point: OperatingPoint,
+    point: Linearisation,
 ) -> Modes:
     """Computes the modes of the network within a space."""
     root = np.sqrt(np.asarray(system.capacitance))
@@ -200,7 +200,7 @@ def _linearised(
     grid: TimeGrid,
     initial: CheckedInitial,
     resistance: Float[Array | np.ndarray, "nodes sides"],
-) -> tuple[OperatingPoint, Float[Array, " nodes"]]:
+) -> tuple[Linearisation, Float[Array, " nodes"]]:
     """Returns the operating point of a run, and the deviations at its start, K."""
     inputs = grid.summary()
     reference = reference_temperature(system, inputs)
