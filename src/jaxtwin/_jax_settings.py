@@ -7,7 +7,11 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 
 @contextmanager
@@ -45,3 +49,14 @@ def settings_for(*values: object) -> AbstractContextManager[None]:
     """The settings to compute with these values: in float64 for a person at a prompt, in what the
     surroundings say where one of the values is traced."""
     return own_settings(float64=None if is_traced(*values) else True)
+
+
+def in_precision(tree: PyTree, dtype: DTypeLike) -> PyTree:
+    """Converts the arrays of a tree that hold floating-point numbers to a precision."""
+
+    def cast(leaf: object) -> object:
+        is_array = isinstance(leaf, jax.Array | np.ndarray)
+        is_floating = is_array and jnp.issubdtype(leaf.dtype, jnp.floating)
+        return jnp.asarray(leaf, dtype) if is_floating else leaf
+
+    return jax.tree.map(cast, tree)

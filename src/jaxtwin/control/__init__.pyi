@@ -1,6 +1,5 @@
 # The public names of jaxtwin.control; `__init__.py` reads this file at run time.
 
-from ._closed_loop import ClosedLoop as ClosedLoop  # what happened in a closed loop
 from ._closed_loop import closed_loop as closed_loop  # a closed loop as a pure JAX function
 from ._closed_loop_run import ClosedLoopRun as ClosedLoopRun  # the result, with labels
 from ._control import control as control  # a controller on a live rig
@@ -20,6 +19,7 @@ from ._frontier import frontier as frontier  # controllers tuned by several weig
 from ._kalman import KalmanFilter as KalmanFilter  # with the disturbance
 from ._linear_model import LinearModel as LinearModel  # a twin near an operating point
 from ._linearize import linearize as linearize  # twin or fit -> LinearModel
+from ._loop_signals import ClosedLoop as ClosedLoop  # what happened in a closed loop
 from ._lqi import LQI as LQI  # state feedback with integral action
 from ._margins import DiskMargin as DiskMargin  # of gain and phase together
 from ._margins import Margins as Margins  # gm, pm, wcg, wcp

@@ -1,8 +1,7 @@
 """A closed loop as a pure JAX function of twin, controller and scenario."""
 
-from typing import Any, NamedTuple, final
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +9,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, PyTree
 
 from .._compilation import persistent_jit
+from .._jax_settings import in_precision
 from ..physics import Twin
 from ..simulation import Stepper
 from ..simulation._stepper import (
@@ -21,68 +21,9 @@ from ..simulation._stepper import (
 )
 from ._controller import AbstractController
 from ._drawn_power import drawn_in_steps
+from ._loop_signals import ClosedLoop
 from ._references import references_ahead
 from ._scenario import Scenario
-
-
-@final
-class ClosedLoop(eqx.Module):
-    """The signals of a closed loop at every step of the plant, from which measures are computed.
-
-    **Arguments:**
-
-    - `time`: s.
-    - `reference`, `output`: reference and true value of the controlled temperatures, degC.
-    - `measurement`: the controlled temperatures as the controller gets them, with noise, delay and
-      lost messages, degC.
-    - `temperatures`: of the channels, without noise, degC.
-    - `nodes`: of the twin's nodes, degC.
-    - `duty`: the duty commanded from this time on, -1 to 1.
-    - `power`: the power that each cell's bridge draws from the supply, W.
-    - `energy`: what all bridges together have drawn from the supply up to this time, J.
-    - `peak_power`: the largest power of all bridges together at any time, also within steps, W.
-    - `elements`: the number of elements of the plate, which are the first nodes.
-    - `sides`: the nodes that are sides of the cells.
-    """
-
-    time: Float[Array | np.ndarray, "*draws times"]
-    reference: Float[Array | np.ndarray, "*draws times outputs"]
-    output: Float[Array | np.ndarray, "*draws times outputs"]
-    measurement: Float[Array | np.ndarray, "*draws times outputs"]
-    temperatures: Float[Array | np.ndarray, "*draws times channels"]
-    nodes: Float[Array | np.ndarray, "*draws times nodes"]
-    duty: Float[Array | np.ndarray, "*draws times cells"]
-    power: Float[Array | np.ndarray, "*draws times cells"]
-    energy: Float[Array | np.ndarray, "*draws times"]
-    peak_power: Float[Array | np.ndarray, "*draws"]
-    elements: int = eqx.field(static=True)
-    sides: tuple[int, ...] = eqx.field(static=True)
-
-    @property
-    def plate(self) -> Float[Array | np.ndarray, "*draws times elements"]:
-        """Temperatures of the plate's elements, degC."""
-        return self.nodes[..., : self.elements]
-
-    @property
-    def cell_sides(self) -> Float[Array | np.ndarray, "*draws times sides"]:
-        """Temperatures of the cells' sides, degC."""
-        return self.nodes[..., np.array(self.sides)]
-
-    @property
-    def stays_finite(self) -> Bool[Array, ""]:
-        """Whether a single loop has finite temperatures at its end and a finite duty always."""
-        return jnp.all(jnp.isfinite(self.nodes[-1])) & jnp.all(jnp.isfinite(self.duty))
-
-
-class _Loop(NamedTuple):
-    """The state of a loop between two samples."""
-
-    plant: ModalState
-    controller: PyTree
-    measurement: Float[Array, " outputs"]
-    missing_s: Float[Array, ""]
-    is_off: Bool[Array, ""]
-    late: Float[Array, "delay outputs"]
 
 
 def closed_loop(twin: Twin, controller: AbstractController, scenario: Scenario) -> ClosedLoop:
@@ -115,62 +56,105 @@ def run_loop(
 
     - `single_precision_losses`: whether the nonlinear losses of the plate are computed in float32.
     """
-    dtype = stepper.reference.dtype
-    controller, scenario = in_precision((controller, scenario), dtype)
-    system, wiring = stepper.system, stepper.system.wiring
-    cells, channels = len(wiring.cold), len(wiring.channels)
+    controller, scenario = in_precision((controller, scenario), stepper.reference.dtype)
     loss_dtype = jnp.float32 if single_precision_losses else None
+    outputs = _outputs(stepper, scenario)
+
+    def sample(state: _LoopState, inputs: _SampleInputs) -> tuple[_LoopState, _Recorded]:
+        return _sample(stepper, controller, scenario, outputs, loss_dtype, state, inputs)
+
+    inputs = _SampleInputs(
+        references_ahead(jnp.asarray(scenario.reference), controller.preview_samples),
+        scenario.error,
+        scenario.arrives,
+        _StepInputs(jnp.asarray(scenario.ambient), scenario.heat, scenario.conductance),
+    )
+    _, recorded = jax.lax.scan(sample, _start(stepper, controller, scenario, outputs), inputs)
+    return _signals(stepper, scenario, recorded)
+
+
+class _StepInputs(NamedTuple):
+    """What acts on the plant in a step: the ambient temperature, degC; heat, W, and additional
+    conductance, W/K, of disturbances."""
+
+    ambient: Float[Array, "*substeps"]
+    heat: Float[Array | np.ndarray, "*substeps nodes"] | None
+    conductance: Float[Array | np.ndarray, "*substeps nodes"] | None
+
+
+class _SampleInputs(NamedTuple):
+    """What a scenario has for a sample: references and errors of the readings, and what acts on the
+    plant in each step until the next sample."""
+
+    reference: Float[Array | np.ndarray, "*preview outputs"]
+    error: Float[Array | np.ndarray, " channels"]
+    arrives: Bool[Array | np.ndarray, ""]
+    steps: _StepInputs
+
+
+class _LoopState(NamedTuple):
+    """The state of a loop between two samples.
+
+    - `measurement`: the last one that the controller got, degC. `missing_s`: the time since then.
+    - `is_off`: whether the cells have been switched off for good.
+    - `late`: outputs on their way through the delay of the readings, the newest first.
+    """
+
+    plant: ModalState
+    controller: PyTree
+    measurement: Float[Array, " outputs"]
+    missing_s: Float[Array, ""]
+    is_off: Bool[Array, ""]
+    late: Float[Array, "delay outputs"]
+
+
+class _Recorded(NamedTuple):
+    """What is kept of a sample: amplitudes of the modes and the duty behind the driver at the start
+    of each step, and the duty and the measurement of the sample."""
+
+    amplitudes: Float[Array, "substeps modes"]
+    followed: Float[Array, "substeps cells"]
+    duty: Float[Array, " cells"]
+    measurement: Float[Array, " outputs"]
+
+
+class _Outputs(NamedTuple):
+    """The controller's outputs by the modes and by the ambient: no channel is computed on the way.
+
+    - `weights`: of the channels. `celsius`: the reference of deviations, degC.
+    """
+
+    weights: Float[Array, "outputs channels"]
+    by_modes: Float[Array, "outputs modes"]
+    by_ambient: Float[Array, " outputs"]
+    celsius: Float[Array, ""]
+
+    def at(self, plant: ModalState, ambient: Float[Array, ""]) -> Float[Array, " outputs"]:
+        """Computes the outputs, degC."""
+        rest = self.by_ambient * (ambient - self.celsius) + self.weights.sum(axis=1) * self.celsius
+        return self.by_modes @ plant.amplitudes + rest
+
+
+def _outputs(stepper: Stepper, scenario: Scenario) -> _Outputs:
+    system, celsius = stepper.system, stepper.reference - ZERO_CELSIUS
     weights = jnp.asarray(scenario.output_weights)
-    interval = controller.sample_time_s
+    gain = jnp.broadcast_to(system.gain, (len(system.wiring.channels),))[:, None]
+    by_nodes = gain * jnp.asarray(system.channel_weights, celsius.dtype)
+    by_modes = weights @ by_nodes @ stepper.field.modes.shapes
+    return _Outputs(weights, by_modes, weights @ (1 - gain[:, 0] * system.on_plate), celsius)
 
-    gain = jnp.broadcast_to(system.gain, (channels,))[:, None]
-    shapes, celsius = stepper.field.modes.shapes, stepper.reference - ZERO_CELSIUS
-    # The controller's outputs by the modes, and by the ambient: no channel is read on the way.
-    seen_by_modes = weights @ (gain * jnp.asarray(system.channel_weights, dtype)) @ shapes
-    seen_by_ambient = weights @ (1 - gain[:, 0] * system.on_plate)
 
-    def outputs(plant: ModalState, ambient: Array) -> Array:
-        rest = seen_by_ambient * (ambient - celsius) + weights.sum(axis=1) * celsius
-        return seen_by_modes @ plant.amplitudes + rest
-
-    def sample(loop: _Loop, row: Any) -> tuple[_Loop, Any]:
-        reference, ambient, heat, conductance, error, arrives = row
-        then = loop.late[-1] if scenario.sensor_delay_steps else outputs(loop.plant, ambient[0])
-        output = then + weights @ error
-        is_new = arrives & jnp.all(jnp.isfinite(error)) & jnp.all(jnp.isfinite(output))
-        measurement = jnp.where(is_new, output, loop.measurement)
-        missing = jnp.where(is_new, 0.0, loop.missing_s + interval).astype(dtype)
-        is_off = loop.is_off | (missing > scenario.silence_s)
-        asked, state = controller.step(loop.controller, reference, measurement)
-        duty = jnp.where(is_off, 0.0, jnp.clip(asked, -1.0, 1.0))
-        if scenario.counts is not None:
-            rounded = jnp.round(duty * scenario.counts) / scenario.counts
-            duty = duty + jax.lax.stop_gradient(rounded - duty)
-
-        def step(carry: tuple[ModalState, Array], row: Any) -> tuple[Any, Any]:
-            (plant, late), (ambient, heat, conductance) = carry, row
-            if conductance is not None:
-                heat = heat - conductance * (node_temperatures(stepper, plant) - ambient)
-            if scenario.sensor_delay_steps:
-                late = jnp.concatenate([outputs(plant, ambient)[None], late[:-1]])
-            later = advance(stepper, plant, duty, ambient, heat, loss_dtype)
-            return (later, late), (plant.amplitudes, plant.duty)
-
-        steps = ambient, heat, conductance
-        if len(ambient) == 1:  # without a loop in the loop
-            first = jax.tree.map(lambda row: row[0], steps)
-            carry, found = step((loop.plant, loop.late), first)
-        else:
-            carry, found = jax.lax.scan(step, (loop.plant, loop.late), steps)
-        later = _Loop(carry[0], state, measurement, missing, is_off, carry[1])
-        return later, (*found, duty, measurement)
-
-    idle = jnp.zeros(cells, dtype)
-    ambient = jnp.asarray(scenario.ambient)
+def _start(
+    stepper: Stepper, controller: AbstractController, scenario: Scenario, outputs: _Outputs
+) -> _LoopState:
+    """The loop before its first sample, with the cells off."""
+    dtype = stepper.reference.dtype
+    idle = jnp.zeros(len(stepper.system.wiring.cold), dtype)
     plant = to_modal(stepper, stepper.start(scenario.initial, idle))
-    first = outputs(plant, ambient[0, 0])
-    measurement = first + weights @ jnp.nan_to_num(jnp.asarray(scenario.error)[0])
-    start = _Loop(
+    first = outputs.at(plant, jnp.asarray(scenario.ambient)[0, 0])
+    error = jnp.nan_to_num(jnp.asarray(scenario.error)[0])
+    measurement = first + outputs.weights @ error
+    return _LoopState(
         plant,
         controller.init(idle, measurement),
         measurement,
@@ -178,15 +162,83 @@ def run_loop(
         jnp.zeros((), bool),
         jnp.broadcast_to(first, (scenario.sensor_delay_steps, len(first))),
     )
-    rows = (
-        references_ahead(jnp.asarray(scenario.reference), controller.preview_samples),
-        ambient,
-        scenario.heat,
-        scenario.conductance,
-        scenario.error,
-        scenario.arrives,
+
+
+def _sample(
+    stepper: Stepper,
+    controller: AbstractController,
+    scenario: Scenario,
+    outputs: _Outputs,
+    loss_dtype: DTypeLike | None,
+    state: _LoopState,
+    inputs: _SampleInputs,
+) -> tuple[_LoopState, _Recorded]:
+    """Reads the plant, computes the duty, and steps the plant to the next sample."""
+    read = _read(scenario, outputs, controller.sample_time_s, state, inputs)
+    asked, following = controller.step(state.controller, inputs.reference, read.measurement)
+    duty = _applied(scenario, asked, read.is_off)
+
+    def step(
+        carry: tuple[ModalState, Array], steps: _StepInputs
+    ) -> tuple[tuple[ModalState, Array], tuple[Array, Array]]:
+        (plant, late), ambient, heat = carry, steps.ambient, None
+        if steps.heat is not None and steps.conductance is not None:
+            rise = node_temperatures(stepper, plant) - ambient
+            heat = jnp.asarray(steps.heat) - steps.conductance * rise
+        if scenario.sensor_delay_steps:
+            late = jnp.concatenate([outputs.at(plant, ambient)[None], late[:-1]])
+        later = advance(stepper, plant, duty, ambient, heat, loss_dtype)
+        return (later, late), (plant.amplitudes, plant.duty)
+
+    carry = state.plant, state.late
+    if len(inputs.steps.ambient) == 1:  # without a loop in the loop
+        carry, kept = step(carry, jax.tree.map(lambda row: row[0], inputs.steps))
+    else:
+        carry, kept = jax.lax.scan(step, carry, inputs.steps)
+    plant, late = carry
+    later = read._replace(plant=plant, controller=following, late=late)
+    return later, _Recorded(*kept, duty, read.measurement)
+
+
+def _read(
+    scenario: Scenario,
+    outputs: _Outputs,
+    sample_time_s: float,
+    state: _LoopState,
+    inputs: _SampleInputs,
+) -> _LoopState:
+    """The loop with a new measurement, or with the last one if no reading arrives."""
+    if scenario.sensor_delay_steps:
+        true = state.late[-1]
+    else:
+        true = outputs.at(state.plant, inputs.steps.ambient[0])
+    output = true + outputs.weights @ inputs.error
+    is_finite = jnp.all(jnp.isfinite(inputs.error)) & jnp.all(jnp.isfinite(output))
+    is_new = inputs.arrives & is_finite
+    missing = jnp.where(is_new, 0.0, state.missing_s + sample_time_s).astype(state.missing_s.dtype)
+    return state._replace(
+        measurement=jnp.where(is_new, output, state.measurement),
+        missing_s=missing,
+        is_off=state.is_off | (missing > scenario.silence_s),
     )
-    _, (amplitudes, followed, duty, measured) = jax.lax.scan(sample, start, rows)
+
+
+def _applied(
+    scenario: Scenario, asked: Float[Array, " cells"], is_off: Bool[Array, ""]
+) -> Float[Array, " cells"]:
+    """The duty that the driver gets: clipped, in counts, and 0 once the cells are off."""
+    duty = jnp.where(is_off, 0.0, jnp.clip(asked, -1.0, 1.0))
+    if scenario.counts is None:
+        return duty
+    rounded = jnp.round(duty * scenario.counts) / scenario.counts
+    return duty + jax.lax.stop_gradient(rounded - duty)
+
+
+def _signals(stepper: Stepper, scenario: Scenario, recorded: _Recorded) -> ClosedLoop:
+    """The signals at every step of the plant. What no controller needs is computed here, for all
+    steps at once."""
+    system, wiring = stepper.system, stepper.system.wiring
+    ambient = jnp.asarray(scenario.ambient)
     substeps = ambient.shape[1]
     count = (len(scenario.time) - 1) * substeps + 1
 
@@ -196,34 +248,25 @@ def run_loop(
     def of_samples(values: Array) -> Array:
         return jnp.repeat(values, substeps, axis=0)[:count]
 
-    # Whatever no controller needs is read of all steps at once.
-    deviation = of_steps(amplitudes) @ shapes.T
+    celsius = stepper.reference - ZERO_CELSIUS
+    deviation = of_steps(recorded.amplitudes) @ stepper.field.modes.shapes.T
     room = ambient.reshape(-1, 1)[:count] - celsius
     temperatures = system.channel_temperatures(deviation, room) + celsius
     absolute = deviation + stepper.reference
     sides = absolute[:, wiring.cold], absolute[:, wiring.hot]
-    drawn = drawn_in_steps(stepper, of_samples(duty), of_steps(followed), sides)
+    duty = of_samples(recorded.duty)
+    drawn = drawn_in_steps(stepper, duty, of_steps(recorded.followed), sides)
     return ClosedLoop(
-        time=scenario.step_s * jnp.arange(count, dtype=dtype),
+        time=scenario.step_s * jnp.arange(count, dtype=celsius.dtype),
         reference=of_samples(jnp.asarray(scenario.reference)),
-        output=temperatures @ weights.T,
-        measurement=of_samples(measured),
+        output=temperatures @ jnp.asarray(scenario.output_weights).T,
+        measurement=of_samples(recorded.measurement),
         temperatures=temperatures,
         nodes=deviation + celsius,
-        duty=of_samples(duty),
+        duty=duty,
         power=drawn.power,
         energy=drawn.energy,
         peak_power=drawn.peak,
         elements=wiring.elements,
         sides=tuple(int(side) for side in np.concatenate([wiring.cold, wiring.hot])),
     )
-
-
-def in_precision(tree: PyTree, dtype: DTypeLike) -> PyTree:
-    """Converts floating-point leaves to a precision."""
-
-    def cast(leaf: Any) -> Any:
-        is_floating = eqx.is_array(leaf) and jnp.issubdtype(leaf.dtype, jnp.floating)
-        return jnp.asarray(leaf, dtype) if is_floating else leaf
-
-    return jax.tree.map(cast, tree)

@@ -15,7 +15,7 @@ from .._whole_file import check_ending
 from ..io import Experiment
 from ..physics import Twin
 from ..simulation import Run
-from ._closed_loop import ClosedLoop
+from ._loop_signals import ClosedLoop
 from ._measures import MEASURES
 
 if TYPE_CHECKING:

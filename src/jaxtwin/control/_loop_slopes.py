@@ -13,8 +13,9 @@ from .._jax_settings import own_settings
 from ..physics import Twin
 from ..simulation import Stepper
 from ..simulation._draws import work_in_chunks
-from ._closed_loop import ClosedLoop, run_loop
+from ._closed_loop import run_loop
 from ._controller_vector import ControllerVector
+from ._loop_signals import ClosedLoop
 from ._many_loops import CHUNK_BYTES, is_whole_delay, numbers_per_step, steppers_of
 from ._measures import Measure
 from ._scenario import Scenario

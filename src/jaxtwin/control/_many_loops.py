@@ -9,13 +9,14 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from .._compilation import persistent_jit
-from .._jax_settings import own_settings
+from .._jax_settings import in_precision, own_settings
 from ..physics import Twin
 from ..simulation import Precision, Reductions, Stepper
 from ..simulation._draws import work_in_chunks
 from ..simulation._step_preparation import is_multiple
-from ._closed_loop import ClosedLoop, in_precision, run_loop
+from ._closed_loop import run_loop
 from ._controller import AbstractController, with_values
+from ._loop_signals import ClosedLoop
 from ._measures import Measure
 from ._scenario import Scenario
 

@@ -6,7 +6,7 @@ from typing import TypeAlias
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._closed_loop import ClosedLoop
+from ._loop_signals import ClosedLoop
 
 SETTLED = 0.5
 """An output counts as settled within this distance of its reference, K."""

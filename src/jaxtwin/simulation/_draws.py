@@ -4,13 +4,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias, final
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._compilation import persistent_jit
-from .._jax_settings import own_settings
+from .._jax_settings import in_precision, own_settings
 from ..io import Experiment
 from ..physics import Twin
 from ._compressed import CompressedRecording, compress
@@ -96,7 +95,7 @@ class DrawSolver:
             with own_settings():
                 prepared = prepare_chunk(self.twin, chunk, inputs, self.initial, to_be_delayed)
                 if self.precision == "float32":
-                    prepared = _as_float32(prepared)
+                    prepared = in_precision(prepared, "float32")
             with own_settings(float64=self.precision == "float64"):
                 stepped = step_chunk(
                     prepared, grid, self.columns, self._reads("plate_end"), self._reads_power()
@@ -236,8 +235,3 @@ def _delayed_as(twin: Twin, commanded: TimeGrid) -> TimeGrid:
 
 
 _delayed = persistent_jit(delayed_time_grid)
-
-
-def _as_float32(prepared: Prepared) -> Prepared:
-    numbers, rest = eqx.partition(prepared, eqx.is_inexact_array)
-    return eqx.combine(jax.tree.map(lambda leaf: leaf.astype("float32"), numbers), rest)

@@ -6,7 +6,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.dtypes import canonicalize_dtype
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number
 from .._compilation import persistent_jit
 from .._errors import SimulationError
-from .._jax_settings import is_traced, settings_for
+from .._jax_settings import in_precision, is_traced, settings_for
 from ..physics import System, Twin
 from ..physics._twin import check_twin
 from ._check_values import check_values
@@ -195,7 +194,7 @@ class Stepper(eqx.Module):
         **Raises:** `SimulationError` if the command does not have a number for each cell.
         """
         with settings_for(self.reference, state, duty, ambient, steps, heat):
-            stepper, state = _in_precision_of_caller((self, state))
+            stepper, state = _in_precision_of_caller(self, state)
             dtype = stepper.reference.dtype
             command = jnp.asarray(duty, dtype)
             cells = len(self.system.wiring.cold)
@@ -217,21 +216,16 @@ class Stepper(eqx.Module):
     ) -> Float[Array, " channels"]:
         """The readings of the channels, degC, at an ambient temperature, degC (None: the rig's)."""
         with settings_for(self.reference, state, ambient):
-            stepper, state = _in_precision_of_caller((self, state))
+            stepper, state = _in_precision_of_caller(self, state)
             dtype = stepper.reference.dtype
             ambient = stepper.ambient if ambient is None else jnp.asarray(ambient, dtype)
             return _channels(stepper.system, jnp.asarray(state.nodes, dtype), ambient)
 
 
-def _in_precision_of_caller(
-    whole: tuple[Stepper, StepperState],
-) -> tuple[Stepper, StepperState]:
+def _in_precision_of_caller(stepper: Stepper, state: StepperState) -> tuple[Stepper, StepperState]:
     """Stepper and state in float32 inside a transformation of a caller who computes in that."""
-    if jax.config.read("jax_enable_x64"):
-        return whole
-    return jax.tree.map(
-        lambda leaf: jnp.asarray(leaf, canonicalize_dtype(jnp.result_type(leaf))), whole
-    )
+    is_float64 = jax.config.read("jax_enable_x64")
+    return (stepper, state) if is_float64 else in_precision((stepper, state), jnp.float32)
 
 
 def _as_numpy(module: eqx.Module) -> dict[str, Any]:
