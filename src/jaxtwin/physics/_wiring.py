@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._errors import RigError
-from ..rig import Rig, Value
+from ..rig import Driver, Rig, Value
 from ..rig._plate import AMBIENT
 from ._assembly import build_netlist
 from ._expressions import Expressions
@@ -64,36 +64,56 @@ class Wiring:
     ):
         self.netlist = netlist
         self.position = position
-        self.averaging: Literal["voltage", "on-off"] = rig.driver.averaging
-        self.off_phase: Literal["brake", "open"] = rig.driver.off_phase
-        self.channels = tuple(channel.name for channel in rig.channels)
-        nodes, links, cells = netlist.nodes, netlist.links, netlist.cells
+        self._connect_cells()
+        self._evaluate_nodes_and_links(rig)
+        self._evaluate_driver(rig.driver)
+        self._sum_inner_links()
+        self._sum_outer_links()
+        self._sum_losses()
+        self._place_channels(rig, weights)
+        self.gain_names = self.gains.names - self._names_beside_gains()
 
-        self.capacitances = Expressions([[node.capacitance] for node in nodes])
-        self.resistances = Expressions([link.resistances for link in links])
-        self.initial = Expressions([[node.initial_temperature] for node in nodes])
-        self.ambient = Expressions([[rig.ambient_temperature]])
-        drift = rig.ambient_drift
-        self.ambient_drift = None if drift is None else Expressions([[drift]])
-        self.gains = Expressions([[channel.gain] for channel in rig.channels])
+        # Sizes too: a circuit given link by link does not show them, the channels' weights do.
+        sizes = (rig.plate.columns, rig.plate.rows)
+        ambient = (rig.ambient_temperature, rig.ambient_drift)
+        registration = None if rig.camera is None else rig.camera.registration
+        pixel = None if self.zones is None else self.zones.pixel_size
+        parts = (rig.driver, rig.channels, registration, pixel, ambient, sizes, position.tolist())
+        self.fingerprint = netlist.fingerprint + repr(parts)
+
+    def _connect_cells(self) -> None:
+        cells, index = self.netlist.cells, self.netlist.index
+        self.cold = np.array([index[cell.cold] for cell in cells], dtype=np.int32)
+        self.hot = np.array([index[cell.hot] for cell in cells], dtype=np.int32)
         self.module_constants = Expressions(
             [[cell.seebeck_coefficient] for cell in cells]
             + [[cell.electrical_resistance] for cell in cells]
             + [[cell.thermal_resistance] for cell in cells]
         )
-        driver = rig.driver
+
+    def _evaluate_nodes_and_links(self, rig: Rig) -> None:
+        nodes, drift = self.netlist.nodes, rig.ambient_drift
+        self.elements = sum(node.kind == "plate" for node in nodes)
+        self.capacitances = Expressions([[node.capacitance] for node in nodes])
+        self.resistances = Expressions([link.resistances for link in self.netlist.links])
+        self.initial = Expressions([[node.initial_temperature] for node in nodes])
+        self.ambient = Expressions([[rig.ambient_temperature]])
+        self.ambient_drift = None if drift is None else Expressions([[drift]])
+
+    def _evaluate_driver(self, driver: Driver) -> None:
+        self.averaging: Literal["voltage", "on-off"] = driver.averaging
+        self.off_phase: Literal["brake", "open"] = driver.off_phase
         self.bridge_constants = Expressions(
             [[driver.supply_voltage], [driver.supply_resistance], [driver.on_resistance]]
         )
+        self.lag, self.delay, self.current_limit = (
+            None if value is None else Expressions([[value]])
+            for value in (driver.lag, driver.delay, driver.current_limit)
+        )
 
-        self.lag = None if driver.lag is None else Expressions([[driver.lag]])
-        self.delay = None if driver.delay is None else Expressions([[driver.delay]])
-        limit = driver.current_limit
-        self.current_limit = None if limit is None else Expressions([[limit]])
-
-        index = netlist.index
-        self.cold = np.array([index[cell.cold] for cell in cells], dtype=np.int32)
-        self.hot = np.array([index[cell.hot] for cell in cells], dtype=np.int32)
+    def _sum_inner_links(self) -> None:
+        """The links between nodes: the pairs of neighbours, and the sums over their links."""
+        links, index, count = self.netlist.links, self.netlist.index, len(self.netlist.nodes)
         inner = [
             (number, *sorted((index[link.a], index[link.b])))
             for number, link in enumerate(links)
@@ -104,54 +124,63 @@ class Wiring:
         self.pair_sums = LinkSums(len(pairs), between, len(links))
         self.pairs = np.array(list(pairs), dtype=np.int32).reshape(-1, 2).T
         self.pair_of = None
-        if len(nodes) ** 2 <= LARGEST_TABLE:
-            self.pair_of = np.full((len(nodes), len(nodes)), len(pairs), dtype=np.int32)
+        if count**2 <= LARGEST_TABLE:
+            self.pair_of = np.full((count, count), len(pairs), dtype=np.int32)
             self.pair_of[*self.pairs] = self.pair_of[*self.pairs[::-1]] = np.arange(len(pairs))
-        outer = [(index[link.a], number) for number, link in enumerate(links) if link.b == AMBIENT]
-        self.ambient_sums = LinkSums(len(nodes), outer, len(links))
+
+    def _sum_outer_links(self) -> None:
+        """The links that lead to the surroundings, and to what is held at a temperature."""
+        links, index, count = self.netlist.links, self.netlist.index, len(self.netlist.nodes)
+        self.ambient_sums = LinkSums(count, self._links_to_ambient(), len(links))
         self.reservoirs = self.reservoir_sums = None
-        if netlist.reservoirs:
-            self.reservoirs = Expressions([[held.temperature] for held in netlist.reservoirs])
-            first = {held.name: len(nodes) * n for n, held in enumerate(netlist.reservoirs)}
-            held = [
-                (first[link.b] + index[link.a], number)
-                for number, link in enumerate(links)
-                if link.b in first
-            ]
-            self.reservoir_sums = LinkSums(len(first) * len(nodes), held, len(links))
+        reservoirs = self.netlist.reservoirs
+        if not reservoirs:
+            return
+        self.reservoirs = Expressions([[reservoir.temperature] for reservoir in reservoirs])
+        first = {reservoir.name: count * n for n, reservoir in enumerate(reservoirs)}
+        held = [
+            (first[link.b] + index[link.a], number)
+            for number, link in enumerate(links)
+            if link.b in first
+        ]
+        self.reservoir_sums = LinkSums(len(first) * count, held, len(links))
 
-        self.elements = sum(node.kind == "plate" for node in nodes)
+    def _links_to_ambient(self) -> list[tuple[int, int]]:
+        """Node and number of each link that leads to the surroundings."""
+        index, links = self.netlist.index, self.netlist.links
+        return [(index[link.a], n) for n, link in enumerate(links) if link.b == AMBIENT]
+
+    def _sum_losses(self) -> None:
+        """What the plate loses beyond linear losses."""
+        loss, links = self.netlist.loss, self.netlist.links
         self.exponent = self.radiating = self.film_sums = None
-        if netlist.loss is not None:
-            self.exponent = Expressions([[netlist.loss.exponent or Value(0.0)]])
-            areas = dict(netlist.loss.radiators)
-            names = [node.name for node in nodes[: self.elements]]
-            self.radiating = Expressions([areas.get(name, ()) for name in names])
-            films = [
-                (node, number)
-                for node, number in outer
-                if node < self.elements and links[number].role == "film"
-            ]
-            self.film_sums = LinkSums(self.elements, films, len(links))
+        if loss is None:
+            return
+        self.exponent = Expressions([[loss.exponent or Value(0.0)]])
+        areas = dict(loss.radiators)
+        elements = self.netlist.nodes[: self.elements]
+        self.radiating = Expressions([areas.get(node.name, ()) for node in elements])
+        films = [
+            (node, number)
+            for node, number in self._links_to_ambient()
+            if node < self.elements and links[number].role == "film"
+        ]
+        self.film_sums = LinkSums(self.elements, films, len(links))
 
-        self.rig_elements = position[: len(rig.plate.element_names)]
-        self.channel_weights = np.zeros((len(rig.channels), len(nodes)))
-        np.add.at(self.channel_weights.T, position, weights.T)
-
+    def _place_channels(self, rig: Rig, weights: Float[np.ndarray, "channels rig_nodes"]) -> None:
+        self.channels = tuple(channel.name for channel in rig.channels)
+        self.gains = Expressions([[channel.gain] for channel in rig.channels])
+        self.rig_elements = self.position[: len(rig.plate.element_names)]
+        self.channel_weights = np.zeros((len(rig.channels), len(self.netlist.nodes)))
+        np.add.at(self.channel_weights.T, self.position, weights.T)
         registration = None if rig.camera is None else rig.camera.registration
         self.zones = None if registration is None else RegisteredZones(rig, registration)
 
+    def _names_beside_gains(self) -> set[str]:
+        """Names of the parameters that act on anything but the gains of the channels."""
         tables = [part for part in vars(self).values() if isinstance(part, Expressions)]
         tables += [] if self.zones is None else [self.zones.registration]
-        inner = set().union(*(part.names for part in tables if part is not self.gains))
-        self.gain_names = self.gains.names - inner
-
-        # Sizes too: a circuit given link by link does not show them, the channels' weights do.
-        sizes = (rig.plate.columns, rig.plate.rows)
-        ambient = (rig.ambient_temperature, rig.ambient_drift)
-        pixel = None if self.zones is None else self.zones.pixel_size
-        parts = (rig.driver, rig.channels, registration, pixel, ambient, sizes, position.tolist())
-        self.fingerprint = netlist.fingerprint + repr(parts)
+        return set().union(*(part.names for part in tables if part is not self.gains))
 
     def moved_weights(
         self, values_si: Mapping[str, Float[Array, ""]]
