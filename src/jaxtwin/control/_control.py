@@ -15,7 +15,7 @@ from ..live import Bench, Document, Moment, operate
 from ..physics import Twin
 from ._controller import AbstractController
 from ._decision import Decision
-from ._reach import check_reach, check_sample_time
+from ._loop_checks import check_reach, check_sample_time
 from ._references import reference_samples, references_ahead, sample_times
 from ._stability import check_stability
 

@@ -19,7 +19,7 @@ from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ._controller import AbstractController, ControlFunction, as_controller
 from ._disturbances import Disturbance, Draught, HeatInput, disturbance_tables
-from ._reach import check_cells, check_reach, check_sample_time
+from ._loop_checks import check_cells, check_reach, check_sample_time
 from ._reading_errors import reading_errors
 from ._references import reference_samples, sample_times
 

@@ -9,7 +9,7 @@ import pytest
 from jaxtwin import ControlError, Twin, simulate_closed_loop
 from jaxtwin.control import PID, DecoupledPI
 from jaxtwin.control._control import checked_loop
-from jaxtwin.control._reach import check_reach
+from jaxtwin.control._loop_checks import check_reach
 
 
 def test_a_heater_holds_the_temperature_of_the_room_and_nothing_below():
