@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import JaxtwinError
-from jaxtwin._arguments import names_of, path_of, whole_number
+from jaxtwin._arguments import names_of, path_of, true_or_false, whole_number
 
 SETTING = """
 import json, sys
@@ -21,7 +21,7 @@ import diffrax
 import numpy as np
 import optimistix
 from jaxtwin import *
-from jaxtwin import control, plots
+from jaxtwin import control, live, plots
 from jaxtwin.data import synthetic_recordings
 rig = load_rig("paper-2024")
 twin = Twin(rig)
@@ -61,6 +61,22 @@ CASES = {
     "control.scenario(twin, pid, 30, duration_s=20, disturbances=draught)": (
         "ControlError",
         "disturbances: expected a list of Draught and HeatInput, got Draught",
+    ),
+    "control.scenario(twin, pid, 30, duration_s=20, noise='no')": (
+        "ControlError",
+        "scenario: noise: expected True or False, got 'no'",
+    ),
+    "control.scenario(twin, pid, 30, duration_s=20, quantised=1)": (
+        "ControlError",
+        "scenario: quantised: expected True or False, got 1",
+    ),
+    "live.operate(None, twin, None, reset='no')": (
+        "JaxtwinError",
+        "operate: reset: expected True or False, got 'no'",
+    ),
+    "live.Recorder('session.db', rig, append='no')": (
+        "RecordingError",
+        "Recorder: append: expected True or False, got 'no'",
     ),
     "plots.plot_netlist(twin.netlist)": ("ParameterError", f"plot_netlist: {TWIN}"),
     "match(twin, [seen], groups={'monday'})": (
@@ -275,6 +291,10 @@ def test_a_wrong_argument_gives_a_sentence_that_says_what_is_allowed(
 
 def test_whole_numbers_of_numpy_are_whole_numbers():
     assert whole_number("starts", np.int32(3), 1, JaxtwinError) == 3
+
+
+def test_truth_values_of_numpy_are_truth_values():
+    assert true_or_false("noise", np.bool_(False), JaxtwinError) is False
 
 
 def test_a_single_name_is_one_and_a_repeated_one_counts_once():

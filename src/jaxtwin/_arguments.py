@@ -65,6 +65,18 @@ def finite_number(where: str, value: Any, error: Failure) -> float:
     return number
 
 
+def true_or_false(where: str, value: Any, error: Failure) -> bool:
+    """A truth value of Python or NumPy.
+
+    **Raises:** `error` for anything else: a text such as "no" would count as true.
+    """
+    import numpy as np  # which the command line's help shall not wait for
+
+    if not isinstance(value, bool | np.bool_):
+        _refuse(where, value, "True or False", error)
+    return bool(value)
+
+
 def names_of(where: str, value: object, error: Failure) -> tuple[str, ...]:
     """Names, each once and in the order given; those of a set, which has no order that is the same
     in the next process, in that of the alphabet. A single text is one name.

@@ -10,7 +10,7 @@ import pytest
 from small_rigs import bundled
 
 import jaxtwin as jt
-from jaxtwin import ControlError, SimulationError, Stepper, Twin
+from jaxtwin import ControlError, ParameterError, SimulationError, Stepper, Twin
 from jaxtwin.control import (
     MEASURES,
     PID,
@@ -20,6 +20,7 @@ from jaxtwin.control import (
     scenario,
     simulate_closed_loop,
 )
+from jaxtwin.control._many_loops import twin_at_medians
 
 DURATION = 120.0
 """Of all loops, s: the same shapes compile nothing anew."""
@@ -290,6 +291,30 @@ def test_a_controller_of_another_number_of_cells_is_refused(
 ):
     with pytest.raises(ControlError, match=message):
         simulate_closed_loop(twin, controller, 35, duration_s=DURATION)
+
+
+@pytest.mark.parametrize(
+    ("draws", "message"),
+    [
+        ({"Kp": [0.1, -1.0]}, r"draw 1: PID: Kp: expected finite numbers of at least 0, got -1\.0"),
+        ({"Kp": [0.1, 0.1], "Ki": [[0.0, 0.0], [0.0, -2.0]]}, r"draw 1: PID: Ki: .* -2\.0\]"),
+        ({"Kp": []}, r"Kp: expected finite numbers \(draws, \.\.\.\), got \[\]"),
+        ({"Kp": [[0.1, 0.1, 0.1]]}, "2 cells, got a PID whose gains do not fit"),
+    ],
+)
+def test_draws_of_a_controller_are_as_good_as_its_parameters(
+    twin: Twin, pid: PID, draws: dict[str, Any], message: str
+):
+    with pytest.raises(ControlError, match=message):
+        simulate_closed_loop(twin, pid, 35, duration_s=DURATION, controller_draws=draws)
+
+
+def test_checks_are_made_with_the_median_of_the_valid_draws(twin: Twin):
+    drawn = {"R_E": np.array([0.3, -1.0, 0.5]), "t_delay": np.array([1.0, 2.0, 3.0])}
+    values = twin_at_medians(twin, drawn).values
+    assert (values["R_E"], values["t_delay"]) == (0.4, 2.0)
+    with pytest.raises(ParameterError, match=r"dual-cell: draw 0: .*R_E.* above 0, got -2"):
+        simulate_closed_loop(twin, PID(0.1), 35, duration_s=DURATION, draws={"R_E": [-2.0, -1.0]})
 
 
 def test_a_duty_that_does_not_stay_finite_ends_the_simulation(twin: Twin):

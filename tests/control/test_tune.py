@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import ControlError, Twin
+from jaxtwin import ControlError, ParameterError, Twin
 from jaxtwin.control import LQI, PID, Tuning, sensitivity_peak
 from jaxtwin.control._objective import checked_objective
 from jaxtwin.control._search_box import SearchBox
@@ -180,6 +180,11 @@ def test_the_box_is_logarithmic_where_it_is_above_0():
 def test_what_does_not_fit_is_refused(twin: Twin, settings: dict[str, Any], message: str):
     with pytest.raises(ControlError, match=message):
         jt.tune(START, twin, 24, duration_s=150, **settings)
+
+
+def test_a_draw_that_no_rig_can_have_is_refused_by_its_number(twin: Twin):
+    with pytest.raises(ParameterError, match=r"dual-cell: draw 2: .*R_E.* above 0, got -1"):
+        jt.tune(START, twin, 24, duration_s=150, draws={"R_E": [2.0, 1.9, -1.0]})
 
 
 def test_a_controller_without_usual_gains_needs_names(twin: Twin):

@@ -52,6 +52,19 @@ class AbstractController(eqx.Module):
         `(preview_samples, outputs)`. With 0 it takes only those of the present sample."""
         return 0
 
+    @classmethod
+    def check_parameters(cls, **values: Any) -> None:
+        """Refuses values of parameters with which the controller has no meaning, in its constructor
+        and in draws. A controller that does not say otherwise accepts all values.
+
+        **Arguments:**
+
+        - `values`: parameter -> value, of some or all parameters. Values that JAX traces are not
+          checked.
+
+        **Raises:** `ControlError` that names the parameter.
+        """
+
     @abstractmethod
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
         """Returns the weight of each channel of a rig in each output.

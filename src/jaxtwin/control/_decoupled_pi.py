@@ -9,7 +9,7 @@ The matrix $D$, the inverse of the plate's gain, compensates for this.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -78,8 +78,7 @@ class DecoupledPI(AbstractChannelGroupController):
         limits: Sequence[float | int] = (-1.0, 1.0),
         sample_time_s: float | int = 1.0,
     ):
-        check_non_negative(
-            "DecoupledPI",
+        self.check_parameters(
             Kp_mean=Kp_mean,
             Ki_mean=Ki_mean,
             Kp_difference=Kp_difference,
@@ -100,6 +99,15 @@ class DecoupledPI(AbstractChannelGroupController):
             check_decoupling("DecoupledPI", self.decoupling, len(groups))
         self.limits = checked_limits("DecoupledPI", limits)
         self.sample_time_s = checked_sample_time("DecoupledPI", sample_time_s)
+
+    @classmethod
+    def check_parameters(cls, **values: Any) -> None:
+        """Refuses gains and set-point weights that are not finite numbers of at least 0, and a
+        decoupling that cannot be inverted."""
+        decoupling = as_parameter(values.pop("decoupling", 1.0))
+        if isinstance(decoupling, np.ndarray) and decoupling.ndim:
+            check_decoupling("DecoupledPI", decoupling, len(decoupling))
+        check_non_negative("DecoupledPI", **values)
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

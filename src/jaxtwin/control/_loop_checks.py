@@ -1,5 +1,5 @@
-"""Checks before a closed loop is run: whether the controller is one for the cells of the rig, whether
-the rig can hold the references, and whether the sample time is short enough."""
+"""Checks before a closed loop is run: whether the controller is one for the cells of the rig,
+whether the rig can hold the references, and whether the sample time is short enough."""
 
 from itertools import chain, islice, product
 from typing import Any

@@ -11,7 +11,7 @@ quantity is divided by the deviation that is accepted of it (Bryson's rule).
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -103,7 +103,7 @@ class LQI(AbstractChannelGroupController):
     ):
         self.limits = checked_limits("LQI", limits)
         self.measured = checked_measured("LQI", measured)
-        check_non_negative("LQI", setpoint_weight=setpoint_weight)
+        self.check_parameters(setpoint_weight=setpoint_weight)
         self.setpoint_weight = as_parameter(setpoint_weight)
         plant = plant_of("LQI", model, self.measured)
         self.sample_time_s = h = plant.sample_time_s
@@ -131,6 +131,12 @@ class LQI(AbstractChannelGroupController):
         self.N = (np.eye(cells) + self.Kx @ plant.rest_states) @ plant.inverse
         self.kalman = kalman_filter("LQI", plant, w, v, h)
         self.duty, self.outputs = plant.duty, plant.outputs
+
+    @classmethod
+    def check_parameters(cls, **values: Any) -> None:
+        """Refuses a set-point weight that is not a finite number of at least 0."""
+        if "setpoint_weight" in values:
+            check_non_negative("LQI", setpoint_weight=values["setpoint_weight"])
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
 from .._compilation import persistent_jit
 from .._jax_settings import in_precision, own_settings
 from ..physics import Twin
 from ..simulation import Precision, Reductions, Stepper
+from ..simulation._check_values import check_draw, check_values, valid_draws
 from ..simulation._draws import work_in_chunks
 from ..simulation._step_preparation import is_multiple
 from ._closed_loop import run_loop
@@ -29,9 +29,18 @@ CHUNK_BYTES = 2**28
 
 
 def twin_at_medians(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> Twin:
-    """Returns the twin with the medians of the drawn parameters, for checks before the
-    simulation."""
-    return twin.with_values({name: float(np.median(v)) for name, v in draws.items()})
+    """Returns the twin with the medians of the drawn parameters over all valid draws, for checks
+    before the simulation.
+
+    **Raises:** `ParameterError` if no draw is valid, or without draws if the twin is not.
+    """
+    if not draws:
+        check_values(twin)
+        return twin
+    is_valid = valid_draws(twin, draws)
+    if not is_valid.any():
+        check_draw(twin, draws, 0)
+    return twin.with_values({name: float(np.median(v[is_valid])) for name, v in draws.items()})
 
 
 def longest_delay(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> float:
@@ -56,7 +65,7 @@ def simulate_many_loops(
     scenario: Scenario,
     *,
     draws: Mapping[str, Float[np.ndarray, " draws"]],
-    controller_draws: Mapping[str, ArrayLike],
+    controller_draws: Mapping[str, Float[np.ndarray, "draws ..."]],
     count: int,
     measures: Mapping[str, Measure],
     precision: Precision,
@@ -75,7 +84,7 @@ def simulate_many_loops(
         name, value = next(iter(twin.values.items()))
         draws = {name: np.full(count, float(value))}
     rows = {f"plant {name}": np.asarray(values) for name, values in draws.items()}
-    rows |= {f"controller {name}": np.asarray(v, float) for name, v in controller_draws.items()}
+    rows |= {f"controller {name}": values for name, values in controller_draws.items()}
     sizes = scenario.step_s, scenario.longest_delay_s
 
     def work(chunk: Mapping[str, np.ndarray]) -> Mapping[str, Array]:

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from .._arguments import finite_number, mapping_of, whole_number
+from .._arguments import finite_number, mapping_of, true_or_false, whole_number
 from .._errors import ControlError
 from .._name_suggestions import unknown_name
 from ._condensed_program import (
@@ -125,7 +125,7 @@ class MPC(AbstractChannelGroupController):
         self.limits = checked_limits("MPC", limits)
         self.measured = checked_measured("MPC", measured)
         self.horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
-        self.preview = preview
+        self.preview = true_or_false("MPC: preview", preview, ControlError)
         self.rate_limit = None if rate_limit is None else _checked_rate(rate_limit)
         self.temperature_limits = _checked_temperature_limits(temperature_limits, model)
         watched = [name for name, *_ in self.temperature_limits]

@@ -13,7 +13,7 @@ differences, which is stable for every sample time).
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias, final
+from typing import Any, NamedTuple, TypeAlias, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -96,8 +96,7 @@ class PID(AbstractChannelGroupController):
         sample_time_s: float | int = 1.0,
         measured: Sequence[str | Sequence[str]] | None = None,
     ):
-        check_non_negative(
-            "PID",
+        self.check_parameters(
             Kp=Kp,
             Ki=Ki,
             Kd=Kd,
@@ -113,6 +112,11 @@ class PID(AbstractChannelGroupController):
         self.limits = checked_limits("PID", limits)
         self.sample_time_s = checked_sample_time("PID", sample_time_s)
         self.measured = checked_measured("PID", measured)
+
+    @classmethod
+    def check_parameters(cls, **values: Any) -> None:
+        """Refuses parameters that are not finite numbers of at least 0."""
+        check_non_negative("PID", **values)
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

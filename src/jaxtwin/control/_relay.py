@@ -8,7 +8,7 @@ from both follows a controller
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -97,13 +97,9 @@ class Relay(AbstractChannelGroupController):
         limits: Sequence[float | int] = (-1.0, 1.0),
         sample_time_s: float | int = 1.0,
     ):
-        check_non_negative("Relay", amplitude=amplitude, hysteresis=hysteresis)
+        self.check_parameters(amplitude=amplitude, bias=bias, hysteresis=hysteresis)
         self.amplitude, self.bias = as_parameter(amplitude), as_parameter(bias)
         self.hysteresis = as_parameter(hysteresis)
-        if isinstance(self.amplitude, np.ndarray) and not np.any(self.amplitude > 0):
-            raise ControlError(f"Relay: amplitude: expected a number above 0, got {amplitude!r}")
-        if isinstance(self.bias, np.ndarray) and not np.all(np.abs(self.bias) <= 1):
-            raise ControlError(f"Relay: bias: expected a duty from -1 to 1, got {bias!r}")
         self.timeout_s = finite_number("Relay: timeout_s", timeout_s, ControlError)
         if self.timeout_s <= 0:
             raise ControlError(f"Relay: timeout_s: expected a number above 0, got {timeout_s!r}")
@@ -111,6 +107,21 @@ class Relay(AbstractChannelGroupController):
         self.measured = checked_measured("Relay", group)
         self.limits = checked_limits("Relay", limits)
         self.sample_time_s = checked_sample_time("Relay", sample_time_s)
+
+    @classmethod
+    def check_parameters(cls, **values: Any) -> None:
+        """Refuses an amplitude that is nowhere above 0, a negative amplitude or hysteresis, and a
+        bias outside of -1 to 1."""
+        bias = values.pop("bias", 0.0)
+        check_non_negative("Relay", **values)
+        amplitude = as_parameter(values.get("amplitude", 1.0))
+        if isinstance(amplitude, np.ndarray) and not np.any(amplitude > 0):
+            raise ControlError(
+                f"Relay: amplitude: expected a number above 0, got {values['amplitude']!r}"
+            )
+        array = as_parameter(bias)
+        if isinstance(array, np.ndarray) and not np.all(np.abs(array) <= 1):
+            raise ControlError(f"Relay: bias: expected a duty from -1 to 1, got {bias!r}")
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
-from .._arguments import finite_number, of_kind, whole_number
+from .._arguments import finite_number, of_kind, true_or_false, whole_number
 from .._errors import ControlError
 from .._jax_settings import own_settings
 from ..io._checks import ABSOLUTE_ZERO
@@ -120,6 +120,7 @@ def scenario(
         raise ControlError(
             f"{where}: disturbances: expected a list of Draught and HeatInput, got {disturbances!r}"
         )
+    is_quantised = true_or_false(f"{where}: quantised", quantised, ControlError)
     if isinstance(faults, str):
         faults = Faults.parse(faults)
     expected = "text such as 'drop=0.01,jumps=164', or Faults"
@@ -150,7 +151,7 @@ def scenario(
         where,
         plant.rig,
         times,
-        noise=noise,
+        noise=true_or_false(f"{where}: noise", noise, ControlError),
         faults=faults,
         failed_channels={} if failed_channels is None else failed_channels,
         seed=whole_number(f"{where}: seed", seed, 0, ControlError),
@@ -172,7 +173,7 @@ def scenario(
         step_s=step,
         longest_delay_s=delay,
         sensor_delay_steps=late_steps,
-        counts=plant.rig.driver.counts if quantised else None,
+        counts=plant.rig.driver.counts if is_quantised else None,
         silence_s=silence,
     )
 

@@ -18,8 +18,7 @@ from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ..simulation import Precision, Reductions, Stepper
-from ..simulation._check_values import check_values
-from ..simulation._simulate_batch import _checked_draws, checked_precision
+from ..simulation._simulate_batch import checked_draws, checked_precision
 from ._closed_loop import run_loop
 from ._closed_loop_run import ClosedLoopRun
 from ._controller import (
@@ -27,6 +26,7 @@ from ._controller import (
     ControlFunction,
     as_controller,
     parameter_names,
+    with_values,
 )
 from ._many_loops import longest_delay, simulate_many_loops, twin_at_medians
 from ._measures import MEASURES, Measure
@@ -122,12 +122,13 @@ def simulate_closed_loop(
         "simulate_closed_loop: controller", controller, settings.pop("sample_time_s", None)
     )
     plant_draws = _checked_plant_draws(plant, draws, controller_draws)
-    count = _count(chosen, plant_draws, controller_draws)
+    drawn = _checked_controller_draws(chosen, controller_draws)
+    count = _count(plant_draws, drawn)
     if workers is not None:
         whole_number("simulate_closed_loop: workers", workers, 1, ControlError)
     median_twin = twin_at_medians(plant, plant_draws)
-    check_values(median_twin)
-    conditions = scenario(median_twin, chosen, references, duration_s=duration_s, **settings)
+    first = _first_drawn(chosen, drawn) if drawn else chosen
+    conditions = scenario(median_twin, first, references, duration_s=duration_s, **settings)
     with own_settings():
         if count is not None:
             conditions = replace(
@@ -138,7 +139,7 @@ def simulate_closed_loop(
                 chosen,
                 conditions,
                 draws=plant_draws,
-                controller_draws=controller_draws or {},
+                controller_draws=drawn,
                 count=count,
                 measures=_checked_measures(measures),
                 precision=checked_precision(precision, ControlError),
@@ -181,36 +182,63 @@ def _checked_plant_draws(
     """Checks the draws of the twin's parameters; empty if none are drawn."""
     if draws is not None and not draws and not controller_draws:
         raise ControlError("simulate_closed_loop: draws: expected name -> values, got none")
-    return _checked_draws(twin, draws) if draws else {}
+    return checked_draws(twin, draws) if draws else {}
+
+
+def _checked_controller_draws(
+    controller: AbstractController, draws: Mapping[str, ArrayLike] | None
+) -> dict[str, Float[np.ndarray, "draws ..."]]:
+    """Checks the draws of the controller's parameters; empty if none are drawn."""
+    if draws is None:
+        return {}
+    where = "simulate_closed_loop: controller_draws"
+    mapping_of(where, draws, "name -> values", ControlError)
+    known, checked = parameter_names(controller), {}
+    for name, values in draws.items():
+        if name not in known:
+            raise ControlError(f"{where}: {unknown_name('parameter', name, known)}")
+        array = np.asarray(values)
+        is_number = array.dtype.kind in "iuf" and np.isfinite(array).all()
+        if array.ndim == 0 or array.size == 0 or not is_number:
+            raise ControlError(
+                f"{where}: {name}: expected finite numbers (draws, ...), got {values!r}"
+            )
+        checked[name] = array.astype(float)
+    return checked
 
 
 def _count(
-    controller: AbstractController,
     draws: Mapping[str, Float[np.ndarray, " draws"]],
-    controller_draws: Mapping[str, ArrayLike] | None,
+    controller_draws: Mapping[str, Float[np.ndarray, "draws ..."]],
 ) -> int | None:
     """Returns the number of loops; None for a single one without draws."""
-    where = "simulate_closed_loop"
-    lengths = {name: len(values) for name, values in draws.items()}
-    if controller_draws is not None:
-        at = f"{where}: controller_draws"
-        mapping_of(at, controller_draws, "name -> values", ControlError)
-        known = parameter_names(controller)
-        for name, values in controller_draws.items():
-            if name not in known:
-                raise ControlError(f"{at}: {unknown_name('parameter', name, known)}")
-            array = np.asarray(values)
-            if array.ndim == 0 or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-                raise ControlError(
-                    f"{at}: {name}: expected finite numbers (draws, ...), got {values!r}"
-                )
-            lengths[name] = len(array)
+    lengths = {name: len(values) for name, values in (*draws.items(), *controller_draws.items())}
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ControlError(
-            f"{where}: draws: expected the same number of draws for each, got {found}"
+            f"simulate_closed_loop: draws: expected the same number of draws for each, got {found}"
         )
     return next(iter(lengths.values()), None)
+
+
+def _first_drawn(
+    controller: AbstractController, draws: Mapping[str, Float[np.ndarray, "draws ..."]]
+) -> AbstractController:
+    """Checks the parameters of the controller in each draw, and returns the controller with those
+    of the first.
+
+    **Raises:** `ControlError` that names the draw by its number, counted from 0.
+    """
+    for number in range(len(next(iter(draws.values())))):
+        try:
+            controller.check_parameters(
+                **{name: values[number].tolist() for name, values in draws.items()}
+            )
+        except ControlError as problem:
+            raise ControlError(
+                f"simulate_closed_loop: controller_draws: draw {number}: {problem}"
+            ) from None
+    return with_values(controller, {name: values[0] for name, values in draws.items()})
 
 
 def _checked_measures(

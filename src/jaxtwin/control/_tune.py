@@ -18,8 +18,8 @@ from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
 from ..matching._posterior_draws import posterior_draws
 from ..physics import Twin
-from ..simulation._check_values import check_values
-from ..simulation._simulate_batch import _checked_draws
+from ..simulation._check_values import check_draw, valid_draws
+from ..simulation._simulate_batch import checked_draws
 from ._controller import AbstractController
 from ._controller_vector import ControllerVector
 from ._loop_slopes import LoopSlopes
@@ -163,7 +163,6 @@ def tuning_problem(
     limit = _checked_limit(where, sensitivity_limit)
     plant_draws = _plant_draws(where, plant, twin, draws, seed)
     median_twin = twin_at_medians(plant, plant_draws)
-    check_values(median_twin)
     conditions = scenario(
         median_twin,
         controller,
@@ -343,7 +342,10 @@ def _plant_draws(
     if draws is None:
         return {}
     if isinstance(draws, Mapping):
-        return _checked_draws(plant, draws)
+        checked = checked_draws(plant, draws)
+        for number in np.flatnonzero(~valid_draws(plant, checked)):
+            check_draw(plant, checked, int(number))
+        return checked
     count = whole_number(f"{where}: draws", draws, 1, ControlError)
     if not isinstance(twin, Fit):
         raise ControlError(

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from .._arguments import whole_number
+from .._arguments import true_or_false, whole_number
 from .._display import html_table
 from .._errors import ControlError
 from ._closed_loop_run import ClosedLoopRun
@@ -100,7 +100,8 @@ class UltimatePoint:
                 f"UltimatePoint.pid: rule: expected one of {', '.join(get_args(Rule))}, got "
                 f"{rule!r}"
             )
-        gain, integral, lead = _RULES[rule, derivative]
+        has_derivative = true_or_false("UltimatePoint.pid: derivative", derivative, ControlError)
+        gain, integral, lead = _RULES[rule, has_derivative]
         Kp, Td = gain * self.gain, lead * self.period_s
         Ki = Kp / (integral * self.period_s)
         return PID(Kp=Kp, Ki=Ki, Kd=Kp * Td, Tf=FILTER * Td, **settings)

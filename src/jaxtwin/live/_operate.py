@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
+from .._arguments import true_or_false
 from .._errors import JaxtwinError, SafetyStop
 from ..physics import Twin
 from ..rig import Rig
@@ -80,8 +81,9 @@ def operate(
     **Returns:** `"completed"` if `duty` ended the run, `"stopped"` if `stop` did.
 
     **Raises:** `SafetyStop` if an interlock trips, or the rig does not become ready; `JaxtwinError`
-    if the rig file states no limit.
+    if the rig file states no limit, or for an invalid argument.
     """
+    true_or_false("operate: reset", reset, JaxtwinError)
     guard = Guard(twin, bench.owner, silence=silence)
     run = _Run(bench, twin.rig, guard)
     uid = secrets.token_hex(8)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, final
 
+from .._arguments import true_or_false
 from .._errors import RecordingError
 from ..io._lock import lock, unlock
 from ..io._session_file import damage_as_recording_error, is_session, read_metadata
@@ -57,7 +58,7 @@ class Recorder:
     - `clock`: host time.
 
     **Raises:** `RecordingError` where the file exists, belongs to another rig, is being recorded
-    into, or cannot be written.
+    into, or cannot be written, and for an invalid argument.
     """
 
     def __init__(
@@ -69,6 +70,8 @@ class Recorder:
         keep_frames: bool = False,
         clock: Clock | None = None,
     ):
+        for name, value in (("append", append), ("keep_frames", keep_frames)):
+            true_or_false(f"Recorder: {name}", value, RecordingError)
         self.file = Path(file)
         self.written = 0
         """Records kept so far."""

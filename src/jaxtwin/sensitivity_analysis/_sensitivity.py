@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._arguments import true_or_false
 from .._display import html_table, picture
 from .._errors import ParameterError
 from .._name_suggestions import did_you_mean
@@ -88,6 +89,7 @@ class Sensitivity:
 
         **Raises:** `ParameterError` where there is no such channel.
         """
+        true_or_false("significant: ranks", ranks, ParameterError)
         low, high = (self.rank_interval if ranks else self.interval)[self._row(channel)].T
         return {
             name: 1 if below > 0 else -1

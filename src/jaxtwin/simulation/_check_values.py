@@ -1,15 +1,23 @@
 """Refuses parameter values with which a simulation has no meaning."""
 
+from collections.abc import Mapping
 from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Bool, Float
 
 from .._errors import ParameterError
 from ..physics import Twin, build_netlist
 from ..rig import Rig, Value
 
 
-def check_values(twin: Twin) -> None:
+def check_values(twin: Twin, where: str | None = None) -> None:
     """Checks that all resistances, heat capacities, lags, delays and current limits are above 0. A
     simulation with a negative one may still give finite temperatures.
+
+    **Arguments:**
+
+    - `where`: whose values these are, for the message; None for the name of the rig.
 
     **Raises:** `ParameterError` that names the quantity.
     """
@@ -19,9 +27,36 @@ def check_values(twin: Twin) -> None:
         # A power of a negative number, such as a negative fan speed, is complex.
         if isinstance(found, complex) or found <= 0:
             raise ParameterError(
-                f"{twin.rig.name}: {what} ({value}): expected a value above 0, got {found:g} in "
-                "SI units"
+                f"{where or twin.rig.name}: {what} ({value}): expected a value above 0, got "
+                f"{found:g} in SI units"
             )
+
+
+def valid_draws(
+    twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]
+) -> Bool[np.ndarray, " draws"]:
+    """Returns which draws `check_values` accepts.
+
+    **Arguments:**
+
+    - `draws`: one or several drawn parameters, name -> values in the unit of the rig's table.
+    """
+    table, values = twin.rig.parameters, {**twin.values, **draws}
+    values_si = {name: table[name].to_si(np.asarray(v, float)) for name, v in values.items()}
+    is_valid = np.ones(len(next(iter(draws.values()))), bool)
+    with np.errstate(all="ignore"):  # a power of a negative number is NaN
+        for _, value in _positive_values(twin.rig):
+            is_valid &= np.asarray(value.evaluate(values_si)) > 0
+    return is_valid
+
+
+def check_draw(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]], number: int) -> None:
+    """Checks the values of one draw as `check_values` does.
+
+    **Raises:** `ParameterError` that names the draw by its number, counted from 0.
+    """
+    drawn = {name: values[number] for name, values in draws.items()}
+    check_values(twin.with_values(drawn), f"{twin.rig.name}: draw {number}")
 
 
 @lru_cache(maxsize=32)

@@ -135,7 +135,7 @@ def simulate_batch(
     twin = twin_of_experiment(twin, experiment)
     names = checked_channels(twin, experiment)
     start = checked_initial(twin, initial)
-    arrays = _checked_draws(twin, draws)
+    arrays = checked_draws(twin, draws)
     wanted = None if reductions is None else checked_reductions(reductions, [experiment])
     for name, number in (("chunk_size", chunk_size), ("workers", workers)):
         if number is not None:
@@ -177,7 +177,15 @@ def simulate_batch(
     return results["temperatures"] if wanted is None else Reductions.of(names, results)
 
 
-def _checked_draws(twin: Twin, draws: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
+def checked_draws(
+    twin: Twin, draws: Mapping[str, ArrayLike]
+) -> dict[str, Float[np.ndarray, " draws"]]:
+    """Returns draws of parameters as arrays.
+
+    **Raises:** `ParameterError` for an unknown name, for draws that are missing, not
+    one-dimensional, not finite or of different numbers, and for a twin with several values of a
+    parameter that is not drawn.
+    """
     rig = twin.rig
     mapping_of(f"{rig.name}: draws", draws, "name -> draws", ParameterError)
     if not len(draws):
