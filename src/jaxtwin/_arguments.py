@@ -95,6 +95,12 @@ def names_of(where: str, value: object, error: Failure) -> tuple[str, ...]:
     return tuple(sorted(names) if isinstance(value, set | frozenset) else dict.fromkeys(names))
 
 
+def is_ordered(value: object) -> bool:
+    """Whether a value has parts in an order. A text is a single part, and a set has no order that
+    is the same in the next process."""
+    return isinstance(value, Iterable) and not isinstance(value, str | set | frozenset)
+
+
 def mapping_of(where: str, value: Any, expected: str, error: Failure) -> Mapping[str, Any]:
     """A mapping whose keys are names.
 

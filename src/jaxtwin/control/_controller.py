@@ -2,7 +2,7 @@
 
 import dataclasses
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias, TypeVar, final
 
 import equinox as eqx
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from .._arguments import check_callable, finite_number
+from .._arguments import check_callable, finite_number, is_ordered
 from .._errors import ControlError
 from .._name_suggestions import unknown_name
 
@@ -315,9 +315,10 @@ def checked_deviations(
 
 def _in_order(parts: Any) -> tuple[Any, ...]:
     """Returns the parts of what has several in an order; none of anything else."""
-    is_one = isinstance(parts, str | set | frozenset) or not isinstance(parts, Iterable)
+    if not is_ordered(parts):
+        return ()
     # Names of NumPy and pandas are texts of their own kinds.
-    return () if is_one else tuple(str(part) if isinstance(part, str) else part for part in parts)
+    return tuple(str(part) if isinstance(part, str) else part for part in parts)
 
 
 def _is_array(value: object) -> bool:

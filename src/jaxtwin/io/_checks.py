@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from .._arguments import is_ordered
 from .._errors import RecordingError
 from ..rig._camera import is_channel_name
 
@@ -104,12 +105,10 @@ def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:
 
     A set is refused, because columns belong to names by their order.
     """
-    if not isinstance(channels, Iterable):
-        raise RecordingError(f"channels: expected one name or several, got {channels!r}")
-    if isinstance(channels, set | frozenset):
+    if not isinstance(channels, str) and not is_ordered(channels):
         raise RecordingError(
-            f"channels: expected names in the order of the columns, such as a list, got a set: "
-            f"{', '.join(sorted(map(str, channels)))}"
+            "channels: expected one name or several in the order of the columns, such as a list, "
+            f"got {channels!r}"
         )
     names = (channels,) if isinstance(channels, str) else tuple(channels)
     # NumPy's and pandas' own kinds of text print in another way.

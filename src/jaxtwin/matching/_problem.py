@@ -1,7 +1,7 @@
 """The problem of a match: recordings, unknowns and the user's settings, all checked."""
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count as count_from
 from typing import Literal, final
@@ -9,7 +9,7 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Float
 
-from .._arguments import finite_number, of_kind
+from .._arguments import finite_number, is_ordered, of_kind
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
@@ -191,8 +191,7 @@ def named_groups(
         if not any(named):
             return ("",), (0,) * len(named)
     else:
-        # A set has no order in which its names could belong to the recordings.
-        if isinstance(groups, str | set | frozenset) or not isinstance(groups, Iterable):
+        if not is_ordered(groups):
             raise MatchError(f"groups: expected a name for each recording, got {groups!r}")
         named = list(groups)
         for name in named:
