@@ -208,8 +208,8 @@ def _checked_controller_draws(
 
 
 def _count(
-    draws: Mapping[str, Float[np.ndarray, " draws"]],
-    controller_draws: Mapping[str, Float[np.ndarray, "draws ..."]],
+    draws: Mapping[str, Float[np.ndarray, "..."]],
+    controller_draws: Mapping[str, Float[np.ndarray, "..."]],
 ) -> int | None:
     """Returns the number of loops; None for a single one without draws."""
     lengths = {name: len(values) for name, values in (*draws.items(), *controller_draws.items())}
