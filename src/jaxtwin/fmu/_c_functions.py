@@ -29,6 +29,46 @@ def of_state(prefix: str, word: str) -> str:
     return _OF_STATE.replace("PREFIX", prefix).replace("WORD", word)
 
 
+def of_integration(prefix: str, derivatives: str) -> str:
+    """Time, continuous states, their derivatives and their nominal values, for a solver outside.
+
+    **Arguments:**
+
+    - `prefix`: of the functions' names, such as "fmi2".
+    - `derivatives`: the word for derivatives in them.
+    """
+    return _OF_INTEGRATION.replace("PREFIX", prefix).replace("DERIVATIVES", derivatives)
+
+
+_OF_INTEGRATION = """
+EXPORTED status_t PREFIXSetTime(component_t c, double time)
+{
+    ((instance_t *)c)->time = time;
+    return isfinite(time) ? OK : ERROR;
+}
+
+EXPORTED status_t PREFIXSetContinuousStates(component_t c, const double values[], size_t n)
+{
+    return set_states(c, values, n) ? OK : ERROR;
+}
+
+EXPORTED status_t PREFIXGetContinuousStates(component_t c, double values[], size_t n)
+{
+    return get_states(c, values, n) ? OK : ERROR;
+}
+
+EXPORTED status_t PREFIXGetDERIVATIVES(component_t c, double values[], size_t n)
+{
+    return get_slopes(c, values, n) ? OK : ERROR;
+}
+
+EXPORTED status_t PREFIXGetNominalsOfContinuousStates(component_t c, double values[], size_t n)
+{
+    (void)c;
+    return get_nominals(values, n) ? OK : ERROR;
+}
+"""
+
 _OF_STATE = """
 EXPORTED status_t PREFIXGetWORD(component_t c, void **state)
 {

@@ -5,12 +5,13 @@ They are declared here as the standard has them, so that the sources need no hea
 
 from collections.abc import Iterator
 
-from ._c_functions import NOTHING_AT_ALL, of_state, refused
+from ._c_functions import NOTHING_AT_ALL, of_integration, of_state, refused
 
 
 def fmi2_c() -> str:
     """Returns the functions of FMI 2, which follow the instance in the source."""
-    return _TYPES + "".join(_refused()) + _FUNCTIONS + of_state("fmi2", "FMUstate")
+    integration = of_integration("fmi2", "Derivatives")
+    return _TYPES + "".join(_refused()) + _FUNCTIONS + integration + of_state("fmi2", "FMUstate")
 
 
 _TYPES = """typedef void *component_t;
@@ -142,33 +143,6 @@ EXPORTED status_t fmi2CompletedIntegratorStep(component_t c, bool_t never_back,
     (void)never_back;
     *enter_events = *terminate = 0;
     return OK;
-}
-
-EXPORTED status_t fmi2SetTime(component_t c, double time)
-{
-    ((instance_t *)c)->time = time;
-    return isfinite(time) ? OK : ERROR;
-}
-
-EXPORTED status_t fmi2SetContinuousStates(component_t c, const double values[], size_t n)
-{
-    return set_states(c, values, n) ? OK : ERROR;
-}
-
-EXPORTED status_t fmi2GetContinuousStates(component_t c, double values[], size_t n)
-{
-    return get_states(c, values, n) ? OK : ERROR;
-}
-
-EXPORTED status_t fmi2GetDerivatives(component_t c, double values[], size_t n)
-{
-    return get_slopes(c, values, n) ? OK : ERROR;
-}
-
-EXPORTED status_t fmi2GetNominalsOfContinuousStates(component_t c, double values[], size_t n)
-{
-    (void)c;
-    return get_nominals(values, n) ? OK : ERROR;
 }
 """
 

@@ -6,12 +6,13 @@ They are declared here as the standard has them, so that the sources need no hea
 
 from collections.abc import Iterator
 
-from ._c_functions import NOTHING_AT_ALL, of_state, refused
+from ._c_functions import NOTHING_AT_ALL, of_integration, of_state, refused
 
 
 def fmi3_c() -> str:
     """Returns the functions of FMI 3, which follow the instance in the source."""
-    return _TYPES + "".join(_refused()) + _FUNCTIONS + of_state("fmi3", "FMUState")
+    integration = of_integration("fmi3", "ContinuousStateDerivatives")
+    return _TYPES + "".join(_refused()) + _FUNCTIONS + integration + of_state("fmi3", "FMUState")
 
 
 _TYPES = """#include <stdbool.h>
@@ -186,33 +187,6 @@ EXPORTED status_t fmi3CompletedIntegratorStep(component_t c, bool never_back, bo
     (void)never_back;
     *enter_events = *terminate = false;
     return OK;
-}
-
-EXPORTED status_t fmi3SetTime(component_t c, double time)
-{
-    ((instance_t *)c)->time = time;
-    return isfinite(time) ? OK : ERROR;
-}
-
-EXPORTED status_t fmi3SetContinuousStates(component_t c, const double values[], size_t n)
-{
-    return set_states(c, values, n) ? OK : ERROR;
-}
-
-EXPORTED status_t fmi3GetContinuousStates(component_t c, double values[], size_t n)
-{
-    return get_states(c, values, n) ? OK : ERROR;
-}
-
-EXPORTED status_t fmi3GetContinuousStateDerivatives(component_t c, double values[], size_t n)
-{
-    return get_slopes(c, values, n) ? OK : ERROR;
-}
-
-EXPORTED status_t fmi3GetNominalsOfContinuousStates(component_t c, double values[], size_t n)
-{
-    (void)c;
-    return get_nominals(values, n) ? OK : ERROR;
 }
 
 EXPORTED status_t fmi3GetNumberOfContinuousStates(component_t c, size_t *n)

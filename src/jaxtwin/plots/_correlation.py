@@ -5,7 +5,8 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from ..matching import Fit
-from ._style import INK, PALE, palette, points, styled, symbol
+from ._correlation_matrix import draw_correlation_matrix
+from ._style import styled, symbol
 
 SHOWN = 0.5
 """Correlations above this in size are written out, where cells are large enough for numbers."""
@@ -39,24 +40,14 @@ def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
     if ax is None:
         size = (2.4 + cell * count, 1.6 + 0.86 * cell * count)
         ax = pyplot.figure(figsize=size, layout="constrained").subplots()
-    image = ax.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
-    for row, column in np.argwhere(np.abs(np.nan_to_num(correlation)) > SHOWN):
-        value = correlation[row, column]
-        if row != column and cell > LEAST_FOR_NUMBERS:
-            ax.annotate(
-                f"{value:.2f}".replace("0.", "."), (column, row), ha="center", va="center",
-                fontsize=points(7.5), color=PALE if abs(value) > 0.55 else INK,
-            )  # fmt: skip
+    written = np.abs(np.nan_to_num(correlation)) > SHOWN
+    written &= ~np.eye(count, dtype=bool) & (cell > LEAST_FOR_NUMBERS)
+    draw_correlation_matrix(ax, correlation, written)
     labels = [_label(label) for label in fit.uncertainty.labels]
     ax.set_xticks(range(count), labels, rotation=90)
     ax.set_yticks(range(count), labels)
-    ax.tick_params(length=0, labelsize=min(9.0, 30 * cell))
-    ax.grid(visible=False)
-    ax.spines[:].set_visible(False)
+    ax.tick_params(labelsize=min(9.0, 30 * cell))
     ax.set_title("Correlation of the matched values")
-    bar = ax.figure.colorbar(image, ax=ax, fraction=0.03, pad=0.01, ticks=[-1, 0, 1])
-    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
-    bar.ax.tick_params(length=0, colors=palette().muted)
     return ax
 
 
