@@ -63,3 +63,10 @@ def test_a_simulated_loop_and_one_on_a_rig_have_the_limits_of_their_controller(t
         simulate_closed_loop(twin, weak, 50, duration_s=60)
     with pytest.raises(ControlError, match=words):
         checked_loop(twin, weak, 50, 60)
+
+
+def test_a_loop_on_a_rig_needs_a_duty_for_each_of_its_cells(twin: Twin):
+    """Before anything is sent to the rig, as in a simulated loop."""
+    three = PID([0.1, 0.1, 0.1])
+    with pytest.raises(ControlError, match="control: controller: expected the duty of 2 cells"):
+        checked_loop(twin, three, 35, 60)

@@ -92,18 +92,19 @@ def test_a_speed_that_a_draw_may_take_to_zero_is_refused():
         hand_rig(cell=FAN, more=bounds)
 
 
-def test_a_draw_below_zero_is_not_valid():
-    """The power of a negative speed is no real number."""
+def test_draws_of_a_speed_not_above_zero_are_not_valid():
+    """The power of a negative speed is no real number, and that of 0 is infinite."""
     twin = Twin(hand_rig(cell=FAN, more=SPEED))
     drawn = {"n_fan": np.array([0.5, -1.0, 0.0, 2.0])}
     assert valid_draws(twin, drawn).tolist() == [True, False, False, True]
 
 
-def test_a_speed_below_zero_is_refused_where_the_twin_runs():
+def test_a_speed_not_above_zero_is_refused_where_the_twin_runs():
     rig = hand_rig(cell=FAN, more=SPEED)
     words = r"resistance P1\.SINK - ambient \(0\.4 n_fan\^-0\.5\): expected a value above 0"
-    with pytest.raises(ParameterError, match=words):
-        simulate(Twin(rig, {"n_fan": -1.0}), Experiment.schedule("0:1", duration=10))
+    for speed, found in ((-1.0, "got nan"), (0.0, "got inf")):
+        with pytest.raises(ParameterError, match=f"{words}, {found}"):
+            simulate(Twin(rig, {"n_fan": speed}), Experiment.schedule("0:1", duration=10))
 
 
 @pytest.mark.parametrize(

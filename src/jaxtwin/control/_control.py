@@ -15,7 +15,7 @@ from ..live import Bench, Document, Moment, operate
 from ..physics import Twin
 from ._controller import AbstractController
 from ._decision import Decision
-from ._loop_checks import check_reach, check_sample_time
+from ._loop_checks import check_cells, check_reach, check_sample_time
 from ._references import reference_samples, references_ahead, sample_times
 from ._stability import check_stability
 
@@ -57,9 +57,10 @@ def control(
     **Returns:** `"completed"` at the end of the duration, `"stopped"` if `stop` was set before.
 
     **Raises:** `SafetyStop` if an interlock trips, if the rig does not start, or if the controller
-    returns something other than duty cycles; `ControlError`, before anything is sent, for invalid
-    references, references out of reach, a sample time above the time constants of the rig, and a
-    `PID`, a `DecoupledPI`, an `LQI` or an `MPC` whose loop with the twin is not stable.
+    returns something other than duty cycles; `ControlError`, before anything is sent, for a
+    controller of another number of cells, invalid references, references out of reach, a sample
+    time above the time constants of the rig, and a `PID`, a `DecoupledPI`, an `LQI` or an `MPC`
+    whose loop with the twin is not stable.
     """
     loop = LiveLoop(
         bench,
@@ -88,9 +89,9 @@ def checked_loop(
 ) -> Float[np.ndarray, "samples outputs"]:
     """Checks a loop before it runs on a rig, and returns the references at its samples, degC.
 
-    **Raises:** `ControlError` for invalid references, references out of reach, a sample time above
-    the time constants of the rig, a duration that is not a multiple of the sample time, or a loop
-    that is not stable.
+    **Raises:** `ControlError` for a controller of another number of cells, invalid references,
+    references out of reach, a sample time above the time constants of the rig, a duration that is
+    not a multiple of the sample time, or a loop that is not stable.
     """
     weights = np.asarray(controller.output_weights(twin.channels), float)
     times = sample_times("control", duration_s, controller.sample_time_s)
@@ -98,6 +99,7 @@ def checked_loop(
     with own_settings():
         system = twin.system()
         room = float(system.ambient_temperature) - 273.15
+        check_cells("control", controller, len(twin.rig.cells), len(weights))
         check_sample_time(twin, controller.sample_time_s)
         surroundings = np.full((1, 1), room)
         check_reach(system, weights, samples, times, surroundings, controller.limits)

@@ -21,14 +21,13 @@ def check_values(twin: Twin, where: str | None = None) -> None:
 
     **Raises:** `ParameterError` that names the quantity.
     """
-    values = twin.numbers_si
+    values = {name: np.float64(value) for name, value in twin.numbers_si.items()}
     for what, value in _positive_values(twin.rig):
-        found = value.evaluate(values)
-        # A power of a negative number, such as a negative fan speed, is complex.
-        if isinstance(found, complex) or found <= 0:
+        found = _evaluated(value, values)
+        if not _is_positive(found):
             raise ParameterError(
                 f"{where or twin.rig.name}: {what} ({value}): expected a value above 0, got "
-                f"{found:g} in SI units"
+                f"{float(found):g} in SI units"
             )
 
 
@@ -44,9 +43,8 @@ def valid_draws(
     table, values = twin.rig.parameters, {**twin.values, **draws}
     values_si = {name: table[name].to_si(np.asarray(v, float)) for name, v in values.items()}
     is_valid = np.ones(len(next(iter(draws.values()))), bool)
-    with np.errstate(all="ignore"):  # a power of a negative number is NaN
-        for _, value in _positive_values(twin.rig):
-            is_valid &= np.asarray(value.evaluate(values_si)) > 0
+    for _, value in _positive_values(twin.rig):
+        is_valid &= _is_positive(_evaluated(value, values_si))
     return is_valid
 
 
@@ -57,6 +55,17 @@ def check_draw(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]], num
     """
     drawn = {name: values[number] for name, values in draws.items()}
     check_values(twin.with_values(drawn), f"{twin.rig.name}: draw {number}")
+
+
+def _evaluated(value: Value, values_si: Mapping[str, np.ndarray | np.float64]) -> np.ndarray:
+    """The value by the arithmetic of NumPy, without warnings: a power of a negative number, such as
+    a negative fan speed, is NaN, and one of 0 may be infinite."""
+    with np.errstate(all="ignore"):
+        return np.asarray(value.evaluate(values_si))
+
+
+def _is_positive(value: np.ndarray) -> Bool[np.ndarray, "..."]:
+    return np.asarray(np.isfinite(value) & (value > 0))
 
 
 @lru_cache(maxsize=32)
