@@ -4,7 +4,7 @@ import json
 import math
 import os
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -59,33 +59,10 @@ def load_fit(
     values = [parsed_values(data, source, rig, name) for name in names]
     groups = tuple(dict.fromkeys(record.group for record in stored.recordings.values()))
     unknowns = _unknowns(rig, stored, groups)
-    for name in names:
-        for row in unknowns.per_group + unknowns.per_recording:
-            if row.name not in data.get("recordings", {}).get(name, {}):
-                field = f"recordings.{name}.{row.name}"
-                _refuse(source, field, "expected the value of each recording, got none")
-    vector = np.array(
-        [row.to_entry(values[0][row.name]) for row in unknowns.shared]
-        + [
-            row.to_entry(values[unknowns.groups.index(group)][row.name])
-            for group in range(len(groups))
-            for row in unknowns.per_group
-        ]
-        + [row.to_entry(own[row.name]) for own in values for row in unknowns.per_recording]
-    )
+    _check_own_values(source, data, names, unknowns)
+    vector = _vector(unknowns, groups, values)
     known = _uncertainty(source, stored, unknowns, groups, vector)
-    several = list(stored.recordings.values())
-    sample_weights, channel, common_mode = (
-        tuple(_weights(source, name, kind, record) for name, record in stored.recordings.items())
-        for kind in ("sample_weights", "channel_weights", "common_mode_weights")
-    )
-    noise_model = NoiseModel(
-        channel=stored.assumed_noise[0],
-        common_mode=stored.assumed_noise[1],
-        events=tuple(record.events for record in several),
-        channel_weights=channel,
-        common_mode_weights=tuple(weights[:, 0] for weights in common_mode),
-    )
+    noise_model = _noise_model(source, stored)
     start = Twin(rig, {name: row.initial for name, row in stored.parameters.items()})
     matched = _recordings(stored, experiments)
     problem = MatchProblem(
@@ -93,7 +70,7 @@ def load_fit(
         experiments=matched or (),
         names=names,
         unknowns=unknowns,
-        sample_weights=sample_weights,
+        sample_weights=_weights_of_all(source, stored, "sample_weights"),
         events=noise_model.events,
         common_error=rig.common_error,
         robust=stored.robust,
@@ -101,37 +78,7 @@ def load_fit(
         prior_weights=independent_prior_weights(unknowns),
         linear_prior=LinearPrior.between_groups(unknowns),
     )
-    own_rows = unknowns.per_group + unknowns.per_recording
-    own = [{row.name: own_values[row.name] for row in own_rows} for own_values in values]
-    shared = {row.name: values[0][row.name] for row in unknowns.shared}
-    fit = Fit(
-        twin=start.with_values({**shared, **own[0]}),
-        recordings=names,
-        fingerprints=tuple(record.fingerprint for record in several),
-        channels=tuple(record.channels for record in several),
-        parameters=FittedParameters(stored.parameters),
-        recording_values=dict(zip(names, own, strict=True)),
-        fit_percent={
-            (name, channel): percent
-            for name, record in stored.recordings.items()
-            for channel, percent in record.fit_percent.items()
-        },
-        rmse=stored.rmse,
-        status=stored.status,
-        converged=stored.converged,
-        history=stored.history,
-        optima=stored.optima,
-        wall_time=stored.wall_time,
-        solver_gap=stored.solver_gap,
-        camera_error=stored.camera_error,
-        noise=stored.noise,
-        uncertainty=known,
-        cost=stored.cost,
-        date=stored.date,
-        versions=stored.versions,
-        comparisons=None,
-        _solution=Solution(problem, noise_model, vector),
-    )
+    fit = _fit(stored, values, Solution(problem, noise_model, vector), known)
     if matched is None:
         return fit
     pairs = enumerate(zip(fit.twins.values(), matched, strict=True))
@@ -233,6 +180,93 @@ def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]])
             field = f"fit.parameters.{name}.initial"
             _refuse(source, field, f"expected a finite number, got {row.initial}")
     return stored
+
+
+def _fit(
+    stored: StoredFit,
+    values: Sequence[Mapping[str, float]],
+    solution: Solution,
+    uncertainty: Uncertainty,
+) -> Fit:
+    """The fit, without comparisons; `values` are those of each recording."""
+    problem, several = solution.problem, list(stored.recordings.values())
+    unknowns = problem.unknowns
+    own_rows = unknowns.per_group + unknowns.per_recording
+    own = [{row.name: own_values[row.name] for row in own_rows} for own_values in values]
+    shared = {row.name: values[0][row.name] for row in unknowns.shared}
+    return Fit(
+        twin=problem.twin.with_values({**shared, **own[0]}),
+        recordings=problem.names,
+        fingerprints=tuple(record.fingerprint for record in several),
+        channels=tuple(record.channels for record in several),
+        parameters=FittedParameters(stored.parameters),
+        recording_values=dict(zip(problem.names, own, strict=True)),
+        fit_percent={
+            (name, channel): percent
+            for name, record in stored.recordings.items()
+            for channel, percent in record.fit_percent.items()
+        },
+        rmse=stored.rmse,
+        status=stored.status,
+        converged=stored.converged,
+        history=stored.history,
+        optima=stored.optima,
+        wall_time=stored.wall_time,
+        solver_gap=stored.solver_gap,
+        camera_error=stored.camera_error,
+        noise=stored.noise,
+        uncertainty=uncertainty,
+        cost=stored.cost,
+        date=stored.date,
+        versions=stored.versions,
+        comparisons=None,
+        _solution=solution,
+    )
+
+
+def _check_own_values(
+    source: str, data: Mapping[str, Any], names: Sequence[str], unknowns: Unknowns
+) -> None:
+    """Refuses a file in which a recording lacks one of its own values."""
+    for name in names:
+        for row in unknowns.per_group + unknowns.per_recording:
+            if row.name not in data.get("recordings", {}).get(name, {}):
+                field = f"recordings.{name}.{row.name}"
+                _refuse(source, field, "expected the value of each recording, got none")
+
+
+def _vector(
+    unknowns: Unknowns, groups: Sequence[str], values: Sequence[Mapping[str, float]]
+) -> Float[np.ndarray, " unknowns"]:
+    """The optimiser's vector: shared values, then those of each group, then of each recording."""
+    return np.array(
+        [row.to_entry(values[0][row.name]) for row in unknowns.shared]
+        + [
+            row.to_entry(values[unknowns.groups.index(group)][row.name])
+            for group in range(len(groups))
+            for row in unknowns.per_group
+        ]
+        + [row.to_entry(own[row.name]) for own in values for row in unknowns.per_recording]
+    )
+
+
+def _noise_model(source: str, stored: StoredFit) -> NoiseModel:
+    return NoiseModel(
+        channel=stored.assumed_noise[0],
+        common_mode=stored.assumed_noise[1],
+        events=tuple(record.events for record in stored.recordings.values()),
+        channel_weights=_weights_of_all(source, stored, "channel_weights"),
+        common_mode_weights=tuple(
+            weights[:, 0] for weights in _weights_of_all(source, stored, "common_mode_weights")
+        ),
+    )
+
+
+def _weights_of_all(
+    source: str, stored: StoredFit, kind: str
+) -> tuple[Float[np.ndarray, "..."], ...]:
+    """The weights of one kind, of each recording `(times, columns)`."""
+    return tuple(_weights(source, name, kind, record) for name, record in stored.recordings.items())
 
 
 def _unknowns(rig: Rig, stored: StoredFit, groups: tuple[str, ...]) -> Unknowns:
