@@ -187,8 +187,9 @@ def _checked_plant_draws(
 
 def _checked_controller_draws(
     controller: AbstractController, draws: Mapping[str, ArrayLike] | None
-) -> dict[str, Float[np.ndarray, "draws ..."]]:
-    """Checks the draws of the controller's parameters; empty if none are drawn."""
+) -> dict[str, Float[np.ndarray, "..."]]:
+    """Checks the draws of the controller's parameters, each `(draws, ...)`; empty if none are
+    drawn."""
     if draws is None:
         return {}
     where = "simulate_closed_loop: controller_draws"
