@@ -87,7 +87,7 @@ class Sensitivity:
 
         **Returns:** parameter name -> sign of its correlation.
 
-        **Raises:** `ParameterError` where there is no such channel.
+        **Raises:** `ParameterError` where there is no such channel, or for an invalid argument.
         """
         true_or_false("significant: ranks", ranks, ParameterError)
         low, high = (self.rank_interval if ranks else self.interval)[self._row(channel)].T
