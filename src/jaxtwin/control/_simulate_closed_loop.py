@@ -239,7 +239,7 @@ def _first_drawn(
             raise ControlError(
                 f"simulate_closed_loop: controller_draws: draw {number}: {problem}"
             ) from None
-    return with_values(controller, {name: values[0] for name, values in draws.items()})
+    return with_values(controller, {name: np.asarray(v[0]) for name, v in draws.items()})
 
 
 def _checked_measures(
