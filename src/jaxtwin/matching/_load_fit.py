@@ -62,6 +62,7 @@ def load_fit(
     _check_own_values(source, data, names, unknowns)
     vector = _vector(unknowns, groups, values)
     known = _uncertainty(source, stored, unknowns, groups, vector)
+    sample_weights = _weights_of_all(source, stored, "sample_weights")
     noise_model = _noise_model(source, stored)
     start = Twin(rig, {name: row.initial for name, row in stored.parameters.items()})
     matched = _recordings(stored, experiments)
@@ -70,7 +71,7 @@ def load_fit(
         experiments=matched or (),
         names=names,
         unknowns=unknowns,
-        sample_weights=_weights_of_all(source, stored, "sample_weights"),
+        sample_weights=sample_weights,
         events=noise_model.events,
         common_error=rig.common_error,
         robust=stored.robust,
