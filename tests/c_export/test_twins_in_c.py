@@ -162,6 +162,20 @@ def test_the_header_says_what_goes_in_and_out(tmp_path: Path):
     assert f"#define PLATE_MODES {len(twin.netlist.nodes)}" in header
 
 
+def test_half_a_step_of_a_second_is_a_step_of_half_a_second(tmp_path: Path):
+    """The modes decay as much in two steps of half a second as in one of a second."""
+    remaining: dict[tuple[float, str], np.ndarray] = {}
+    for step in (0.5, 1.0):
+        source = export_c(Stepper(Twin("single-cell"), step), tmp_path / f"{step}").source
+        for part in ("half_decay", "decay"):
+            found = re.search(rf"model_{part}\[1\]\[\d+\] = {{\s*{{(.*?)}}", source.read_text())
+            assert found is not None
+            remaining[step, part] = 1 + np.array(found[1].split(","), float)
+    np.testing.assert_allclose(remaining[1.0, "half_decay"], remaining[0.5, "decay"])
+    np.testing.assert_allclose(remaining[1.0, "decay"], remaining[0.5, "decay"] ** 2)
+    np.testing.assert_allclose(remaining[0.5, "decay"], remaining[0.5, "half_decay"] ** 2)
+
+
 def test_numbers_that_a_float_does_not_have_are_refused(tmp_path: Path):
     stepper = Stepper(Twin("single-cell"), 1.0)
     large = eqx.tree_at(lambda s: s.system.gain, stepper, np.asarray(stepper.system.gain) * 1e300)

@@ -10,15 +10,16 @@ from small_results import fit, recordings
 from small_rigs import small_rig_file
 from typer.testing import CliRunner
 
-from jaxtwin import Experiment, Fit, JaxtwinError, MatchError, Twin, load_rig, match, simulate
+from jaxtwin import Experiment, Fit, JaxtwinError, MatchError, Run, Twin, load_rig, match, simulate
 from jaxtwin.cli import app
 from jaxtwin.io import write_recording
 from jaxtwin.report._agreement import residuals_section
 from jaxtwin.report._blocks import Picture, Table, Text
 from jaxtwin.report._demo_match import _deviation
 from jaxtwin.report._parameters import own_values_table, parameter_table
+from jaxtwin.report._recordings import _row
 from jaxtwin.report._rig import rig_section
-from jaxtwin.report._uniformity import _seen_together, uniformity_section
+from jaxtwin.report._uniformity import _map_times, _seen_together, uniformity_section
 
 SECTIONS = (
     "The rig",
@@ -116,6 +117,30 @@ def test_recordings_of_other_places_under_the_same_drive_are_one_picture_of_the_
     assert _seen_together([first, first]) == [first]
     driven = replace(second.experiment, duty=second.experiment.duty + 0.1)
     assert _seen_together([first, replace(second, experiment=driven)]) == [first]
+
+
+def test_the_plate_is_shown_at_times_that_all_recordings_reach():
+    """From 20 to 45 s: after a tenth and half of it, and at the end."""
+    runs = []
+    for times in (np.arange(20.0, 51.0), np.arange(10.0, 46.0)):
+        rest = np.full((len(times), 1), 20.0)
+        plan = Experiment(times, np.full((len(times), 1), 0.5))
+        runs.append(Run(plan, ("T",), rest, ("V11",), rest, "bench"))
+    assert _map_times(runs) == [22.5, 32.5, 45.0]
+
+
+def test_a_recording_is_described_by_its_first_5_and_last_50_samples():
+    """A channel that rises by 1 K a sample and one that is 0.5 K above it: means over the samples
+    from 0 to 4, and from 150 to 199."""
+    rise = np.arange(200.0)
+    experiment = Experiment(
+        rise,
+        np.where(rise < 100, 0.25, 0.5)[:, None],
+        channels=("T1", "T2"),
+        temperatures=np.column_stack([rise, rise + 0.5]),
+        name="ramp",
+    )
+    assert _row(experiment) == ("ramp", "200", "199", "25, 50", "2.0 ... 2.5", "174.5 ... 175.0")
 
 
 @pytest.mark.slow
