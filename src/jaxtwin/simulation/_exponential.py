@@ -26,6 +26,7 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
+from .._jax_settings import in_precision
 from ..physics import System
 from ._modes import Modes
 
@@ -136,7 +137,7 @@ class ModalField(eqx.Module):
             ambient,
         )
         if self.loss_dtype is not None:
-            given = jax.tree.map(lambda leaf: leaf.astype(self.loss_dtype), given)
+            given = in_precision(given, self.loss_dtype)
         shapes, linearised, law, reference, amplitudes_, room = given
         plate = shapes @ amplitudes_
         lost = law.heat(plate - room, reference + room)

@@ -176,12 +176,13 @@ def build_time_grid(
             "Experiment.between"
         )
     reversals = time[1:][np.any(duty[1:] * duty[:-1] < 0, axis=1)]
-    last = np.searchsorted(reversals, time[marks], "right")
-    since = time[marks] - np.append(-np.inf, reversals)[last]
+    starts = time[marks[:-1]]
+    last = np.searchsorted(reversals, starts, "right")
+    since = starts - np.append(-np.inf, reversals)[last]
     few = parts * np.where(since < settling, REVERSED_PARTS, 1)
     spans = [
         _graded(float(time[stop] - time[start]), first_step, growth, largest_step, settling, int(n))
-        for (start, stop), n in zip(pairwise(marks), few, strict=False)
+        for (start, stop), n in zip(pairwise(marks), few, strict=True)
     ]
     held = np.repeat(marks[:-1], [len(span) for span in spans])
     # Sums of steps and sample times differ by rounding; sizes that differ by no more are one.

@@ -239,7 +239,7 @@ def _predict(
     group: str | None = None,
 ) -> Prediction:
     start = _start_of_rest(name, recording, "warm_up", warm_up)
-    twin = fitted.twin if isinstance(fitted, Fit) else fitted
+    twin = nominal_twin("twin", fitted, MatchError)
     with ThreadPoolExecutor(1) as pool:
         pool.submit(prepare_simulation, twin, recording)
         found = estimate_initial_conditions(fitted, recording, warm_up, names, group=group)
