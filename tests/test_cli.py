@@ -603,3 +603,17 @@ def test_a_line_is_seen_at_once_by_a_program_that_reads_it(monkeypatch):
     monkeypatch.setattr("sys.stdout", lines)
     say("recording")
     assert flushed == ["recording\n"]
+
+
+def test_a_command_ends_without_a_search_for_reference_cycles():
+    """The search through all that JAX has made would take up to a second after the last line."""
+    code = (
+        "import atexit, gc, sys\n"
+        "atexit.register(lambda: print(gc.get_freeze_count() > 0))\n"  # the first comes last
+        "sys.argv = ['jaxtwin', 'rigs']\n"
+        "from jaxtwin.cli import main\nmain()"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.endswith("True\n")

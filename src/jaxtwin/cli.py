@@ -5,6 +5,8 @@ that describes it; 3 if an interlock switched a rig off; 4 if `record` raised an
 Ctrl-C.
 """
 
+import atexit
+import gc
 import inspect
 import os
 import sys
@@ -229,6 +231,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     - `arguments`: without the program's name; those of the process by default.
     """
+    # JAX makes hundreds of thousands of objects that live as long as the process. Python searches
+    # them for reference cycles while they are made, and again at its end, for up to a second.
+    gc.set_threshold(20_000)
+    atexit.register(gc.freeze)
     sys.exit(run(arguments))
 
 

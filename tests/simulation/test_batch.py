@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, JaxtwinError, Twin, load_rig, simulate_batch
-from jaxtwin.simulation import build_time_grid
+from jaxtwin.simulation import _draws, build_time_grid
 from jaxtwin.simulation._compressed import compress
+from jaxtwin.simulation._kernels import prepare_chunk
 
 TIME = np.arange(201.0)
 DUTY = np.where(TIME < 100, 0.5, 0.78)[:, None] * np.ones(2)
@@ -170,6 +171,28 @@ def test_draws_with_stiff_cells_go_to_a_stiff_solver(twin, experiment, runs, mon
     np.testing.assert_allclose(
         given(final.cost), np.mean((whole - experiment.temperatures) ** 2, axis=1), rtol=1e-9
     )
+
+
+def test_few_draws_that_need_shorter_steps_share_the_programs_of_all(monkeypatch):
+    """One draw of 1024 is solved again, in a chunk as large as the others."""
+    hard = {"R_E": 0.1, "R_ph": 1.3, "R_pc": 0.1, "R_Tfx2": 1.9, "C_esp": 110.0}
+    twin = Twin("paper-2024", hard)
+    calls: list[tuple[int, bool]] = []
+
+    def counted(twin, draws, *rest):
+        values = np.asarray(draws["R_E"])
+        calls.append((values.size, bool((values == 0.1).all())))
+        return prepare_chunk(twin, draws, *rest)
+
+    monkeypatch.setattr(_draws, "prepare_chunk", counted)
+    draws = np.full(1024, 2.0)
+    draws[500] = 0.1
+    drive = Experiment(np.arange(201.0), np.full((201, 2), 0.6))
+    final = simulate_batch(twin, drive, {"R_E": draws}, reductions=["final"], chunk_size=16).final
+    assert {size for size, _ in calls} == {16}
+    assert sum(is_again for _, is_again in calls) >= 1
+    alone = twin.with_values({"R_E": 0.1}).simulate(drive)
+    np.testing.assert_allclose(given(final)[500], alone.temperatures[-1], atol=1e-9)
 
 
 def test_a_compressed_recording_has_fewer_rows_and_the_same_norm():

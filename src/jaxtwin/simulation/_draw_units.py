@@ -37,19 +37,22 @@ def solve_draws(
     way: Way,
     executor: Executor | None,
     on_progress: Callable[[int], None] | None = None,
+    least: int = 0,
 ) -> Results:
     """Solves draws in this process, or by the workers of an executor, each with one thread unless
-    the solver has a number of threads.
+    the solver has a number of threads. Chunks are at least as large as those of `least` draws.
 
     **Raises:** `SimulationError` if the executor fails.
     """
+    total = len(next(iter(draws.values())))
+    chunked_as = max(total, least)
     if executor is None:
-        return _solve(solver, draws, way, on_progress)
-    total, size = len(next(iter(draws.values()))), _unit_size(solver)
+        return _solve(solver, draws, way, on_progress, chunked_as)
+    size = _unit_size(solver)
     alone = replace(solver, workers=solver.workers or 1)
     parts = [slice(first, min(first + size, total)) for first in range(0, total, size)]
     units = [
-        (alone, {name: values[part] for name, values in draws.items()}, way, min(size, total))
+        (alone, {name: values[part] for name, values in draws.items()}, way, min(size, chunked_as))
         for part in parts
     ]
     results: Results = {}
@@ -75,7 +78,7 @@ def _solve(
     draws: Draws,
     way: Way,
     on_progress: Callable[[int], None] | None,
-    total: int | None = None,
+    total: int,
 ) -> Results:
     if isinstance(way, int):
         return solver.solve(draws, way, on_progress, total)

@@ -25,6 +25,11 @@ from ._twin_of_experiment import FittedTwins, twin_of_experiment
 if TYPE_CHECKING:
     import diffrax
 
+LEAST_PART = 64
+"""Draws that are solved again come in chunks at least as large as those of a 64th of all draws. Of
+thousands of draws a few then fill a whole chunk with copies, which costs some percent of the time
+at most, and share the compiled linear algebra of the first pass."""
+
 
 @overload
 def simulate_batch(
@@ -157,13 +162,14 @@ def simulate_batch(
         chunk_size=chunk_size,
         workers=workers,
     )
+    total = len(next(iter(arrays.values())))
 
     def some(chosen: Int[np.ndarray, " some"]) -> dict[str, Float[np.ndarray, " some"]]:
         return {name: values[chosen] for name, values in arrays.items()}
 
     def solve(chosen: Int[np.ndarray, " some"], refinement: int) -> Results:
         report = None if refinement else on_progress
-        return solve_draws(batch, some(chosen), refinement, executor, report)
+        return solve_draws(batch, some(chosen), refinement, executor, report, total // LEAST_PART)
 
     def rescue(chosen: Int[np.ndarray, " some"]) -> Results:
         from ._diffeqsolve import stiff_method
@@ -171,7 +177,7 @@ def simulate_batch(
         return solve_draws(batch, some(chosen), stiff_method(experiment), executor)
 
     if method is None:
-        results = solve_refined(len(next(iter(arrays.values()))), solve, rescue)
+        results = solve_refined(total, solve, rescue)
     else:
         results = solve_draws(batch, arrays, method, executor, on_progress)
     return results["temperatures"] if wanted is None else Reductions.of(names, results)
