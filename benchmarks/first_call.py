@@ -161,6 +161,8 @@ def _cost(row: Row, way: str, place: Path, rounds: int) -> Cost:
 def _run(command: Sequence[str], settings: Mapping[str, str], place: Path) -> Cost:
     environment = os.environ | settings
     environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+    # An installation has the bytecode of its modules.
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     began = time.perf_counter()
     process = subprocess.Popen(
         command, cwd=place, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
