@@ -20,12 +20,14 @@ def spearman(
 
 def ranks(values: Float[np.ndarray, "draws columns"]) -> Float[np.ndarray, "draws columns"]:
     """Ranks in each column, from 0 to 1; equal values share their mean rank."""
-    ordered = np.sort(values, axis=0)
-    places = [
-        np.searchsorted(column, found, "left") + np.searchsorted(column, found, "right")
-        for column, found in zip(ordered.T, values.T, strict=True)
+    order = np.argsort(values, axis=0)
+    places = [  # found many times faster in the order of the columns themselves
+        np.searchsorted(column, column, "left") + np.searchsorted(column, column, "right")
+        for column in np.take_along_axis(values, order, axis=0).T
     ]
-    return np.stack(places, axis=1) / (2 * len(values))
+    result = np.empty(values.shape)
+    np.put_along_axis(result, order, np.stack(places, axis=1) / (2 * len(values)), axis=0)
+    return result
 
 
 def standardised(

@@ -20,7 +20,7 @@ draws, beside those of other methods.
 from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import stdtrit
 
 from ._indices import pearson, ranks, standardised
@@ -65,25 +65,29 @@ def spearman_interval(
     is constant.
     """
     y, x = standardised(ranks(outputs)), standardised(ranks(samples))
-    influences = (_rank_influences(y, x[:, column]) for column in range(x.shape[1]))
+    orders = np.argsort(-y, axis=0, kind="stable")
+    influences = (_rank_influences(y, orders, x[:, column]) for column in range(x.shape[1]))
     return _interval(y, x, influences, 0.0)
 
 
 def _rank_influences(
-    y: Float[np.ndarray, "draws outputs"], x: Float[np.ndarray, " draws"]
+    y: Float[np.ndarray, "draws outputs"],
+    orders: Int[np.ndarray, "draws outputs"],
+    x: Float[np.ndarray, " draws"],
 ) -> Float[np.ndarray, "draws outputs"]:
     """The influence of each draw on the rank correlations of the outputs with one parameter, from
-    standardised ranks. Its presence shifts the ranks of all draws above it by 1 / n."""
-    draws = len(y)
+    standardised ranks. Its presence shifts the ranks of all draws above it by 1 / n.
+
+    `orders` sort each output, the largest first.
+    """
     # A step of one rank, in units of the standard deviation of ranks.
-    step = np.sqrt(12.0) / draws
+    step = np.sqrt(12.0) / len(y)
     own = y * x[:, None]
     order = np.argsort(-x, kind="stable")
     own[order] += step * np.cumsum(y[order], axis=0)
-    for column in range(y.shape[1]):
-        order = np.argsort(-y[:, column], kind="stable")
-        own[order, column] += step * np.cumsum(x[order])
-    return own
+    shifts = np.empty_like(own)
+    np.put_along_axis(shifts, orders, np.cumsum(x[orders], axis=0), axis=0)
+    return own + step * shifts
 
 
 def _interval(
@@ -103,9 +107,8 @@ def _interval(
         return np.stack([-np.ones(unknown.shape), np.ones(unknown.shape)], axis=-1)
     half = np.empty(unknown.shape)
     for column, influence in enumerate(influences):
-        centred = influence - influence.mean(axis=0)
-        square = np.mean(centred**2, axis=0)
-        fourth = np.mean(centred**4, axis=0)
+        squares = (influence - influence.mean(axis=0)) ** 2
+        square, fourth = np.mean(squares, axis=0), np.mean(squares**2, axis=0)
         kurtosis = np.divide(fourth, square**2, out=np.ones(len(square)), where=square > 0)
         freedom = np.clip(2 * draws / np.maximum(kurtosis - 1, 1e-9), 1, draws - 2)
         half[:, column] = stdtrit(freedom, 0.975) * np.sqrt(square / (draws - 1))
