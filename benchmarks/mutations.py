@@ -1,12 +1,16 @@
 """Breaks the code in small ways and counts how often the tests notice (mutation testing).
 
-    python -m benchmarks.mutations --count 60 --out benchmarks/results
+    python -m benchmarks.mutations --count 60 --seed 1 --out benchmarks/results
+    python -m benchmarks.mutations --count 60 --seed 1 --out benchmarks/results --slow
 
 Each mutation changes one place of `src/`: a sign, a factor, an off-by-one, a comparison, a flag, or
-swaps two arguments. Files are drawn at random from every package in turn, so that large packages do
-not crowd out small ones. Of the tests of `make test`, those of the package run until one fails;
-with `--all-tests` all others follow. What survives is printed with its place: either the mutation
-changes nothing, or a test is missing.
+swaps two arguments (`_mutants.py`). Files are drawn at random from every package in turn, so that
+large packages do not crowd out small ones, and nothing is drawn that an earlier call has tried.
+Tests run until one fails: the nearest of the package and of all others (`_nearest_tests.py`), then
+what is left of the package. Of these, the first call runs those of `make test`; `--slow` tries what
+they let through with the slow ones. What survives both is printed with its place: the mutation
+changes nothing, a test elsewhere notices it, or a test is missing. `--again` tries the survivors
+with the tests that were written for them.
 
 The outcomes are written to `mutations.json` after each mutation, and the same call goes on where
 the last one stopped, so that `--minutes` can cut the work into parts. A survivor that changes
@@ -17,25 +21,24 @@ the copy, and what changes in the checkout meanwhile has no effect.
 """
 
 import argparse
-import ast
 import json
 import os
 import random
 import shutil
-import subprocess
 import sys
 import tempfile
 import textwrap
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import final
 
+from ._mutants import SOURCE, TOP_LEVEL, Mutation, draw, package_of
+from ._nearest_tests import NearestTests, by_file
+from ._warm_pytest import first_failure, import_libraries
+
 CHECKOUT = Path(__file__).parent.parent
-SOURCE = Path("src/jaxtwin")
-TOP_LEVEL = "top level"
-"""Stands for the package of the modules that are in none."""
 
 TESTS = {
     "_compilation": ["tests/compilation/test_*.py"],
@@ -45,47 +48,11 @@ TESTS = {
 }
 """Package -> its tests, where they are not in `tests/<package>`."""
 
-LONGEST = 900
-"""Seconds after which the tests are stopped: a mutation that never ends is one that is noticed."""
+UNBROKEN = "tests/rig/test_value.py"
+"""Tests that say whether all is well without a mutation."""
 
 LONGEST_TEXT = 200
 """Characters of a mutation in the table."""
-
-ARITHMETIC: dict[type[ast.operator], str] = {
-    ast.Add: "-",
-    ast.Sub: "+",
-    ast.Mult: "/",
-    ast.Div: "*",
-}
-COMPARISONS: dict[type[ast.cmpop], str] = {
-    ast.Lt: "<=",
-    ast.LtE: "<",
-    ast.Gt: ">=",
-    ast.GtE: ">",
-    ast.Eq: "!=",
-    ast.NotEq: "==",
-}
-LAYOUT = ("plots", "report")
-"""Packages whose numbers are mostly sizes on a page; numbers are left alone there."""
-
-
-@final
-@dataclass(frozen=True)
-class Mutation:
-    """One changed expression of one file."""
-
-    file: Path
-    line: int
-    before: str
-    after: str
-    start: int
-    end: int
-
-    def __str__(self) -> str:
-        return f"{self.file}:{self.line}  {self.before}  ->  {self.after}"
-
-    def applied(self, source: bytes) -> bytes:
-        return source[: self.start] + self.after.encode() + source[self.end :]
 
 
 @final
@@ -100,8 +67,8 @@ class Outcome:
     - `failure`: the test that failed, empty if none did.
     - `seconds`: until it failed, or all had passed.
     - `equivalent`: why no test can notice it, written by hand; empty otherwise.
-    - `is_own_test`: whether the test was written because nothing else noticed this mutation, set by
-      hand.
+    - `is_own_test`: whether the test was written because nothing else noticed this mutation.
+    - `seed`: with which it was drawn; none was noted at first.
     """
 
     mutation: str
@@ -110,6 +77,7 @@ class Outcome:
     seconds: float
     equivalent: str = ""
     is_own_test: bool = False
+    seed: int | None = None
 
 
 def main() -> None:
@@ -119,140 +87,135 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--packages", nargs="*", help="only what is drawn of these")
     parser.add_argument("--slow", action="store_true", help="survivors again, with slow tests")
-    parser.add_argument("--all-tests", action="store_true", help="not only the package's own")
-    parser.add_argument("--tests-pass", action="store_true", help="known: do not try them first")
-    parser.add_argument("--workers", type=int, default=2, help="processes that share the tests")
+    parser.add_argument("--again", action="store_true", help="survivors again, with new tests")
+    parser.add_argument(
+        "--limit", type=float, default=600, help="CPU seconds after which no test of a part begins"
+    )
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after that time")
     parser.add_argument("--out", type=Path, help="folder for mutations.json and mutations.md")
     parser.add_argument("--list", action="store_true", help="print the mutations, run nothing")
     arguments = parser.parse_args()
+    outcomes = read_outcomes(arguments.out)
+    earlier = {text for text, outcome in outcomes.items() if outcome.seed != arguments.seed}
 
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "jaxtwin"
         copy_of_checkout(copy)
         mutations = [
             mutation
-            for mutation in draw(copy, arguments.count, random.Random(arguments.seed))
+            for mutation in draw(copy, arguments.count, random.Random(arguments.seed), earlier)
             if not arguments.packages
             or package_of(mutation.file.relative_to(SOURCE)) in arguments.packages
         ]
         if arguments.list:
             print(*mutations, sep="\n")
-        else:
-            try_each(copy, mutations, arguments)
+            return
+        import_libraries()
+        try_each(copy, mutations, outcomes, arguments)
 
 
-def try_each(copy: Path, mutations: list[Mutation], arguments: argparse.Namespace) -> None:
+def try_each(
+    copy: Path,
+    mutations: list[Mutation],
+    outcomes: dict[str, Outcome],
+    arguments: argparse.Namespace,
+) -> None:
     """Tries what no earlier call has tried, and prints each mutation with the test that caught it.
 
     **Arguments:**
 
     - `copy`: of the checkout.
+    - `outcomes`: of earlier calls; those of this one are added.
     - `arguments`: those of the command line.
     """
-    outcomes = read_outcomes(arguments.out)
-    left = [mutation for mutation in mutations if str(mutation) not in outcomes]
-    if arguments.slow:
-        left = [
-            mutation
-            for mutation in mutations
-            if (outcome := outcomes.get(str(mutation)))
-            and not outcome.failure
-            and not outcome.equivalent
-        ]
+    if arguments.slow or arguments.again:
+        left = survivors(mutations, outcomes)
+    else:
+        left = [mutation for mutation in mutations if str(mutation) not in outcomes]
     end = time.monotonic() + 60 * arguments.minutes
-    unbroken: dict[str, str] = {}
+    nearest = NearestTests(copy)
+    if failure := first_failure(copy, [UNBROKEN], slow=False, limit=arguments.limit):
+        sys.exit(f"expected tests that pass without a mutation, got {failure}")
     while left and time.monotonic() < end:
         mutation = left.pop(0)
         package = package_of(mutation.file.relative_to(SOURCE))
-        tests = tests_of(copy, package, mutation.file.stem)
-        if package not in unbroken and not arguments.tests_pass:
-            unbroken[package] = first_failure(copy, tests, arguments.workers)
-        if failure := unbroken.get(package):
-            sys.exit(f"expected tests that pass without a mutation, got {failure}")
-        if arguments.all_tests:
-            tests = [*tests, "tests"]
-        outcome = outcome_of(copy, mutation, tests, arguments.workers, arguments.slow)
+        own = tests_of(copy, package)
+        tests = list(dict.fromkeys([*nearest.of(mutation, own), *own]))
+        start = time.perf_counter()
+        failure = first_failure_with(copy, mutation, tests, arguments)
+        seconds = round(time.perf_counter() - start, 1)
+        known = outcomes.get(str(mutation), Outcome(str(mutation), package, "", 0.0))
+        outcome = replace(
+            known,
+            failure=failure,
+            seconds=round(known.seconds + seconds, 1),
+            seed=arguments.seed,
+            is_own_test=arguments.again and bool(failure),
+        )
         outcomes[outcome.mutation] = outcome
         write_outcomes(arguments.out, outcomes)
-        said = outcome.failure or "NOT CAUGHT"
-        print(f"{mutation}\n    {said}  ({outcome.seconds:.0f} s)", flush=True)
+        print(f"{mutation}\n    {failure or 'NOT CAUGHT'}  ({seconds:.0f} s)", flush=True)
     print(f"\n{table(list(outcomes.values()))}\n{len(left)} mutations are left to be tried")
 
 
+def survivors(mutations: list[Mutation], outcomes: Mapping[str, Outcome]) -> list[Mutation]:
+    """Those that were tried and are neither caught nor equivalent."""
+    return [
+        mutation
+        for mutation in mutations
+        if (outcome := outcomes.get(str(mutation)))
+        and not outcome.failure
+        and not outcome.equivalent
+    ]
+
+
 def copy_of_checkout(copy: Path) -> None:
-    """Without what the Makefile's targets made, but for the compiled programs."""
-    left_out = {".git", "dist", "report"} | {file.name for file in CHECKOUT.glob(".venv*")}
+    """Without what the Makefile's targets made; the compiled programs are links."""
+    left_out = {".git", ".jax_cache", "build", "dist", "report"}
+    left_out |= {file.name for file in CHECKOUT.glob(".venv*")}
     copy.mkdir()
     for part in CHECKOUT.iterdir():
         if part.is_dir() and part.name not in left_out:
             shutil.copytree(part, copy / part.name)
         elif part.name not in left_out:
             shutil.copy2(part, copy)
+    kept = copy / ".jax_cache" / "kept"
+    kept.mkdir(parents=True)
+    for program in CHECKOUT.glob(".jax_cache/*/*"):
+        if not (kept / program.name).exists():
+            (kept / program.name).symlink_to(program)
 
 
-def outcome_of(
-    copy: Path, mutation: Mutation, tests: list[str], workers: int, slow: bool
-) -> Outcome:
-    """Which test fails with the mutation; `slow`: of those that take long too, where no other
-    does."""
+def first_failure_with(
+    copy: Path, mutation: Mutation, tests: list[str], arguments: argparse.Namespace
+) -> str:
+    """The first test that fails with a mutation, empty if none does; the copy is then as it was."""
     file = copy / mutation.file
-    source = file.read_bytes()
-    start = time.perf_counter()
-    file.write_bytes(mutation.applied(source))
+    source, changed = file.read_bytes(), file.stat().st_mtime_ns
     try:
-        failure = first_failure(copy, tests, workers)
-        if slow and not failure:
-            failure = first_failure(copy, tests, workers, "slow")
+        file.write_bytes(mutation.applied(source))
+        found = (
+            first_failure(copy, part, arguments.slow, arguments.limit) for part in parts(tests)
+        )
+        return next(filter(None, found), "")
     finally:
         file.write_bytes(source)
-    package = package_of(mutation.file.relative_to(SOURCE))
-    return Outcome(str(mutation), package, failure, round(time.perf_counter() - start, 1))
+        os.utime(file, ns=(changed, changed))  # its bytecode is valid again
 
 
-def first_failure(copy: Path, tests: list[str], workers: int, which: str = "not slow") -> str:
-    """The first failing test's name, or what else pytest ended with; empty if all pass.
-
-    **Arguments:**
-
-    - `which`: pytest's expression for the marks of the tests that run.
-    """
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", which, *tests]
-    if workers > 1:
-        command += ["-n", str(workers), "--dist=loadfile"]
-    environment = {"PYTHONPATH": str(copy / "src")}
-    try:
-        run = subprocess.run(
-            command,
-            cwd=copy,
-            env=os.environ | environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=LONGEST,
-        )
-    except subprocess.TimeoutExpired:
-        return f"no end within {LONGEST} s"
-    if run.returncode in (0, 5):  # 5: no test has these marks
-        return ""
-    lines = run.stdout.splitlines()
-    names = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
-    if not names:
-        return f"pytest ended with {run.returncode}"
-    return names[0].partition(" - ")[0].partition(" ")[2]
+def parts(tests: list[str]) -> Iterator[list[str]]:
+    """The tests of the first file, of the next three, and all others: most mutations are noticed by
+    the first, and to collect all tests takes longer than to run those."""
+    files = by_file(tests)
+    for some in (files[:1], files[1:4], files[4:]):
+        if part := [test for file in some for test in file]:
+            yield part
 
 
-def package_of(file: Path) -> str:
-    """Of a file below `src/jaxtwin`."""
-    return file.parts[0] if len(file.parts) > 1 else TOP_LEVEL
-
-
-def tests_of(copy: Path, package: str, module: str) -> list[str]:
-    """The files of a package's own tests, those first that share a word with the module's name."""
+def tests_of(copy: Path, package: str) -> list[str]:
+    """The files of a package's own tests."""
     patterns = TESTS.get(package, [f"tests/{package}/test_*.py"])
-    files = [str(f.relative_to(copy)) for p in patterns for f in sorted(copy.glob(p))]
-    words = set(module.strip("_").split("_")) - {""}
-    return sorted(files, key=lambda file: words.isdisjoint(Path(file).stem.split("_")))
+    return [str(f.relative_to(copy)) for p in patterns for f in sorted(copy.glob(p))]
 
 
 def read_outcomes(folder: Path | None) -> dict[str, Outcome]:
@@ -294,6 +257,13 @@ def table(outcomes: list[Outcome]) -> str:
         lines.append(
             f"| {package} | {len(rows)} | {equivalent} | {at_first} | {first} | {caught} | {now} |"
         )
+    seeds = sorted({outcome.seed for outcome in outcomes if outcome.seed is not None})
+    lines += ["", "| drawn with seed | mutations that matter | caught at first | share |"]
+    lines += ["|---|---|---|---|"]
+    for seed in seeds:
+        rows = [row for row in outcomes if row.seed == seed and not row.equivalent]
+        at_first = sum(bool(row.failure) and not row.is_own_test for row in rows)
+        lines.append(f"| {seed} | {len(rows)} | {at_first} | {at_first / len(rows):.0%} |")
     lines += ["", "| not caught | why |", "|---|---|"]
     for row in outcomes:
         if not row.failure:
@@ -301,97 +271,6 @@ def table(outcomes: list[Outcome]) -> str:
             text = text.replace("|", r"\|")
             lines.append(f"| `{text}` | {row.equivalent or 'a test is missing'} |")
     return "\n".join(lines) + "\n"
-
-
-def draw(copy: Path, count: int, dice: random.Random) -> list[Mutation]:
-    """Mutations spread over all packages and their files."""
-    rooms: dict[str, list[Path]] = {}
-    for file in sorted((copy / SOURCE).rglob("*.py")):
-        inside = file.relative_to(copy / SOURCE)
-        rooms.setdefault(package_of(inside), []).append(file)
-    for files in rooms.values():
-        dice.shuffle(files)
-    drawn: list[Mutation] = []
-    while len(drawn) < count and any(rooms.values()):
-        for files in rooms.values():
-            choices = candidates(copy, files.pop()) if files else []
-            if choices and len(drawn) < count:
-                drawn.append(dice.choice(choices))
-    return drawn
-
-
-def candidates(copy: Path, file: Path) -> list[Mutation]:
-    """Every mutation that a file allows."""
-    source = file.read_bytes()
-    inside = file.relative_to(copy)
-    starts = [0]
-    for line in source.splitlines(keepends=True):
-        starts.append(starts[-1] + len(line))
-
-    def mutation(node: ast.expr, after: str) -> Mutation:
-        assert node.end_lineno is not None
-        assert node.end_col_offset is not None
-        start = starts[node.lineno - 1] + node.col_offset
-        end = starts[node.end_lineno - 1] + node.end_col_offset
-        return Mutation(inside, node.lineno, source[start:end].decode(), after, start, end)
-
-    numbers = inside.parts[2] not in LAYOUT
-    tree = ast.parse(source)
-    return [
-        mutation(node, after)
-        for node in expressions(tree)
-        for after in changes(node, source.decode(), numbers)
-    ]
-
-
-def expressions(tree: ast.AST) -> Iterator[ast.expr]:
-    """All expressions that are run: no annotations, no decorators."""
-    for name, value in ast.iter_fields(tree):
-        if name in ("annotation", "returns", "decorator_list", "type_params"):
-            continue
-        for child in value if isinstance(value, list) else [value]:
-            if isinstance(child, ast.expr) and not isinstance(child, ast.JoinedStr):
-                yield child
-            if isinstance(child, ast.AST) and not isinstance(child, ast.JoinedStr):
-                yield from expressions(child)
-
-
-def changes(node: ast.expr, source: str, numbers: bool) -> Iterator[str]:
-    """What may stand in an expression's place."""
-
-    def text(part: ast.AST) -> str:
-        return ast.get_source_segment(source, part) or ""
-
-    match node:
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in ARITHMETIC:
-            if not is_text(left) and not is_text(right):
-                yield f"({text(left)}) {ARITHMETIC[type(op)]} ({text(right)})"
-        case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in COMPARISONS:
-            yield f"{text(left)} {COMPARISONS[type(op)]} {text(right)}"
-        case ast.BoolOp(op=ast.And(), values=[first, second]):
-            yield f"({text(first)}) or ({text(second)})"
-        case ast.BoolOp(op=ast.Or(), values=[first, second]):
-            yield f"({text(first)}) and ({text(second)})"
-        case ast.UnaryOp(op=ast.USub() | ast.Not(), operand=operand):
-            yield f"({text(operand)})"
-        case ast.Constant(value=bool()):
-            yield str(not node.value)
-        case ast.Constant(value=int() as value) if numbers:
-            yield str(value + 1)
-        case ast.Constant(value=float() as value) if numbers and value:
-            yield f"({value!r} * 2)"
-        case ast.Call(args=[first, second, *rest], keywords=[]) if not any(
-            isinstance(argument, ast.Starred) for argument in node.args
-        ):
-            others = "".join(f", {text(argument)}" for argument in rest)
-            yield f"{text(node.func)}({text(second)}, {text(first)}{others})"
-
-
-def is_text(node: ast.expr) -> bool:
-    """Whether an operand is a piece of text, to which `-` does not apply."""
-    return isinstance(node, ast.JoinedStr | ast.List | ast.Tuple) or (
-        isinstance(node, ast.Constant) and isinstance(node.value, str)
-    )
 
 
 if __name__ == "__main__":
