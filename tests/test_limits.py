@@ -23,6 +23,7 @@ from jaxtwin.live._serve import TcpServer
 from jaxtwin.live._words import read_integer, read_name, read_number, read_word, split
 from jaxtwin.sensitivity_analysis import Morris, Normal, Uniform
 from jaxtwin.sensitivity_analysis._sampling import checked_seed, checked_spread
+from jaxtwin.simulation._initial import checked_initial
 
 TWO_SAMPLES = Experiment(np.array([0.0, 1.0, 2.0]), np.zeros((3, 1)))
 FIRST_ORDER = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
@@ -32,7 +33,8 @@ PELTIER = partial(
     maximum_current=6.0,
     hot_side_temperature=300.0,
 )
-DESIGN = partial(make_schedules, Twin("single-cell"), levels=3, interval=1.0)
+SINGLE_CELL = Twin("single-cell")
+DESIGN = partial(make_schedules, SINGLE_CELL, levels=3, interval=1.0)
 
 
 def schedule(text: str = "0:0.5", **arguments: float) -> Experiment:
@@ -101,6 +103,7 @@ LIMITS: list[tuple[Callable[..., object], dict[str, object], dict[str, object]]]
     (partial(checked_deviations, "c", "d", size=1), {"value": 1e-9}, {"value": 0.0}),
     (heated, {"start": 1.0, "end": 1.001}, {"start": 1.0, "end": 1.0}),
     (heated, {"start": 0.0, "end": 1.0, "film": 0.0}, {"start": 0.0, "end": 1.0, "film": -1e-3}),
+    (partial(checked_initial, SINGLE_CELL), {"initial": -273.15}, {"initial": -273.151}),
     (FIRST_ORDER.discretise, {"sample_time_s": 1e-3}, {"sample_time_s": 0.0}),
     (Faults.parse, {"text": "drop=0.999"}, {"text": "drop=1"}),
     (Faults.parse, {"text": "corrupt=0"}, {"text": "corrupt=-0.001"}),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxtwin._compilation import _store, cache_state
+from jaxtwin._compilation import CacheState, _store, cache_state
 from jaxtwin._compilation._store import cache_folder, load, save
 
 
@@ -62,6 +62,13 @@ def test_turned_off_it_keeps_nothing(folder, monkeypatch):
     assert cache_folder() is None
     assert not folder.exists()
     assert cache_state().folder is None
+
+
+def test_a_folder_that_cannot_be_written_to_keeps_nothing(folder, monkeypatch):
+    """What lies in it is not counted, and the reason names it."""
+    save(folder, "name", b"program")
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    assert cache_state() == CacheState(None, f"off, {folder} cannot be written to", 0, 0)
 
 
 def test_a_folder_that_cannot_be_made_stops_nobody(tmp_path):

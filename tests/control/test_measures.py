@@ -8,7 +8,7 @@ from jaxtwin.control import MEASURES, ClosedLoop
 
 def loop(output: np.ndarray, reference: np.ndarray, duty: np.ndarray) -> ClosedLoop:
     times = len(output)
-    nodes = np.stack([output, output + 2.0, np.full(times, 50.0)], axis=1)
+    nodes = np.stack([output, output + PLATE_RANGE, np.full(times, 50.0)], axis=1)
     return ClosedLoop(
         time=np.arange(times, dtype=float),
         reference=reference[:, None],
@@ -26,6 +26,7 @@ def loop(output: np.ndarray, reference: np.ndarray, duty: np.ndarray) -> ClosedL
 
 
 OUTPUT = np.array([20, 20, 25, 29, 32, 31, 30.2, 29.9, 30, 30, 30])
+PLATE_RANGE = np.array([0, 1, 2, 3, 6, 5, 4, 3, 3, 2, 1.5])
 REFERENCE = np.array([20.0] + [30.0] * 10)
 DUTY = np.array([0, 1, 1, 0.5, 0, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5])
 
@@ -38,8 +39,8 @@ DUTY = np.array([0, 1, 1, 0.5, 0, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5])
         ("integral_absolute_error", 10 + 5 + 1 + 2 + 1 + 0.2 + 0.1),
         ("integral_squared_error", 100 + 25 + 1 + 4 + 1 + 0.04 + 0.01),
         ("integral_time_absolute_error", 0 + 5 + 2 + 6 + 4 + 5 * 0.2 + 6 * 0.1),
-        ("plate_range_at_rest", 2.0),
-        ("largest_plate_range", 2.0),
+        ("plate_range_at_rest", (2 + 1.5) / 2),
+        ("largest_plate_range", 6.0),
         ("energy", 10 * DUTY[:-1].sum()),
         ("peak_power", 11.0),
         ("hottest_cell_side", 50.0),

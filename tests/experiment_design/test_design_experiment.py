@@ -256,6 +256,18 @@ def test_what_does_not_fit_is_refused(fitted: Fit, settings: dict[str, Any], mes
         design_experiment(fitted, **SETTINGS | settings)
 
 
+@pytest.mark.parametrize("rig", ["single-cell", "dual-cell"])
+def test_before_any_match_a_twin_is_known_as_its_priors_say(rig: str):
+    """Each free parameter once, also those that differ between groups of recordings."""
+    twin = Twin(rig)
+    prior = PriorInformation.of_twin(twin)
+    rows = {row.name: row for row in prior.unknowns.entry_parameters}
+    assert len(rows) == prior.unknowns.size
+    assert set(rows) == {name for name, row in twin.rig.parameters.items() if row.free}
+    deviations = np.array([row.standard_deviation for row in rows.values()], float)
+    np.testing.assert_allclose(np.sqrt(np.diag(prior.covariance())), deviations, rtol=1e-4)
+
+
 def test_each_schedule_is_assessed_in_its_place():
     """In batches of four, with two left over, as by itself."""
     twin = Twin("single-cell")

@@ -82,6 +82,15 @@ def test_no_other_level_of_a_single_step_is_better_than_the_end(table: np.ndarra
         assert objective(changed) >= best.objective
 
 
+@pytest.mark.parametrize(("gain", "passes"), [(1.1e-3, [1, 2]), (0.9e-3, [1])])
+def test_a_pass_that_gains_a_tenth_of_a_per_cent_is_followed_by_another(gain, passes):
+    target = np.array([[102], [-102], [0]])
+    each = gain / np.abs(target).sum()
+    best, found = searched(lambda c: each * np.abs(c - target).sum(), 0 * target, schedules())
+    np.testing.assert_array_equal(best.counts, target)
+    assert found == passes
+
+
 def test_a_search_that_always_gains_ends_after_ten_passes():
     """An objective that falls by 1 with each evaluation, whatever the schedule."""
     falling = itertools.count(0, -1)

@@ -1,5 +1,6 @@
 """An FMU of a twin, run by fmpy, beside `simulate`."""
 
+import re
 import shutil
 import subprocess
 import zipfile
@@ -184,6 +185,38 @@ def test_sources_compile_without_a_warning_and_need_no_other_header(fmu: FMU, tm
     command = [shutil.which("cc") or "cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
     for file in tmp_path.glob("sources/*.c"):
         subprocess.run([*command, "-c", str(file), "-o", str(tmp_path / "out.o")], check=True)
+
+
+OPAQUE = {
+    "2.0": {"fmi2Instantiate", "fmi2NewDiscreteStates"},
+    "3.0": {
+        "fmi3InstantiateModelExchange",
+        "fmi3InstantiateCoSimulation",
+        "fmi3InstantiateScheduledExecution",
+    },
+}
+"""The functions that take a structure or callbacks, which the sources need not know."""
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_functions_are_those_of_the_standards_headers(
+    version: Literal["2.0", "3.0"], twin: Twin, tmp_path: Path
+):
+    """As fmpy bundles them: a C compiler says which functions have other arguments. Enumerations
+    are passed as int."""
+    import fmpy
+
+    fmu = export_fmu(twin, tmp_path / "plate.fmu", version=version, compiler=None)
+    zipfile.ZipFile(fmu.path).extractall(tmp_path)
+    (wrapper,) = tmp_path.glob("sources/fmi[23].c")
+    for header in Path(fmpy.__file__).with_name("c-code").glob(f"{wrapper.stem}*.h"):
+        text = re.sub(r"typedef enum {[^}]*}\s*(\w+)", r"typedef int \1", header.read_text())
+        (tmp_path / header.name).write_text(text)
+    command = [shutil.which("cc") or "cc", "-std=c99", "-fsyntax-only", "-include"]
+    command += [str(tmp_path / f"{wrapper.stem}Functions.h"), str(wrapper)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert set(re.findall(r"conflicting types for .(\w+)", done.stderr)) == OPAQUE[version]
+    assert done.stderr.count("error:") == len(OPAQUE[version]), done.stderr
 
 
 def test_the_same_twin_is_the_same_file(twin: Twin, fmu: FMU, tmp_path: Path):

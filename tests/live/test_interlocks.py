@@ -218,6 +218,21 @@ def test_a_reading_far_from_the_twin_trips(twin: Twin) -> None:
     assert heated(twin, 100, None, LIMITS) == Trip("", "")
 
 
+@pytest.mark.parametrize(("value", "trips"), [(25.9, False), (26.1, True), (5.9, True)])
+def test_a_reading_of_a_plate_as_warm_as_the_room_may_deviate_by_the_limit(
+    twin: Twin, value: float, trips: bool
+) -> None:
+    """10 K; half of the predicted rise, which is added, is nothing."""
+    lock = TwinWatch(twin, LIMITS)
+    assert lock.see(Sample("l", "b", at(0), 0, 0, (0, 0), 16.0)) is None
+    assert lock.see(reading(0, *[16.0] * 15)) is None
+    trip = lock.see(reading(1, value, *[16.0] * 14))
+    assert (trip is not None) is trips
+    if trip is not None:
+        assert trip.kind == "deviation"
+        assert f"{value:.1f} degC where the twin has 16.0, more than 10 K" in trip.detail
+
+
 def test_limits_that_a_rig_file_leaves_out_follow_from_the_physics(twin: Twin, rig: Rig) -> None:
     found = OperatingLimits.of(twin)
     assert (found.hottest, found.cell) == (pytest.approx(90.0), pytest.approx(125.0))

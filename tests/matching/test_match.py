@@ -142,6 +142,21 @@ def test_further_starts_reach_the_same_optimum(start: Twin):
 
 
 @pytest.mark.slow
+def test_optima_are_apart_by_what_their_twins_simulate(start: Twin):
+    """Descents from two starts, stopped after a step: the root mean square over all channels and
+    samples of what `simulate` gives for the values of each."""
+    recorded = recordings(0.0)
+    fit = match(start, recorded, free=["R_E", "R_pc"], starts=2, seed=1, max_iterations=1)
+    best, other = (
+        np.stack([simulate(start.with_values(o.values), e).temperatures for e in recorded])
+        for o in fit.optima
+    )
+    assert fit.optima[0].apart == 0
+    assert fit.optima[1].apart > 0.1
+    assert fit.optima[1].apart == pytest.approx(np.sqrt(np.mean((other - best) ** 2)), rel=1e-4)
+
+
+@pytest.mark.slow
 def test_scopes_can_be_changed(start: Twin):
     fit = match(start, recordings(0.0), free=["R_E", "T_amb"], shared=["T_amb"], max_iterations=5)
     assert all(not values for values in fit.recording_values.values())

@@ -223,6 +223,29 @@ def test_a_box_for_each_node_behind_the_plate(rig):
     assert len(boxes) == len(twin.netlist.nodes) - len(twin.rig.plate.element_names)
 
 
+@pytest.mark.parametrize("rig", RIGS)
+def test_each_box_holds_the_name_of_its_node_and_a_line_about_it(rig):
+    axes = plot_netlist(Twin(rig))
+    figure_of(axes).canvas.draw()
+    written = [(text.get_text(), text.get_window_extent()) for text in texts(axes)]
+    held = []
+    for patch in axes.patches:
+        if isinstance(patch, FancyBboxPatch):
+            box = patch.get_window_extent()
+            inside = [
+                text
+                for text, extent in written
+                if box.containsx(extent.x0)
+                and box.containsx(extent.x1)
+                and box.containsy(extent.y0)
+                and box.containsy(extent.y1)
+            ]
+            assert len(inside) == 2
+            held.append(inside[0])
+    plate = Twin(rig).rig.plate.element_names
+    assert sorted(held) == sorted({node.name for node in Twin(rig).netlist.nodes} - set(plate))
+
+
 def test_axes_that_are_given_are_drawn_into_and_settings_left_alone():
     before = dict(matplotlib.rcParams)
     _, given = pyplot.subplots()

@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
+from scipy.stats import norm
 from small_results import fit
 
 from jaxtwin import Experiment, Fit, SimulationError, plate_map, plots
@@ -99,6 +100,10 @@ def test_residual_tests_show_residuals_autocorrelation_and_sorted_residuals():
         )
         expected = np.sort(series - series.mean()) / series.std()
         np.testing.assert_allclose(heights(against_normal.lines[number]), expected)
+    # 95 % of the autocorrelations of n samples of white noise lie within 1.96 / sqrt(n).
+    (band,) = [part for part in against_itself.patches if isinstance(part, Rectangle)]
+    limit = norm.ppf(0.975) / np.sqrt(len(run.time))
+    assert (band.get_y(), band.get_height()) == pytest.approx((-limit, 2 * limit))
 
 
 def test_uniformity_is_drawn_recorded_and_simulated():

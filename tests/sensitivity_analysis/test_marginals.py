@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.stats import lognorm, norm, truncnorm, uniform
 
@@ -28,6 +28,8 @@ def test_quantiles_are_scipys(pair):
 
 
 @given(st.floats(0, 1))
+@example(0.0)
+@example(1.0)
 def test_every_probability_has_a_finite_quantile_inside_the_limits(probability: float):
     u = np.array([probability])
     for marginal, _ in PAIRS.values():

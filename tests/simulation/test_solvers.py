@@ -9,7 +9,7 @@ from scipy.interpolate import interp1d
 from jaxtwin import Experiment, SimulationError, Twin, simulate_batch
 from jaxtwin.simulation import NetworkExponential, TimeGrid, build_time_grid, solve_network
 from jaxtwin.simulation._interpolation import step_polynomials
-from jaxtwin.simulation._refinement import ERROR_TOLERANCE
+from jaxtwin.simulation._refinement import ERROR_TOLERANCE, needs_shorter_steps
 from jaxtwin.simulation._simulate import _run_exponential
 from jaxtwin.simulation._time_grid import time_grid
 
@@ -159,6 +159,29 @@ def test_default_solver_compiles_once_for_all_parameter_values(twins, caplog):
         # The log does speak: what nobody has compiled before compiles.
         jax.jit(lambda x: x + 1)(1.0)
         assert compiled(caplog)
+
+
+@pytest.mark.parametrize(
+    ("stability_number", "error_estimate", "refinement", "is_refused"),
+    [
+        (1.0, 2.0e-3, 0, False),
+        (1.0, 2.1e-3, 0, True),
+        (1.1, 2.0e-3, 0, True),
+        (1.0, 1.0e-3, 2, False),
+        (1.0, 1.1e-3, 2, True),
+        (np.inf, 0.0, 0, True),
+        (1.0, np.nan, 0, True),  # did not stay finite
+        (np.nan, 1.0, 0, False),  # shorter steps do not help
+    ],
+)
+def test_steps_are_short_enough_up_to_a_stability_number_and_an_error_estimate(
+    stability_number, error_estimate, refinement, is_refused
+):
+    """1, and 2 mK, or 1 mK for steps that have been halved."""
+    found = needs_shorter_steps(
+        np.array([stability_number]), np.array([error_estimate]), refinement
+    )
+    assert found.tolist() == [is_refused]
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from jaxtwin import Experiment, SimulationError, Twin, load_rig
 from jaxtwin.sweeps import _plan, _store, sweep
+from jaxtwin.sweeps._disk import put, to_disk
 from jaxtwin.sweeps._store import read_identity
 
 REDUCTIONS = ("final", "plate_range")
@@ -81,6 +82,24 @@ def test_stopped_at_any_write_it_ends_as_if_it_had_not_been(
         assert stored(folder) == whole
         point += 1
     assert point > 20
+
+
+def test_a_file_and_its_entry_in_the_folder_are_forced_to_the_disk(tmp_path, monkeypatch):
+    """A file that has been replaced is found after a power cut if its folder was synced after
+    that (POSIX, fsync)."""
+    synced = []
+
+    def noted(handle: int) -> None:
+        state = os.fstat(handle)
+        synced.append((state.st_ino, sorted(file.name for file in tmp_path.iterdir())))
+
+    monkeypatch.setattr(os, "fsync", noted)
+    put(tmp_path / "mark", b"done")
+    file, folder = (tmp_path / "mark").stat().st_ino, tmp_path.stat().st_ino
+    assert synced == [(file, [".mark.part"]), (folder, ["mark"])]
+    synced.clear()
+    to_disk(tmp_path / "mark")
+    assert synced == [(file, ["mark"]), (folder, ["mark"])]
 
 
 def test_a_marked_chunk_whose_file_is_gone_is_done_again(

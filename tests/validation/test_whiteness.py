@@ -6,7 +6,7 @@ from scipy.stats import norm
 
 from jaxtwin._normal_distribution import QUANTILE_975, normal_quantiles
 from jaxtwin._residual_statistics import autocorrelation
-from jaxtwin.validation import whiteness
+from jaxtwin.validation import Whiteness, whiteness
 
 
 def autoregressive(seed: int, samples: int, factor: float) -> np.ndarray:
@@ -47,6 +47,11 @@ def test_ljung_and_boxs_statistic_by_hand():
     assert test.lags == 2
     assert test.statistic == pytest.approx(expected)
     assert not test.is_white
+
+
+@pytest.mark.parametrize(("p_value", "is_white"), [(0.01, True), (0.0099, False)])
+def test_whiteness_is_rejected_below_one_per_cent(p_value, is_white):
+    assert Whiteness(0.0, 1, p_value, 1.0).is_white is is_white
 
 
 def test_missing_samples_leave_the_test_as_it_is():
