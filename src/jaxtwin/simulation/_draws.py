@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._compilation import persistent_jit
-from .._jax_settings import in_precision, own_settings
+from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
 from ._compressed import CompressedRecording, compress
@@ -93,9 +93,9 @@ class DrawSolver:
 
         def work(chunk: Draws) -> dict[str, Array | np.ndarray]:
             with own_settings():
-                prepared = prepare_chunk(self.twin, chunk, inputs, self.initial, to_be_delayed)
-                if self.precision == "float32":
-                    prepared = in_precision(prepared, "float32")
+                prepared = prepare_chunk(
+                    self.twin, chunk, inputs, self.initial, to_be_delayed, self.precision
+                )
             with own_settings(float64=self.precision == "float64"):
                 stepped = step_chunk(
                     prepared, grid, self.columns, self._reads("plate_end"), self._reads_power()

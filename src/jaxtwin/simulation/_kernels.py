@@ -6,7 +6,7 @@ again for every use in the next, and transpose the modes at every step.
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import final
+from typing import Literal, final
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._compilation import persistent_jit
+from .._jax_settings import in_precision
 from ..physics import System, Twin
 from ._compressed import CompressedRecording
 from ._delay import delayed_time_grid
@@ -67,8 +68,9 @@ def prepare_chunk(
     inputs: InputSummary,
     initial: CheckedInitial,
     commanded: TimeGrid | None = None,
+    precision: Literal["float64", "float32"] = "float64",
 ) -> Prepared:
-    """Computes the systems, the modes and the initial temperatures of a chunk.
+    """Computes the systems, the modes and the initial temperatures of a chunk, in float64.
 
     **Arguments:**
 
@@ -78,6 +80,7 @@ def prepare_chunk(
     - `initial`: the checked temperatures at the start.
     - `commanded`: the time grid before any delay if the draws differ in the driver's delay, else
       None. The program then serves all runs of the twin, however many steps they take.
+    - `precision`: the precision of the result.
     """
 
     def prepare_draw(values: Mapping[str, Float[Array | np.ndarray, ""]]) -> Prepared:
@@ -91,7 +94,8 @@ def prepare_chunk(
             own_grid = delayed_time_grid(commanded, system.delay)
         return Prepared(system, modes, start, number, own_grid)
 
-    return jax.vmap(prepare_draw)(draws)
+    prepared = jax.vmap(prepare_draw)(draws)
+    return prepared if precision == "float64" else in_precision(prepared, precision)
 
 
 @persistent_jit
