@@ -239,4 +239,6 @@ def compressed_cost(
         jnp.asarray(leaf, errors.dtype)
         for leaf in (recorded.counted, recorded.samples, recorded.beyond)
     )
-    return jnp.sum(counted * errors**2, axis=1) / samples + beyond
+    # As a product: XLA's sums over this axis take twenty times as long in float32 (jax 0.10.2).
+    squares = jnp.einsum("dtc,dtc,tc->dc", errors, errors, counted, precision="highest")
+    return squares / samples + beyond
