@@ -21,7 +21,7 @@ def spearman(
 def ranks(values: Float[np.ndarray, "draws columns"]) -> Float[np.ndarray, "draws columns"]:
     """Ranks in each column, from 0 to 1; equal values share their mean rank."""
     order = np.argsort(values, axis=0)
-    places = [  # found many times faster in the order of the columns themselves
+    places = [  # found faster in the order of the columns themselves
         np.searchsorted(column, column, "left") + np.searchsorted(column, column, "right")
         for column in np.take_along_axis(values, order, axis=0).T
     ]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias, final
+from typing import TYPE_CHECKING, TypeAlias, final
 
 import jax
 import numpy as np
@@ -16,6 +16,7 @@ from ._compressed import CompressedRecording, compress
 from ._delay import delayed_time_grid, draws_change_delay
 from ._initial import CheckedInitial
 from ._kernels import (
+    Precision,
     Prepared,
     Stepped,
     compressed_cost,
@@ -34,9 +35,6 @@ from ._workers import is_accelerated, usual_chunk_size, work_in_chunks
 
 if TYPE_CHECKING:
     from ._diffeqsolve import DiffraxMethod
-
-Precision: TypeAlias = Literal["float64", "float32"]
-"""The precision in which the temperatures of a batch are computed."""
 
 Draws: TypeAlias = Mapping[str, Float[np.ndarray, " draws"]]
 """Name of a parameter -> its values in the unit of the rig's table."""

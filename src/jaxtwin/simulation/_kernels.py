@@ -6,7 +6,7 @@ again for every use in the next, and transpose the modes at every step.
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Literal, final
+from typing import Literal, TypeAlias, final
 
 import equinox as eqx
 import jax
@@ -26,6 +26,9 @@ from ._modes import Modes, run_modes
 from ._power import SupplyPower, supply_power
 from ._refinement import stability_number
 from ._time_grid import InputSummary, TimeGrid, reference_temperature
+
+Precision: TypeAlias = Literal["float64", "float32"]
+"""The precision in which the temperatures of a batch are computed."""
 
 
 @final
@@ -68,7 +71,7 @@ def prepare_chunk(
     inputs: InputSummary,
     initial: CheckedInitial,
     commanded: TimeGrid | None = None,
-    precision: Literal["float64", "float32"] = "float64",
+    precision: Precision = "float64",
 ) -> Prepared:
     """Computes the systems, the modes and the initial temperatures of a chunk, in float64.
 

@@ -15,8 +15,9 @@ from .._waiting import announced
 from ..io import Experiment
 from ..physics import Twin
 from ._draw_units import solve_draws
-from ._draws import DrawSolver, Precision
+from ._draws import DrawSolver
 from ._initial import Initial, checked_initial
+from ._kernels import Precision
 from ._reductions import ReductionChoice, Reductions, checked_reductions
 from ._refinement import Results, solve_refined
 from ._simulate import checked_channels, chosen_method
