@@ -133,7 +133,8 @@ def changes(node: ast.expr, source: str, numbers: bool) -> Iterator[str]:
             isinstance(argument, ast.Starred) for argument in node.args
         ):
             others = "".join(f", {text(argument)}" for argument in rest)
-            yield f"{text(node.func)}({text(second)}, {text(first)}{others})"
+            if text(first) != text(second):
+                yield f"{text(node.func)}({text(second)}, {text(first)}{others})"
 
 
 def is_text(node: ast.expr) -> bool:

@@ -1,5 +1,6 @@
 """An FMU of a twin, run by fmpy, beside `simulate`."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -214,7 +215,8 @@ def test_functions_are_those_of_the_standards_headers(
         (tmp_path / header.name).write_text(text)
     command = [shutil.which("cc") or "cc", "-std=c99", "-fsyntax-only", "-include"]
     command += [str(tmp_path / f"{wrapper.stem}Functions.h"), str(wrapper)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    english = os.environ | {"LC_ALL": "C"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=english)
     assert set(re.findall(r"conflicting types for .(\w+)", done.stderr)) == OPAQUE[version]
     assert done.stderr.count("error:") == len(OPAQUE[version]), done.stderr
 

@@ -55,6 +55,18 @@ def test_the_order_of_places(nowhere, monkeypatch):
     assert find_recordings(given, NAMES)[0] == given / "a.mat"
 
 
+def test_beside_the_checkout_from_wherever_it_is_run(nowhere, monkeypatch):
+    """Of an installed package, whose folder is no checkout, nothing lies beside it."""
+    checkout = put(nowhere / "projects" / "jaxtwin", "src/jaxtwin/io/_locate.py")
+    module = checkout / "src" / "jaxtwin" / "io" / "_locate.py"
+    monkeypatch.setattr("jaxtwin.io._locate.__file__", str(module))
+    shared = put(nowhere / "projects" / "shared" / "recordings", *NAMES)
+    with pytest.raises(RecordingError):
+        find_recordings(names=NAMES)
+    put(checkout, "pyproject.toml")
+    assert find_recordings(names=NAMES)[0] == shared.resolve() / "a.mat"
+
+
 def test_a_place_that_holds_only_some_of_them_is_passed_over(nowhere):
     put(nowhere / "shared" / "recordings", NAMES[0])
     put(nowhere / "cache", *NAMES)

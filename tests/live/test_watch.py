@@ -7,7 +7,7 @@ from hand_clock import START
 from rich.console import Console
 
 from jaxtwin.live import Event, Gap, Greeting, Hello, LinkChange, LinkState, Reading, Sample
-from jaxtwin.live._watch import HEIGHT, WIDTH, Screen, _channel_map
+from jaxtwin.live._watch import HEIGHT, WIDTH, Screen, _channel_map, _labels
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 
@@ -77,3 +77,19 @@ def test_every_zone_of_the_map_belongs_to_its_channel(rig: Rig) -> None:
     assert names[found[-1, -1]] == "T26"
     # A tap lies upon the zones, in the middle of its third of the plate.
     assert names[found[HEIGHT // 2, WIDTH // 2]] == "TBM"
+
+
+def test_the_name_of_a_channel_is_written_upon_its_own_place(rig: Rig) -> None:
+    where = _channel_map(rig.plate, rig.channels)
+    names = [channel.name for channel in rig.channels]
+    written = dict.fromkeys(range(15), "")
+    for place, letter in sorted(_labels(where, names).items()):
+        written[where[place]] += letter
+    # A tap is one or two characters wide.
+    assert written == {n: name if written[n] else "" for n, name in enumerate(names)}
+    assert [name for n, name in enumerate(names) if not written[n]] == ["TAM", "TBM", "TCM"]
+
+
+def test_a_name_gives_way_to_a_channel_inside_of_its_own() -> None:
+    where = np.array([[0, 0, 0, 0], [0, 1, 1, 0], [0, 0, 0, 0]])
+    assert _labels(where, ["ab", "c"]) == {(0, 0): "a", (0, 1): "b", (1, 1): "c"}

@@ -1,0 +1,40 @@
+"""The picture of a closed loop shows its signals: outputs, references, duty in per cent, power."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.lines import Line2D
+from small_results import fit
+
+from jaxtwin import plots, simulate_closed_loop
+from jaxtwin.control import PID
+
+
+@pytest.fixture(autouse=True)
+def closed_figures() -> Iterator[None]:
+    yield
+    pyplot.close("all")
+
+
+def drawn(lines: list[Line2D]) -> list[np.ndarray]:
+    return [np.asarray(line.get_ydata(), float) for line in lines]
+
+
+def test_the_signals_of_a_closed_loop_are_drawn():
+    run = simulate_closed_loop(fit().twin, PID(Kp=0.1, Ki=0.001), 25.0, duration_s=20)
+    above, duty, power = plots.plot_closed_loop(run).axes
+    reference, *outputs = drawn(list(above.lines))
+    np.testing.assert_array_equal(reference, np.full(21, 25.0))
+    np.testing.assert_array_equal(outputs, run.output.T)
+    np.testing.assert_allclose(drawn(list(duty.lines)), 100 * run.duty.T)
+    *cells, total = drawn(list(power.lines))
+    np.testing.assert_array_equal(cells, run.power.T)
+    np.testing.assert_allclose(total, run.power.sum(axis=1))
+    (plate,) = above.collections
+    heights = np.asarray(plate.get_paths()[0].vertices)[:, 1]
+    elements = np.asarray(run.loop.plate)
+    assert (heights.min(), heights.max()) == pytest.approx((elements.min(), elements.max()))
+    assert duty.get_ylabel() == "duty, %"
+    assert power.get_ylabel() == "power, W"
