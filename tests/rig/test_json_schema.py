@@ -3,6 +3,7 @@
 import copy
 import json
 import tomllib
+from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from typing import Any
 
@@ -25,6 +26,23 @@ def tables(name: str) -> dict[str, Any]:
 
 def test_it_is_a_schema():
     jsonschema.Draft202012Validator.check_schema(json_schema())
+
+
+def test_it_offers_no_null_which_toml_does_not_have():
+    """Nor a choice of a single type, which would be one of something and null."""
+
+    def parts(schema: object) -> Iterator[object]:
+        yield schema
+        inner = schema.values() if isinstance(schema, dict) else schema
+        if isinstance(inner, Iterable) and not isinstance(inner, str):
+            for part in inner:
+                yield from parts(part)
+
+    found = list(parts(json_schema()))
+    assert None not in found
+    assert "null" not in found
+    choices = [part["anyOf"] for part in found if isinstance(part, dict) and "anyOf" in part]
+    assert all(len(several) > 1 for several in choices)
 
 
 @pytest.mark.parametrize("name", bundled_rigs())
