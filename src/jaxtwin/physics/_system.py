@@ -138,17 +138,28 @@ class System(eqx.Module):
         ambient_deviation: Float[Array, ""] | float = 0.0,
     ) -> Float[Array, " nodes"]:
         """The right-hand side $-G x + g_{amb} a + q(x, u, a)$, with the heat of reservoirs, W."""
+        others = self.heat_without_conduction(deviation, duty, reference, ambient_deviation)
+        return others - self.conductance @ deviation
+
+    def heat_without_conduction(
+        self,
+        deviation: Float[Array, " nodes"],
+        duty: Float[Array, " cells"],
+        reference: Float[Array, ""],
+        ambient_deviation: Float[Array, ""] | float = 0.0,
+    ) -> Float[Array, " nodes"]:
+        """The right-hand side without the conductance matrix, $g_{amb} a + q(x, u, a)$, W."""
         wiring = self.wiring
         sides = np.concatenate([wiring.cold, wiring.hot])
         heat = self.cell_heat(deviation[sides] + reference, duty)
-        linear = -self.conductance @ deviation + self.ambient_conductance * ambient_deviation
+        flow = self.ambient_conductance * ambient_deviation
         if self.reservoirs is not None:
-            linear = linear + self.reservoirs.heat(reference)
+            flow = flow + self.reservoirs.heat(reference)
         if self.loss is not None:
             plate = slice(wiring.elements)
             rise = deviation[plate] - ambient_deviation
-            linear = linear.at[plate].add(-self.loss.heat(rise, reference + ambient_deviation))
-        return linear.at[wiring.cold].add(-heat.cold).at[wiring.hot].add(heat.hot)
+            flow = flow.at[plate].add(-self.loss.heat(rise, reference + ambient_deviation))
+        return flow.at[wiring.cold].add(-heat.cold).at[wiring.hot].add(heat.hot)
 
     def steady_state(
         self, duty: Float[Array, " cells"], reference: Float[Array, ""]
@@ -184,10 +195,21 @@ class System(eqx.Module):
         deviation: Float[Array, "*times nodes"],
         ambient_deviation: Float[Array, "*times 1"] | float = 0.0,
     ) -> Float[Array, "*times channels"]:
-        """The readings of the channels as deviations from the reference: ambient + gain (T -
-        ambient), and the ambient where a channel looks beside the plate."""
+        """The readings of the channels for the temperatures of the nodes, as `readings`."""
         weights = jnp.asarray(self.channel_weights, deviation.dtype)
-        rise = deviation @ weights.T - self.on_plate * ambient_deviation
+        return self.readings(deviation @ weights.T, ambient_deviation)
+
+    def readings(
+        self,
+        zone_deviation: Float[Array, "*times channels"],
+        ambient_deviation: Float[Array, "*times 1"] | float = 0.0,
+    ) -> Float[Array, "*times channels"]:
+        """The readings of the channels as deviations from the reference: ambient + gain (T -
+        ambient), and the ambient where a channel looks beside the plate.
+
+        `zone_deviation` is the mean over the zone of each channel, weighted by
+        `channel_weights`."""
+        rise = zone_deviation - self.on_plate * ambient_deviation
         return self.gain * rise + ambient_deviation
 
 

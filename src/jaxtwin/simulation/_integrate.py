@@ -21,10 +21,11 @@ SLOPE_WEIGHT = 0.15
 
 @final
 class StepReadings(eqx.Module):
-    """Weighted sums of node temperatures and of their slopes at the ends of steps.
+    """Weighted sums of node temperatures, or amplitudes of the modes, at the ends of steps.
 
-    They are deviations from the reference, K, and slopes, K/s. Row k belongs to the start of step
-    k. `error_estimate` is the largest accumulated error estimate in any channel at any time, K.
+    `values` are deviations from the reference, K, and `slopes` are theirs, K/s. Row k belongs to
+    the start of step k. `error_estimate` is the largest accumulated error estimate in any channel
+    at any time, K.
     """
 
     values: Float[Array, "*chunk ends outputs"]
@@ -86,7 +87,7 @@ def integrate(
     """Integrates over the steps of a drive's grid.
 
     **Arguments:** those of `solve_network`, the `modes` of the system (`run_modes`), and the
-    `loss_dtype` of `ModalField`. A `readout` of None stands for the temperature of each node.
+    `loss_dtype` of `ModalField`. A `readout` of None stands for the amplitudes of the modes.
     """
     dtype, grid = modes.rates.dtype, drive.grid
     field = ModalField.of(system, modes, drive.reference, loss_dtype)
@@ -115,12 +116,10 @@ def integrate(
     # An error in a mode is one in its slope, times its rate: samples between the ends have both.
     lengths = jnp.asarray(grid.sizes, dtype)[grid.size]
     errors = errors[1:] * (1 + SLOPE_WEIGHT * modes.rates * lengths[:, None])
-    output_shapes = modes.shapes.T
-    if readout is not None:
-        output_shapes = (jnp.asarray(readout, dtype) @ modes.shapes).T
     channel_shapes = (jnp.asarray(system.channel_weights, dtype) @ modes.shapes).T
-    return StepReadings(
-        values=amplitudes @ output_shapes,
-        slopes=(forces - modes.rates * amplitudes) @ output_shapes,
-        error_estimate=jnp.abs(errors @ channel_shapes).max(),
-    )
+    error_estimate = jnp.abs(errors @ channel_shapes).max()
+    slopes = forces - modes.rates * amplitudes
+    if readout is None:
+        return StepReadings(amplitudes, slopes, error_estimate)
+    output_shapes = (jnp.asarray(readout, dtype) @ modes.shapes).T
+    return StepReadings(amplitudes @ output_shapes, slopes @ output_shapes, error_estimate)

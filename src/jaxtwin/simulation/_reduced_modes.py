@@ -116,12 +116,13 @@ def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResul
         space += [at_rest.solve(lost[:, None] * response) for response in responses[:LOST]]
     for _ in range(ROUNDS):
         modes = _projected(system, linear, np.concatenate(space, axis=1), point)
-        run, looks = _run_in_modes(system, modes, grid, initial)
+        read, looks, stability = _steps_in_modes(system, modes, grid, initial)
         residual = np.asarray(looks.heat).T - network @ np.asarray(looks.deviation).T
         missing = at_rest.solve(residual)
         size = np.abs(missing).max()
         if size <= LARGEST_RESIDUAL or not np.isfinite(size):
-            return run
+            nodes, channels = _at_samples(system, modes, grid, read)
+            return nodes, channels, stability, read.error_estimate
         space.append(missing)
     return None
 
@@ -210,9 +211,11 @@ def _linearised(
 
 
 @persistent_jit
-def _run_in_modes(
+def _steps_in_modes(
     system: System, modes: Modes, grid: TimeGrid, initial: CheckedInitial
-) -> tuple[RunResult, Looks]:
+) -> tuple[StepReadings, Looks, Array]:
+    """Returns the amplitudes of the modes at the ends of the steps, the looks, and the
+    `stability_number`."""
     # The modes replace the conductance matrix. Only derivatives would need it, and none are
     # computed.
     nodes = system.capacitance.size
@@ -220,24 +223,32 @@ def _run_in_modes(
     drive = Drive.of(system, grid)
     start = initial_temperatures(system, initial, grid.duty[0], drive.reference)
     read = integrate(system, drive, modes, start, None)
-    deviation = read.at_samples(drive.grid)
-    readings = system.channel_temperatures(deviation, drive.ambient_at_samples())
-    run = (
-        deviation[:, system.wiring.position] + drive.reference,
-        readings + drive.reference,
-        stability_number(system, modes, grid.summary()),
-        read.error_estimate,
-    )
-    return run, _looks(system, drive, read)
+    stability = stability_number(system, modes, grid.summary())
+    return read, _looks(system, modes, drive, read), stability
 
 
-def _looks(system: System, drive: Drive, read: StepReadings) -> Looks:
+@persistent_jit
+def _at_samples(
+    system: System, modes: Modes, grid: TimeGrid, read: StepReadings
+) -> tuple[Float[Array, "times rig_nodes"], Float[Array, "times channels"]]:
+    """Returns the absolute temperatures of the rig's nodes and of its channels at the samples,
+    K."""
+    drive = Drive.of(system, grid)
+    amplitudes = read.at_samples(drive.grid)
+    nodes = amplitudes @ modes.shapes[system.wiring.position].T
+    zones = amplitudes @ (jnp.asarray(system.channel_weights) @ modes.shapes).T
+    readings = system.readings(zones, drive.ambient_at_samples())
+    return nodes + drive.reference, readings + drive.reference
+
+
+def _looks(system: System, modes: Modes, drive: Drive, read: StepReadings) -> Looks:
     inputs = jax.vmap(lambda row: row.at(0))(drive.inputs())
     steps = np.unique(np.linspace(0, len(drive.grid.size) - 1, LOOKS).astype(int))
+    deviations, slopes = (rows[steps] @ modes.shapes.T for rows in (read.values, read.slopes))
 
-    def heat(step: Array) -> Array:
+    def heat(step: Array, deviation: Array, slope: Array) -> Array:
         duty, ambient = inputs.duty[step], inputs.ambient[step]
-        heat = system.heat_into_nodes(read.values[step], duty, drive.reference, ambient)
-        return heat - system.capacitance * read.slopes[step]
+        heat = system.heat_without_conduction(deviation, duty, drive.reference, ambient)
+        return heat - system.capacitance * slope
 
-    return Looks(read.values[steps], jax.vmap(heat)(jnp.asarray(steps)))
+    return Looks(deviations, jax.vmap(heat)(jnp.asarray(steps), deviations, slopes))
