@@ -123,9 +123,9 @@ def convergence(rig: str) -> list[tuple[int, float]]:
 @jax.jit
 def _solve(twin: Any, grid: Any) -> Any:
     system = twin.system(lumped=True)
-    weights = system.wiring.channel_weights
-    _, rises = solve_network(system, grid, system.initial_temperature, weights)
-    return system.gain * rises + system.ambient_temperature - 273.15
+    weights = system.channel_weights
+    drive, zones = solve_network(system, grid, system.initial_temperature, weights)
+    return system.readings(zones) + drive.reference - 273.15
 
 
 def main() -> None:

@@ -230,3 +230,17 @@ def test_a_drive_that_is_reversed_at_every_sample_is_exact(dual_cell: Twin):
     exact = dual_cell.simulate(experiment, solver=diffrax.Kvaerno5(), stepsize_controller=FIXED)
     found = dual_cell.simulate(experiment)
     np.testing.assert_allclose(found.temperatures, exact.temperatures, atol=5e-4)
+
+
+def test_samples_between_the_ends_of_long_steps_follow_fast_modes():
+    """A small load with a strong film, at the edge of the bounds: its fastest mode has 390 of its
+    time constants in a step of 32 s. The slope of that mode as the force at the amplitudes minus
+    rate times amplitude led to 64 mK between the ends of the steps, where the amplitudes are right
+    within 1.4 mK."""
+    values = {"C_load": 1.086, "R_loss": 0.1303, "n_film": 0.4093, "alpha": 0.01516}
+    values |= {"R_E": 5.456, "R_Th": 2.523, "C_side": 1.359, "R_pc": 0.1645, "R_ph": 2.991}
+    values |= {"C_sink": 1170.0, "R_sink": 0.639, "R_supply": 1.638, "g_T": 1.095}
+    twin = Twin("single-cell", values | {"T_amb": 28.61, "T_start": 31.76, "T_sink": 42.0})
+    drive = Experiment.schedule("0:0.5,500:0.78", duration=1000, cells=1)
+    exact = twin.simulate(drive, solver=diffrax.Kvaerno5()).temperatures
+    assert np.abs(twin.simulate(drive).temperatures - exact).max() < 5e-3

@@ -18,7 +18,7 @@ exactly that of the equations.
 """
 
 import math
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -227,13 +227,30 @@ def step_factors(rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]) -
     return decay_functions(rates, sizes).factors()
 
 
+class StepResult(NamedTuple):
+    """The result of a step.
+
+    - `amplitudes`: those at the end of the step.
+    - `last_force`: the force from which they follow, that of the last stage. `last_force - rates *
+      amplitudes` is the slope at the end of a step. The force at `amplitudes` themselves is more
+      accurate, but the slope of a fast mode is the small difference of two large numbers, in which
+      an error of the amplitude would count rate times step size as much.
+    - `error`: an error estimate, the change of the result if the first of the two forces in the
+      middle of the step replaced both. It is of third order in the step size.
+    """
+
+    amplitudes: Float[Array, " modes"]
+    last_force: Float[Array, " modes"]
+    error: Float[Array, " modes"]
+
+
 def exponential_step(
     amplitudes: Float[Array, " modes"],
     force_0: Float[Array, " modes"],
     factors: StepFactors,
     field: ModalField,
     inputs: Inputs,
-) -> tuple[Float[Array, " modes"], Float[Array, " modes"]]:
+) -> StepResult:
     """Computes one step.
 
     **Arguments:**
@@ -242,10 +259,6 @@ def exponential_step(
     - `force_0`: the force at the start, under the inputs of this step.
     - `factors`: the coefficients of the step size.
     - `field`, `inputs`: the vector field and its inputs during the step.
-
-    **Returns:** the amplitudes at the end of the step, and an error estimate: the change of the
-    result if the first of the two forces in the middle of the step replaced both. It is of third
-    order in the step size.
     """
     halfway, decayed = factors.half_decay * amplitudes, factors.decay * amplitudes
     force_a = field.force(halfway + factors.half * force_0, inputs.at(1))
@@ -259,7 +272,7 @@ def exponential_step(
         + factors.middle * (force_a + force_b)
         + factors.last * force_c
     )
-    return end, factors.middle * (force_b - force_a)
+    return StepResult(end, force_c, factors.middle * (force_b - force_a))
 
 
 def _phi(

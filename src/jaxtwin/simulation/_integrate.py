@@ -12,11 +12,16 @@ from jaxtyping import Array, Float
 from ..physics import System
 from ._drive import Drive
 from ._exponential import ModalField, decay_functions, exponential_step
+from ._interpolation import SLOPE_AT_END
 from ._modes import Modes, run_modes
 from ._time_grid import TimeGrid
 
 SLOPE_WEIGHT = 0.15
 """The largest weight of a slope within a step, as a multiple of the step size."""
+
+FAST = 16.0
+"""The rate times step size above which a mode is fast: the slope at the end of a step then follows
+from the last stage, see `StepResult`."""
 
 
 @final
@@ -96,20 +101,25 @@ def integrate(
 
     def advance(state: tuple[Array, Array, Array], step: Any) -> tuple[Any, Any]:
         amplitudes, force, error = state
-        size, inputs, next_inputs = step
+        size, inputs, next_inputs, is_held = step
         of_size = jax.tree.map(lambda table: table[size], functions).factors()
-        amplitudes, step_error = exponential_step(amplitudes, force, of_size, field, inputs)
+        end = exponential_step(amplitudes, force, of_size, field, inputs)
         # The force that starts the next step, under its inputs. Errors decay as amplitudes do.
-        force = field.force(amplitudes, next_inputs)
-        after = amplitudes, force, of_size.decay * error + step_error
-        return after, after
+        force = field.force(end.amplitudes, next_inputs)
+        error = of_size.decay * error + end.error
+        is_fast = modes.rates * jnp.asarray(grid.sizes, dtype)[size] > FAST
+        of_slope = jnp.where(is_held & is_fast, end.last_force, force)
+        return (end.amplitudes, force, error), (end.amplitudes, of_slope, error)
 
     at_starts, at_ends = (jax.vmap(lambda row, s=s: row.at(s))(inputs) for s in (0, 2))
     next_inputs = jax.tree.map(lambda a, b: jnp.append(a[1:], b[-1:], axis=0), at_starts, at_ends)
     start = modes.amplitudes(initial - drive.reference)
     first_force = field.force(start, jax.tree.map(lambda rows: rows[0], at_starts))
     state = start, first_force, jnp.zeros_like(start)
-    _, after = jax.lax.scan(advance, state, (jnp.asarray(grid.size), inputs, next_inputs))
+    # Where the inputs change, no sample uses the slope at the end of the step before.
+    is_held = jnp.any(jnp.asarray(grid.polynomials)[:, SLOPE_AT_END] != 0, axis=1)
+    steps = jnp.asarray(grid.size), inputs, next_inputs, is_held
+    _, after = jax.lax.scan(advance, state, steps)
     amplitudes, forces, errors = jax.tree.map(
         lambda a, b: jnp.append(a[None], b, axis=0), state, after
     )

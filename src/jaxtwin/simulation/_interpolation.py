@@ -13,6 +13,9 @@ Arrays = TypeVar("Arrays", np.ndarray, jax.Array)
 POWERS = 6
 """The number of coefficients of a polynomial, which is the number of values and slopes."""
 
+SLOPE_AT_END = 3
+"""The row of a step's polynomials that belongs to the slope at its end."""
+
 
 def step_polynomials(
     spans: Sequence[np.ndarray],

@@ -154,7 +154,7 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
         inputs = args.inputs.over(t0, size)
         field = ModalField.of(args.system, modes, args.reference)
         force_0 = field.force(amplitudes, inputs.at(0))
-        end, _ = exponential_step(amplitudes, force_0, factors, field, inputs)
+        end = exponential_step(amplitudes, force_0, factors, field, inputs).amplitudes
         force_1 = field.force(end, inputs.at(2))
         lower = _second_order(amplitudes, force_0, force_1, factors)
         y1 = modes.shapes @ end

@@ -293,7 +293,8 @@ def advance(
             force = line.force
         else:
             force = stepper.field.force(amplitudes, inputs.at(0))
-        amplitudes, _ = exponential_step(amplitudes, force, factors, stepper.field, inputs)
+        end = exponential_step(amplitudes, force, factors, stepper.field, inputs)
+        amplitudes = end.amplitudes
         begin = begin + size
     return ModalState(amplitudes, duty, commands)
 
