@@ -3,7 +3,7 @@
 import inspect
 import typing
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -114,7 +114,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
 """Class -> one of it."""
 
 NUMBERS = {"OperatingPoint", "UltimatePoint"}
-"""Of these, those that are a few numbers: a table of them, and no picture."""
+"""Of these, those that are a few numbers: they have a table and a dataset, but no picture."""
 
 LONG = {
     "Band",
@@ -176,9 +176,9 @@ def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: P
     table = result.to_dataframe()
     assert isinstance(table, pandas.DataFrame)
     assert len(table) > 0
+    assert isinstance(result.to_xarray(), xarray.Dataset)
     if kind in NUMBERS:
         return
-    assert isinstance(result.to_xarray(), xarray.Dataset)
     picture = result.plot()
     figure = picture if isinstance(picture, Figure) else picture.get_figure(root=True)
     assert isinstance(figure, Figure)
@@ -253,6 +253,21 @@ def test_the_table_of_an_operating_point_holds_its_numbers_by_name():
     ]  # fmt: skip
 
 
+def test_the_dataset_of_an_operating_point_holds_its_numbers_by_name():
+    twin = jt.Twin("dual-cell")
+    point = jt.linearize(twin, duty=[0.4, 0.3]).operating_point
+    data = point.to_xarray()
+    assert float(data.duty.sel(cell="P2")) == 0.3
+    assert float(data.temperature.sel(channel="TAM")) == point.outputs[twin.channels.index("TAM")]
+    assert float(data.state.sel(node="P1.TC")) == point.nodes[twin.netlist.index["P1.TC"]]
+    assert float(data.ambient) == point.ambient
+    units = {name: values.attrs["units"] for name, values in data.items()}
+    assert units == {"duty": "1", "state": "degC", "temperature": "degC", "ambient": "degC"}
+    at_rest = jt.LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]]).operating_point.to_xarray()
+    labels = [at_rest[dimension].item() for dimension in ("cell", "node", "channel")]
+    assert labels == ["u1", "x1", "y1"]
+
+
 def test_the_table_of_an_ultimate_point_holds_its_numbers():
     """A square wave of 0.1 has a fundamental of 0.4 / pi, a wave of 0.25 K against it: gain
     1.6 / pi per kelvin, in a period of 20 s."""
@@ -260,6 +275,14 @@ def test_the_table_of_an_ultimate_point_holds_its_numbers():
     assert table.loc["gain", "value"] == pytest.approx(1.6 / np.pi, rel=0.02)
     assert table.loc["period_s"].tolist() == [20.0, "s"]
     assert table.loc["amplitude", "value"] == pytest.approx(0.25)
+
+
+def test_the_dataset_of_an_ultimate_point_holds_its_numbers_with_units():
+    point = oscillation()
+    data = point.to_xarray()
+    units = {"gain": "1/K", "period_s": "s", "phase_deg": "deg", "amplitude": "K", "cycles": "1"}
+    assert {name: values.attrs["units"] for name, values in data.items()} == units
+    assert {name: values.item() for name, values in data.items()} == asdict(point)
 
 
 def test_distributions_are_those_of_the_draws():

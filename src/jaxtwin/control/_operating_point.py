@@ -17,6 +17,7 @@ from ..physics import System, Twin
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
 
 ZERO_CELSIUS = 273.15
 
@@ -49,6 +50,23 @@ class OperatingPoint(eqx.Module):
     node_names: tuple[str, ...] = eqx.field(static=True, default=())
     channel_names: tuple[str, ...] = eqx.field(static=True, default=())
 
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns a labelled dataset, with units in the attributes: duty (cell), state (node),
+        temperature (channel) and ambient, named as in `Run.to_xarray`."""
+        import xarray
+
+        cells, nodes, channels = self._labels()
+        celsius = {"units": "degC"}
+        return xarray.Dataset(
+            {
+                "duty": ("cell", np.asarray(self.duty), {"units": "1"}),
+                "state": ("node", np.asarray(self.nodes), celsius),
+                "temperature": ("channel", np.asarray(self.outputs), celsius),
+                "ambient": ((), float(self.ambient), celsius),
+            },
+            coords={"cell": cells, "node": nodes, "channel": channels},
+        )
+
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for the duty of each cell, the temperature of each node, the reading
         of each channel and the ambient temperature. Its index is quantity and name; its columns are
@@ -59,22 +77,32 @@ class OperatingPoint(eqx.Module):
         return table.set_index(["quantity", "name"])
 
     def _rows(self) -> list[tuple[str, str, float, str]]:
-        """Quantity, name, value and unit of each number."""
+        """Returns quantity, name, value and unit of each number."""
+        cells, nodes, channels = self._labels()
         parts = (
-            ("duty", "u", self.cell_names, self.duty, "1"),
-            ("node", "x", self.node_names, self.nodes, "degC"),
-            ("channel", "y", self.channel_names, self.outputs, "degC"),
+            ("duty", cells, self.duty, "1"),
+            ("node", nodes, self.nodes, "degC"),
+            ("channel", channels, self.outputs, "degC"),
         )
         rows = [
             (quantity, name, float(value), unit)
-            for quantity, letter, given, values, unit in parts
-            for name, value in zip(
-                given or [f"{letter}{n + 1}" for n in range(len(values))],
-                np.asarray(values),
-                strict=True,
-            )
+            for quantity, names, values, unit in parts
+            for name, value in zip(names, np.asarray(values), strict=True)
         ]
         return [*rows, ("ambient", "", float(self.ambient), "degC")]
+
+    def _labels(self) -> tuple[list[str], list[str], list[str]]:
+        """Returns the names of cells, nodes and channels. Names that were not given are u1, u2, and
+        so on for cells, x1 for nodes, y1 for channels."""
+        cells, nodes, channels = (
+            list(names) or [f"{letter}{number + 1}" for number in range(len(values))]
+            for letter, names, values in (
+                ("u", self.cell_names, self.duty),
+                ("x", self.node_names, self.nodes),
+                ("y", self.channel_names, self.outputs),
+            )
+        )
+        return cells, nodes, channels
 
     def _repr_html_(self) -> str:
         rows = [

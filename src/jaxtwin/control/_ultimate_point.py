@@ -25,6 +25,7 @@ from ._pid import PID
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
 
 Rule: TypeAlias = Literal["tyreus-luyben", "ziegler-nichols"]
 
@@ -78,6 +79,14 @@ class UltimatePoint:
 
         rows = [(name, getattr(self, name), unit) for name, unit in _UNITS.items()]
         return pandas.DataFrame(rows, columns=["name", "value", "unit"]).set_index("name")
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns a dataset with a variable for each number, and its unit in the attributes."""
+        import xarray
+
+        return xarray.Dataset(
+            {name: ((), getattr(self, name), {"units": unit}) for name, unit in _UNITS.items()}
+        )
 
     def _repr_html_(self) -> str:
         rows = [(name, f"{getattr(self, name):.4g}", unit) for name, unit in _UNITS.items()]
