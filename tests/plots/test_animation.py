@@ -33,7 +33,7 @@ def heated(samples: int = 101) -> Run:
     return Run(
         experiment=Experiment(times, np.where(times[:, None] < 50, [0.5, 0.25], [1.0, 0.0])),
         channels=(), temperatures=np.zeros((samples, 0)), nodes=(*ELEMENTS, "P1.TC"),
-        states=states, rig=RIG.name,
+        states=states, rig=RIG.name, elements=len(ELEMENTS),
     )  # fmt: skip
 
 
@@ -134,5 +134,5 @@ def _with_other_nodes() -> Run:
     return Run(
         experiment=run.experiment, channels=(), temperatures=run.temperatures,
         nodes=tuple(f"V{number}" for number in range(len(run.nodes))), states=run.states,
-        rig=run.rig,
+        rig=run.rig, elements=run.elements,
     )  # fmt: skip

@@ -119,7 +119,7 @@ def test_missing_samples_are_gaps():
 def test_what_was_simulated_or_planned_is_not_called_a_recording():
     plan = Experiment(np.arange(4.0), np.full((4, 1), 0.5))
     rest = np.full((4, 1), 20.0)
-    run = Run(plan, ("T",), rest, ("V11",), rest, "bench")
+    run = Run(plan, ("T",), rest, ("V11",), rest, "bench", 1)
     assert run.plot().axes[0].get_title(loc="left") == "bench, simulated"
     named = replace(run, experiment=replace(plan, name="plan"))
     assert named.plot().axes[0].get_title(loc="left") == "plan, simulated"

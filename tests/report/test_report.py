@@ -125,7 +125,7 @@ def test_the_plate_is_shown_at_times_that_all_recordings_reach():
     for times in (np.arange(20.0, 51.0), np.arange(10.0, 46.0)):
         rest = np.full((len(times), 1), 20.0)
         plan = Experiment(times, np.full((len(times), 1), 0.5))
-        runs.append(Run(plan, ("T",), rest, ("V11",), rest, "bench"))
+        runs.append(Run(plan, ("T",), rest, ("V11",), rest, "bench", 1))
     assert _map_times(runs) == [22.5, 32.5, 45.0]
 
 

@@ -57,6 +57,14 @@ def test_a_cooled_block_and_a_heat_pipe_are_as_by_hand(room):
         assert run.states[time] == pytest.approx(expected, abs=1e-6)
 
 
+def test_the_uniformity_of_the_plate_leaves_out_bodies():
+    """The block and the pipe are colder than both elements of the plate."""
+    run = simulate(Twin(hand_rig(cell='sink = "block"', more=BODIES)), EXPERIMENT)
+    assert run.plate_uniformity.places == ("V11", "V12")
+    expected = np.ptp(by_hand(40)[:2])
+    assert run.plate_uniformity.range[40] == pytest.approx(expected, abs=1e-6)
+
+
 def test_channels_read_bodies():
     """The mean of V12 and the pipe."""
     rig = hand_rig(cell='sink = "block"', more=BODIES, read='["V12", "pipe"]')

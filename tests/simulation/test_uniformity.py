@@ -16,9 +16,9 @@ def run(recorded: bool = True) -> Run:
         channels=("T1", "T2"),
         temperatures=seen + np.array([1.0, 0.0]) if recorded else None,
     )
-    states = np.array([[20.0, 22.0, 26.0, 90.0, 10.0]] * 3)
-    nodes = ("V11", "V12", "V13", "P1.TC", "P1.SINK")
-    return Run(experiment, ("T1", "T2"), seen, nodes, states, "rig")
+    states = np.array([[20.0, 22.0, 26.0, 90.0, 10.0, 35.0]] * 3)
+    nodes = ("V11", "V12", "V13", "P1.TC", "P1.SINK", "block")
+    return Run(experiment, ("T1", "T2"), seen, nodes, states, "rig", elements=3)
 
 
 def test_range_and_standard_deviation_over_the_channels():
@@ -44,10 +44,11 @@ def test_recorded_stands_beside_simulated():
     labelled = run().to_xarray()
     np.testing.assert_array_equal(labelled["channel_range"], [0.0, 4.0, 6.0])
     np.testing.assert_array_equal(labelled["recorded_range"], [1.0, 5.0, 5.0])
+    np.testing.assert_array_equal(labelled["plate_range"], [6.0] * 3)
     assert labelled["channel_std"].attrs["units"] == "K"
 
 
-def test_the_plate_is_its_elements_without_cells_and_sinks():
+def test_the_plate_is_its_elements_without_cells_sinks_and_bodies():
     even = run().plate_uniformity
     assert even.places == ("V11", "V12", "V13")
     np.testing.assert_array_equal(even.range, [6.0] * 3)

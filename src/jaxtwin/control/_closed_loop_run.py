@@ -59,6 +59,7 @@ class ClosedLoopRun:
             nodes=tuple(node.name for node in twin.netlist.nodes),
             states=np.asarray(loop.nodes),
             rig=twin.rig.name,
+            elements=loop.elements,
             twin=twin,
         )
         return cls(run, loop, outputs)

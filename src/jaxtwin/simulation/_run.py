@@ -40,6 +40,7 @@ class Run:
     - `nodes`: the names of the network's nodes.
     - `states`: the temperatures of the nodes, `(times, nodes)`, degC.
     - `rig`: the name of the rig.
+    - `elements`: the number of nodes that are elements of the plate. They are the first nodes.
     - `twin`: the twin that was run; None for a part of a run, whose power and energy are unknown.
     - `is_steady_start`: whether the run began in the steady state under the first duty. A driver
       with a lag then begins at that duty, otherwise at 0.
@@ -51,6 +52,7 @@ class Run:
     nodes: tuple[str, ...]
     states: Float[np.ndarray, "times nodes"]
     rig: str
+    elements: int
     twin: Twin | None = None
     is_steady_start: bool = False
 
@@ -146,10 +148,8 @@ class Run:
     @property
     def plate_uniformity(self) -> Uniformity:
         """The range and the standard deviation of the plate's temperature over its elements."""
-        # Nodes of cells and sinks are named after their cell, with a dot.
-        columns = [number for number, name in enumerate(self.nodes) if "." not in name]
-        names = tuple(self.nodes[number] for number in columns)
-        return uniformity(self.time, self.states[:, columns], names)
+        plate = slice(self.elements)
+        return uniformity(self.time, self.states[:, plate], self.nodes[plate])
 
     @property
     def _recorded(self) -> Float[np.ndarray, "times channels"]:
@@ -161,8 +161,9 @@ class Run:
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset, with units in the attributes: temperature (time, channel),
-        state (time, node), duty (time, cell), channel_range and channel_std (time). If they are
-        known, recorded (time, channel), recorded_range, recorded_std and ambient (time) follow."""
+        state (time, node), duty (time, cell), channel_range, channel_std, plate_range and plate_std
+        (time). If they are known, recorded (time, channel), recorded_range, recorded_std and
+        ambient (time) follow."""
         import pandas
         import xarray
 
@@ -173,7 +174,7 @@ class Run:
             "state": (("time", "node"), self.states, celsius),
             "duty": (("time", "cell"), duty, {"units": "1"}),
         }
-        uniformities = {"channel": self.uniformity}
+        uniformities = {"channel": self.uniformity, "plate": self.plate_uniformity}
         if self.experiment.temperatures is not None:
             variables["recorded"] = (("time", "channel"), self._recorded, celsius)
             uniformities["recorded"] = self.recorded_uniformity

@@ -149,6 +149,7 @@ def simulate(
         nodes=tuple(node.name for node in twin.netlist.nodes),
         states=states - 273.15,
         rig=twin.rig.name,
+        elements=len(twin.rig.plate.element_names),
         twin=twin,
         is_steady_start=isinstance(start, str),
     )

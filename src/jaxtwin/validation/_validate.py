@@ -313,6 +313,7 @@ def _from(run: Run, start: float) -> Run:
         nodes=run.nodes,
         states=run.states[late],
         rig=run.rig,
+        elements=run.elements,
     )
 
 
