@@ -58,24 +58,20 @@ def run_loop(
     """
     controller, scenario = in_precision((controller, scenario), stepper.reference.dtype)
     loss_dtype = jnp.float32 if single_precision_losses else None
-    outputs = _outputs(stepper, scenario)
-
-    def sample(state: _LoopState, inputs: _SampleInputs) -> tuple[_LoopState, _Recorded]:
-        return _sample(stepper, controller, scenario, outputs, loss_dtype, state, inputs)
-
+    loop = _Loop(stepper, controller, scenario, _outputs(stepper, scenario), loss_dtype)
     inputs = _SampleInputs(
         references_ahead(jnp.asarray(scenario.reference), controller.preview_samples),
         scenario.error,
         scenario.arrives,
         _StepInputs(jnp.asarray(scenario.ambient), scenario.heat, scenario.conductance),
     )
-    _, recorded = jax.lax.scan(sample, _start(stepper, controller, scenario, outputs), inputs)
+    _, recorded = jax.lax.scan(loop.sample, loop.start(), inputs)
     return _signals(stepper, scenario, recorded)
 
 
 class _StepInputs(NamedTuple):
-    """What acts on the plant in a step: the ambient temperature, degC; heat, W, and additional
-    conductance, W/K, of disturbances."""
+    """The inputs of the plant in a step, besides the duty: the ambient temperature, degC, and the
+    heat, W, and the additional conductance, W/K, of disturbances."""
 
     ambient: Float[Array, "*substeps"]
     heat: Float[Array | np.ndarray, "*substeps nodes"] | None
@@ -83,8 +79,8 @@ class _StepInputs(NamedTuple):
 
 
 class _SampleInputs(NamedTuple):
-    """What a scenario has for a sample: references and errors of the readings, and what acts on the
-    plant in each step until the next sample."""
+    """The part of a scenario that belongs to one sample: references, errors of the readings,
+    whether the reading arrives, and the inputs of the plant in each step until the next sample."""
 
     reference: Float[Array | np.ndarray, "*preview outputs"]
     error: Float[Array | np.ndarray, " channels"]
@@ -95,7 +91,8 @@ class _SampleInputs(NamedTuple):
 class _LoopState(NamedTuple):
     """The state of a loop between two samples.
 
-    - `measurement`: the last one that the controller got, degC. `missing_s`: the time since then.
+    - `measurement`: the last measurement that the controller got, degC. `missing_s`: the time
+      since then.
     - `is_off`: whether the cells have been switched off for good.
     - `late`: outputs on their way through the delay of the readings, the newest first.
     """
@@ -109,8 +106,8 @@ class _LoopState(NamedTuple):
 
 
 class _Recorded(NamedTuple):
-    """What is kept of a sample: amplitudes of the modes and the duty behind the driver at the start
-    of each step, and the duty and the measurement of the sample."""
+    """The signals of a sample that are recorded: the amplitudes of the modes and the duty behind
+    the driver at the start of each step, and the duty and the measurement of the sample."""
 
     amplitudes: Float[Array, "substeps modes"]
     followed: Float[Array, "substeps cells"]
@@ -119,9 +116,12 @@ class _Recorded(NamedTuple):
 
 
 class _Outputs(NamedTuple):
-    """The controller's outputs by the modes and by the ambient: no channel is computed on the way.
+    """The controller's outputs as linear functions of the modes' amplitudes and of the ambient
+    temperature, so that the channels need not be computed at each sample.
 
-    - `weights`: of the channels. `celsius`: the reference of deviations, degC.
+    - `weights`: the weights of the channels in each output.
+    - `by_modes`, `by_ambient`: the coefficients of the amplitudes and of the ambient temperature.
+    - `celsius`: the temperature from which deviations are counted, degC.
     """
 
     weights: Float[Array, "outputs channels"]
@@ -144,89 +144,87 @@ def _outputs(stepper: Stepper, scenario: Scenario) -> _Outputs:
     return _Outputs(weights, by_modes, weights @ (1 - gain[:, 0] * system.on_plate), celsius)
 
 
-def _start(
-    stepper: Stepper, controller: AbstractController, scenario: Scenario, outputs: _Outputs
-) -> _LoopState:
-    """The loop before its first sample, with the cells off."""
-    dtype = stepper.reference.dtype
-    idle = jnp.zeros(len(stepper.system.wiring.cold), dtype)
-    plant = to_modal(stepper, stepper.start(scenario.initial, idle))
-    first = outputs.at(plant, jnp.asarray(scenario.ambient)[0, 0])
-    error = jnp.nan_to_num(jnp.asarray(scenario.error)[0])
-    measurement = first + outputs.weights @ error
-    return _LoopState(
-        plant,
-        controller.init(idle, measurement),
-        measurement,
-        jnp.zeros((), dtype),
-        jnp.zeros((), bool),
-        jnp.broadcast_to(first, (scenario.sensor_delay_steps, len(first))),
-    )
+class _Loop(NamedTuple):
+    """The parts of a loop that do not change while it runs.
 
+    - `loss_dtype`: the precision of the nonlinear losses; None for that of the stepper.
+    """
 
-def _sample(
-    stepper: Stepper,
-    controller: AbstractController,
-    scenario: Scenario,
-    outputs: _Outputs,
-    loss_dtype: DTypeLike | None,
-    state: _LoopState,
-    inputs: _SampleInputs,
-) -> tuple[_LoopState, _Recorded]:
-    """Reads the plant, computes the duty, and steps the plant to the next sample."""
-    read = _read(scenario, outputs, controller.sample_time_s, state, inputs)
-    asked, following = controller.step(state.controller, inputs.reference, read.measurement)
-    duty = _applied(scenario, asked, read.is_off)
+    stepper: Stepper
+    controller: AbstractController
+    scenario: Scenario
+    outputs: _Outputs
+    loss_dtype: DTypeLike | None
 
-    def step(
-        carry: tuple[ModalState, Array], steps: _StepInputs
-    ) -> tuple[tuple[ModalState, Array], tuple[Array, Array]]:
-        (plant, late), ambient, heat = carry, steps.ambient, None
-        if steps.heat is not None and steps.conductance is not None:
-            rise = node_temperatures(stepper, plant) - ambient
-            heat = jnp.asarray(steps.heat) - steps.conductance * rise
-        if scenario.sensor_delay_steps:
-            late = jnp.concatenate([outputs.at(plant, ambient)[None], late[:-1]])
-        later = advance(stepper, plant, duty, ambient, heat, loss_dtype)
-        return (later, late), (plant.amplitudes, plant.duty)
+    def start(self) -> _LoopState:
+        """Returns the state of the loop before its first sample, with the cells off."""
+        stepper, scenario = self.stepper, self.scenario
+        dtype = stepper.reference.dtype
+        idle = jnp.zeros(len(stepper.system.wiring.cold), dtype)
+        plant = to_modal(stepper, stepper.start(scenario.initial, idle))
+        first = self.outputs.at(plant, jnp.asarray(scenario.ambient)[0, 0])
+        error = jnp.nan_to_num(jnp.asarray(scenario.error)[0])
+        measurement = first + self.outputs.weights @ error
+        return _LoopState(
+            plant,
+            self.controller.init(idle, measurement),
+            measurement,
+            jnp.zeros((), dtype),
+            jnp.zeros((), bool),
+            jnp.broadcast_to(first, (scenario.sensor_delay_steps, len(first))),
+        )
 
-    carry = state.plant, state.late
-    if len(inputs.steps.ambient) == 1:  # without a loop in the loop
-        carry, kept = step(carry, jax.tree.map(lambda row: row[0], inputs.steps))
-    else:
-        carry, kept = jax.lax.scan(step, carry, inputs.steps)
-    plant, late = carry
-    later = read._replace(plant=plant, controller=following, late=late)
-    return later, _Recorded(*kept, duty, read.measurement)
+    def sample(self, state: _LoopState, inputs: _SampleInputs) -> tuple[_LoopState, _Recorded]:
+        """Reads the plant, computes the duty, and steps the plant to the next sample."""
+        stepper, controller, scenario = self.stepper, self.controller, self.scenario
+        read = self._read(state, inputs)
+        asked, following = controller.step(state.controller, inputs.reference, read.measurement)
+        duty = _applied(scenario, asked, read.is_off)
 
+        def step(
+            carry: tuple[ModalState, Array], steps: _StepInputs
+        ) -> tuple[tuple[ModalState, Array], tuple[Array, Array]]:
+            (plant, late), ambient, heat = carry, steps.ambient, None
+            if steps.heat is not None and steps.conductance is not None:
+                rise = node_temperatures(stepper, plant) - ambient
+                heat = jnp.asarray(steps.heat) - steps.conductance * rise
+            if scenario.sensor_delay_steps:
+                late = jnp.concatenate([self.outputs.at(plant, ambient)[None], late[:-1]])
+            later = advance(stepper, plant, duty, ambient, heat, self.loss_dtype)
+            return (later, late), (plant.amplitudes, plant.duty)
 
-def _read(
-    scenario: Scenario,
-    outputs: _Outputs,
-    sample_time_s: float,
-    state: _LoopState,
-    inputs: _SampleInputs,
-) -> _LoopState:
-    """The loop with a new measurement, or with the last one if no reading arrives."""
-    if scenario.sensor_delay_steps:
-        true = state.late[-1]
-    else:
-        true = outputs.at(state.plant, inputs.steps.ambient[0])
-    output = true + outputs.weights @ inputs.error
-    is_finite = jnp.all(jnp.isfinite(inputs.error)) & jnp.all(jnp.isfinite(output))
-    is_new = inputs.arrives & is_finite
-    missing = jnp.where(is_new, 0.0, state.missing_s + sample_time_s).astype(state.missing_s.dtype)
-    return state._replace(
-        measurement=jnp.where(is_new, output, state.measurement),
-        missing_s=missing,
-        is_off=state.is_off | (missing > scenario.silence_s),
-    )
+        carry = state.plant, state.late
+        if len(inputs.steps.ambient) == 1:  # a single step needs no inner scan
+            carry, kept = step(carry, jax.tree.map(lambda row: row[0], inputs.steps))
+        else:
+            carry, kept = jax.lax.scan(step, carry, inputs.steps)
+        plant, late = carry
+        later = read._replace(plant=plant, controller=following, late=late)
+        return later, _Recorded(*kept, duty, read.measurement)
+
+    def _read(self, state: _LoopState, inputs: _SampleInputs) -> _LoopState:
+        """Returns the state with a new measurement, or with the last one if no reading arrives."""
+        if self.scenario.sensor_delay_steps:
+            true = state.late[-1]
+        else:
+            true = self.outputs.at(state.plant, inputs.steps.ambient[0])
+        output = true + self.outputs.weights @ inputs.error
+        is_finite = jnp.all(jnp.isfinite(inputs.error)) & jnp.all(jnp.isfinite(output))
+        is_new = inputs.arrives & is_finite
+        missing = jnp.where(is_new, 0.0, state.missing_s + self.controller.sample_time_s)
+        missing = missing.astype(state.missing_s.dtype)
+        return state._replace(
+            measurement=jnp.where(is_new, output, state.measurement),
+            missing_s=missing,
+            is_off=state.is_off | (missing > self.scenario.silence_s),
+        )
 
 
 def _applied(
     scenario: Scenario, asked: Float[Array, " cells"], is_off: Bool[Array, ""]
 ) -> Float[Array, " cells"]:
-    """The duty that the driver gets: clipped, in counts, and 0 once the cells are off."""
+    """Returns the duty that the driver gets: clipped, rounded to counts, and 0 once the cells are
+    off."""
     duty = jnp.where(is_off, 0.0, jnp.clip(asked, -1.0, 1.0))
     if scenario.counts is None:
         return duty
@@ -235,8 +233,8 @@ def _applied(
 
 
 def _signals(stepper: Stepper, scenario: Scenario, recorded: _Recorded) -> ClosedLoop:
-    """The signals at every step of the plant. What no controller needs is computed here, for all
-    steps at once."""
+    """Computes the signals at every step of the plant. Those that the controller does not need are
+    computed here for all steps at once, which takes less time than in the loop."""
     system, wiring = stepper.system, stepper.system.wiring
     ambient = jnp.asarray(scenario.ambient)
     substeps = ambient.shape[1]
