@@ -16,7 +16,7 @@ SELECTION := tests/rig tests/io tests/data tests/compilation tests/physics/test_
     tests/simulation/test_simulate.py \
     tests/simulation/test_solvers.py::test_kvaerno5_gives_the_same_on_the_paper_s_circuit \
     tests/matching/test_at_bounds.py tests/matching/test_levenberg_marquardt.py \
-    tests/sensitivity_analysis/test_indices.py tests/sweeps/test_store.py tests/sweeps/test_open.py \
+    tests/sensitivity_analysis/test_correlation_coefficients.py tests/sweeps/test_store.py tests/sweeps/test_open.py \
     tests/plots/test_plate_map.py tests/live/test_framing.py tests/live/test_recorder.py \
     tests/live/test_mqtt.py tests/test_doctor.py tests/test_package.py
 NEWEST ?= $(firstword $(shell for python in python3.13 \

@@ -36,7 +36,7 @@ from jaxtwin.sensitivity_analysis import (
     spearman,
     spearman_interval,
 )
-from jaxtwin.sensitivity_analysis._draws import central_values
+from jaxtwin.sensitivity_analysis._central_values import central_values
 
 Pair = tuple[np.ndarray, np.ndarray]
 RESAMPLES = 1000

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jaxtwin.matching._camera_error import camera_shapes, detect_events
-from jaxtwin.matching._noise import estimate_noise, huber_weights
+from jaxtwin.matching._noise import estimate_noise
+from jaxtwin.matching._robust_loss import huber_weights
 from jaxtwin.rig import CommonError
 
 ERROR = CommonError(

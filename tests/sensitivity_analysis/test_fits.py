@@ -7,7 +7,7 @@ from small_results import fit, recordings
 
 from jaxtwin import Experiment, SimulationError, Twin, read_recording, sensitivity, validate
 from jaxtwin.data import synthetic_recordings
-from jaxtwin.sensitivity_analysis._draws import paired_twins
+from jaxtwin.sensitivity_analysis._paired_twins import paired_twins
 from jaxtwin.sweeps._plan import plan_sweep
 
 

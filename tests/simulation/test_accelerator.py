@@ -12,7 +12,7 @@ import pytest
 from jaxtwin import Experiment, Twin
 from jaxtwin._jax_settings import own_settings
 from jaxtwin._lapack import _solve, eigh, solve_definite
-from jaxtwin.simulation._kernels import prepare_chunk, step_chunk
+from jaxtwin.simulation._chunk_programs import prepare_chunk, step_chunk
 from jaxtwin.simulation._padding import padded_time_grid
 
 DRAWS = 64

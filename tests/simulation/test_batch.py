@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, JaxtwinError, Twin, load_rig, simulate_batch
-from jaxtwin.simulation import _draws, build_time_grid
+from jaxtwin.simulation import _draw_solver, build_time_grid
+from jaxtwin.simulation._chunk_programs import prepare_chunk
 from jaxtwin.simulation._compressed import compress
-from jaxtwin.simulation._kernels import prepare_chunk
 
 TIME = np.arange(201.0)
 DUTY = np.where(TIME < 100, 0.5, 0.78)[:, None] * np.ones(2)
@@ -184,7 +184,7 @@ def test_few_draws_that_need_shorter_steps_share_the_programs_of_all(monkeypatch
         calls.append((values.size, bool((values == 0.1).all())))
         return prepare_chunk(twin, draws, *rest)
 
-    monkeypatch.setattr(_draws, "prepare_chunk", counted)
+    monkeypatch.setattr(_draw_solver, "prepare_chunk", counted)
     draws = np.full(1024, 2.0)
     draws[500] = 0.1
     drive = Experiment(np.arange(201.0), np.full((201, 2), 0.6))

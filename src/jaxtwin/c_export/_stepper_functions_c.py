@@ -1,7 +1,7 @@
 """The static C functions of a twin: heat of the cells, forces on the modes, losses of the plate,
 and a part of a step."""
 
-from ..physics._loss import CALM
+from ..physics._heat_loss import CALM
 from ..rig._plate import FILM_REFERENCE
 from ._stepper_tables import StepperSizes
 from ._text import number

@@ -5,7 +5,7 @@ from typing import final
 import numpy as np
 
 from .._errors import ControlError
-from ..physics._loss import STEFAN_BOLTZMANN
+from ..physics._heat_loss import STEFAN_BOLTZMANN
 from ..simulation import Stepper
 from ._text import number
 

@@ -13,8 +13,8 @@ from .._errors import ControlError
 from .._jax_settings import is_traced, settings_for
 from .._lapack import solve
 from ._operating_point import OperatingPoint
-from ._plain import plain
 from ._to_control import discrete
+from ._to_numpy import to_numpy
 
 if TYPE_CHECKING:
     import control
@@ -69,11 +69,11 @@ class DiscreteModel(eqx.Module):
         with settings_for(self, duty):
             A = jnp.asarray(self.A)
             if duty is None:
-                return plain(jnp.zeros(len(A), A.dtype))
+                return to_numpy(jnp.zeros(len(A), A.dtype))
             moved = jnp.asarray(self.B) @ self._change(duty)
             if self.offset is not None:
                 moved = moved + self.offset
-            return plain(solve(jnp.eye(len(A)) - A, moved))
+            return to_numpy(solve(jnp.eye(len(A)) - A, moved))
 
     def step(
         self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
@@ -84,7 +84,7 @@ class DiscreteModel(eqx.Module):
         """
         with settings_for(self, state, duty):
             later = self.A @ state + self.B @ self._change(duty)
-            return plain(later if self.offset is None else later + self.offset)
+            return to_numpy(later if self.offset is None else later + self.offset)
 
     def outputs(
         self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
@@ -95,7 +95,7 @@ class DiscreteModel(eqx.Module):
         """
         with settings_for(self, state, duty):
             change = self.C @ state + self.D @ self._change(duty)
-            return plain(self.operating_point.outputs + change)
+            return to_numpy(self.operating_point.outputs + change)
 
     def simulate(
         self, duty: ArrayLike, start: Float[Array | np.ndarray, " state"] | None = None

@@ -22,8 +22,8 @@ from ._discrete_model import DiscreteModel, check_at_rest
 from ._frequency_response import frequency_response, traced_response
 from ._hold import integrated_rates, zero_order_hold
 from ._operating_point import OperatingPoint
-from ._plain import plain
 from ._to_control import continuous
+from ._to_numpy import to_numpy
 
 if TYPE_CHECKING:
     import control
@@ -94,7 +94,7 @@ class LinearModel(eqx.Module):
     ):
         with settings_for(A, B, C, D, delay_s, lag_s):
             self.A, self.B, self.C, self.D, self.delay_s, self.lag_s = (
-                plain(jnp.asarray(value, float))
+                to_numpy(jnp.asarray(value, float))
                 for value in (A, B, C, D, _time("delay_s", delay_s), _time("lag_s", lag_s))
             )
             states, inputs, outputs = _sizes(self.A, self.B, self.C, self.D)
@@ -112,7 +112,7 @@ class LinearModel(eqx.Module):
     def dcgain(self) -> Float[Array | np.ndarray, "output input"]:
         """The gain at rest: the steady change of the outputs, K per unit of duty."""
         with settings_for(self):
-            return plain(self.D - self.C @ solve(jnp.asarray(self.A), jnp.asarray(self.B)))
+            return to_numpy(self.D - self.C @ solve(jnp.asarray(self.A), jnp.asarray(self.B)))
 
     def discretise(
         self, sample_time_s: float | int, *, longest_delay_s: float | int | None = None
@@ -143,11 +143,11 @@ class LinearModel(eqx.Module):
             time = jnp.asarray(sample_time, self.A.dtype)
             lag = self.lag_s if self.is_lagged else None
             matrices = self.A, self.B, self.C, self.D
-            A, B, C, D = plain(zero_order_hold(matrices, self.delay_s, lag, time, shifts))
+            A, B, C, D = to_numpy(zero_order_hold(matrices, self.delay_s, lag, time, shifts))
             offset = None
             if self.rates is not None:
                 moved = integrated_rates(jnp.asarray(self.A), jnp.asarray(self.rates), time)
-                offset = plain(jnp.pad(moved, (0, len(A) - len(moved))))
+                offset = to_numpy(jnp.pad(moved, (0, len(A) - len(moved))))
         lagged = [f"duty {name}" for name in self.input_names] if self.is_lagged else []
         waiting = [f"{name} {n + 1} ago" for n in range(shifts) for name in self.input_names]
         return DiscreteModel(
@@ -385,7 +385,7 @@ def _time(name: str, value: object) -> Any:
 
 
 def _rates(rates: ArrayLike, states: int) -> Any:
-    array = plain(jnp.asarray(rates, float))
+    array = to_numpy(jnp.asarray(rates, float))
     if array.shape != (states,):
         raise ControlError(
             f"LinearModel: rates: expected {states} numbers, K/s, got an array of shape "

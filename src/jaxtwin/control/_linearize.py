@@ -29,8 +29,8 @@ from ._operating_point import (
     slopes,
     target_of,
 )
-from ._plain import plain
 from ._point_of_run import PointOfRun, point_of_run
+from ._to_numpy import to_numpy
 
 AT_REST = 1e-6
 """The largest heat flow into a node of a steady state, relative to all flows."""
@@ -117,11 +117,11 @@ def linearize(
         own = run.run if isinstance(run, ClosedLoopRun) else run
         with own_settings():
             point = point_of_run(twin, own, time, ambient)
-            return plain(_linearized_at(twin, point))
+            return to_numpy(_linearized_at(twin, point))
     with settings_for(twin, duty):
         given = None if duty is None else _duty(twin, duty)
         room = None if ambient is None else jnp.asarray(ambient)
-        model, reached, imbalance = plain(_linearized(twin, given, target, room))
+        model, reached, imbalance = to_numpy(_linearized(twin, given, target, room))
     if not is_traced(imbalance) and not float(imbalance) <= AT_REST:
         raise ControlError(
             f"linearize: {twin.rig.name}: expected a steady state, but the rig does not come to "

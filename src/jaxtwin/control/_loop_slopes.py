@@ -12,7 +12,7 @@ from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..physics import Twin
 from ..simulation import Stepper
-from ..simulation._draws import work_in_chunks
+from ..simulation._workers import work_in_chunks
 from ._closed_loop import run_loop
 from ._controller_vector import ControllerVector
 from ._loop_signals import ClosedLoop

@@ -12,8 +12,8 @@ from .._jax_settings import in_precision, own_settings
 from ..physics import Twin
 from ..simulation import Precision, Reductions, Stepper
 from ..simulation._check_values import check_draw, check_values, valid_draws
-from ..simulation._draws import work_in_chunks
 from ..simulation._step_preparation import is_multiple
+from ..simulation._workers import work_in_chunks
 from ._closed_loop import run_loop
 from ._controller import AbstractController, with_values
 from ._loop_signals import ClosedLoop

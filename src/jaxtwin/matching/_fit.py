@@ -13,7 +13,7 @@ from jaxtyping import Float
 from .._by_recording import ByRecording
 from .._display import html_table, picture, report
 from .._errors import MatchError
-from .._measures import mean_fit_percent
+from .._goodness_of_fit import mean_fit_percent
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter, Rig, write_parameters

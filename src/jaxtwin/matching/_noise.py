@@ -1,11 +1,11 @@
-"""The noise of residuals: its standard deviation and autocorrelation time, and Huber's weights."""
+"""The noise of residuals: its standard deviation and its autocorrelation time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 
 @final
@@ -54,19 +54,3 @@ def estimate_noise(
     ends = np.flatnonzero(pairs <= 0)
     total = 2 * pairs[: ends[0] if ends.size else len(pairs)].sum() - 1
     return Noise(float(np.sqrt(covariances[0] / counted)), float(max(1.0, total)))
-
-
-def huber_weights(
-    residuals: Float[np.ndarray, "*shape"], threshold: float, counted: Bool[np.ndarray, "*shape"]
-) -> Float[np.ndarray, "*shape"]:
-    """Weights that turn least squares into Huber's loss (1964).
-
-    They are 1 up to `threshold` robust standard deviations of the counted samples, and proportional
-    to the reciprocal of the residual above. If most of these residuals are 0, there is no scale and
-    all weights are 1.
-    """
-    size = np.abs(residuals)
-    scale = 1.4826 * np.median(size[counted]) if counted.any() else 0.0
-    if scale == 0:
-        return np.ones_like(size)
-    return np.minimum(1.0, threshold * scale / np.maximum(size, 1e-300))

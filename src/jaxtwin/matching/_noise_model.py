@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ._camera_error import detect_events
-from ._noise import Noise, estimate_noise, huber_weights
+from ._noise import Noise, estimate_noise
 from ._problem import MatchProblem
 from ._recording_errors import RecordingErrors
+from ._robust_loss import huber_weights
 
 INITIAL_NOISE = Noise(0.25, 64.0)
 """The noise before the first round: 0.25 K, correlated over a minute."""

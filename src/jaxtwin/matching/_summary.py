@@ -4,7 +4,7 @@ import math
 from textwrap import wrap
 from typing import TYPE_CHECKING, Literal
 
-from .._measures import fit_text
+from .._goodness_of_fit import fit_text
 from .._number_text import interval_text, short_number
 
 if TYPE_CHECKING:

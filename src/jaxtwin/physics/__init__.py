@@ -4,7 +4,7 @@ from ._assembly import build_netlist
 from ._camera import channel_weights, frame_to_channels, pixel_weights
 from ._dc_sweep import DCSweep
 from ._driver import Bridge, CellHeat
-from ._loss import CALM, STEFAN_BOLTZMANN
+from ._heat_loss import CALM, STEFAN_BOLTZMANN
 from ._netlist import Link, Loss, Netlist, Node, Reservoir, ThermoelectricElement
 from ._plate_edges import MeasuredRegistration, measure_registration
 from ._plate_map import PlateMap, plate_map

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._lapack import solve
 from ._driver import Bridge, CellHeat
-from ._loss import NonlinearLoss
+from ._heat_loss import NonlinearLoss
 from ._thermoelectric import ThermoelectricModule
 from ._wiring import Wiring
 

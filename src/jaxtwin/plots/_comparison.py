@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from .._errors import SimulationError
-from .._measures import fit_text, mean_fit_percent
+from .._goodness_of_fit import fit_text, mean_fit_percent
 from ..simulation import Run
 from ._labels import label_ends
 from ._samples import (

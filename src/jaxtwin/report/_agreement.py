@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .._measures import fit_text
+from .._goodness_of_fit import fit_text
 from .._number_text import short_number
 from ..matching import Fit
 from ..plots import (

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .._measures import mean_fit_percent
+from .._goodness_of_fit import mean_fit_percent
 from .._number_text import interval_text
 from .._progress import Progress
 from ..data import synthetic_truth

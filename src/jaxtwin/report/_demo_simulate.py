@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._measures import mean_fit_percent
+from .._goodness_of_fit import mean_fit_percent
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import ThermoelectricModule, Twin

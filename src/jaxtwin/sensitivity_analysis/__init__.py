@@ -1,12 +1,12 @@
 """Sensitivity analysis: which parameters matter, step 4 of the paper."""
 
 from ._analysis import sensitivity
+from ._correlation_coefficients import pearson, spearman
+from ._correlation_intervals import pearson_interval, spearman_interval
 from ._correlations import Pearson, Spearman
 from ._derivative_based import DerivativeBased
 from ._global_sensitivity import GlobalSensitivity
-from ._indices import pearson, spearman
 from ._inputs import Inputs
-from ._intervals import pearson_interval, spearman_interval
 from ._marginals import AbstractMarginal, LogNormal, Normal, Uniform
 from ._method import AbstractMethod, Design, indices_of
 from ._morris import Morris

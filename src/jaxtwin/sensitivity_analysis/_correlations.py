@@ -6,8 +6,8 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from ._indices import pearson, spearman
-from ._intervals import pearson_interval, spearman_interval
+from ._correlation_coefficients import pearson, spearman
+from ._correlation_intervals import pearson_interval, spearman_interval
 from ._method import AbstractPlainMethod, Design, Indices
 
 

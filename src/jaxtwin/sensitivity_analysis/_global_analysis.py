@@ -16,7 +16,7 @@ from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ..simulation import simulate_batch
 from ..simulation._reductions import ReductionFunction
-from ._draws import paired_twins, rescaled_draws
+from ._central_values import rescaled_draws
 from ._global_sensitivity import GlobalSensitivity
 from ._input_choices import InputChoice, resolve_inputs
 from ._inputs import Inputs
@@ -33,6 +33,7 @@ from ._outputs import (
     samples_at,
     with_mean_cost,
 )
+from ._paired_twins import paired_twins
 from ._slopes import slopes_of
 from ._unit_samples import SampleKind, checked_kind
 

@@ -13,7 +13,7 @@ from ..matching import Fit
 from ..matching._fit import solution_of
 from ..physics import Twin
 from ..rig import Parameter
-from ._draws import central_values, drawn_names
+from ._central_values import central_values, drawn_names
 from ._inputs import Inputs
 from ._marginals import AbstractMarginal, LogNormal, Normal, Uniform
 

@@ -12,9 +12,10 @@ from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
 from ..simulation import simulate_batch
-from ._draws import central_values, distinct_names, paired_twins, rescaled_draws
-from ._indices import pearson, spearman
-from ._intervals import pearson_interval, spearman_interval
+from ._central_values import central_values, rescaled_draws
+from ._correlation_coefficients import pearson, spearman
+from ._correlation_intervals import pearson_interval, spearman_interval
+from ._paired_twins import distinct_names, paired_twins
 from ._sampling import normal_draws
 from ._sensitivity import MEAN, Sensitivity
 

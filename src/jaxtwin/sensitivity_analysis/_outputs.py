@@ -14,7 +14,7 @@ from .._name_suggestions import did_you_mean
 from ..io import Experiment
 from ..simulation import REDUCTIONS, ReductionName, Reductions
 from ..simulation._reductions import ReductionFunction
-from ._draws import distinct_names
+from ._paired_twins import distinct_names
 from ._sensitivity import MEAN
 
 OutputName: TypeAlias = ReductionName | Literal["uniformity", "temperature"]

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ._bootstrap import half_width, resample_weights
-from ._indices import ranks
+from ._correlation_coefficients import ranks
 from ._method import AbstractPlainMethod, Design, Indices
 
 

@@ -1,9 +1,9 @@
 # The public names of jaxtwin.simulation. `__init__.py` reads this file at run time and imports a
 # name when it is first used: the default solver does without diffrax.
 
+from ._chunk_programs import Precision as Precision
 from ._drive import Drive as Drive
 from ._integrate import solve_network as solve_network
-from ._kernels import Precision as Precision
 from ._network_exponential import HeldInputs as HeldInputs
 from ._network_exponential import NetworkExponential as NetworkExponential
 from ._network_exponential import NetworkProblem as NetworkProblem

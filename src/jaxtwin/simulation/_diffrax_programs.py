@@ -56,7 +56,7 @@ def diffrax_chunk(
 ]:
     """Solves a chunk of draws by a diffrax solver.
 
-    **Arguments:** those of `prepare_chunk` in `_kernels.py`, and
+    **Arguments:** those of `prepare_chunk` in `_chunk_programs.py`, and
 
     - `experiment`: the inputs.
     - `method`: the diffrax solver with its options.

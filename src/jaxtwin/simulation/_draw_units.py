@@ -14,7 +14,7 @@ import numpy as np
 
 from .._errors import SimulationError
 from .._executor import Executor, work_in_units
-from ._draws import Draws, DrawSolver
+from ._draw_solver import Draws, DrawSolver
 from ._refinement import Results
 from ._workers import CHUNK_CPU
 

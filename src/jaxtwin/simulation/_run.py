@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from .._display import html_table, picture
 from .._errors import RecordingError, SimulationError
+from .._goodness_of_fit import fit_percent, fit_text, rmse
 from .._jax_settings import own_settings
-from .._measures import fit_percent, fit_text, rmse
 from .._name_suggestions import did_you_mean
 from .._whole_file import check_ending
 from ..io import Experiment

@@ -14,10 +14,10 @@ from .._name_suggestions import did_you_mean
 from .._waiting import announced
 from ..io import Experiment
 from ..physics import Twin
+from ._chunk_programs import Precision
+from ._draw_solver import DrawSolver
 from ._draw_units import solve_draws
-from ._draws import DrawSolver
 from ._initial import Initial, checked_initial
-from ._kernels import Precision
 from ._reductions import ReductionChoice, Reductions, checked_reductions
 from ._refinement import Results, solve_refined
 from ._simulate import checked_channels, chosen_method

@@ -14,7 +14,7 @@ from .._errors import SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Netlist, ThermoelectricElement, Twin
-from ..physics._loss import CALM, STEFAN_BOLTZMANN
+from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..rig import Rig, Value
 from ..rig._plate import AMBIENT, FILM_REFERENCE
 from ..simulation._twin_of_experiment import FittedTwins, twin_of_experiment

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from .._by_recording import ByRecording
 from .._display import html_table, picture
-from .._measures import fit_text, mean_fit_percent
+from .._goodness_of_fit import fit_text, mean_fit_percent
 from ..matching import Fit
 from ..physics import Twin
 from ..simulation import Run

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Rig, Twin, simulate
-from jaxtwin.physics._loss import NonlinearLoss
+from jaxtwin.physics._heat_loss import NonlinearLoss
 from jaxtwin.rig._build import build_rig
 from jaxtwin.spice import to_spice
 

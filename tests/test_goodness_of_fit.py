@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtwin._measures import fit_percent, fit_text, mean_fit_percent
+from jaxtwin._goodness_of_fit import fit_percent, fit_text, mean_fit_percent
 from jaxtwin._residual_statistics import autocorrelation
 
 

@@ -9,7 +9,7 @@ from jax.core import Tracer
 Tree = TypeVar("Tree")
 
 
-def plain(tree: Tree) -> Tree:
+def to_numpy(tree: Tree) -> Tree:
     """Converts the leaves of a PyTree to NumPy arrays, except those that JAX traces.
 
     Computing with a float64 array of JAX outside of `jax.enable_x64` rounds it to float32. NumPy

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import stdtrit
 
-from ._indices import pearson, ranks, standardised
+from ._correlation_coefficients import pearson, ranks, standardised
 
 PARTS = 10
 """Into which draws are divided to see how a correlation changes with their number."""

@@ -12,10 +12,7 @@ from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
-from ._compressed import CompressedRecording, compress
-from ._delay import delayed_time_grid, draws_change_delay
-from ._initial import CheckedInitial
-from ._kernels import (
+from ._chunk_programs import (
     Precision,
     Prepared,
     Stepped,
@@ -27,6 +24,9 @@ from ._kernels import (
     sample_power,
     step_chunk,
 )
+from ._compressed import CompressedRecording, compress
+from ._delay import delayed_time_grid, draws_change_delay
+from ._initial import CheckedInitial
 from ._padding import padded, padded_time_grid
 from ._reductions import Readings, Reduction, reduce_readings
 from ._refinement import Results

@@ -1,0 +1,20 @@
+"""Huber's robust loss, as weights of the residuals."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+
+def huber_weights(
+    residuals: Float[np.ndarray, "*shape"], threshold: float, counted: Bool[np.ndarray, "*shape"]
+) -> Float[np.ndarray, "*shape"]:
+    """Weights that turn least squares into Huber's loss (1964).
+
+    They are 1 up to `threshold` robust standard deviations of the counted samples, and proportional
+    to the reciprocal of the residual above. If most of these residuals are 0, there is no scale and
+    all weights are 1.
+    """
+    size = np.abs(residuals)
+    scale = 1.4826 * np.median(size[counted]) if counted.any() else 0.0
+    if scale == 0:
+        return np.ones_like(size)
+    return np.minimum(1.0, threshold * scale / np.maximum(size, 1e-300))
