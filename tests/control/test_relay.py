@@ -153,7 +153,7 @@ def test_an_oscillation_that_drifts_is_refused():
         ultimate_point(oscillation([40, 28, 20]))
     with pytest.raises(ControlError, match="an oscillation about one level"):
         ultimate_point(oscillation([20, 20, 20], drift=0.02))
-    with pytest.raises(ControlError, match="at least 3 whole periods of the relay, found 2"):
+    with pytest.raises(ControlError, match="at least 3 whole periods of the relay, got 2"):
         ultimate_point(oscillation([20, 20]))
     time, output, duty = oscillation([20, 20, 20])
     heard = (time < 24) | (time > 29)

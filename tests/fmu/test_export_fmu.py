@@ -232,7 +232,10 @@ def test_the_same_twin_is_the_same_file(twin: Twin, fmu: FMU, tmp_path: Path):
 def test_what_cannot_be_written_is_refused(twin: Twin, tmp_path: Path):
     arguments: Any
     for arguments, message in (
-        ({"compiler": "no-such-cc"}, "compiler: expected a C compiler, 'no-such-cc' is not found"),
+        (
+            {"compiler": "no-such-cc"},
+            "compiler: expected a C compiler, got 'no-such-cc', which is not found",
+        ),
         ({"compiler": "false"}, "compiler: false failed"),
     ):
         with pytest.raises(ControlError, match=message):

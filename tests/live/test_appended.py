@@ -318,7 +318,7 @@ def test_missing_metadata_are_one_sentence(rig: Rig, file: Path) -> None:
 def test_names_that_differ_in_case_only_are_refused(rig: Rig, file: Path) -> None:
     first, second, *rest = rig.channels
     clash = replace(rig, channels=(replace(first, name="t"), replace(second, name="T"), *rest))
-    with pytest.raises(JaxtwinError, match="upper and lower case only"):
+    with pytest.raises(JaxtwinError, match="more than upper and lower case"):
         Recorder(file, clash)
     assert not file.exists()
 

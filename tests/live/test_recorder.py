@@ -231,7 +231,7 @@ def test_going_on_after_a_break_notes_the_break(rig: Rig, file: Path, clock: Han
 
 def test_a_recording_of_another_rig_is_not_gone_on_with(rig: Rig, file: Path) -> None:
     Recorder(file, jt.load_rig("paper-2024")).close()
-    with pytest.raises(RecordingError, match="one recording holds one rig"):
+    with pytest.raises(RecordingError, match="record each rig into a file of its own"):
         Recorder(file, rig, append=True)
 
 

@@ -68,5 +68,5 @@ def test_a_file_and_a_link_are_refused(tmp_path):
 
 
 def test_the_folder_above_must_be_there(tmp_path):
-    with pytest.raises(JaxtwinError, match="is not there"):
+    with pytest.raises(JaxtwinError, match="that can be written to, got none"):
         check_folder(tmp_path / "nowhere" / "report")

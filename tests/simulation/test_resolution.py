@@ -78,5 +78,5 @@ def test_a_match_does_not_start_where_nothing_can_be_told(twins):
         HELD.time, HELD.duty, temperatures=run.temperatures, channels=run.channels
     )
     twin = twins["startup"].with_values({"R_pc": 1e-12})
-    with pytest.raises(MatchError, match="no finite temperatures"):
+    with pytest.raises(MatchError, match="expected finite temperatures"):
         match(twin, recorded, free=["R_ph"])

@@ -91,7 +91,10 @@ class DecoupledPI(AbstractChannelGroupController):
         self.setpoint_weight = as_parameter(setpoint_weight)
         groups = checked_measured("DecoupledPI", measured)
         if groups is None:
-            raise ControlError("DecoupledPI: measured: expected an output for each cell")
+            raise ControlError(
+                "DecoupledPI: measured: expected an output for each cell, got None; name the "
+                "channels of each output"
+            )
         # Narrower than in the base class, which is sound: a module never changes.
         self.measured = groups  # pyright: ignore[reportIncompatibleVariableOverride]
         self.decoupling = as_parameter(np.eye(len(groups)) if decoupling is None else decoupling)

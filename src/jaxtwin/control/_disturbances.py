@@ -78,7 +78,9 @@ def disturbance_tables(
             for name in ("start_s", "end_s")
         )
         if not start < end:
-            raise ControlError(f"{at}: expected an end after the start at {start:g} s")
+            raise ControlError(
+                f"{at}.end_s: expected a time after the start at {start:g} s, got {end:g} s"
+            )
         # A sample is the begin of a step: it counts where the step begins.
         during = (times >= start - 1e-9) & (times < end - 1e-9)
         for element in elements:

@@ -59,7 +59,8 @@ def reading_errors(
         )
     if faults.jumps and rig.camera is None:
         raise ControlError(
-            f"{where}: faults: jumps: expected a rig with a camera, {rig.name} has none"
+            f"{where}: faults: jumps: expected a rig with a camera, got {rig.name}, which has "
+            "none; leave out jumps"
         )
     random = np.random.default_rng(seed)
     error = np.zeros((len(times), len(names)))

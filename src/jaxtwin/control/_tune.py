@@ -290,7 +290,7 @@ class TuningProblem(NamedTuple):
         if not finite:
             raise ControlError(
                 "tune: expected a controller within the bounds whose loops are stable and finite, "
-                f"found none among {len(history)}; start with smaller gains, or give other bounds"
+                f"got none in {len(history)} rounds; start with smaller gains, or give other bounds"
             )
         kept = [part for part in finite if part.evaluation.c <= WITHIN]
         if not kept:

@@ -140,7 +140,7 @@ def ultimate_point(
     ups = 1 + np.flatnonzero(changes > 0.5 * np.abs(changes).max()) if changes.any() else []
     if len(ups) < count + 1:
         raise ControlError(
-            f"ultimate_point: run: expected at least {count} whole periods of the relay, found "
+            f"ultimate_point: run: expected at least {count} whole periods of the relay, got "
             f"{max(len(ups) - 1, 0)}; let it run for longer, or take less hysteresis"
         )
     ups = ups[-count - 1 :]
@@ -207,7 +207,11 @@ def _arrays(run: Any) -> tuple[Float[np.ndarray, " times"], ...]:
             f"{output.shape[1]} outputs"
         )
     if not np.all(np.diff(time) > 0):
-        raise ControlError("ultimate_point: run: expected times that increase")
+        first = int(np.argmax(np.diff(time) <= 0))
+        raise ControlError(
+            f"ultimate_point: run: expected times that increase, got {time[first + 1]:g} s after "
+            f"{time[first]:g} s"
+        )
     switching = int(np.argmax(np.ptp(duty, axis=0)))
     return time, output[:, 0], duty[:, switching]
 

@@ -170,8 +170,8 @@ def _compiled(compiler: str, sources: dict[str, str], library: str) -> bytes:
     program = shutil.which(compiler)
     if program is None:
         raise ControlError(
-            f"export_fmu: compiler: expected a C compiler, {compiler!r} is not found; install one, "
-            "or compiler=None for an FMU of sources alone"
+            f"export_fmu: compiler: expected a C compiler, got {compiler!r}, which is not "
+            "found; install it, or pass compiler=None for an FMU of sources alone"
         )
     with tempfile.TemporaryDirectory() as folder:
         for file, text in sources.items():

@@ -32,7 +32,9 @@ def lock(file: Path) -> int:
         _lock(handle)
     except OSError:
         os.close(handle)
-        raise RecordingError(f"{file}: another process records into it") from None
+        raise RecordingError(
+            f"{file}: another process records into it; stop that one, or choose another file"
+        ) from None
     return handle
 
 

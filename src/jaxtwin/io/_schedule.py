@@ -50,10 +50,16 @@ def schedule_samples(
     entries = [_entry(part, cells) for part in text.split(",")]
     switches = np.array([time for time, _ in entries])
     if np.any(np.diff(switches) <= 0):
-        raise RecordingError(f"schedule {text!r}: expected increasing times")
-    if switches[0] < 0 or switches[-1] >= duration:
+        place = int(np.argmax(np.diff(switches) <= 0))
         raise RecordingError(
-            f"schedule {text!r}: expected times from 0 s to before the end at {duration:g} s"
+            f"schedule {text!r}: expected increasing times, got {switches[place + 1]:g} s after "
+            f"{switches[place]:g} s"
+        )
+    if switches[0] < 0 or switches[-1] >= duration:
+        outside = switches[0] if switches[0] < 0 else switches[-1]
+        raise RecordingError(
+            f"schedule {text!r}: expected times from 0 s to before the end at {duration:g} s, got "
+            f"{outside:g} s"
         )
 
     grid = step * np.arange(math.floor(duration / step * (1 + 1e-9)) + 1)
@@ -85,10 +91,12 @@ def _entry(text: str, cells: int) -> tuple[float, Float[np.ndarray, "cells"]]:
         ) from None
     if not math.isfinite(time):
         raise RecordingError(
-            f"schedule entry {text.strip()!r}: expected a finite number as the time"
+            f"schedule entry {text.strip()!r}: expected a finite number as the time, got {time}"
         )
     if not np.all(np.abs(duty) <= 1):
-        raise RecordingError(f"schedule entry {text.strip()!r}: expected duty cycles from -1 to 1")
+        raise RecordingError(
+            f"schedule entry {text.strip()!r}: expected duty cycles from -1 to 1, got {duty_text}"
+        )
     if len(duty) not in (1, cells):
         raise RecordingError(
             f"schedule entry {text.strip()!r}: expected one duty cycle for all cells, or one for "

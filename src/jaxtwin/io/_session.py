@@ -211,7 +211,9 @@ class Session:
         first = 0.0 if start is None else start
         last = last if end is None else min(end, last)
         if last <= first:
-            raise RecordingError(f"{self.file}: holds nothing from {first:g} s to {last:g} s")
+            raise RecordingError(
+                f"{self.file}: expected samples from {first:g} s to {last:g} s, got none"
+            )
         if (last - first) / step > MOST_STEPS:
             raise RecordingError(
                 f"{self.file}: expected at most {MOST_STEPS:g} steps of {step:g} s, got "

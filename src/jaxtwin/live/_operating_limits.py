@@ -70,8 +70,8 @@ class OperatingLimits:
         given = rig.limits
         if given is None:
             raise JaxtwinError(
-                f"{rig.source}: limits.temperature: is missing; a rig is driven with a limit such "
-                'as temperature = "90 degC" only'
+                f"{rig.source}: limits.temperature: expected the temperature at which the cells "
+                'are switched off, such as "90 degC", got none; a rig is not driven without it'
             )
         live = LiveTwin(twin)
         room = live.ambient

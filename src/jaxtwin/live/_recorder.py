@@ -218,8 +218,8 @@ class Recorder:
             wanted = json.loads(json.dumps(metadata[field]))
             if found.get(field) != wanted:
                 raise RecordingError(
-                    f"{self.file}: holds {field} {found.get(field)}, the rig has {wanted}: "
-                    "one recording holds one rig"
+                    f"{self.file}: {field}: expected {wanted} as the rig has, got "
+                    f"{found.get(field)}; record each rig into a file of its own"
                 )
 
     def _begin(self, metadata: dict[str, Any] | None) -> int:

@@ -39,8 +39,9 @@ def metadata_of(rig: Rig) -> dict[str, Any]:
             twins = [other for other in names[:place] if other.lower() == name.lower()]
             if twins:
                 raise RecordingError(
-                    f"{rig.source}: the names {twins[0]!r} and {name!r} differ in upper and lower "
-                    "case only; a recording cannot hold both"
+                    f"{rig.source}: expected names that differ in more than upper and lower case, "
+                    f"got {twins[0]!r} and {name!r}, of which a recording cannot hold both; rename "
+                    "one of them"
                 )
     return {
         "format": FORMAT,

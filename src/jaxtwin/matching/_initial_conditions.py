@@ -128,7 +128,10 @@ def estimate_initial_conditions(
     unknowns = replace(unknowns, per_recording=rows)
     result = _descend(twin, part, unknowns, first)
     if not np.isfinite(result.cost):
-        raise MatchError(f"{label}: the twin gives no finite temperatures")
+        raise MatchError(
+            f"{label}: expected finite temperatures from the twin, got none; look for parameters "
+            "far outside their bounds"
+        )
     (values,) = unknowns.recording_values(result.vector)
     values = {name: float(value) for name, value in values.items()}
     covariance = _covariance(result)

@@ -161,7 +161,8 @@ def match(
     )
     if not best_first:
         raise MatchError(
-            f"{twin.rig.name}: the start gives no finite temperatures; start from other values"
+            f"{twin.rig.name}: expected finite temperatures from the start values, got none; start "
+            "from other values"
         )
     number = best_first[0]
     best = results[number]

@@ -97,7 +97,10 @@ def match_group(
     began = time.perf_counter()
     estimate = _descend(problem, solution.noise_model, max_iterations)
     if not np.isfinite(estimate.result.cost):
-        raise MatchError(f"{twin.rig.name}: {group}: the twin gives no finite temperatures")
+        raise MatchError(
+            f"{twin.rig.name}: {group}: expected finite temperatures from the twin, got none; look "
+            "for parameters far outside their bounds"
+        )
     optima = (make_optimum(problem, estimate.result, 0, estimate.result),)
     return make_fit(problem, estimate, 0, optima, began)
 

@@ -34,7 +34,11 @@ def plot_bode(
     """
     named = {"": models} if isinstance(models, LinearModel) else dict(models)
     if not named or len({model.input_names for model in named.values()}) != 1:
-        raise ControlError("plot_bode: expected one model or several with the same inputs")
+        inputs = sorted({", ".join(model.input_names) for model in named.values()})
+        raise ControlError(
+            "plot_bode: models: expected one model or several with the same inputs, got "
+            f"{' and '.join(inputs) or 'none'}"
+        )
     first = next(iter(named.values()))
     frequencies = bode_frequencies(first) if omega is None else np.asarray(omega, float)
     columns = len(first.input_names)

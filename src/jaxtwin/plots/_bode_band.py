@@ -38,7 +38,11 @@ def plot_bode_band(
     **Raises:** `ControlError` if there are no draws, or they have other inputs than the model.
     """
     if not draws or any(draw.input_names != model.input_names for draw in draws):
-        raise ControlError("plot_bode_band: expected draws with the inputs of the model")
+        inputs = sorted({", ".join(draw.input_names) for draw in draws})
+        raise ControlError(
+            "plot_bode_band: draws: expected models with the inputs of the nominal model "
+            f"({', '.join(model.input_names)}), got {' and '.join(inputs) or 'none'}"
+        )
     frequencies = bode_frequencies(model) if omega is None else np.asarray(omega, float)
     columns = len(model.input_names)
     figure = pyplot.figure(figsize=(1.2 + 4.2 * columns, 6.4), layout="constrained")

@@ -28,7 +28,10 @@ def check_folder(folder: Path) -> None:
         )
     parent = folder.absolute().parent
     if not (parent.is_dir() and os.access(parent, os.W_OK)):
-        raise JaxtwinError(f"{folder}: the folder {parent} is not there or cannot be written to")
+        raise JaxtwinError(
+            f"{folder}: expected a folder {parent} that can be written to, got none; make it, or "
+            "choose another"
+        )
 
 
 @contextmanager
