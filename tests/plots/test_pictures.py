@@ -408,5 +408,5 @@ def test_a_bode_band_goes_over_the_draws():
 
 def test_a_bode_band_of_nothing_is_refused():
     model = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
-    with pytest.raises(ControlError, match="expected draws with the inputs"):
+    with pytest.raises(ControlError, match="expected models with the inputs"):
         plots.plot_bode_band(model, [])
