@@ -1,4 +1,4 @@
-"""Rig -> netlist."""
+"""Builds the netlist of a rig."""
 
 from .._arguments import of_kind
 from .._errors import RigError
@@ -10,12 +10,12 @@ from ._sensors import lagging_sensors
 
 
 def build_netlist(rig: Rig) -> Netlist:
-    """The network of a whole rig: plate elements first, then the nodes of each cell.
+    """Builds the network of a whole rig: plate elements first, then the nodes of each cell.
 
     A cell adds a plate side `<cell>.TC`, a far side `<cell>.TH` and, where the rig gives one, a
-    sink `<cell>.SINK`, with the links plate - TC - TH - (SINK -) ambient of Fig. 9b and 13a.
-    Then come the bodies that have a heat capacity; what is held at a temperature is a reservoir.
-    A channel whose sensor has a lag adds the sensor, `<channel>.SENSOR`.
+    sink `<cell>.SINK`, with the links plate - TC - TH - (SINK -) ambient of Fig. 9b and 13a. The
+    bodies that have a heat capacity follow. A body at a fixed temperature becomes a reservoir. A
+    channel whose sensor has a lag adds the sensor, `<channel>.SENSOR`.
     """
     of_kind("build_netlist: rig", rig, Rig, "a Rig, as load_rig reads it", RigError)
     plate = rig.plate
@@ -95,7 +95,7 @@ def _loss(rig: Rig) -> Loss | None:
 
 
 def _covered_faces(rig: Rig) -> dict[str, float]:
-    """Element -> the part of its two faces that cells cover.
+    """Returns the part of the two faces of each element that cells cover.
 
     A cell is taken to be as large as one element ("the area of these elements is selected to be
     equal or proportional to the Peltier device area", section 3.2.1 of the paper), spread evenly

@@ -1,4 +1,4 @@
-"""The infrared camera: frames -> zone means; node temperatures -> channels."""
+"""The infrared camera: how pixels of frames, and elements of the plate, become channels."""
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -13,8 +13,9 @@ def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
     """The weight of each plate element in each channel. Every row sums to 1, minus the part of
     bodies beside the plate.
 
-    A channel given by named nodes takes their plain mean, one given by a rectangle the mean of the
-    temperature over it, interpolated between the elements' centres.
+    A channel that is given by named nodes is their plain mean. A channel that is given by a
+    rectangle is the mean over it of the temperature, interpolated between the centres of the
+    elements.
     """
     weights = np.stack([_plate_weights(channel, rig.plate) for channel in rig.channels])
     bodies = {body.name for body in rig.bodies}
@@ -25,16 +26,17 @@ def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
 def frame_to_channels(
     rig: Rig, frames: Shaped[np.ndarray, "*frames height width"]
 ) -> Float[np.ndarray, "*frames channels"]:
-    """Channel readings of camera frames: zone means and taps, Fig. 5d of the paper.
+    """Computes the readings of the channels in camera frames, Fig. 5d of the paper.
 
-    A channel is the mean of the pixels under its rectangle of the plate, by overlapping area, so
-    that a zone's edge may run through a pixel.
-    A channel given by nodes is the plain mean over their elements, each the mean of its pixels.
+    A channel is the mean of the pixels under its rectangle of the plate, each weighted by the area
+    inside the rectangle, so that the edge of a zone may run through a pixel. A channel that is
+    given by nodes is the plain mean over these elements, of which each is the mean of its pixels.
 
     **Arguments:**
 
     - `rig`: its camera says which pixels show the plate.
-    - `frames`: one frame `(height, width)` or many, in any temperature unit; row 0 is the top.
+    - `frames`: a frame `(height, width)` or many frames `(..., height, width)`, in any unit of
+      temperature; row 0 is the top.
 
     **Returns:** `(..., channels)` in the order of the rig, in the unit of the frames.
 

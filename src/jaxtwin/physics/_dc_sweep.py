@@ -1,4 +1,4 @@
-"""What a DC sweep of a thermoelectric module gives."""
+"""The result of a DC sweep of a thermoelectric module."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
@@ -23,10 +23,10 @@ class DCSweep:
 
     - `current`: `(currents,)`, A.
     - `delta_T`: hot - cold, `(differences,)`, K.
-    - `T_hot`: K.
-    - `heat_flow`: $Q_c$ absorbed at the cold side, less what is conducted back,
+    - `T_hot`: the temperature of the hot side, K.
+    - `heat_flow`: $Q_c$, the heat absorbed at the cold side minus the heat conducted back,
       `(differences, currents)`, W.
-    - `power`: electrical, `(differences, currents)`, W.
+    - `power`: the electrical power, `(differences, currents)`, W.
     """
 
     current: Float[np.ndarray, " currents"]
@@ -46,8 +46,8 @@ class DCSweep:
         return picture("plot_dc_curves", self)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each temperature difference and current, its index, and columns heat_flow (W),
-        power (W) and cop."""
+        """Returns a table with a row for each temperature difference and current (its index) and
+        the columns heat_flow (W), power (W) and cop."""
         return self.to_xarray().to_dataframe()
 
     def __repr__(self) -> str:
@@ -65,7 +65,8 @@ class DCSweep:
         return html_table(repr(self), ("delta_T, K", "most heat, W", "at, A"), rows)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The curves with dims (delta_T, current) and units in attrs."""
+        """Returns the curves as a dataset with dimensions (delta_T, current) and units in the
+        attributes."""
         import xarray
 
         dims = ("delta_T", "current")

@@ -1,4 +1,4 @@
-"""PWM and H-bridge: what a cell sees of the supply at a given duty cycle."""
+"""PWM and H-bridge: the current and heat flows of a cell at a given duty cycle."""
 
 from typing import Literal, NamedTuple, final
 
@@ -35,20 +35,21 @@ class Bridge(eqx.Module):
     $I (R_E + R_{on} + |d| R_s) = -d V_s - \alpha (T_h - T_c)$.
 
     `averaging = "on-off"` follows the two parts of a PWM period, during which temperatures stand
-    still, and averages current and Joule heat: for the fraction $|d|$ the cell is connected,
-    $I (R_E + R_{on} + R_s) = \mp V_s - \alpha (T_h - T_c)$; for the rest it is shorted by the
-    bridge, $I (R_E + R_{on}) = - \alpha (T_h - T_c)$, or open, $I = 0$.
-    The two differ: at half duty the mean voltage makes a quarter of the full Joule heat, on/off
+    still, and averages current and Joule heat. For the fraction $|d|$ the cell is connected,
+    $I (R_E + R_{on} + R_s) = \mp V_s - \alpha (T_h - T_c)$; for the rest of the period it is
+    shorted by the bridge, $I (R_E + R_{on}) = - \alpha (T_h - T_c)$, or open, $I = 0$. The two
+    differ: at half duty the mean voltage causes a quarter of the full Joule heat, and on/off
     switching half of it.
 
-    A controller with a current limit $I_{max}$ lowers the voltage until no more than that flows, in
-    either direction: with on/off switching while the cell is connected (what flows through one that
-    is shorted is out of its reach), with the mean voltage always.
+    A controller with a current limit $I_{max}$ lowers the voltage until no more than $I_{max}$
+    flows, in either direction. With on/off switching it does so while the cell is connected,
+    because it cannot limit the current through a shorted cell; with the mean voltage it does so
+    always.
 
     **Arguments:**
 
     - `supply_voltage`: $V_s$, V.
-    - `supply_resistance`: $R_s$, of supply and leads, in series while connected, ohm.
+    - `supply_resistance`: $R_s$ of supply and leads, in series while a cell is connected, ohm.
     - `on_resistance`: $R_{on}$, ohm.
     - `current_limit`: $I_{max}$, A; None for no limit.
     """
@@ -100,9 +101,9 @@ class Bridge(eqx.Module):
     ) -> Float[Array, "*times cells"]:
         """Mean power that each cell's bridge draws from the supply, W.
 
-        It is that of the cell, and what supply, leads and switches turn into heat; below 0 where a
-        cell that is hot enough drives its current back. A controller that limits the current
-        wastes nothing: the supply then gives what the lowered voltage takes.
+        This is the power of the cell plus the heat in supply, leads and switches. It is negative if
+        a cell is hot enough to drive its current back. A controller that limits the current is
+        assumed to have no losses: the supply delivers the power at the lowered voltage.
 
         **Arguments:** those of `heat`.
         """

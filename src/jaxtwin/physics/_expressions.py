@@ -14,14 +14,14 @@ from ..rig import Value
 class Expressions:
     """Sums of values (products of parameters), all evaluated at once.
 
-    A network has hundreds of values but few distinct products of parameters: these are computed
-    one by one, and a constant matrix does the rest.
+    A network has hundreds of values but few distinct products of parameters. These products are
+    computed singly, and a constant matrix adds them up.
 
     **Arguments:**
 
     - `sums`: each entry of the result is the sum of these values.
 
-    `names` are those of the parameters of those that take part.
+    `names` are the names of the parameters in these values.
     """
 
     def __init__(self, sums: Sequence[Sequence[Value]]):

@@ -1,9 +1,8 @@
 r"""Losses of the plate that do not grow in proportion to its temperature.
 
 Natural convection takes away heat as $\Delta T^{1 + n}$ ($n = 1/4$ for a plate in laminar flow,
-Churchill and Chu 1975), radiation as $T^4 - T_a^4$.
-The network's conductance matrix holds the film as it is at the reference rise; what is left over
-is a small heat flow that is not stiff.
+Churchill and Chu 1975), radiation as $T^4 - T_a^4$. The conductance matrix of the network contains
+the film at the reference rise. The remainder is a small heat flow that is not stiff.
 """
 
 from typing import final
@@ -19,8 +18,8 @@ STEFAN_BOLTZMANN = 5.670374419e-8
 """The Stefan-Boltzmann constant, W/(m^2 K^4), exact since 2019."""
 
 CALM = 1.0
-"""Rise below which the film stops falling, K: a room's air is never still, and a power of zero
-has no derivative."""
+"""The rise below which the film stops falling, K: the air of a room is never still, and a
+fractional power has no derivative at zero."""
 
 
 @final
@@ -46,7 +45,7 @@ class NonlinearLoss(eqx.Module):
     def heat(
         self, rise: Float[Array, " elements"], ambient: Float[Array, ""]
     ) -> Float[Array, " elements"]:
-        """Heat flow to the surroundings beside that of the linear film, W.
+        """Computes the heat flow to the surroundings in addition to that of the linear film, W.
 
         **Arguments:**
 

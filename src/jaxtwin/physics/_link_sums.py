@@ -1,4 +1,5 @@
-"""Sums of links' values by where the links end, which a network is put together from."""
+"""Sums of links' values, grouped by the nodes at which the links end, from which the matrices of a
+network are assembled."""
 
 from collections.abc import Sequence
 from typing import final
@@ -8,19 +9,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 LARGEST_TABLE = 1 << 18
-"""Entries of a table of rows and links. A product with a larger one takes longer than to add up its
-few entries, and as a constant it takes the compiler minutes."""
+"""The largest number of entries of a dense table of rows and links. A product with a larger table
+takes longer than adding up the few entries that are not 0, and its compilation takes minutes."""
 
 
 @final
 class LinkSums:
-    """For each of some rows the sum over its links.
+    """Sums of values of links, one sum for each row.
 
     **Arguments:**
 
-    - `rows`: how many there are.
+    - `rows`: the number of rows.
     - `members`: pairs (row, number of the link).
-    - `links`: how many there are.
+    - `links`: the number of links.
     """
 
     def __init__(self, rows: int, members: Sequence[tuple[int, int]], links: int):

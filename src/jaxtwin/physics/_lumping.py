@@ -1,8 +1,9 @@
-"""Nodes that always have the same temperature, made one.
+"""Combines nodes that always have the same temperature into a single node.
 
-A symmetric plate has mirror images of nodes: same capacitance, same links to same neighbours. They
-stay equal for all parameter values and inputs, so one node with their summed capacitance and their
-links in parallel stands for all of them, exactly.
+A symmetric plate has mirror images of nodes: they have the same capacitance and the same links to
+the same neighbours. Their temperatures stay equal for all parameter values and inputs. A single
+node with the sum of their capacitances, and with their links in parallel, therefore represents all
+of them exactly.
 """
 
 from collections import Counter
@@ -18,10 +19,10 @@ from ._netlist import Link, Loss, Netlist
 
 
 def lump(netlist: Netlist) -> tuple[Netlist, Int[np.ndarray, " nodes"]]:
-    """The netlist with equal nodes made one.
+    """Combines equal nodes of a netlist.
 
-    **Returns:** the smaller netlist, whose nodes keep the name of their first member, and for each
-    node of the given one its position in it.
+    **Returns:** the smaller netlist, whose nodes have the names of their first members, and the
+    position in it of each node of the given netlist.
     """
     classes = _equal_nodes(netlist)
     first = {number: node for node, number in reversed(list(enumerate(classes)))}
@@ -51,7 +52,7 @@ def lump(netlist: Netlist) -> tuple[Netlist, Int[np.ndarray, " nodes"]]:
 
 
 def _lumped_loss(netlist: Netlist, name: dict[str, str]) -> Loss | None:
-    """Equal nodes radiate together."""
+    """The losses of the smaller netlist: the radiating areas of equal nodes are added."""
     if netlist.loss is None:
         return None
     radiators: dict[str, tuple[Value, ...]] = {}
@@ -63,9 +64,9 @@ def _lumped_loss(netlist: Netlist, name: dict[str, str]) -> Loss | None:
 def _equal_nodes(netlist: Netlist) -> list[int]:
     """The coarsest division into classes in which equal nodes have equal neighbours.
 
-    Colour refinement: start from what the nodes are, then distinguish what has different links to
-    classes, until nothing changes. Expressions are compared, not numbers, so the division holds
-    for every value of the parameters.
+    This is colour refinement: the first classes are nodes of the same kind and capacitance. Nodes
+    whose links lead to different classes are then separated until nothing changes. Expressions are
+    compared, not numbers, so that the division holds for all values of the parameters.
     """
     index = netlist.index
     held = {AMBIENT: len(index)}

@@ -20,8 +20,8 @@ class Node:
     **Arguments:**
 
     - `name`: unique in the netlist.
-    - `kind`: where it belongs: the plate, a side of a cell, a sink, a body, or a
-      sensor with a lag.
+    - `kind`: the part of the rig to which it belongs: the plate, a side of a cell, a sink, a body,
+      or a sensor with a lag.
     - `capacitance`: J/K.
     - `initial_temperature`: at the start of a run, K.
     """
@@ -50,14 +50,15 @@ class Reservoir:
 @final
 @dataclass(frozen=True)
 class Link:
-    """A thermal resistance between two nodes, or between a node and what is held at a temperature.
+    """A thermal resistance between two nodes, or between a node and the surroundings or a
+    reservoir.
 
     **Arguments:**
 
     - `a`, `b`: names of nodes; `b` may be `"ambient"` or a reservoir.
     - `resistances`: in series, K/W; conduction and convection of eq. (6), for example.
-    - `role`: what it stands for: `"conduction"`, `"film"`, `"contact"`, `"module"`, `"sink"`,
-      `"body"` or `"sensor"`.
+    - `role`: the part that it represents: `"conduction"`, `"film"`, `"contact"`, `"module"`,
+      `"sink"`, `"body"` or `"sensor"`.
     """
 
     a: str
@@ -82,7 +83,7 @@ class ThermoelectricElement:
       the one at the plate; a drive that heats the plate reverses the current.
     - `seebeck_coefficient`: V/K.
     - `electrical_resistance`: ohm.
-    - `thermal_resistance`: K/W; it also stands among the links.
+    - `thermal_resistance`: K/W; it is also one of the links.
     """
 
     name: str
@@ -98,9 +99,11 @@ class ThermoelectricElement:
 class Loss:
     """The change of the plate's losses to the surroundings with its temperature.
 
-    - `exponent`: links of the role `"film"` conduct as the temperature difference to this power,
-      and as they say at a difference of 20 K; None where they do not change.
-    - `radiators`: pairs (node, emissivity times area in m^2 as terms of a sum) of what radiates.
+    - `exponent`: the conductance of links of the role `"film"` is proportional to the temperature
+      difference to this power, and has the stated value at a difference of 20 K; None for a
+      constant conductance.
+    - `radiators`: pairs (node, emissivity times area, m^2, as the terms of a sum) for each
+      radiating node.
     """
 
     exponent: Value | None = None
@@ -117,8 +120,8 @@ class Netlist:
     **Arguments:**
 
     - `nodes`, `links`, `cells`: in the order in which all arrays hold them.
-    - `loss`: what makes losses nonlinear, None for nothing.
-    - `reservoirs`: what is held at a fixed temperature, beside the surroundings.
+    - `loss`: the nonlinear part of the losses; None if they are linear.
+    - `reservoirs`: the bodies at a fixed temperature, without the surroundings.
     """
 
     nodes: tuple[Node, ...]
@@ -133,7 +136,7 @@ class Netlist:
         return {node.name: position for position, node in enumerate(self.nodes)}
 
     def capacitance(self, values_si: Mapping[str, float], kind: NodeKind | None = None) -> float:
-        """Sum over all nodes, or those of a kind, J/K."""
+        """The heat capacity of all nodes, or of the nodes of a kind, J/K."""
         return sum(
             node.capacitance.evaluate(values_si) for node in self.nodes if kind in (None, node.kind)
         )
@@ -141,7 +144,8 @@ class Netlist:
     def ambient_conductance(
         self, values_si: Mapping[str, float], kind: NodeKind | None = None
     ) -> float:
-        """Sum over all links to the surroundings, or those of nodes of a kind, W/K."""
+        """The conductance of all links to the surroundings, or of those of the nodes of a kind,
+        W/K."""
         return sum(
             1 / link.resistance(values_si)
             for link in self.links
@@ -150,7 +154,7 @@ class Netlist:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Changes with the contents."""
+        """A text that differs for netlists with different contents."""
         contents = repr((self.nodes, self.links, self.cells, self.loss, self.reservoirs))
         return hashlib.sha256(contents.encode()).hexdigest()
 

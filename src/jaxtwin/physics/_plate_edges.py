@@ -1,4 +1,4 @@
-"""Where a frame shows the plate: the camera's registration from the plate's own edges."""
+"""Measures the camera's registration from the edges of the plate in a frame."""
 
 import math
 from typing import NamedTuple, final
@@ -12,22 +12,23 @@ from ..rig import Rig
 from ._camera import checked_frames
 
 MARGIN = 0.25
-"""The range in which an edge is searched about its place in the rig file, as a fraction of the
-plate's size."""
+"""The distance from an edge's place in the rig file within which it is searched, as a fraction of
+the plate's size."""
 
 LEAST_OUTSIDE = 2
-"""Pixels beside the plate without which an edge is not seen."""
+"""The number of pixels beside the plate that are necessary to detect an edge."""
 
 CLEAR = 5.0
-"""A step from pixel to pixel of so many times the camera's noise is the plate's edge."""
+"""A step between two pixels that is larger than this multiple of the camera's noise is an edge of
+the plate."""
 
 Lines = Float[np.ndarray, "lines 2"]
 
 
 @final
 class MeasuredRegistration(NamedTuple):
-    """Values for `[camera.registration]` of a rig file; NaN where the frame does not show the edges
-    that tell.
+    """Values for `[camera.registration]` of a rig file; NaN for those whose edges the frame does
+    not show.
 
     - `shift_x`, `shift_y`: m. `scale`. `rotation`: rad.
     """
@@ -39,21 +40,21 @@ class MeasuredRegistration(NamedTuple):
 
 
 def measure_registration(rig: Rig, frame: Shaped[np.ndarray, "..."]) -> MeasuredRegistration:
-    """The camera's registration from a frame of a warm plate.
+    """Measures the camera's registration in a frame of a warm plate.
 
-    Across each edge of the plate the temperature steps within a pixel; where it does is known to a
-    fraction of it, as a pixel that the edge cuts reads the mean by area. Straight lines through
-    these places are the plate's outline.
+    Across each edge of the plate the temperature changes within a pixel. The place of the edge is
+    known to a fraction of a pixel, because a pixel that the edge cuts reads the mean by area.
+    Straight lines through these places are the plate's outline.
 
     **Arguments:**
 
-    - `rig`: its camera says where the plate is about.
+    - `rig`: its camera states the plate's approximate place.
     - `frame`: `(height, width)`, in K or degC; row 0 is the top. A mean of several has less noise.
 
-    **Returns:** what a rig file's registration has to say for zones to lie as its channels do. A
-    shift needs both edges across it inside the frame with two pixels beside each, scale and
-    rotation two opposite edges. A recording without frames tells its registration by its channels
-    alone, in a match.
+    **Returns:** the registration for the rig file, with which its zones lie where this camera sees
+    them. A shift needs both edges across its direction inside the frame, with two pixels beside
+    each; scale and rotation need two opposite edges. The registration of a recording without frames
+    can only be matched.
 
     **Raises:** `RigError` where the frame does not have the camera's resolution, or the rig has no
     camera.
@@ -102,8 +103,8 @@ def _edges(
     size_along: float,
     noise: float,
 ) -> Lines | None:
-    """Place and slope of the first and the last edge that rows of pixels run across; None where one
-    is not seen."""
+    """The place and slope of the first and of the last edge across rows of pixels; None if one of
+    them is not detected."""
     first, last = view_along
     rows = np.arange(math.ceil(first + 0.1 * (last - first)), int(last - 0.1 * (last - first)))
     along = ((rows + 0.5 - first) / (last - first) - 0.5) * size_along
@@ -136,7 +137,8 @@ def _step(profile: Float[np.ndarray, " pixels"], noise: float) -> float:
 
 
 def _line(x: Float[np.ndarray, " points"], y: Float[np.ndarray, " points"]) -> tuple[float, float]:
-    """Height at 0 and slope of a straight line; places far from the first one count no more."""
+    """The height at 0 and the slope of a straight line. Places far from a first line are left
+    out."""
     slope, height = np.polyfit(x, y, 1)
     away = np.abs(y - height - slope * x)
     kept = away <= 3 * np.median(away) + 1e-9

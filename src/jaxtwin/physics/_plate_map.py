@@ -1,4 +1,4 @@
-"""The plate as a picture: temperatures between the nodes."""
+"""Interpolates temperatures between the nodes of the plate, for pictures."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from ..rig import Rig
 
 
 class PlateMap(NamedTuple):
-    """Temperatures over the plate.
+    """Interpolated temperatures over the plate.
 
     - `x`, `y`: of the columns and rows of points, from the top left corner, m.
     - `temperatures`: `(..., y, x)`, in the unit that was given.
@@ -25,18 +25,19 @@ class PlateMap(NamedTuple):
 def plate_map(
     rig: Rig, temperatures: Float[np.ndarray, "*times elements"], points: int = 120
 ) -> PlateMap:
-    """Temperatures between the plate's nodes.
+    """Interpolates temperatures between the plate's nodes.
 
-    Linear between the centres of neighbouring elements, as the network has it: where heat flows
-    from one to the other through one material, temperature falls evenly. Beyond the outermost
-    centres it does not change, since an edge of a thin plate passes next to no heat.
+    Temperatures are linear between the centres of neighbouring elements, as in the network: where
+    heat flows through one material, its temperature falls evenly. Beyond the outermost centres they
+    are constant, because almost no heat leaves through the edge of a thin plate.
 
     **Arguments:**
 
     - `rig`: its plate.
     - `temperatures`: of the elements, in the order of `rig.plate.element_names`; those of a run are
       `run.states[:, :elements]`.
-    - `points`: along the length of the plate; its height gets as many as are needed for squares.
+    - `points`: the number of points along the length of the plate. Along its height the points have
+      the same distance.
 
     **Raises:** `ParameterError` where there is not one temperature for each element, or points is
     below 1.

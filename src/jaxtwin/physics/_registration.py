@@ -1,7 +1,7 @@
-r"""Where the camera looks: zones moved over the plate.
+r"""The camera's registration: how the zones of its picture lie on the plate.
 
-A zone is a fixed rectangle of the picture. Where the picture lies on the plate differs from day to
-day: what the rig file calls the point $p$ is in truth
+A zone is a fixed rectangle of the picture. The place of the picture on the plate differs from day
+to day: the point that the rig file calls $p$ is really at
 
 $$p' = c + d + s R(\varphi) (p - c)$$
 
@@ -26,9 +26,9 @@ from ._expressions import Expressions
 from ._zone_means import mean_weights
 
 TILES = 4
-"""Into how many a zone is cut in each direction. They are moved with the picture and stay parallel
-to the plate's edges, which is exact without rotation. With it a zone's edge becomes a staircase:
-its steps are 2 % of a zone high at 5 degrees."""
+"""The number of tiles into which a zone is divided in each direction. The tiles move with the
+picture and stay parallel to the plate's edges, which is exact without rotation. With rotation the
+edge of a zone becomes a staircase, whose steps at 5 degrees have 2 % of the zone's height."""
 
 
 @final
@@ -71,8 +71,8 @@ class RegisteredZones:
         """The weight of each plate element in the mean over each channel's zone.
 
         Rows of zones that reach beyond the plate sum to less than 1: the camera sees the
-        surroundings there. A zone that ends at the outline sees an eighth of a pixel's width of
-        them.
+        surroundings there. In a zone that ends at the outline, they take an eighth of a pixel's
+        width.
         """
         shift_x, shift_y, scale, rotation = self.registration(values_si)
         cos, sin = scale * jnp.cos(rotation), scale * jnp.sin(rotation)

@@ -1,4 +1,5 @@
-r"""Sensors on the plate: how they follow what they touch, and which nodes the channels read.
+r"""Sensors on the plate: how their temperature follows that of the plate, and which nodes the
+channels read.
 
 A thermistor or thermocouple with a time constant $\tau$ (its lag) reads $T_s$, which follows the
 mean $T$ of the elements that its channel names:
@@ -6,9 +7,9 @@ mean $T$ of the elements that its channel names:
 $$\tau \dot T_s = T - T_s$$
 
 In the network it is a node of heat capacity $C_s$ with a link of $\tau / (w_i C_s)$ to each
-element, which counts as $w_i$ in the mean. The plate must not feel it, so that $C_s$ is `SHARE` of
-the heat capacity of an element: what it takes from the plate changes temperatures by about that
-part.
+element, whose weight in the mean is $w_i$. It must not affect the plate. $C_s$ is therefore `SHARE`
+of the heat capacity of an element: the heat that it takes changes temperatures by about this
+fraction.
 """
 
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ SHARE = 1e-6
 
 
 def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[Link]]:
-    """The nodes of sensors that have a lag, and their links to what they touch.
+    """The nodes of sensors that have a lag, and their links to the nodes that they touch.
 
     **Arguments:**
 
@@ -69,7 +70,7 @@ def node_weights(rig: Rig, netlist: Netlist) -> Float[np.ndarray, "channels node
 
 
 def sensor_name(channel: str) -> str:
-    """The node of a channel's sensor."""
+    """The name of the node of a channel's sensor."""
     return f"{channel}.SENSOR"
 
 

@@ -1,7 +1,7 @@
 r"""The thermoelectric module, eqs. (7)-(10) of the paper.
 
-Signs as in the authors' circuit: the current $I$ is positive when it pumps heat out of the cold
-side.
+The signs are those of the authors' circuit: the current $I$ is positive when it pumps heat out of
+the cold side.
 
 $$EMF = \alpha (T_h - T_c), \quad
 q_c = \alpha I T_c - \tfrac12 R_E I^2, \quad
@@ -61,10 +61,11 @@ class ThermoelectricModule(eqx.Module):
 
         **Arguments:**
 
-        - `name`: a bundled datasheet such as `"TEC1-12706"`, or None where the following give one.
+        - `name`: a bundled datasheet such as `"TEC1-12706"`; None if the following arguments state
+          all numbers.
         - `maximum_voltage` (V), `maximum_current` (A), `maximum_temperature_difference` (K) at
-          `hot_side_temperature` (K): $V_{max}$, $I_{max}$, $\Delta T_{max}$, $T_h$. Beside a name
-          they replace what the datasheet says.
+          `hot_side_temperature` (K): $V_{max}$, $I_{max}$, $\Delta T_{max}$, $T_h$. If a name is
+          given too, they replace the numbers of its datasheet.
 
         **Raises:** `RigError` where no datasheet has this name; `ParameterError` where a number is
         missing, not above 0, or the difference is not below the hot side temperature.
@@ -117,7 +118,7 @@ class ThermoelectricModule(eqx.Module):
         cold_temperature: Float[ArrayLike, "*shape"],
         hot_temperature: Float[ArrayLike, "*shape"],
     ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
-        """`heat_flows` of a current that changes faster than temperatures do.
+        """Computes the mean `heat_flows` of a current that changes faster than temperatures do.
 
         **Arguments:** as those of `heat_flows`, with the means of the current, A, which carries the
         Peltier heat, and of its square, A^2, which makes the Joule heat.

@@ -33,7 +33,7 @@ class Twin(eqx.Module):
     """A rig that can be run, differentiable in every parameter.
 
     A twin is a PyTree whose leaves are its parameter values: it can be passed through `jax.jit`,
-    `jax.vmap` and `jax.grad`. New values never compile anything anew.
+    `jax.vmap` and `jax.grad`. New values need no new compilation.
 
     **Arguments:**
 
@@ -109,13 +109,14 @@ class Twin(eqx.Module):
 
         **Arguments:**
 
-        - `lumped`: with nodes that are always equal, such as mirror images on a symmetric plate,
-          made one. `system.wiring.position` says which one stands for which.
+        - `lumped`: whether nodes that are always equal, such as mirror images on a symmetric plate,
+          are combined. `system.wiring.position` is then the position of the node that represents
+          each of them.
         """
         return System.assemble(wiring_of(self.rig, lumped), self.values_si)
 
     def module(self, cell: str) -> ThermoelectricModule:
-        """The thermoelectric module of a cell, for a DC sweep, say.
+        """The thermoelectric module of a cell, for example for a DC sweep.
 
         **Raises:** `ParameterError` where the rig has no such cell, or a parameter holds more than
         one value.
@@ -196,7 +197,7 @@ def _from_file(
 
 
 def check_twin(where: str, twin: object, error: type[JaxtwinError]) -> None:
-    """Refuses what is no twin, such as a rig or the name of one.
+    """Refuses an argument that is not a twin, such as a rig or the name of a rig.
 
     **Raises:** `error`.
     """

@@ -1,7 +1,7 @@
 """The structure of a rig as constant arrays: how nodes, links, cells and channels are connected.
 
-Everything in here is known before any parameter has a value. It is made once for a rig and takes
-part in compiled code as a constant.
+Everything in this module is known before any parameter has a value. It is made once for a rig and
+takes part in compiled code as a constant.
 """
 
 from collections.abc import Mapping
@@ -24,7 +24,8 @@ from ._registration import RegisteredZones
 from ._sensors import node_weights
 
 MOST_ELEMENTS = 4000
-"""The modes of so many take a minute, and tables of pairs of them a gigabyte."""
+"""The largest number of elements of a plate. Their modes take a minute, and tables of their pairs a
+gigabyte."""
 
 
 @final
@@ -34,24 +35,24 @@ class Wiring:
     - `netlist`, and `capacitances` of its nodes, `resistances` of its links, `initial` node
       temperatures, `ambient` temperature, `gains` of the channels, as `Expressions`;
       `module_constants` and `bridge_constants` likewise, one row a constant.
-    - `pair_sums`: over the links that connect each pair of neighbouring nodes, and `pairs`
-      (2, pairs), the nodes. `pair_of` (nodes, nodes): the pair of two nodes, or the number of pairs
-      where they are none; None in a large network.
-    - `ambient_sums`: over the links that lead from each node to the surroundings.
-    - `reservoirs`: temperatures of what is held at one, as `Expressions`, and `reservoir_sums`:
-      over the links from each node to the first of them, then to the second, and so on; both None
-      where there are none.
+    - `pair_sums`: sums over the links that connect each pair of neighbouring nodes, and `pairs` (2,
+      pairs), these nodes. `pair_of` (nodes, nodes): the index of the pair of two nodes, or the
+      number of pairs if they are not neighbours; None in a large network.
+    - `ambient_sums`: sums over the links from each node to the surroundings.
+    - `reservoirs`: the temperatures of the reservoirs as `Expressions`, and `reservoir_sums`: sums
+      over the links from each node to the first reservoir, then to the second, and so on; both None
+      without reservoirs.
     - `cold`, `hot` (cells,): the nodes of the cells' two sides.
     - `channel_weights` (channels, nodes), and the `zones` that move them where the rig's camera has
       a registration, else None.
-    - `elements`: how many nodes are the plate's; they come first.
+    - `elements`: the number of nodes of the plate, which are the first nodes.
     - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_sums`:
-      over the links that are each element's film; all None where losses are linear.
+      sums over the links of each element's film; all None if losses are linear.
     - `gain_names`: names of parameters that act on gains of channels alone.
     - `lag` and `delay` of the command, the cells' `current_limit` and `ambient_drift` as
       `Expressions`, or None.
-    - `position` (nodes of the rig,): which node here stands for each node of the rig, and
-      `rig_elements`, the same for the plate's elements, which come first.
+    - `position` (nodes of the rig,): the index of the node that represents each node of the rig,
+      and `rig_elements`: the same for the elements of the plate, which are the first nodes.
     - `fingerprint`: a text that is equal for rigs of equal content, in every process.
     """
 
@@ -129,7 +130,7 @@ class Wiring:
             self.pair_of[*self.pairs] = self.pair_of[*self.pairs[::-1]] = np.arange(len(pairs))
 
     def _sum_outer_links(self) -> None:
-        """The links that lead to the surroundings, and to what is held at a temperature."""
+        """Sums the links to the surroundings and to the reservoirs."""
         links, index, count = self.netlist.links, self.netlist.index, len(self.netlist.nodes)
         self.ambient_sums = LinkSums(count, self._links_to_ambient(), len(links))
         self.reservoirs = self.reservoir_sums = None
@@ -151,7 +152,7 @@ class Wiring:
         return [(index[link.a], n) for n, link in enumerate(links) if link.b == AMBIENT]
 
     def _sum_losses(self) -> None:
-        """What the plate loses beyond linear losses."""
+        """Sums the losses of the plate beyond its linear losses."""
         loss, links = self.netlist.loss, self.netlist.links
         self.exponent = self.radiating = self.film_sums = None
         if loss is None:
@@ -202,7 +203,8 @@ class Wiring:
 
 @lru_cache(maxsize=64)
 def wiring_of(rig: Rig, lumped: bool = False) -> Wiring:
-    """The wiring of a rig, made once; lumped: with nodes that are always equal made one.
+    """Returns the wiring of a rig, which is made once. If `lumped`, nodes that are always equal are
+    combined.
 
     **Raises:** `RigError` where the plate has more elements than a twin can have.
     """

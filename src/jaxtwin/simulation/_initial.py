@@ -17,7 +17,8 @@ of each node, in the order of `twin.netlist.nodes`, degC."""
 
 
 CheckedInitial: TypeAlias = Literal["steady"] | Float[Array | np.ndarray, " starts"] | None
-"""Checked initial temperatures: absolute, K, one for each node or a single one for all."""
+"""Checked initial temperatures: absolute, K, a temperature for each node or a single temperature
+for all."""
 
 
 def initial_temperatures(

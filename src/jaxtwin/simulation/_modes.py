@@ -1,14 +1,14 @@
 r"""The modes of a rig's thermal network, with its cells linearised at their operating point.
 
-A rig is linear but for its few thermoelectric nodes:
+A rig is linear except at its few thermoelectric nodes:
 
 $$C \dot x = -G x + q(x, u).$$
 
 Near the drive's mean duty cycle the cells' heat flows are $q \approx q_0 - S (x - x_0)$: the
 Peltier heat of the current that flows there, and the conductance of the Seebeck voltage
-($\alpha^2 T / R$, several W/K).
-The symmetric part of $S$ joins the network, whose modes $V$ ($V^T C V = 1$,
-$V^T (G + S) V = \Lambda$, one symmetric eigenproblem a draw) carry everything that is stiff.
+($\alpha^2 T / R$, several W/K). The symmetric part of $S$ joins the network, whose modes $V$
+($V^T C V = 1$, $V^T (G + S) V = \Lambda$, a symmetric eigenproblem for each draw) contain
+everything that is stiff.
 """
 
 from typing import final

@@ -88,10 +88,10 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
     r"""Exponential Runge-Kutta steps in the modes of a thermal network, as a diffrax solver.
 
     The linear network is integrated exactly, the cells' heat flows to fourth order (see
-    `jaxtwin.simulation`, whose own loop drives the same step on a grid known beforehand).
-    Dense output is cubic Hermite interpolation.
-    The error estimate is the difference to the second-order ETD2 step from the same stages, so a
-    step size controller is on the safe side with it.
+    `jaxtwin.simulation`, whose own loop drives the same step on a grid known beforehand). Dense
+    output is cubic Hermite interpolation. The error estimate is the difference to the second-order
+    ETD2 step from the same stages, so that a step size controller takes shorter steps than
+    necessary.
 
     Pass it to `simulate(..., solver=NetworkExponential())`, or to `diffrax.diffeqsolve` with
     `ODETerm(network_field)` and a `NetworkProblem` as `args`.
@@ -127,7 +127,7 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
         y0: Float[Array, " nodes"],
         args: NetworkProblem,
     ) -> _State:
-        """The modes of the network, kept for all steps."""
+        """Computes the modes of the network, which are kept for all steps."""
         del terms, y0
         inputs = args.inputs
         ends = jnp.append(inputs.starts[1:], t1)
@@ -144,8 +144,8 @@ class NetworkExponential(diffrax.AbstractAdaptiveSolver):
         solver_state: _State,
         made_jump: object,
     ) -> tuple[Any, Any, dict[str, Any], _State, Any]:
-        """Takes a step. Command and recorded ambient keep their values at its start, while lag and
-        drift continue."""
+        """Takes a step. The command and the recorded ambient keep the values that they have at the
+        start of the step, while lag and drift continue."""
         del terms, made_jump
         modes = solver_state
         size = jnp.asarray(t1) - t0

@@ -16,7 +16,7 @@ from ..physics import System, Twin
 from ._delay import lagged_duty
 
 ROUNDING = 1e-9
-"""By which a command may seem to arrive late, s."""
+"""The rounding of times by which a command may seem to arrive late, s."""
 
 
 class SupplyPower(NamedTuple):
@@ -46,7 +46,8 @@ def supply_power(
     - `sides`: all cold sides, then all hot sides at the samples; absolute, K.
     - `times`: of the samples, s.
     - `commands`: held from each sample on, -1 to 1.
-    - `steady_start`: whether the first command was held for ever before, instead of none.
+    - `steady_start`: whether the first command was always held before the start; otherwise the
+      command was 0.
     """
     dtype = sides.dtype
     times, commands = jnp.asarray(times, dtype), jnp.asarray(commands, dtype)
@@ -56,7 +57,8 @@ def supply_power(
     before = commands[0] if steady_start else jnp.zeros_like(commands[0])
 
     def power(at: Array, side: Array) -> Float[Array, "*at cells"]:
-        """At some times of an interval; `side`: a time within it, where its command is."""
+        """Computes the power at some times of an interval. `side` is a time inside the interval, at
+        which its command is read."""
         if system.lag is None:
             now = jnp.searchsorted(arrivals, side, side="right") - 1
             duty = jnp.where((now < 0)[..., None], before, commands[jnp.maximum(now, 0)])
