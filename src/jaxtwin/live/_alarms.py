@@ -23,13 +23,13 @@ CALM_SECONDS = 10.0
 
 @final
 class Alarms:
-    """Watches records as they are written. It reads nothing else than the disk's free space.
+    """Watches records as they are written. Apart from records it reads only the disk's free space.
 
     **Arguments:**
 
     - `channels`: names of the temperatures.
-    - `hottest`: a reading above it raises an alarm, degC; `None`: no reading does.
-    - `silence`: longest time without data or temperatures, s.
+    - `hottest`: the temperature above which a reading raises an alarm, degC; None: no reading does.
+    - `silence`: the longest time without data or temperatures, s.
     - `file`: the recording; its disk is watched.
     - `now`: host time at the start, ns.
     """
@@ -44,7 +44,7 @@ class Alarms:
         self._seen: dict[str, int] = {}  # alarms that are on, and when their cause was last there
 
     def check(self, records: Sequence[Record], now: int) -> list[Trip]:
-        """The alarms that are new."""
+        """Returns the alarms that are new."""
         causes: list[Trip] = []
         for record in records:
             match record:

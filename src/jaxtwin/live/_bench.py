@@ -32,7 +32,7 @@ class Journal(Protocol):
     """An object that keeps the records, such as a `Recorder`."""
 
     def counted(self, link: str) -> Counters:
-        """Up to which message each device of a link has been recorded."""
+        """Returns, for each device of a link, the last message that has been recorded."""
         ...
 
     def write(self, records: Sequence[Record]) -> None:
@@ -44,7 +44,7 @@ class Journal(Protocol):
 class Bench:
     """A live rig: records come out, duty commands go in.
 
-    Used as a context manager, which starts and closes the links:
+    It is used as a context manager, which starts and closes the links:
 
     ```python
     with connect(rig, "socket://127.0.0.1:7000", journal=recorder) as bench:
@@ -54,10 +54,10 @@ class Bench:
     **Arguments:**
 
     - `rig`: which rig must be at the other end.
-    - `links`: name -> how it is opened.
+    - `links`: the name of each link -> a function that opens it.
     - `journal`: keeps the records before the bench hands them on.
     - `clock`: host time.
-    - `stale_after`: silence after which a link counts as stale, s.
+    - `stale_after`: the silence after which a link counts as stale, s.
     """
 
     def __init__(
@@ -92,7 +92,8 @@ class Bench:
         self._commands: list[Record] = []
         self._number = 0
         self.owner = secrets.token_hex(4)
-        """Name under which the bench commands; a device obeys one host at a time. No secret."""
+        """The name under which the bench commands; a device obeys a single host at a time. It is
+        not a secret."""
         self.ended = False
         """Whether the bench has been closed; a replay also ends by itself."""
 
@@ -115,12 +116,12 @@ class Bench:
 
     @property
     def states(self) -> dict[str, LinkState]:
-        """State of each link."""
+        """The state of each link."""
         return {name: receiver.state for name, receiver in self._receivers.items()}
 
     @property
     def refusals(self) -> dict[str, str]:
-        """Links whose device was refused, with the reason."""
+        """The links whose device was refused, with the reason."""
         return {
             name: why for name, receiver in self._receivers.items() if (why := receiver.refused)
         }
@@ -149,7 +150,7 @@ class Bench:
             link.step()
 
     def poll(self, timeout: float | int = 0.1) -> list[Record]:
-        """The records since the last call, after waiting for at most `timeout` seconds.
+        """Returns the records since the last call, after waiting for at most `timeout` seconds.
 
         **Returns:** records that have been written to the journal.
 
@@ -189,7 +190,7 @@ class Bench:
 
     @property
     def number(self) -> int:
-        """Number of the last command; each command has a new number."""
+        """The number of the last command; each command has a new number."""
         return self._number
 
     def note(self, record: Record) -> None:
@@ -197,7 +198,7 @@ class Bench:
         self._commands.append(record)
 
     def close(self) -> None:
-        """Closes the links, and writes to the journal what has arrived."""
+        """Closes the links, and writes the records that have arrived to the journal."""
         self.ended = True
         for link in self._links.values():
             link.close()
@@ -248,18 +249,19 @@ def connect(
     baud: int = 115_200,
     clock: Clock | None = None,
 ) -> Bench:
-    """The bench of a rig behind one or several links, such as those of a controller and a camera.
+    """Makes the bench of a rig behind one or several links, such as those of a controller and of a
+    camera.
 
     **Arguments:**
 
     - `rig`: which rig must be at the other end.
     - `urls`: `socket://host:port`, `/dev/ttyACM0`, `rfc2217://host:port`, `mqtt://host/topic`, ...
-    - `journal`: a `Recorder`, say.
+    - `journal`: the journal, for example a `Recorder`.
     - `baud`: of serial ports.
     - `clock`: host time.
 
-    **Raises:** `LinkError` for an address of no known kind. A device that is not connected yet is
-    waited for.
+    **Raises:** `LinkError` for an address of no known kind. If a device is not connected yet, the
+    bench waits for it.
     """
     if not urls or len(set(urls)) < len(urls):
         raise LinkError(f"links: expected at least one, each once, got {urls}")

@@ -1,4 +1,4 @@
-"""Messages -> frames and back.
+"""Encodes messages as frames, and parses frames.
 
 Every number from the wire is checked against its bounds here. A frame that does not follow the
 protocol exactly is refused.
@@ -33,7 +33,7 @@ _LATEST = 2**62  # microseconds
 
 
 def parse(frame: str | bytes) -> Message:
-    """The message in a frame.
+    """Parses the message in a frame.
 
     **Raises:** `LinkError`, which quotes the frame, if it is not a message of this version.
     """
@@ -46,7 +46,7 @@ def parse(frame: str | bytes) -> Message:
 
 
 def encode(message: Message) -> bytes:
-    """A message as it is sent.
+    """Encodes a message for sending.
 
     **Raises:** `ValueError` where it is too long for a frame.
     """
@@ -120,7 +120,7 @@ def _parse_line(line: str) -> Message:
 
 
 def _message(kind: str, fields: dict[str, str]) -> Message:
-    """Takes what it knows out of `fields`."""
+    """Makes a message from `fields`, and removes from them the fields that it uses."""
     match kind:
         case "data":
             return _data(fields)

@@ -1,7 +1,7 @@
 """Tests whether a device follows the protocol, by a script of greetings, commands and faults.
 
-It commands the cells, briefly and with little duty. Run it with the supply's current limit low, or
-without the cells.
+It commands the cells for short times with a low duty. Set a low current limit on the supply, or
+disconnect the cells, before running it.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from ._time import Clock
 from ._transport import Transport
 
 SMALL = 10
-"""Counts that the script commands."""
+"""The counts that the script commands."""
 
 OWNER, OTHER = "conform-1", "conform-2"
 

@@ -1,4 +1,4 @@
-"""Which messages of each device a recording contains, so that none is recorded a second time."""
+"""The last message of each device in a recording, so that no message is recorded a second time."""
 
 import sqlite3
 from collections.abc import Mapping
@@ -8,10 +8,10 @@ from ._records import Stream
 
 
 class Counted(NamedTuple):
-    """Up to which message a stream of one start of a device has been recorded.
+    """The point up to which a stream of one start of a device has been recorded.
 
-    - `expected`: the next number.
-    - `device_us`: the device's time of the last message.
+    - `expected`: the number of the next message.
+    - `device_us`: the device's time of the last message, microseconds.
     """
 
     expected: int
@@ -23,7 +23,8 @@ Counters = Mapping[str, Mapping[Stream, Counted]]
 
 
 def counted_in(database: sqlite3.Connection) -> dict[str, dict[str, dict[Stream, Counted]]]:
-    """Up to which message a recording goes: link -> start of a device -> stream -> `Counted`."""
+    """Returns the last messages in a recording: link -> start of a device -> stream ->
+    `Counted`."""
     found: dict[str, dict[str, dict[Stream, Counted]]] = {}
     starts = "SELECT link, boot, max(id), min(arrival), max(hello) FROM greetings GROUP BY 1, 2"
     for link, boot, _, first, hello in database.execute(f"{starts} ORDER BY 3").fetchall():

@@ -1,4 +1,5 @@
-"""Plausibility of a device's clock: it runs about as fast as the host's, and never back."""
+"""Checks whether a device's clock is plausible: it must run about as fast as the host's, and never
+back."""
 
 from typing import NamedTuple, final
 
@@ -13,12 +14,12 @@ FASTER = 1.01
 """Highest plausible ratio of a device's clock to the host's; crystals are far more accurate."""
 
 AGREE = 10
-"""After so many implausible messages in a row that are consistent with each other, the clock is
-taken to have stepped."""
+"""The number of consecutive implausible messages, consistent with each other, after which the clock
+is assumed to have stepped."""
 
 
 class _SuspectedStep(NamedTuple):
-    """The first of some implausible messages in a row that are consistent with each other."""
+    """The first of several consecutive implausible messages that are consistent with each other."""
 
     device_us: int
     arrival: int
@@ -31,8 +32,8 @@ class DeviceTime:
 
     **Arguments:**
 
-    - `rate`: seconds of device time in a second.
-    - `steps`: number of steps of the clock in earlier runs.
+    - `rate`: the seconds of device time in a second.
+    - `steps`: the number of steps of the clock in earlier runs.
     """
 
     def __init__(self, rate: float, steps: int = 0):

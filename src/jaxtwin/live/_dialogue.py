@@ -23,12 +23,12 @@ class Dialogue:
 
     - `transport`: an open connection.
     - `clock`: host time.
-    - `owner`: name under which it commands.
+    - `owner`: the name under which the script commands.
     """
 
     def __init__(self, transport: Transport, clock: Clock, owner: str):
         self.nonsense: list[str] = []
-        """Bytes of the device that do not follow the protocol."""
+        """The bytes of the device that do not follow the protocol."""
         self.clock = clock
         self._transport = transport
         self._owner = owner
@@ -37,7 +37,7 @@ class Dialogue:
         self._number = 0
 
     def say(self, content: bytes) -> None:
-        """Sends any bytes."""
+        """Sends bytes, whether or not they follow the protocol."""
         self._transport.write(content)
 
     def command(self, *pwm: int, owner: str | None = None) -> int:
@@ -52,7 +52,7 @@ class Dialogue:
         self.say(encode(Order(kind, self._number, owner or self._owner)))
 
     def listen(self, seconds: float) -> Iterator[Message]:
-        """Messages of the device within a time."""
+        """Returns the messages that the device sends within a time."""
         end = self.clock.now() + round(seconds * 1e9)
         while True:
             while self._waiting:
@@ -83,7 +83,7 @@ class Dialogue:
         )
 
     def refuses(self, number: int, why: str) -> bool:
-        """Whether it refuses the command with this number for this reason."""
+        """Whether the device refuses the command with this number for this reason."""
         return self.hears(
             lambda message: (
                 isinstance(message, Notice)

@@ -1,4 +1,4 @@
-"""Driving a rig by a plan."""
+"""Drives a rig by a plan."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -29,11 +29,11 @@ def drive(
 
     **Arguments:**
 
-    - `bench`: its links, started.
-    - `rig`: its file, which must state `limits.temperature`; or its twin, with the parameters of a
-        fit, say, for the interlocks that ask the twin.
-    - `plan`: its duty is applied, in the time of the rig: a recording's, or a schedule's
-        (`Experiment.schedule`).
+    - `bench`: the links of the rig, started.
+    - `rig`: the rig, whose file must state `limits.temperature`; or its twin, for example with the
+      parameters of a fit, for the interlocks that use the twin.
+    - `plan`: the experiment whose duty is applied, in the time of the rig: a recording, or a
+      schedule (`Experiment.schedule`).
     - `silence`, `reset`, `about`, `stop`, `on_progress`: as in `operate`.
 
     **Returns:** `"completed"`, or `"stopped"` if `stop` ended it.
@@ -60,7 +60,7 @@ def drive(
 
 
 def follow(plan: Experiment) -> DutySource:
-    """The duty of a plan at each time, until its end."""
+    """Makes a source of the duty of a plan at each time, until its end."""
 
     def duty(moment: Moment) -> np.ndarray | None:
         if moment.time >= plan.duration:

@@ -23,13 +23,15 @@ class Faults:
 
     **Arguments:**
 
-    - `drop`, `corrupt`: probability that a message is lost, or that bytes of it are changed.
-    - `jumps`: interval of the camera's recalibrations; each changes its offset, as
-      `[camera.common_error]` of the rig file says. 0: never.
+    - `drop`, `corrupt`: the probabilities that a message is lost, and that bytes of it are changed.
+    - `jumps`: the interval of the camera's recalibrations; each changes its offset by the
+      `[camera.common_error]` of the rig file. 0: never.
     - `stall`: (interval, duration) of silences.
-    - `disconnect`: interval after which the connection is cut. 0: never.
-    - `loosen`: (cell, time, factor) by which its contact resistances to the plate are multiplied.
-    - `fail`: (cell, time): its circuit is interrupted, no current flows any more.
+    - `disconnect`: the interval after which the connection is cut. 0: never.
+    - `loosen`: (cell, time, factor); from this time on, the contact resistances of the cell to the
+      plate are multiplied by the factor.
+    - `fail`: (cell, time); from this time on, the circuit of the cell is interrupted and no current
+      flows.
     """
 
     drop: float = 0.0
@@ -68,7 +70,8 @@ class Faults:
 
 
 def loosened(system: System, cell: int, factor: float) -> System:
-    """The equations with the contacts between one cell and the plate `factor` times worse."""
+    """Returns the equations with the contact resistances between a cell and the plate multiplied by
+    `factor`."""
     with jax.enable_x64(True):
         side = int(system.wiring.cold[cell])
         other = [
@@ -84,7 +87,7 @@ def loosened(system: System, cell: int, factor: float) -> System:
 
 
 def failed(system: System, cell: int) -> System:
-    """The equations with one cell's circuit interrupted: no current flows through it."""
+    """Returns the equations with the circuit of a cell interrupted: no current flows through it."""
     with jax.enable_x64(True):
         resistance = jnp.asarray(system.module.electrical_resistance).at[cell].set(1e9)
         return eqx.tree_at(lambda s: s.module.electrical_resistance, system, resistance)

@@ -15,13 +15,12 @@ from ._records import Greeting, Reading, Record, Sample
 class Follower:
     """Follows a live or replayed rig.
 
-    The twin starts with the first temperatures, all its nodes at their mean, because the earlier
-    state of the rig is not known. If the rig was not at rest, the prediction is wrong for some
-    minutes.
+    All nodes of the twin start at the mean of the first temperatures, because the earlier state of
+    the rig is not known. If the rig was not at rest, the prediction is wrong for some minutes.
 
     **Arguments:**
 
-    - `twin`: rig and parameters.
+    - `twin`: the twin.
     """
 
     def __init__(self, twin: Twin):
@@ -36,12 +35,12 @@ class Follower:
 
     @property
     def nodes(self) -> Float[np.ndarray, " nodes"]:
-        """Temperatures of all the twin's nodes, degC."""
+        """The temperatures of all nodes of the twin, degC."""
         return self._twin.nodes
 
     @property
     def ambient(self) -> float:
-        """Ambient temperature of the twin, degC."""
+        """The ambient temperature of the twin, degC."""
         return self._twin.ambient
 
     def update(self, records: Sequence[Record]) -> None:

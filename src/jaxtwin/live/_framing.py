@@ -1,4 +1,4 @@
-r"""Bytes of a link -> frames: text lines and binary packets, each with a CRC-32.
+r"""Divides the bytes of a link into frames: text lines and binary packets, each with a CRC-32.
 
 A line is printable ASCII with its checksum, `text*1A2B3C4D\n`: easy to write from firmware and to
 read in a terminal. A packet is for images: its bytes and their CRC-32 (little-endian) are encoded
@@ -7,8 +7,8 @@ Both may share a link. The second byte of every packet is 0 and its first is not
 begins with the two bytes 00 02, which no text line holds. A reader that lost its place finds it
 again at the next newline or zero.
 
-CRC-32 (the one of zlib, Ethernet and PNG) also for lines: with 16 bits one of 65 000 scrambled
-lines would pass.
+Lines have a CRC-32 too (that of zlib, Ethernet and PNG): with 16 bits, one of 65 000 damaged lines
+would pass.
 """
 
 import re
@@ -18,10 +18,10 @@ from typing import NamedTuple
 from cobs import cobs
 
 LINE_BYTES = 1024
-"""A longer line, checksum and newline included, is garbage."""
+"""The longest valid line, including checksum and newline."""
 
 PACKET_BYTES = 65_536
-"""A longer packet, encoded, is garbage; 160 x 120 pixels of 16 bits take 38.6 kB."""
+"""The longest valid packet, encoded; 160 x 120 pixels of 16 bits take 38.6 kB."""
 
 _CHECKSUM = 4  # bytes of a CRC-32
 _NO_TEXT = re.compile(rb"[^\x20-\x7e\r]")
@@ -29,12 +29,12 @@ _ZERO, _NEWLINE = b"\x00", b"\n"
 
 
 class Deframed(NamedTuple):
-    """The frames in some bytes.
+    """The frames that were found in bytes of a link.
 
     - `frames`: in their order; a line without its checksum is a `str`, a packet without its
         checksum is `bytes`.
     - `remainder`: the bytes of a frame that has not ended yet, at most `PACKET_BYTES` + 2.
-    - `discarded`: how many bytes belonged to no valid frame.
+    - `discarded`: the number of bytes that belonged to no valid frame.
     """
 
     frames: list[str | bytes]
@@ -43,12 +43,13 @@ class Deframed(NamedTuple):
 
 
 def deframe(remainder: bytes, data: bytes) -> Deframed:
-    """Takes the frames out of a stream of bytes; the same ones however the stream is cut.
+    """Finds the frames in a stream of bytes. They are the same however the stream is divided.
 
     **Arguments:**
 
-    - `remainder`: what the call before left over; `b""` at the start of a connection.
-    - `data`: the bytes that came since.
+    - `remainder`: the remainder that the previous call returned; `b""` at the start of a
+      connection.
+    - `data`: the bytes that have arrived since.
 
     **Returns:**
 
@@ -84,7 +85,7 @@ def delines(remainder: bytes, data: bytes) -> tuple[list[str], bytes]:
 
 
 def encode_line(text: str) -> bytes:
-    """A line as it is sent.
+    """Encodes a line for sending.
 
     **Raises:** `ValueError` where the text is not printable ASCII or too long.
     """
@@ -97,10 +98,10 @@ def encode_line(text: str) -> bytes:
 
 
 def encode_packet(payload: bytes) -> bytes:
-    """A packet as it is sent.
+    """Encodes a packet for sending.
 
-    **Raises:** `ValueError` where the payload does not begin with a byte that is not 0 and one
-    that is, or is too long.
+    **Raises:** `ValueError` if the first byte of the payload is 0, if its second byte is not 0, or
+    if it is too long.
     """
     if len(payload) < 2 or payload[0] == 0 or payload[1] != 0:
         raise ValueError("a payload begins with a byte that is not 0 and a 0")
@@ -111,15 +112,16 @@ def encode_packet(payload: bytes) -> bytes:
 
 
 _Found = tuple[str | bytes | None, int, int] | None
-"""Frame or None, where the next one starts, bytes discarded; or None: more bytes are needed.
+"""(Frame or None, the position at which the next frame starts, the number of bytes discarded); None
+if more bytes are needed.
 
-What is found depends on the bytes alone, never on how many more of them are there already:
-otherwise the frames would depend on how the stream is cut.
+The result depends only on the bytes of the frame and not on the number of bytes that have arrived
+after it; otherwise the frames would depend on how the stream is divided.
 """
 
 
 def _packet(buffer: bytes, start: int) -> _Found:
-    """At a zero: a packet where 02 follows, else a delimiter that is passed over."""
+    """Reads from a zero: a packet if 02 follows, otherwise a delimiter that is skipped."""
     if start + 1 == len(buffer):
         return None
     if buffer[start + 1] != 2:
@@ -149,7 +151,7 @@ def _decoded(encoded: bytes) -> bytes | None:
 
 
 def _line(buffer: bytes, start: int) -> _Found:
-    """At anything else: text up to a newline, or garbage up to a zero."""
+    """Reads from any other byte: text up to a newline, or garbage up to a zero."""
     limit = start + LINE_BYTES
     newline = buffer.find(_NEWLINE, start, limit)
     zero = buffer.find(_ZERO, start, limit if newline < 0 else newline)

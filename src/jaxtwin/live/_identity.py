@@ -1,4 +1,5 @@
-"""What the devices of a rig must name in their greetings; camera frames -> channels."""
+"""The names and sizes that the devices of a rig must state in their greetings, and the channels in
+camera frames."""
 
 from dataclasses import dataclass
 from typing import final
@@ -16,10 +17,10 @@ CENTIKELVIN = 0.01
 ZERO_CELSIUS = 273.15
 
 WATCHDOG_SECONDS = 0.1, 5.0
-"""Shortest and longest time of a device's watchdog, s."""
+"""The shortest and the longest time of a device's watchdog, s."""
 
 RATES = 0.1, 1000.0
-"""Lowest and highest ratio of device time to host time."""
+"""The lowest and the highest ratio of device time to host time."""
 
 
 @final
@@ -29,9 +30,9 @@ class Identity:
 
     **Arguments:**
 
-    - `rig`, `cells`, `channels`: names.
+    - `rig`, `cells`, `channels`: the names of the rig, its cells and its channels.
     - `camera`: width and height of its frames, pixels; `None` where sensors read the channels.
-    - `counts`: PWM counts of full duty.
+    - `counts`: the PWM counts of full duty.
     - `weights`: share of each pixel in each channel, `(channels, pixels)`; rows sum to 1. Without
       a camera there are no pixels.
     """
@@ -87,8 +88,8 @@ class Identity:
     def temperatures(
         self, pixels: UInt16[np.ndarray, "height width"]
     ) -> Float[np.ndarray, " channels"]:
-        """Temperatures of the channels, degC, from a frame in 0.01 K: means by area over the pixels
-        of each channel."""
+        """Computes the temperatures of the channels, degC, from a frame in 0.01 K: the means by
+        area over the pixels of each channel."""
         return self.weights @ pixels.ravel() * CENTIKELVIN - ZERO_CELSIUS
 
 

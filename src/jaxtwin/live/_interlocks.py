@@ -1,7 +1,7 @@
 """Interlocks: each checks the records of a rig and decides when the cells must be switched off.
 
-They have no side effects: from records, commands and the time they compute a trip. `Guard`
-combines them, and checks every run that commands a rig.
+They have no side effects: they compute a trip from records, commands and the time. `Guard` combines
+them, and checks every run that commands a rig.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -36,9 +36,9 @@ class Guard:
 
     **Arguments:**
 
-    - `twin`: of the rig, whose file must state `limits.temperature`.
-    - `owner`: name under which the rig is commanded (`Bench.owner`).
-    - `silence`: longest time without a controller sample, or without valid temperatures, s.
+    - `twin`: the twin of the rig, whose file must state `limits.temperature`.
+    - `owner`: the name under which the rig is commanded (`Bench.owner`).
+    - `silence`: the longest time without a controller sample, or without valid temperatures, s.
 
     **Raises:** `JaxtwinError` where the rig file states no limit.
     """
@@ -69,11 +69,11 @@ class Guard:
         self._presence.begin(now, boots)
 
     def commanded(self, now: int, number: int, pwm: tuple[int, ...]) -> None:
-        """A command was sent: its number and its counts."""
+        """Registers that a command was sent, with its number and its counts."""
         self._obedience.commanded(now, number, pwm)
 
     def check(self, records: Sequence[Record], now: int) -> Trip | None:
-        """The reason to stop, or `None`.
+        """Returns the reason to stop, or `None`.
 
         **Arguments:**
 

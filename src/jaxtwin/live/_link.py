@@ -11,7 +11,8 @@ from ._time import Clock
 from ._transport import Opener, Transport
 
 FIRST_RETRY, LONGEST_RETRY = 0.1, 5.0
-"""Pause after the first failure, s; it doubles with each further one up to the longest."""
+"""The pause after the first failure, s, and the longest pause. The pause doubles with each further
+failure."""
 
 LASTING = 5.0
 """A connection that was valid for this time, s, is opened again at once. A device that greets and
@@ -47,9 +48,9 @@ class Link:
 
     **Arguments:**
 
-    - `name`: in records and messages; the link's URL, say.
+    - `name`: the name in records and messages, for example the link's URL.
     - `open_transport`: opens a connection, or raises `OSError`.
-    - `inbox`: several links may share one.
+    - `inbox`: the queue into which the link puts its bytes; several links may share it.
     - `clock`: host time.
     """
 
@@ -79,7 +80,7 @@ class Link:
         self._end("closed here")
 
     def step(self) -> None:
-        """One attempt to open, or one read: what the thread repeats."""
+        """Tries once to open the link, or reads it once. The thread repeats this."""
         transport = self._transport
         if transport is None:
             self._connect()
@@ -108,14 +109,15 @@ class Link:
         return True
 
     def heard(self) -> None:
-        """The other side is who it should be: after a while of that, the next loss is followed by a
-        quick retry."""
+        """Registers that the other side sends valid messages. After a while of them, the next loss
+        is followed by a quick retry."""
         if self._clock.now() - self._connected >= LASTING * 1e9:
             self._retry = FIRST_RETRY
             self._logged = None
 
     def drop(self, reason: str) -> None:
-        """Has the connection closed. The thread does it: nobody closes what another one reads."""
+        """Has the connection closed by the thread, because no other thread may close a connection
+        that it reads."""
         self._drop = reason
 
     def _run(self) -> None:
@@ -145,7 +147,7 @@ class Link:
             self._report(reason)
 
     def _report(self, reason: str) -> None:
-        """Reports why the link is down, once and not for each of a thousand attempts."""
+        """Reports why the link is down, once and not for each further attempt."""
         if reason == self._reason:
             return
         self._reason = reason

@@ -19,20 +19,20 @@ class LiveTwin:
     """A twin that is driven by what a rig reports, on the rig's time.
 
     A command takes effect at the next step of 0.1 s, and then passes through the driver's delay and
-    lag. The room stays as warm as at the start, without the rig's drift, until a reading of it says
-    otherwise.
+    lag. The ambient temperature remains that of the start, without the rig's drift, until it is
+    measured.
 
     **Arguments:**
 
-    - `twin`: rig and parameters.
+    - `twin`: the twin.
     """
 
     def __init__(self, twin: Twin):
         self.time = 0.0
-        """Up to where it has been stepped, s."""
+        """The time up to which the twin has been stepped, s."""
         self._stepper = Stepper(twin, STEP_SECONDS)
         self.ambient = float(self._stepper.ambient)
-        """Temperature of the surroundings, degC."""
+        """The temperature of the surroundings, degC."""
         self._command = np.zeros(len(twin.netlist.cells))
         self._temperatures: Float[np.ndarray, " channels"] | None = None
         # Also compiles the steps now, not when the first data wait for them.
@@ -58,25 +58,27 @@ class LiveTwin:
     def start(
         self, time: float | int, nodes: Float[np.ndarray, " nodes"] | float | int | None = None
     ) -> None:
-        """Sets time (s) and node temperatures (degC, one for all, or `None`: the rig file's).
+        """Sets the time (s) and the temperatures of the nodes (degC; a single temperature for all;
+        `None`: those of the rig file).
 
-        A driver that lags behind its command has reached the last one.
+        A driver with a lag is assumed to have reached its last command.
         """
         self.time = time
         self._state = self._stepper.start(nodes, self._command)
         self._temperatures = self._step(0)
 
     def drive(self, duty: Float[np.ndarray, " cells"], ambient: float | int | None = None) -> None:
-        """Sets the duty cycles (-1 to 1) and, where it is known, the ambient (degC) from now on."""
+        """Sets the duty cycles (-1 to 1) and, if it is known, the ambient temperature (degC) from
+        now on."""
         self._command = np.asarray(duty, np.float64)
         if ambient is not None and ambient != self.ambient:
             self.ambient = float(ambient)
             self._temperatures = None
 
     def advance(self, time: float | int) -> Float[np.ndarray, " channels"]:
-        """Steps to a time, s, but for what is less than one step of the stepper.
+        """Steps to a time, s. A remainder that is shorter than a step is left for the next call.
 
-        **Returns:** the channels there, degC.
+        **Returns:** the readings of the channels at that time, degC.
         """
         steps = int((time - self.time) / STEP_SECONDS + 1e-6)
         if steps > 0:
@@ -85,7 +87,8 @@ class LiveTwin:
         return self.temperatures
 
     def replace(self, system: System) -> None:
-        """Goes on from the same temperatures with other equations: a fault of the rig, say."""
+        """Continues from the same temperatures with other equations, for example those of a rig
+        with a fault."""
         self._stepper = Stepper(system, STEP_SECONDS)
         self._temperatures = self._step(0)
 
@@ -107,6 +110,7 @@ def _stepped(
     ambient: Float[Array, ""],
     steps: Int[Array, ""],
 ) -> tuple[StepperState, Float[Array, " channels"]]:
-    """Steps and readings in one call: what Python does around each call is most of its time."""
+    """Computes steps and readings in one call, because most of the time of a call is spent in
+    Python."""
     state = stepper.step(state, duty, ambient, steps=steps)
     return state, stepper.channels(state, ambient)

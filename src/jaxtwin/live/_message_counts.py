@@ -10,7 +10,7 @@ BOOTS = 8  # starts of a device whose counters are remembered
 
 
 class Place(NamedTuple):
-    """Position of a message in its stream.
+    """The position of a message in its stream.
 
     - `first`, `missing`: first number and count of the messages that are missing before it.
     - `boot`: the start of the device to which it belongs. A step of the device's clock counts as a
@@ -28,7 +28,7 @@ class MessageCounts:
 
     **Arguments:**
 
-    - `counted`: up to which message they were counted in an earlier run.
+    - `counted`: the last messages that were counted in an earlier run.
     """
 
     def __init__(self, counted: Counters | None = None):
@@ -51,7 +51,7 @@ class MessageCounts:
     def place(
         self, boot: str, stream: Stream, seq: int, device_us: int, arrival: int
     ) -> Place | None:
-        """Position of a message; `None` if it was counted before.
+        """Returns the position of a message; `None` if it was counted before.
 
         **Raises:** `LinkError` if its time is implausible. It is then not counted, and the next
         message reports its number as missing.
@@ -81,12 +81,12 @@ class MessageCounts:
 
 
 def _name_after(origin: str, steps: int) -> str:
-    """Under which name a start of a device is counted after some steps of its clock."""
+    """Returns the name under which a start of a device is counted after some steps of its clock."""
     return f"{origin[:24]}.{steps}" if steps else origin
 
 
 def _steps(name: str, origin: str) -> int:
-    """The number of clock steps of the start that is counted under this name."""
+    """Returns the number of clock steps of the start that is counted under this name."""
     return 0 if name == origin else int(name.rpartition(".")[2])
 
 

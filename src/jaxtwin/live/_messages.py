@@ -10,7 +10,8 @@ VERSION = 2
 """The version of the protocol."""
 
 RECALIBRATING = 1
-"""Flag of a frame taken while the camera recalibrates itself (shutter closed, image frozen)."""
+"""The flag of a frame that was taken while the camera recalibrated itself (shutter closed, image
+frozen)."""
 
 MOST_NAMES = 64  # cells or channels in a greeting
 
@@ -18,19 +19,19 @@ MOST_NAMES = 64  # cells or channels in a greeting
 @final
 @dataclass(frozen=True)
 class Hello:
-    """A device's greeting: what it is and what it will send.
+    """A device's greeting: the rig to which it belongs, and the data that it will send.
 
     **Arguments:**
 
-    - `version`: of the protocol.
+    - `version`: the version of the protocol.
     - `rig`: name of the rig.
-    - `boot`: differs at every start of the device, because its counters begin again.
+    - `boot`: a word that differs at every start of the device, because its counters begin again.
     - `cells`, `channels`: names of the cells that it drives and the channels that it measures.
     - `camera`: width and height of its frames, pixels, or `None`.
     - `counts`: PWM counts of full duty.
     - `watchdog`: time without a duty command after which it switches the cells off, s of real
         time; `None` where it drives no cells.
-    - `rate`: seconds of device time in a second; 1 but for a virtual or replayed rig.
+    - `rate`: the seconds of device time in a second; 1 except for a virtual or replayed rig.
     """
 
     version: int
@@ -52,11 +53,11 @@ class Data:
     **Arguments:**
 
     - `seq`: sequence number, modulo 2^32.
-    - `device_us`: time of the device's clock, microseconds since its start.
-    - `pwm`: counts that are applied to the cells now.
-    - `ambient`: degC, or `None` without a sensor for it.
-    - `temperatures`: of the greeting's channels, degC; empty where a camera measures them. NaN
-        where a channel has failed.
+    - `device_us`: the time of the device's clock, microseconds since its start.
+    - `pwm`: the counts that are applied to the cells now.
+    - `ambient`: the ambient temperature, degC; `None` without a sensor for it.
+    - `temperatures`: the readings of the greeting's channels, degC; empty if a camera measures
+      them. The reading of a failed channel is NaN.
     - `faults`: number of a channel -> reason of its failure, a single word.
     - `owner`, `number`: the host that commands the cells, and the number of its last command that
         was applied; `""` and `None` if there is none.
@@ -93,9 +94,9 @@ class Notice:
     **Arguments:**
 
     - `seq`, `device_us`: as in `Data`.
-    - `kind`: a single word.
-    - `owner`, `number`: of the command that caused it, if any.
-    - `why`: the reason, a single word.
+    - `kind`: the kind of event in a single word.
+    - `owner`, `number`: those of the command that caused it, if any.
+    - `why`: the reason in a single word.
     """
 
     seq: int
@@ -109,7 +110,7 @@ class Notice:
 @final
 @dataclass(frozen=True)
 class Beat:
-    """Message of a device that has nothing else to send."""
+    """The message of a device that has nothing else to send."""
 
     device_us: int
 
@@ -129,9 +130,9 @@ class Duty:
 
     **Arguments:**
 
-    - `number`: of the command; a host increases it by 1.
+    - `number`: the number of the command; a host increases it by 1.
     - `pwm`: counts.
-    - `owner`: the host that commands. A device obeys one at a time.
+    - `owner`: the host that commands. A device obeys a single host at a time.
     """
 
     number: int

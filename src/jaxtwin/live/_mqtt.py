@@ -32,12 +32,12 @@ log = logging.getLogger("jaxtwin.live")
 
 @final
 class MqttTransport:
-    """A link through a broker: what is published on `TOPIC/up` is read, `TOPIC/down` is written.
+    """A link through a broker: it reads messages from `TOPIC/up` and publishes on `TOPIC/down`.
 
     **Arguments:**
 
-    - `address`: of the broker and the topic.
-    - `reads`, `writes`: the topics below it.
+    - `address`: the address of the broker, with the topic.
+    - `reads`, `writes`: the two topics below that topic.
 
     **Raises:** `OSError` where the broker cannot be reached, `LinkError` without paho-mqtt.
     """
@@ -113,7 +113,7 @@ class MqttTransport:
 class Publisher:
     """Publishes records as JSON: `TOPIC/readings`, `TOPIC/duty`, `TOPIC/events`.
 
-    With a slow broker, messages are lost here, and never in the recording.
+    If the broker is slow, messages are lost here, but never in the recording.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""`mqtt://user:password@host:port/topic` -> how a broker is reached."""
+"""Parses the address of a broker, `mqtt://user:password@host:port/topic`."""
 
 import re
 from dataclasses import dataclass, field
@@ -21,11 +21,12 @@ class MqttAddress:
 
     **Arguments:**
 
-    - `host`, `port`, `topic`: where.
-    - `user`, `password`: `None` where the address has none.
+    - `host`, `port`, `topic`: the host and port of the broker, and the topic.
+    - `user`, `password`: the name and the password; `None` if the address has none.
     - `tls`: whether the connection is encrypted (`mqtts://`).
-    - `ca`, `cert`, `key`: files of the authority, and of the client's own certificate, from
-        `?ca=FILE&cert=FILE&key=FILE`; `None`: the system's authorities, no certificate.
+    - `ca`, `cert`, `key`: the files of the certificate authority, and of the client's certificate
+      and key, from `?ca=FILE&cert=FILE&key=FILE`; `None`: the authorities of the system, and no
+      certificate.
     """
 
     host: str
@@ -74,6 +75,6 @@ class MqttAddress:
 
 
 def without_password(url: str) -> str:
-    """A link as it may stand in logs and recordings; also one inside other text, such as
-    `--link=mqtt://...`."""
+    """Removes the password from a link, so that it may be written to logs and recordings; also from
+    a link inside other text, such as `--link=mqtt://...`."""
     return _PASSWORD.sub(r"\1:***@", url)

@@ -1,4 +1,4 @@
-"""Interlock: the device applies what was commanded, and no other host commands it."""
+"""Interlock: the device applies the commanded duty, and no other host commands it."""
 
 from collections import deque
 from typing import NamedTuple, final
@@ -7,7 +7,7 @@ from ._records import Record, Sample
 from ._trip import Trip
 
 ROUNDING = 1
-"""Largest difference between applied and commanded counts."""
+"""The largest accepted difference between applied and commanded counts."""
 
 
 class _Sent(NamedTuple):
@@ -26,8 +26,8 @@ class Obedience:
 
     **Arguments:**
 
-    - `owner`: name of the host that commands.
-    - `cells`: their names.
+    - `owner`: the name of the host that commands.
+    - `cells`: the names of the cells.
     - `delay`: longest time until a driver applies a command, ramp included, s.
     """
 
@@ -39,7 +39,7 @@ class Obedience:
         self._off = (0,) * len(cells)
 
     def commanded(self, now: int, number: int, pwm: tuple[int, ...]) -> None:
-        """A command was sent at host time `now`, ns."""
+        """Registers that a command was sent at host time `now`, ns."""
         self._sent.append(_Sent(now, number, pwm))
 
     def see(self, record: Record) -> Trip | None:

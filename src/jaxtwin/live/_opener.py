@@ -1,4 +1,4 @@
-"""The address of a link -> a function that opens it. A new kind of link is added here."""
+"""Makes the function that opens a link from its address. A new kind of link is added here."""
 
 import socket
 from urllib.parse import urlsplit
@@ -11,19 +11,19 @@ from ._mqtt_address import MqttAddress
 from ._transport import Opener, SerialTransport, SocketTransport
 
 CONNECT_SECONDS = 3.0
-"""Longest time for opening a TCP link, s."""
+"""The longest time for opening a TCP link, s."""
 
 
 def opener(url: str, *, baud: int = 115_200) -> Opener:
-    """A function that opens a link.
+    """Returns a function that opens a link.
 
     **Arguments:**
 
-    - `url`: `socket://host:port`, `mqtt://host:port/topic` (see `MqttAddress`), or what pyserial
-        takes: a port such as `/dev/ttyACM0` or `COM3`, `rfc2217://host:port`, `loop://`.
-    - `baud`: of a serial port.
+    - `url`: `socket://host:port`, `mqtt://host:port/topic` (see `MqttAddress`), or an address that
+      pyserial accepts: a port such as `/dev/ttyACM0` or `COM3`, `rfc2217://host:port`, `loop://`.
+    - `baud`: the baud rate of a serial port.
 
-    **Raises:** `LinkError` where the text is none of those.
+    **Raises:** `LinkError` if the text is no such address.
     """
     if url.startswith(("mqtt:", "mqtts:")):
         address = MqttAddress.parse(url)

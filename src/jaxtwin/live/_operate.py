@@ -1,4 +1,4 @@
-"""Commanding a rig behind its interlocks, by a plan or a controller."""
+"""Commands a rig behind its interlocks, by a plan or a controller."""
 
 import contextlib
 import logging
@@ -22,7 +22,7 @@ from ._records import Document, Reading, Record, Sample
 from ._time import seconds
 
 INTERVAL = 0.25
-"""Interval between two commands, s; each also resets the watchdog of the device."""
+"""The interval between two commands, s; each also resets the watchdog of the device."""
 
 OFF_SECONDS = 2.0
 """Longest time for which a stop waits until the controller reports that the cells are off, s."""
@@ -38,10 +38,11 @@ log = logging.getLogger("jaxtwin.live")
 class Moment(NamedTuple):
     """The state of the rig that a controller gets when it is asked for the duty.
 
-    - `time`: since the start of the run, s of the rig.
-    - `temperatures`: the last valid ones, degC `(channels,)`.
-    - `duty`: of the cells now, as the device reports it, -1 to 1, positive heats `(cells,)`.
-    - `ambient`: degC, or `None` if it is not measured.
+    - `time`: the time since the start of the run, s of the rig.
+    - `temperatures`: the last valid temperatures, degC `(channels,)`.
+    - `duty`: the duty of the cells now, as the device reports it, -1 to 1, positive heats
+      `(cells,)`.
+    - `ambient`: the ambient temperature, degC; `None` if it is not measured.
     """
 
     time: float
@@ -69,13 +70,13 @@ def operate(
 
     **Arguments:**
 
-    - `bench`: its links, started.
-    - `twin`: of the rig, whose file must state `limits.temperature`.
-    - `duty`: asked at each quarter of a second since the start.
-    - `silence`: longest time without data, s.
-    - `reset`: end a trip of the device first, on purpose.
-    - `about`: stored at the start of the run in a recording: a plan or a command line, for example.
-    - `stop`: ends it early when set.
+    - `bench`: the links of the rig, started.
+    - `twin`: the twin of the rig, whose file must state `limits.temperature`.
+    - `duty`: the source of the duty, which is called every quarter of a second.
+    - `silence`: the longest time without data, s.
+    - `reset`: whether a trip of the device is ended first, on purpose.
+    - `about`: details that are recorded at the start of the run, such as a plan or a command line.
+    - `stop`: an event that ends the run early when it is set.
     - `on_progress`: called with the time (s of the rig) and the counts after each command.
 
     **Returns:** `"completed"` if `duty` ended the run, `"stopped"` if `stop` did.
@@ -129,7 +130,7 @@ def switch_off(bench: Bench, cells: int) -> bool:
 
 
 def counts_of(rig: Rig, duty: Sequence[float] | np.ndarray) -> tuple[int, ...]:
-    """Duty cycles (-1 to 1, positive heats) as the counts that a driver takes."""
+    """Converts duty cycles (-1 to 1, positive heats) to the counts of the driver."""
     driver = rig.driver
     return tuple(round(float(part) * driver.counts) * driver.polarity for part in duty)
 
@@ -216,7 +217,7 @@ class _Run:
 
 
 def _checked(duty: Sequence[float] | np.ndarray, cells: int) -> np.ndarray:
-    """A duty that may be sent. Values such as NaN or 3 must not reach a driver."""
+    """Returns a duty that may be sent. Values such as NaN or 3 must not reach a driver."""
     values = np.asarray(duty, np.float64)
     if values.shape != (cells,) or not np.all(np.abs(values) <= 1):
         raise JaxtwinError(f"duty: expected {cells} numbers from -1 to 1, got {duty}")

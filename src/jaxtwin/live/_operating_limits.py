@@ -12,14 +12,15 @@ from ..physics import Twin
 from ._live_twin import LiveTwin
 
 SOLDER = 138.0
-"""Melting point of bismuth-tin, the softest solder of ordinary modules, degC: the default limit of
-a cell."""
+"""The melting point of bismuth-tin, the softest solder of ordinary modules, degC: the default limit
+of a cell."""
 
 COLDEST = -73.0
-"""Lowest temperature that a module of a single stage reaches, degC."""
+"""The lowest temperature that a module of a single stage reaches, degC."""
 
 RATE_FACTOR = 3.0
-"""Factor on the twin's fastest change: contacts may be better than the rig file says."""
+"""The limit of a reading's rate divided by the fastest change of the twin: contacts may be better
+than the rig file says."""
 
 PROBE_SECONDS = 120
 """Time for which the twin is driven to find its fastest change, s."""
@@ -39,15 +40,16 @@ class OperatingLimits:
 
     **Arguments:**
 
-    - `hottest`, `lowest`: of a reading.
-    - `cell`: of a cell's sides, in the twin.
-    - `rate`: of a reading, K/s in the time of the rig.
+    - `hottest`, `lowest`: the limits of a reading.
+    - `cell`: the limit of a cell's sides in the twin.
+    - `rate`: the fastest change of a reading, K/s in the time of the rig.
     - `jump`: largest change at once, by noise and recalibrations of a camera, K.
     - `frozen`: longest time for which a reading may stay the same while the cells are driven, s of
         the rig.
-    - `deviation`: from the twin, in addition to half of its rise, K.
+    - `deviation`: the largest deviation of a reading from the twin, in addition to half of its
+      rise, K.
     - `command_delay`: longest time until a command is applied, s.
-    - `room`: ambient temperature by the rig file, from which a measured one cannot be far.
+    - `room`: the ambient temperature in the rig file, from which a measured one cannot differ much.
     """
 
     hottest: float
@@ -62,7 +64,7 @@ class OperatingLimits:
 
     @classmethod
     def of(cls, twin: Twin) -> "OperatingLimits":
-        """The limits of a twin's rig.
+        """Returns the limits of a twin's rig.
 
         **Raises:** `JaxtwinError` where its file states no limit of temperature.
         """

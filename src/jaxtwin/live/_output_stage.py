@@ -1,7 +1,8 @@
-"""How a device handles commands: which host it obeys, what it refuses, when it trips.
+"""How a device handles commands: which host it obeys, which commands it refuses, and when it trips.
 
-A single host commands, the owner: the first that sends a duty while there is no owner, for as long
-as it keeps sending. A trip switches the cells off and lasts until a host resets it on purpose.
+A single host commands, the owner. It is the first host that sends a duty while there is no owner,
+and remains the owner as long as it keeps sending. A trip switches the cells off and lasts until a
+host resets it on purpose.
 """
 
 from typing import final
@@ -18,27 +19,27 @@ class OutputStage:
 
     **Arguments:**
 
-    - `cells`: how many.
-    - `counts`: of full duty.
+    - `cells`: the number of cells.
+    - `counts`: the counts of full duty.
     - `watchdog`: time without a command after which the cells are switched off, s.
     """
 
     def __init__(self, cells: int, counts: int, watchdog: float):
         self.pwm = (0,) * cells
-        """Counts that are applied now."""
+        """The counts that are applied now."""
         self.owner = ""
         """The host that commands; `""` if there is none."""
         self.number: int | None = None
-        """Number of the owner's last command that was applied."""
+        """The number of the owner's last command that was applied."""
         self.trip_reason = ""
-        """A single word; `""` if it has not tripped."""
+        """The reason of the trip in a single word; `""` if the device has not tripped."""
         self._off = self.pwm
         self._counts = counts
         self._watchdog = watchdog
         self._commanded = 0.0
 
     def obey(self, command: Duty | Order, now: float) -> Answer | None:
-        """Takes a command at time `now`, s.
+        """Handles a command at time `now`, s.
 
         **Returns:** the event to send; `None` for an ordinary duty.
         """
@@ -73,7 +74,7 @@ class OutputStage:
         return self.trip("watchdog")
 
     def trip(self, reason: str) -> Answer:
-        """Switches off until a reset."""
+        """Switches the cells off until a reset."""
         self._switch_off()
         self.trip_reason = self.trip_reason or reason  # the first one says what to look for
         return "trip", reason

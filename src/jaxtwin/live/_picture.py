@@ -1,4 +1,4 @@
-"""Node temperatures -> a camera frame whose channels have exactly the twin's readings."""
+"""Renders camera frames of a twin, whose channels have exactly the twin's readings."""
 
 from dataclasses import replace
 from typing import final
@@ -14,10 +14,10 @@ from ..rig import Camera, Channel, Rig, Value
 class Picture:
     """Renders frames of a twin, linear in its temperatures.
 
-    A pixel is the mean of the plate elements that it covers, by area, and the surroundings
-    elsewhere. The smallest correction (least squares) is added with which each channel's mean
-    equals the channel's reading, gains included. It stands for the uneven emissivity of the
-    surface, of which only the means over the channels are known.
+    A pixel is the mean by area of the plate elements, and of the surroundings, that it covers. The
+    smallest correction (least squares) is added that makes each channel's mean equal to its
+    reading, including its gain. It represents the uneven emissivity of the surface, of which only
+    the means over the channels are known.
     """
 
     def __init__(self, twin: Twin, camera: Camera, system: System):
@@ -37,7 +37,8 @@ class Picture:
         ambient: float,
         error: Float[np.ndarray, "height width"] | float = 0.0,
     ) -> UInt16[np.ndarray, "height width"]:
-        """A frame in units of 0.01 K, for temperatures in degC and an error of the camera in K."""
+        """Returns a frame in units of 0.01 K, for temperatures in degC and an error of the camera
+        in K."""
         celsius = ambient + (self._map @ (nodes - ambient)).reshape(self._shape) + error
         return np.clip(np.rint((celsius + 273.15) * 100), 0, 65535).astype(np.uint16)
 

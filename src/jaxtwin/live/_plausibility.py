@@ -10,7 +10,7 @@ from ._records import Greeting, Reading, Record, Sample
 from ._trip import Trip
 
 WINDOW = 2.0
-"""Time over which a rate is computed, s of the rig, so that noise does not count as a rate."""
+"""The time over which a rate is computed, s of the rig, so that noise does not count as a rate."""
 
 ROOM_KELVIN = 30.0
 """Largest difference between the measured ambient temperature and that of the rig file, K."""
@@ -18,12 +18,12 @@ ROOM_KELVIN = 30.0
 
 @final
 class Plausibility:
-    """Trips on a reading that is too hot, or that no working sensor shows.
+    """Trips on a reading that is too hot, or that no working sensor can give.
 
     **Arguments:**
 
-    - `channels`: their names.
-    - `limits`: of the rig.
+    - `channels`: the names of the channels.
+    - `limits`: the limits of the rig.
     """
 
     def __init__(self, channels: tuple[str, ...], limits: OperatingLimits):
@@ -64,7 +64,8 @@ class Plausibility:
         return None
 
     def _another_room(self, sample: Sample) -> Trip | None:
-        """The twin believes this reading: a wrong one hides cells that are too hot."""
+        """Checks the measured ambient temperature. The twin relies on it: a wrong one would hide
+        cells that are too hot."""
         value, room = sample.ambient, self._limits.room
         if value is None or abs(value - room) <= ROOM_KELVIN:
             return None

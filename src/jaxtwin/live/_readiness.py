@@ -10,7 +10,7 @@ from ._records import Greeting, LinkState, Reading, Record, Sample
 from ._time import seconds
 
 PATIENCE = 30.0
-"""Longest time until a rig is ready, s."""
+"""The longest time until a rig is ready, s."""
 
 REFUSED = 3.0
 """The longest time for which a device may be refused, s. It is asked for its greeting each second,
@@ -21,13 +21,13 @@ FRESH = 1.5
 while this process was busy compiling, for example, do not show the present state of the rig."""
 
 RESET_AGAIN = 0.5
-"""Between two resets, s, while the device reports a trip."""
+"""The time between two resets, s, while the device reports a trip."""
 
 
 class Ready(NamedTuple):
     """A rig that can be commanded.
 
-    - `rate`: of the controller's time to the host's.
+    - `rate`: the ratio of the controller's time to the host's.
     - `boots`: the present start of each device, by link.
     - `records`: the last sample and the last reading.
     """
@@ -44,10 +44,10 @@ def wait_until_ready(
 
     **Arguments:**
 
-    - `bench`: its links, started.
-    - `guard`: checks the readings meanwhile.
-    - `reset`: end a trip of the device.
-    - `stop`: ends the waiting when set.
+    - `bench`: the links of the rig, started.
+    - `guard`: the interlocks, which check the readings meanwhile.
+    - `reset`: whether a trip of the device is ended.
+    - `stop`: an event that ends the waiting when it is set.
 
     **Raises:** `SafetyStop` if the rig does not become ready, or must not be driven.
     """
@@ -105,7 +105,7 @@ def _is_fresh(record: Sample | Reading | None, bench: Bench) -> bool:
 
 
 def _missing(bench: Bench, sample: Sample | None, reading: Reading | None) -> str:
-    """Text on what a rig that did not become ready lacks."""
+    """Describes what a rig that did not become ready lacks."""
     words = [", ".join(f"{name} {state}" for name, state in bench.states.items())]
     words += [f"{name}: {why}" for name, why in bench.refusals.items()]
     words += [] if reading is not None else ["no temperatures"]

@@ -7,7 +7,7 @@ import numpy as np
 from ..rig import CommonError
 
 SHUTTER_SECONDS = 1.0
-"""Time for which a recalibration freezes the image, s."""
+"""The time for which a recalibration freezes the image, s."""
 
 JUMP_KELVIN, JUMP_DECAY = 0.8, 25.0
 """Size (K) and duration (s) of a jump of the camera's offset, where the rig file states none."""
@@ -15,7 +15,7 @@ JUMP_KELVIN, JUMP_DECAY = 0.8, 25.0
 
 @final
 class Recalibrations:
-    r"""When the shutter is closed, and the offset, as time goes on.
+    r"""The recalibrations of a camera: the times at which its shutter is closed, and its offset.
 
     At a recalibration the offset jumps to $\sum_j b_j$ and fades as $\sum_j b_j e^{-t / \tau_j}$.
     The time constants are those of `[camera.common_error]`, and each $b_j$ is drawn from the prior
@@ -25,9 +25,9 @@ class Recalibrations:
 
     **Arguments:**
 
-    - `interval`: between two of them, s; 0: never.
-    - `seed`: of the jumps.
-    - `common_error`: that of the rig file; None for `JUMP_KELVIN` and `JUMP_DECAY`.
+    - `interval`: the time between two recalibrations, s; 0: never.
+    - `seed`: the seed of the jumps.
+    - `common_error`: the common error in the rig file; None for `JUMP_KELVIN` and `JUMP_DECAY`.
     """
 
     def __init__(self, interval: float, seed: int, common_error: CommonError | None):

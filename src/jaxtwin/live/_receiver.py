@@ -1,4 +1,4 @@
-"""Bytes of a link -> records, each message once, with the gaps between them."""
+"""Turns the bytes of a link into records: each message once, with the gaps between them."""
 
 import logging
 import re
@@ -34,7 +34,7 @@ MOST_GARBAGE = 200_000
 three damaged camera frames, or of a serial line with the wrong baud rate for 15 s."""
 
 MOST_MESSAGES = 20_000
-"""Messages in a second above which a device is disconnected."""
+"""The number of messages in a second above which a device is disconnected."""
 
 MOST_REPORTED = 20
 """Number of implausible messages that are logged for a connection."""
@@ -54,11 +54,11 @@ class Receiver:
 
     **Arguments:**
 
-    - `link`: its name.
+    - `link`: the name of the link.
     - `identity`: the rig to which the device must belong.
     - `stale_after`: silence after which the link is stale, s. After three times this silence it
         should be closed, because a lost connection may show no other sign.
-    - `counted`: up to which message its devices were counted in an earlier run.
+    - `counted`: the last messages of its devices that were counted in an earlier run.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Receiver:
         self.verdict: str | None = None
         """Why the device should be disconnected; `None` if it should not."""
         self.refused: str | None = None
-        """Why the last greeting was refused; `None` once one was accepted."""
+        """Why the last greeting was refused; `None` once a greeting was accepted."""
         self.last_valid = 0
         self._link = link
         self._identity = identity
@@ -88,7 +88,7 @@ class Receiver:
         self._faults: dict[int, str] = {}
 
     def changed(self, change: LinkChange) -> list[Record]:
-        """The link was opened or lost."""
+        """Returns the records that follow when the link is opened or lost."""
         self.state = change.state
         self._rest, self.hello, self.verdict = b"", None, None
         self._garbage = 0
@@ -97,7 +97,7 @@ class Receiver:
         return [change]
 
     def receive(self, arrived: Arrived) -> list[Record]:
-        """The records in the bytes that arrived."""
+        """Returns the records in the bytes that arrived."""
         if self.verdict is not None:
             return []
         arrival = arrived.arrival

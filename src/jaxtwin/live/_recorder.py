@@ -1,10 +1,11 @@
-"""The recorder: records -> an SQLite file that survives a kill of the process and a power failure.
+"""The recorder writes records to an SQLite file that survives a kill of the process and a power
+failure.
 
-SQLite in WAL mode (https://sqlite.org/wal.html). Every call of `write` is one transaction, handed
-to the operating system before it returns: a killed process loses nothing that was written. Once a
-second a transaction is also forced onto the disk (`synchronous = FULL` for that one; it takes all
-earlier ones with it): a power failure loses at most that second. A transaction that was torn in the
-middle is dropped by SQLite when the file is opened again.
+SQLite runs in WAL mode (https://sqlite.org/wal.html). Every call of `write` is one transaction,
+handed to the operating system before it returns: a killed process loses nothing that was written.
+Once a second a transaction is also forced onto the disk (`synchronous = FULL` for that one; it
+takes all earlier ones with it): a power failure loses at most that second. A transaction that was
+torn in the middle is dropped by SQLite when the file is opened again.
 """
 
 import json
@@ -28,7 +29,7 @@ SYNC_SECONDS = 1.0
 """The sync window: newer records may be lost in a power failure."""
 
 COMPARE_SECONDS = 600.0
-"""Interval at which the difference of the system's clock and the recording's is noted."""
+"""The interval at which the difference between the system's clock and the recording's is noted."""
 
 BETWEEN_RUNS = 10**9
 """If the host's clock was set back, a run begins this time after the end of the earlier run, ns, so
@@ -53,8 +54,9 @@ class Recorder:
 
     - `file`: the recording. An existing file is refused unless `append` is set.
     - `rig`: the rig that is recorded.
-    - `append`: continue a recording of the same rig; the time in between is recorded as a gap.
-    - `keep_frames`: keep camera frames as well as the channels taken from them.
+    - `append`: whether a recording of the same rig is continued; the time in between is recorded as
+      a gap.
+    - `keep_frames`: whether camera frames are kept as well as the channels taken from them.
     - `clock`: host time.
 
     **Raises:** `RecordingError` where the file exists, belongs to another rig, is being recorded
@@ -74,7 +76,7 @@ class Recorder:
             true_or_false(f"Recorder: {name}", value, RecordingError)
         self.file = Path(file)
         self.written = 0
-        """Records kept so far."""
+        """The number of records written so far."""
         self._clock: Clock = clock or SystemClock()
         self._synced = self._compared = self._apart = 0
         self._kept: bool | None = None
@@ -132,8 +134,8 @@ class Recorder:
         self.close("stopped" if kind is None else kind.__name__)
 
     def counted(self, link: str) -> Counters:
-        """Up to which message the devices of a link were recorded before this run, so that repeated
-        messages are not recorded again and messages lost meanwhile are a gap."""
+        """Returns the last messages of the devices of a link that were recorded before this run, so
+        that repeated messages are not recorded again and messages lost meanwhile are a gap."""
         return self._counted.get(link, {})
 
     def write(self, records: Sequence[Record]) -> None:

@@ -14,7 +14,7 @@ from jaxtyping import Float, UInt16
 from ._messages import Hello
 
 Stream = Literal["data", "image", "event"]
-"""What a device counts separately: controller samples, camera frames, notices."""
+"""The streams that a device counts separately: controller samples, camera frames, notices."""
 
 
 class LinkState(StrEnum):
@@ -112,9 +112,9 @@ class LinkChange:
 class Event:
     """Any other event.
 
-    `kind` is one word (`recalibration-start`, `duplicate`, `nonsense`, ...). That of a device's own
-    notice begins with `device/`, which tells it from an event of the host. The `device_us`
-    and the number `seq` are `None` where it happened on the host.
+    `kind` is one word (`recalibration-start`, `duplicate`, `nonsense`, ...). The kind of a device's
+    notice begins with `device/`, which distinguishes it from an event of the host. The `device_us`
+    and the number `seq` are `None` for an event of the host.
     """
 
     link: str
@@ -141,7 +141,8 @@ class Command:
 @final
 @dataclass(frozen=True, eq=False)
 class Document:
-    """Begin or end of a commanded run (`kind` is `start` or `stop`), as in bluesky's documents.
+    """The start or the end of a commanded run (`kind` is `start` or `stop`), as in bluesky's
+    documents.
 
     Both have the same `uid`. `content` holds the operator and plan at the start, the outcome at the
     stop. In between, each sample of a controller is a document of the kind `decision`, whose `uid`
@@ -155,4 +156,4 @@ class Document:
 
 
 Record = Greeting | Sample | Reading | Gap | LinkChange | Event | Command | Document
-"""What a recorded session consists of."""
+"""The records of which a recorded session consists."""

@@ -1,4 +1,4 @@
-"""Replay of a recording: the same records in the order of their arrival, at any speed."""
+"""Replays a recording: the same records in the order of their arrival, at any speed."""
 
 import heapq
 import threading
@@ -13,24 +13,24 @@ from ._time import Clock, SystemClock
 from ._view import View
 
 MOST_AT_ONCE = 1000
-"""Largest number of records of one poll."""
+"""The largest number of records of one poll."""
 
 
 @final
 class Replay:
     """Yields the records that the bench yielded during the recording. It is used like a `Bench`.
 
-    Records keep the times of the recording; those of one read, which arrived together, come by
-    kind. Frames are there where the recorder kept them.
+    Records keep the times of the recording. Records that arrived together in a single read are
+    ordered by kind. Frames are included if the recorder kept them.
 
     **Arguments:**
 
     - `file`: a recording.
-    - `speed`: recorded seconds in a second; infinite: as fast as the records are read.
+    - `speed`: the recorded seconds in a second; infinite: as fast as the records are read.
     - `clock`: host time.
 
-    **Raises:** `RecordingError` where it is no recording, or is damaged: then also while it is
-    read.
+    **Raises:** `RecordingError` if the file is not a recording or is damaged; damage may also be
+    found later, while the file is read.
     """
 
     def __init__(self, file: str | Path, *, speed: float | int = 1.0, clock: Clock | None = None):
@@ -54,7 +54,7 @@ class Replay:
         self.close()
 
     def __iter__(self) -> Iterator[Record]:
-        """All records, then the end."""
+        """Yields all records."""
         while not self.ended:
             yield from self.poll()
 
@@ -70,7 +70,7 @@ class Replay:
         return view
 
     def poll(self, timeout: float | int = 0.1) -> list[Record]:
-        """The records that are due, after waiting for at most `timeout` seconds."""
+        """Returns the records that are due, after waiting for at most `timeout` seconds."""
         if self._begin is None:
             self._begin = self.clock.now()
         if not self._is_due() and self._upcoming is not None:

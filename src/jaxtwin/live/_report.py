@@ -1,4 +1,4 @@
-"""Statistics of a recording: counts, losses, jitter, gaps, clocks."""
+"""Computes the statistics of a recording: counts, losses, jitter, gaps, clocks."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -13,17 +13,18 @@ from ..io._session_file import damage_as_recording_error
 @final
 @dataclass(frozen=True)
 class StreamReport:
-    """One stream of one device's start.
+    """The statistics of one stream of one start of a device.
 
     **Arguments:**
 
     - `stream`: `samples` or `readings`.
-    - `link`, `boot`: of the device.
-    - `count`: messages recorded.
-    - `period`: median time between two, s of the rig.
-    - `longest`: longest time between two, s of the rig.
-    - `drift`: of the device's clock, ppm.
-    - `wait_median`, `wait_99`, `wait_greatest`: how late messages arrived, s: the jitter.
+    - `link`, `boot`: the link and the start of the device.
+    - `count`: the number of recorded messages.
+    - `period`: the median time between two messages, s of the rig.
+    - `longest`: the longest time between two messages, s of the rig.
+    - `drift`: the drift of the device's clock, ppm.
+    - `wait_median`, `wait_99`, `wait_greatest`: the median, the 99 % quantile and the maximum of
+      the delay with which messages arrived, s: the jitter.
     """
 
     stream: str

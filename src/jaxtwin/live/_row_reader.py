@@ -1,4 +1,4 @@
-"""Rows of a recording's tables -> records."""
+"""Reads records from the rows of a recording's tables."""
 
 import json
 import sqlite3

@@ -1,4 +1,4 @@
-"""Records -> rows of a recording's tables."""
+"""Writes records as rows of a recording's tables."""
 
 import json
 import sqlite3
@@ -24,11 +24,11 @@ class RowWriter:
 
     **Arguments:**
 
-    - `database`: with the tables of `_tables.py`.
-    - `run`: its number.
-    - `shift`: from the clock's time to the recording's, ns.
-    - `cells`: how many the rig has.
-    - `keep_frames`: keep camera frames as well as the channels taken from them.
+    - `database`: the database, with the tables of `_tables.py`.
+    - `run`: the number of the run.
+    - `shift`: the difference between the recording's time and the clock's, ns.
+    - `cells`: the number of cells of the rig.
+    - `keep_frames`: whether camera frames are kept as well as the channels taken from them.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class RowWriter:
         self._greetings: dict[tuple[str, str], int] = {}
 
     def insert(self, record: Record) -> None:
-        """Writes it, inside the caller's transaction."""
+        """Writes a record, inside the caller's transaction."""
         shift = self._shift
         match record:
             case Sample():

@@ -18,7 +18,7 @@ from ._time import Clock
 from ._virtual_rig import VirtualRig
 
 TICK = 0.005
-"""Interval between two steps of the rig, s."""
+"""The interval between two steps of the rig, s."""
 
 MOST_CLIENTS = 8
 MOST_UNSENT = 2**20
@@ -50,7 +50,7 @@ class Server(Protocol):
 def serve(
     device: VirtualRig, server: Server, clock: Clock, stop: threading.Event | None = None
 ) -> None:
-    """Runs a virtual rig until `stop` is set, for ever without one."""
+    """Runs a virtual rig until `stop` is set; without `stop` it runs for ever."""
     stop = stop or threading.Event()
     while not stop.is_set():
         server.tick(device.due(clock.now()), device)
@@ -65,10 +65,10 @@ class TcpServer:
 
     **Arguments:**
 
-    - `address`: `"127.0.0.1:7000"`; port 0 takes a free one. It listens on loopback unless another
-        address of the machine is named.
+    - `address`: `"127.0.0.1:7000"`; port 0 takes a free port. The server listens on loopback unless
+      another address of the machine is named.
 
-    **Raises:** `LinkError` where it is no address or taken.
+    **Raises:** `LinkError` if it is not an address, or the port is taken.
     """
 
     def __init__(self, address: str):
@@ -122,7 +122,7 @@ class TcpServer:
             self._drop(client)
 
     def close(self) -> None:
-        """Disconnects all hosts and gives the port back."""
+        """Disconnects all hosts and frees the port."""
         self.hang_up()
         self._listener.close()
 
@@ -148,7 +148,7 @@ class TcpServer:
 
 @final
 class PtyServer:
-    """A pseudo-terminal: the virtual rig looks like a serial port. Linux and macOS.
+    """A pseudo-terminal: the virtual rig looks like a serial port, on Linux and macOS.
 
     **Raises:** `LinkError` where the system has none.
     """
@@ -172,7 +172,7 @@ class PtyServer:
     def tick(self, data: bytes, device: VirtualRig) -> None:
         """Writes the messages, and passes on what was received.
 
-        What nobody reads for half a second is discarded.
+        Bytes that nobody reads for half a second are discarded.
         """
         self._unsent += data
         try:
@@ -213,7 +213,7 @@ class MqttServer:
 
     **Arguments:**
 
-    - `url`: `mqtt://host:port/topic`.
+    - `url`: the address of the broker, `mqtt://host:port/topic`.
     """
 
     def __init__(self, url: str):
@@ -250,8 +250,8 @@ class InProcess:
 
     **Arguments:**
 
-    - `device`: the rig.
-    - `clock`: the same as the bench's.
+    - `device`: the virtual rig.
+    - `clock`: the clock of the bench.
     """
 
     def __init__(self, device: VirtualRig, clock: Clock):

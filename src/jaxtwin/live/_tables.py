@@ -1,4 +1,5 @@
-"""The tables of a recording, one a stream; docs/protocol.md describes them for other programs."""
+"""The tables of a recording, one for each stream; docs/protocol.md describes them for other
+programs."""
 
 import json
 import platform
@@ -67,7 +68,8 @@ def versions() -> dict[str, str]:
 
 
 def mark(database: sqlite3.Connection) -> None:
-    """Marks a new file as a recording. Before it has a journal: so the file itself says it."""
+    """Marks a new file as a recording. It must be called before the file has a journal, so that the
+    mark is in the file itself."""
     database.execute(f"PRAGMA application_id = {APPLICATION}")
 
 

@@ -1,4 +1,4 @@
-"""Host time: never steps, is injectable, and counts nanoseconds since 1970."""
+"""Host time: it never steps, counts nanoseconds since 1970, and tests can replace it."""
 
 import ctypes
 import sys
@@ -7,10 +7,10 @@ import time
 from typing import Protocol, final, runtime_checkable
 
 TIME_ERROR = 5
-"""Answer of adjtimex(2) where nothing keeps the clock."""
+"""The answer of adjtimex(2) if nothing synchronises the clock."""
 
 TIMEX_BYTES = 512
-"""More than its `struct timex` has on any machine."""
+"""A number of bytes that is larger than its `struct timex` on any machine."""
 
 
 @runtime_checkable
@@ -67,5 +67,5 @@ class SystemClock:
 
 
 def seconds(nanoseconds: int | float) -> float:
-    """Nanoseconds in seconds."""
+    """Converts nanoseconds to seconds."""
     return nanoseconds * 1e-9

@@ -8,7 +8,8 @@ from typing import Any, Protocol, final, runtime_checkable
 import serial
 
 READ_SECONDS = 0.2
-"""The longest that `read` blocks, and so the longest that closing a link takes."""
+"""The longest time for which `read` blocks, and therefore the longest time for closing a link,
+s."""
 
 _MOST = 65_536  # bytes of one read
 
@@ -22,11 +23,11 @@ class Transport(Protocol):
         ...
 
     def write(self, data: bytes) -> None:
-        """Sends all of it."""
+        """Sends all bytes."""
         ...
 
     def close(self) -> None:
-        """Ends it; never raises."""
+        """Closes the connection; it never raises."""
         ...
 
 
@@ -38,7 +39,8 @@ Opener = Callable[[], Transport]
 class SocketTransport:
     """A connected TCP socket.
 
-    pyserial's own `socket://` hands on one byte at a time and drops what came before it was opened.
+    It is used instead of pyserial's `socket://`, which returns a single byte at a time and drops
+    bytes that came before it was opened.
     """
 
     def __init__(self, connected: socket.socket):

@@ -6,8 +6,8 @@ from typing import NamedTuple
 class Trip(NamedTuple):
     """Why an interlock stops a rig.
 
-    - `kind`: in one word, for programs.
-    - `detail`: a sentence, for people.
+    - `kind`: the reason in a single word, for programs.
+    - `detail`: the reason as a sentence, for people.
     """
 
     kind: str

@@ -11,8 +11,8 @@ from ._records import Reading, Record, Sample
 from ._trip import Trip
 
 SHARE = 0.5
-"""Share of the predicted rise by which a reading may differ from it: a rig may be driven before its
-twin is matched."""
+"""The part of the predicted rise by which a reading may differ from it: a rig may be driven before
+its twin is matched."""
 
 
 @final
@@ -21,8 +21,8 @@ class TwinWatch:
 
     **Arguments:**
 
-    - `twin`: rig and parameters.
-    - `limits`: of the rig.
+    - `twin`: the twin of the rig.
+    - `limits`: the limits of the rig.
     """
 
     def __init__(self, twin: Twin, limits: OperatingLimits):

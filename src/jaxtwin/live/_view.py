@@ -19,13 +19,13 @@ class View:
         self.dropped = 0
 
     def put(self, records: Sequence[Record]) -> None:
-        """Called by the bench, after journalling."""
+        """Adds records. The bench calls it after it has written them to the journal."""
         room = (self._waiting.maxlen or 0) - len(self._waiting)
         self.dropped += max(0, len(records) - room)
         self._waiting.extend(records)
 
     def take(self) -> list[Record]:
-        """All that wait, the oldest first. May be called from another thread."""
+        """Returns all waiting records, the oldest first. It may be called from another thread."""
         records: list[Record] = []
         while self._waiting:
             try:

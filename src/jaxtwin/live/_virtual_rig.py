@@ -1,4 +1,4 @@
-"""The twin behind the protocol: a device that simulates a rig, faults included.
+"""A device that simulates a rig behind the protocol, including faults.
 
 It performs no input or output and reads no clock: `receive` and `due` get bytes and time as
 arguments. It can thus run behind TCP, behind a pseudo-terminal, or inside a test.
@@ -37,7 +37,8 @@ OVER_LIMIT = 10.0
 """The device trips by itself if a channel is this far above the rig file's limit, K."""
 
 MOST_BEHIND = 5.0
-"""Longest pause that is made up for in a call, s of the rig; the rest is skipped."""
+"""The longest time that a single call simulates, s of the rig. After a longer pause the rest is
+skipped."""
 
 
 @final
@@ -46,12 +47,12 @@ class VirtualRig:
 
     **Arguments:**
 
-    - `twin`: what it simulates.
-    - `speed`: rig seconds in a second.
-    - `seed`: of noise and faults; the same seed, boot and calls give the same bytes.
+    - `twin`: the twin that it simulates.
+    - `speed`: the seconds of the rig in a second.
+    - `seed`: the seed of noise and faults; the same seed, boot and calls give the same bytes.
     - `camera_hz`, `controller_hz`: frames and controller samples per rig second. Without a camera
       the controller reads the sensors.
-    - `faults`: what goes wrong.
+    - `faults`: the faults that it simulates.
     - `watchdog`: time without a duty command after which the cells are switched off, s of the host:
       0.1 to 5.
     - `boot`: names this start of the device; `None`: a new name.
@@ -131,11 +132,11 @@ class VirtualRig:
         return encode(self.hello)
 
     def disconnected(self, client: object) -> None:
-        """The connection is gone."""
+        """Registers that a connection has ended."""
         self._rests.pop(client, None)
 
     def receive(self, data: bytes, client: object = None) -> bool:
-        """Takes bytes from a host; what is not a command for this rig is ignored.
+        """Handles bytes from a host. Bytes that are not a command for this rig are ignored.
 
         **Returns:** whether there was a message among them.
         """
@@ -188,7 +189,7 @@ class VirtualRig:
         return due
 
     def _advance(self, time: float) -> list[bytes]:
-        """Physics, watchdog and slow faults up to a time."""
+        """Advances physics, watchdog and slow faults to a time."""
         self.twin.advance(time)
         faults = self.faults
         if faults.loosen and time >= faults.loosen[1] and "loosen" not in self._done:
@@ -256,7 +257,7 @@ class VirtualRig:
         return number
 
     def _sent(self, message: Message) -> bytes:
-        """The bytes of a message as they leave a device with faults."""
+        """Returns the bytes of a message as a device with these faults sends them."""
         faults, random = self.faults, self._random
         if faults.stall:
             every, length = faults.stall

@@ -1,4 +1,5 @@
-"""A terminal view of a rig: zones as a coloured map, duty, rates, losses, the twin beside them."""
+"""A terminal view of a rig: its zones as a coloured map, with duty, rates, losses and the twin
+beside it."""
 
 from collections import Counter, deque
 from collections.abc import Sequence
@@ -46,7 +47,8 @@ class Screen:
         self._now = 0
 
     def update(self, records: Sequence[Record], dropped: int = 0) -> None:
-        """Takes records in their order; `dropped` is how many this view has missed so far."""
+        """Takes records in their order; `dropped` is the number of records that this view has
+        missed so far."""
         self._follower.update(records)
         self._lost["not shown"] = dropped
         for record in records:
@@ -69,7 +71,7 @@ class Screen:
                     self._last = "".join(c if c.isprintable() else "�" for c in text)
 
     def render(self) -> RenderableType:
-        """The whole view."""
+        """Renders the whole view."""
         top = Table.grid(padding=(0, 2))
         top.add_row(Panel(self._plate(), title=self._rig.name), self._table())
         return Group(top, self._status())
@@ -149,7 +151,7 @@ def _channel_map(plate: Plate, channels: Sequence[Channel]) -> np.ndarray:
 
 
 def _labels(where: np.ndarray, texts: Sequence[str]) -> dict[tuple[int, int], str]:
-    """Characters of the texts, each in the middle of its channel, where it has room."""
+    """The characters of the labels, each in the middle of its channel if there is room."""
     labels: dict[tuple[int, int], str] = {}
     for number, text in enumerate(texts):
         rows, columns = np.nonzero(where == number)

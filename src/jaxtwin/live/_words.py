@@ -7,7 +7,7 @@ from urllib.parse import quote, unquote_to_bytes
 from ._messages import MOST_NAMES
 
 LONGEST_NAME = 32
-"""Largest number of characters of a name, before it is encoded."""
+"""The largest number of characters of a name, before it is encoded."""
 
 _WORD = re.compile(r"[A-Za-z0-9_.-]{1,32}")
 _QUOTED = re.compile(r"(?:[A-Za-z0-9_.-]|%[0-9A-F]{2})+")
@@ -31,7 +31,7 @@ def read_number(text: str, least: float = -273.15, most: float = 2000.0) -> floa
 
 
 def read_word(text: str) -> str:
-    """A word of the device's own: a kind, a boot, an owner.
+    """Reads a word that a device chooses, such as a kind, a boot or an owner.
 
     **Raises:** `ValueError` where it is none.
     """
@@ -46,7 +46,7 @@ def write_name(name: str) -> str:
 
 
 def read_name(text: str) -> str:
-    """The name that is written so.
+    """Reads a name that `write_name` has written.
 
     **Raises:** `ValueError` where it is none, or written in another way than `write_name` does.
     """
@@ -63,7 +63,7 @@ def read_name(text: str) -> str:
 
 
 def read_names(text: str) -> tuple[str, ...]:
-    """Names with commas in between, each once."""
+    """Reads names that are separated by commas. No name may occur twice."""
     names = tuple(read_name(part) for part in split(text))
     if len(set(names)) < len(names):
         raise ValueError(f"expected at most {MOST_NAMES} names, each once, got {len(names)}")
@@ -71,7 +71,7 @@ def read_names(text: str) -> tuple[str, ...]:
 
 
 def split(text: str) -> Sequence[str]:
-    """The parts between commas, none of an empty text."""
+    """Returns the parts between commas; an empty text has no parts."""
     parts = text.split(",") if text else []
     if len(parts) > MOST_NAMES:
         raise ValueError(f"expected at most {MOST_NAMES} entries, got {len(parts)}")
