@@ -82,55 +82,61 @@ def sensitivity(
     """Finds the parameters that matter, by runs with other values of them.
 
     By default it correlates the cost with the parameters, as in the paper: every parameter is drawn
-    from a normal distribution around its value, independently of the others and kept positive; for
-    each draw the mean squared error of every channel against its recording is computed. The index
-    is the Pearson correlation between the two; beside it stands Spearman's, that of their ranks.
-    Both have 95 % confidence intervals: fifty draws leave them uncertain by about 0.3. A cost has
-    heavy tails, and Pearson's correlation rests on the few draws furthest out: look at the ranks
-    for what holds for most draws. Near an optimum the cost is quadratic, which no correlation sees.
+    from a normal distribution around its value, independently of the others and truncated to
+    positive values. For each draw the mean squared error of every channel against its recording is
+    computed. The index is the Pearson correlation between the two. The result also has Spearman's
+    correlation, which is that of their ranks. Both have 95 % confidence intervals: with fifty draws
+    they are uncertain by about 0.3. A cost has heavy tails, so that Pearson's correlation depends
+    on a few extreme draws; the ranks show the relation that holds for most draws. Near an optimum
+    the cost is quadratic, which no correlation can show.
 
-    Other methods take any outputs and inputs; `docs/sensitivity.md` says which answers what.
+    Other methods take any outputs and inputs; `docs/sensitivity.md` compares the questions that
+    they answer.
 
     **Arguments:**
 
-    - `twin`: a fit, of which each recording uses its own values (those of a recording that was
-      not matched are estimated from its first minute, see `Fit.twin_for`); or one
-      twin for all experiments, or one for each.
-    - `experiments`: one or several, with recorded temperatures where the cost is asked for; None
-      for those of the fit.
+    - `twin`: a fit, in which each recording has its own values (those of a recording that was not
+      matched are estimated from its first minute, see `Fit.twin_for`); or a single twin for all
+      experiments, or a twin for each.
+    - `experiments`: one or several experiments, with recorded temperatures if the cost is an
+      output; None for those of the fit.
     - `method`: "correlations"; "pearson", "spearman", "src", "prcc", "oat", "morris", "sobol",
       "shapley", "dgsm" or "pce"; or a method with its own options, such as
       `Sobol(second_order=True)` of `jaxtwin.sensitivity_analysis`.
-    - `draws`: how many, at least 3; None for the method's usual number, 50 in the paper. Base
-      samples of "sobol", trajectories of "morris", orders of "shapley", which take several runs
-      each; "oat" always takes the same.
-    - `spread`: relative standard deviation of "normal" and "lognormal" inputs, 0.25 in the paper.
+    - `draws`: the number of draws, at least 3; None for the usual number of the method, 50 in the
+      paper. For "sobol" it is the number of base samples, for "morris" of trajectories, for
+      "shapley" of orders, each of which takes several runs; "oat" always has the same number of
+      runs.
+    - `spread`: the relative standard deviation of "normal" and "lognormal" inputs, 0.25 in the
+      paper.
     - `seed`: the same seed gives the same numbers.
-    - `names`: names of those to draw; None for the free ones that all recordings share.
-    - `inputs`: "normal", the paper's, cut off at 0; "lognormal", around the same values; "bounds",
-      uniform between those of the rig file; "priors", those of the rig file; "posterior", what a
-      fit leaves open, correlated; or name -> `Normal`, `Uniform` or `LogNormal` of
-      `jaxtwin.sensitivity_analysis`.
+    - `names`: the names of the parameters to draw; None for the free parameters that all recordings
+      share.
+    - `inputs`: "normal", as in the paper, truncated at 0; "lognormal", around the same values;
+      "bounds", uniform between the bounds of the rig file; "priors", the priors of the rig file;
+      "posterior", the remaining uncertainty of a fit, with its correlations; or name -> `Normal`,
+      `Uniform` or `LogNormal` of `jaxtwin.sensitivity_analysis`.
     - `outputs`: some of "cost", "final", "minimum", "maximum", "plate_range", "plate_std",
       "energy", "peak_power", "uniformity", "temperature"; or a mapping of names to JAX functions of
       a trajectory, as `simulate_batch` takes it. All come from the same runs.
-    - `times`: of "temperature", s; None for 25 times that divide each experiment evenly.
-    - `samples`: "random", "latin-hypercube" or "sobol"; None for the method's usual ones. Morris's
-      and Shapley's method have their own.
-    - `model`: a function of yours in place of simulations of experiments, such as one that runs
-      closed loops: from parameter -> values `(runs,)` to output -> values `(runs,)` or
-      `(runs, ...)`, or to the `Reductions` of `simulate_closed_loop`. The parameters are drawn
-      around a twin, or the mean twin of a fit. There are no experiments, outputs, times or executor
-      then, and no method that takes derivatives.
-    - `executor`: who runs the draws instead of this process, see `simulate_batch`.
+    - `times`: the times of "temperature", s; None for 25 times that divide each experiment evenly.
+    - `samples`: "random", "latin-hypercube" or "sobol"; None for the usual kind of the method.
+      Morris's and Shapley's methods use samples of their own kind.
+    - `model`: your own function in place of simulations of experiments, for example for closed
+      loops: from parameter -> values `(runs,)` to output -> values `(runs,)` or `(runs, ...)`, or
+      to the `Reductions` of `simulate_closed_loop`. The parameters are drawn around a twin, or the
+      mean twin of a fit. It cannot be combined with experiments, outputs, times, an executor, or a
+      method that needs derivatives.
+    - `executor`: an executor whose workers run the draws instead of this process, see
+      `simulate_batch`.
     - `on_progress`: called with the number of newly finished simulations.
 
     **Returns:** a `Sensitivity` by default, a `GlobalSensitivity` by other methods.
 
     **Raises:** `ParameterError` for unknown names, a value of zero, or inputs that the parameters
     or the method do not allow; `SimulationError` where an experiment has no recorded temperatures,
-    an argument is out of range, or an executor fails; `MatchError` where a recording that a fit has
-    not seen is too short to take its own values from.
+    an argument is out of range, or an executor fails; `MatchError` if a recording that was not
+    matched is too short to estimate its values.
     """
     seed = checked_seed("sensitivity: seed", seed)
     spread = checked_spread("sensitivity: spread", spread)

@@ -1,4 +1,4 @@
-"""Bootstrap resamples of blocks, as weights: what is a mean over blocks is then a product."""
+"""Bootstrap resamples of blocks, as weights: the mean over a resample is then a matrix product."""
 
 import numpy as np
 from jaxtyping import Float
@@ -10,8 +10,8 @@ RESAMPLES = 100
 
 
 def resample_weights(blocks: int, seed: int) -> Float[np.ndarray, "resamples blocks"]:
-    """The weights of the blocks in each resample: how often a block is drawn, divided by their
-    number.
+    """Returns the weights of the blocks in each resample: the number of times that a block is
+    drawn, divided by the number of blocks.
 
     Seeds other than 0 draw the resamples that SALib's analyser of Sobol's indices draws.
     """
@@ -20,5 +20,5 @@ def resample_weights(blocks: int, seed: int) -> Float[np.ndarray, "resamples blo
 
 
 def half_width(resampled: Float[np.ndarray, "resamples *shape"]) -> Float[np.ndarray, "*shape"]:
-    """Half of a 95 % interval, from an index of each resample: SALib's `*_conf`."""
+    """Computes half of the 95 % interval of an index from its resamples: SALib's `*_conf`."""
     return QUANTILE_975 * resampled.std(axis=0, ddof=1)

@@ -12,7 +12,7 @@ from ..physics import Twin
 
 
 def central_values(twin: Twin, names: Iterable[str] | None) -> dict[str, float]:
-    """The values around which parameters are drawn: name -> value in the rig's unit.
+    """Returns the values around which parameters are drawn: name -> value in the rig's unit.
 
     **Arguments:**
 
@@ -31,7 +31,7 @@ def central_values(twin: Twin, names: Iterable[str] | None) -> dict[str, float]:
 
 
 def drawn_names(twin: Twin, names: Iterable[str] | None) -> list[str]:
-    """The parameters that are drawn.
+    """Returns the names of the parameters that are drawn.
 
     **Arguments:**
 

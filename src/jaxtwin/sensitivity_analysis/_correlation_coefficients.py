@@ -1,4 +1,4 @@
-"""Sensitivity indices of samples and outputs."""
+"""Correlation coefficients of outputs with the parameters of their draws."""
 
 import numpy as np
 from jaxtyping import Float
@@ -7,19 +7,21 @@ from jaxtyping import Float
 def pearson(
     outputs: Float[np.ndarray, "draws outputs"], samples: Float[np.ndarray, "draws parameters"]
 ) -> Float[np.ndarray, "outputs parameters"]:
-    """Pearson correlation of each output with each parameter; 0 where one of them is constant."""
+    """Computes the Pearson correlation of each output with each parameter; it is 0 if the output or
+    the parameter is constant."""
     return standardised(outputs).T @ standardised(samples) / len(samples)
 
 
 def spearman(
     outputs: Float[np.ndarray, "draws outputs"], samples: Float[np.ndarray, "draws parameters"]
 ) -> Float[np.ndarray, "outputs parameters"]:
-    """Spearman rank correlation of each output with each parameter; 0 where one is constant."""
+    """Computes the Spearman rank correlation of each output with each parameter; it is 0 if the
+    output or the parameter is constant."""
     return pearson(ranks(outputs), ranks(samples))
 
 
 def ranks(values: Float[np.ndarray, "draws columns"]) -> Float[np.ndarray, "draws columns"]:
-    """Ranks in each column, from 0 to 1; equal values share their mean rank."""
+    """Computes the ranks in each column, from 0 to 1; equal values share their mean rank."""
     order = np.argsort(values, axis=0)
     places = [  # found faster in the order of the columns themselves
         np.searchsorted(column, column, "left") + np.searchsorted(column, column, "right")
@@ -33,7 +35,7 @@ def ranks(values: Float[np.ndarray, "draws columns"]) -> Float[np.ndarray, "draw
 def standardised(
     values: Float[np.ndarray, "draws columns"],
 ) -> Float[np.ndarray, "draws columns"]:
-    """Columns with mean 0 and standard deviation 1; 0 in those that are constant."""
+    """Scales columns to mean 0 and standard deviation 1; constant columns become 0."""
     centred = np.where(np.ptp(values, axis=0) > 0, values - values.mean(axis=0), 0.0)
     scale = np.sqrt(np.mean(centred**2, axis=0))
     return np.divide(centred, scale, out=np.zeros_like(centred), where=scale > 0)

@@ -1,17 +1,18 @@
 """95 % confidence intervals of correlations, for outputs with heavy tails.
 
-Fisher's interval is for two normal variables. A cost is not one: a few draws far out make most of
-its variance, and the interval is then too short (Yuan and Bentler 2000, on the distribution-free
-variance of a correlation). Here
+Fisher's interval is for two normal variables. A cost is not normal: a few extreme draws contribute
+most of its variance, and the interval is then too short (Yuan and Bentler 2000, on the
+distribution-free variance of a correlation). Here
 
 - the standard error is that of the infinitesimal jackknife (Efron 1982), the root mean square of
   the draws' influences, taken on Fisher's scale, z = artanh r;
 - the quantile is Student's, with Satterthwaite's degrees of freedom for a mean square of n
-  influences with kurtosis k, 2 n / (k - 1): where few draws carry the standard error, it is itself
-  uncertain;
-- the interval of Pearson's correlation also reaches where the correlation is moving: with heavy
-  tails it changes slowly with the number of draws, as draws further out come in. What the last
-  tenfold of draws changed, all of them against the mean of ten parts, is added twice.
+  influences with kurtosis k, 2 n / (k - 1): if the standard error depends on a few draws, it is
+  itself uncertain;
+- the interval of Pearson's correlation is extended in the direction in which the correlation
+  changes with the number of draws, because with heavy tails more draws contain more extreme ones.
+  Twice the change by a tenfold number of draws is added: the correlation of all draws minus the
+  mean correlation of ten parts.
 
 benchmarks/sensitivity_coverage.py measures how often such intervals hold the value of very many
 draws, beside those of other methods.
@@ -26,10 +27,11 @@ from scipy.special import stdtrit
 from ._correlation_coefficients import pearson, ranks, standardised
 
 PARTS = 10
-"""Into which draws are divided to see how a correlation changes with their number."""
+"""The number of parts into which draws are divided to estimate how a correlation changes with the
+number of draws."""
 
 LEAST = 5
-"""Draws in a part: below, correlations are near -1 or 1 by chance."""
+"""The smallest number of draws in a part. With fewer, correlations are near -1 or 1 by chance."""
 
 TENFOLDS = 2.0
 """The number of further tenfold increases of the draws after which the correlation is to remain
@@ -39,7 +41,7 @@ inside the interval."""
 def pearson_interval(
     outputs: Float[np.ndarray, "draws outputs"], samples: Float[np.ndarray, "draws parameters"]
 ) -> Float[np.ndarray, "outputs parameters 2"]:
-    """95 % confidence interval of each Pearson correlation.
+    """Computes the 95 % confidence interval of each Pearson correlation.
 
     **Returns:** lower and upper end; -1 and 1 below four draws, or where an output or a parameter
     is constant.
@@ -56,10 +58,10 @@ def pearson_interval(
 def spearman_interval(
     outputs: Float[np.ndarray, "draws outputs"], samples: Float[np.ndarray, "draws parameters"]
 ) -> Float[np.ndarray, "outputs parameters 2"]:
-    """95 % confidence interval of each Spearman rank correlation.
+    """Computes the 95 % confidence interval of each Spearman rank correlation.
 
-    The influence of a draw counts that it also shifts the ranks of the others (Croux and Dehon
-    2010, "Influence functions of the Spearman and Kendall correlation measures").
+    The influence of a draw includes the shift that it causes in the ranks of the others (Croux and
+    Dehon 2010, "Influence functions of the Spearman and Kendall correlation measures").
 
     **Returns:** lower and upper end; -1 and 1 below four draws, or where an output or a parameter
     is constant.

@@ -1,10 +1,10 @@
 r"""Derivative-based measures: exact derivatives at random points bound Sobol's total indices.
 
 By Poincaré's inequality, $S_{Tj} \le E[(w_j \, \partial f / \partial x_j)^2] / V$, with a weight
-that follows from the parameter's distribution: its standard deviation for a normal one, a range of
-$\pi$ for a uniform one (Sobol' and Kucherenko, Mathematics and Computers in Simulation 79 (2009)
-3009-3017; Lamboni and others, the same, 87 (2013) 45-54). A parameter with a small bound does not
-matter; one with a large bound may or may not.
+that follows from the parameter's distribution: its standard deviation for a normal distribution,
+its range divided by $\pi$ for a uniform one (Sobol' and Kucherenko, Mathematics and Computers in
+Simulation 79 (2009) 3009-3017; Lamboni and others, the same, 87 (2013) 45-54). A parameter with a
+small bound does not matter. A parameter with a large bound may or may not matter.
 """
 
 from dataclasses import dataclass

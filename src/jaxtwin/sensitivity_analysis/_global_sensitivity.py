@@ -27,21 +27,23 @@ class GlobalSensitivity:
     """Sensitivity indices of several outputs, all from the same runs.
 
     `result["ST"]` is the index of that name, `(outputs, parameters)`, NaN for an output that does
-    not vary; its name is SALib's where SALib has it. `result.problem`, `result.samples` and a
-    column of `result.values` are what SALib's analysers take.
+    not vary. An index that SALib has too has its name. `result.problem`, `result.samples` and a
+    column of `result.values` are arguments of SALib's analysers.
 
     **Arguments:**
 
     - `rig`: name of the rig.
     - `method`: which method. `design`: its runs.
-    - `outputs`: what each column of `values` is, with its unit.
-    - `indices`: name -> `(outputs, parameters)`; `(outputs,)` for what is said of an output as a
-      whole, such as `R2`; `(outputs, parameters, parameters)` for pairs, such as `S2`, of which the
-      upper triangle is filled.
-    - `values`: outputs of each run, `(runs, outputs)`, NaN where a run failed.
-    - `counted`: blocks of runs that are complete, of each output; others count in no index.
+    - `outputs`: the quantity in each column of `values`, with its unit.
+    - `indices`: name -> `(outputs, parameters)`; `(outputs,)` for an index of an output as a whole,
+      such as `R2`; `(outputs, parameters, parameters)` for an index of pairs, such as `S2`, of
+      which the upper triangle is filled.
+    - `values`: the outputs of each run, `(runs, outputs)`; NaN for a failed run.
+    - `counted`: the number of complete blocks of runs for each output; other blocks are left out of
+      the indices.
     - `failed`: whether a run gave an output that is not finite.
-    - `seed`: of samples and resamples. `wall_time`: s, including compilation.
+    - `seed`: the seed of samples and resamples. `wall_time`: the computing time, s, including
+      compilation.
     """
 
     rig: str
@@ -76,7 +78,7 @@ class GlobalSensitivity:
         return self.to_salib()
 
     def __getitem__(self, name: str) -> Float[np.ndarray, "outputs ..."]:
-        """One index.
+        """Returns the index of this name.
 
         **Raises:** `ParameterError` where the method does not have it.
         """
@@ -88,7 +90,8 @@ class GlobalSensitivity:
         return self.indices[name]
 
     def ranking(self, output: str | None = None) -> tuple[str, ...]:
-        """Parameters from the strongest to the weakest, by the size of the method's main index.
+        """Returns the parameters from the strongest to the weakest, by the size of the method's
+        main index.
 
         **Arguments:**
 
@@ -102,7 +105,8 @@ class GlobalSensitivity:
         return tuple(self.names[column] for column in order)
 
     def row(self, output: str | None = None) -> int:
-        """The place of an output among `outputs`; arguments as in `ranking`."""
+        """Returns the position of an output among `outputs`. The arguments are those of
+        `ranking`."""
         if output is None:
             means = [n for n, each in enumerate(self.outputs) if each.channel == MEAN]
             return means[0] if means else 0
@@ -115,8 +119,8 @@ class GlobalSensitivity:
         return self.labels.index(output)
 
     def plot(self, output: str | None = None, ax: "Axes | None" = None) -> "Axes":
-        """The indices of one output, as the method shows them: Sobol's as bars of `S1` and `ST`,
-        Morris's as a plane of `mu_star` and `sigma`, others as a bar each.
+        """Plots the indices of an output in the form usual for the method: Sobol's as bars of `S1`
+        and `ST`, Morris's as a plane of `mu_star` and `sigma`, others as a bar for each parameter.
 
         **Arguments:** as in `ranking`, and
 
@@ -127,7 +131,8 @@ class GlobalSensitivity:
     def plot_over_time(
         self, channel: str | None = None, index: str | None = None, ax: "Axes | None" = None
     ) -> "Axes":
-        """An index of a channel's temperature over time; it takes `outputs=["temperature"]`.
+        """Plots an index of a channel's temperature over time. The analysis must have
+        `outputs=["temperature"]`.
 
         **Arguments:**
 
@@ -142,22 +147,23 @@ class GlobalSensitivity:
     def plot_convergence(
         self, output: str | None = None, index: str | None = None, ax: "Axes | None" = None
     ) -> "Axes":
-        """An index of one output over the number of draws, from the first draws of this analysis:
-        `jaxtwin.plots.plot_convergence`.
+        """Plots an index of an output over the number of draws, estimated from the first draws of
+        this analysis: `jaxtwin.plots.plot_convergence`.
 
         **Arguments:** as in `plot_over_time`, and
 
         - `output`: one of `labels`; None for the mean cost, or the first output.
 
-        **Raises:** `ParameterError` where the method says nothing of a part of its draws.
+        **Raises:** `ParameterError` if the method cannot estimate indices from a part of its draws.
         """
         return picture("plot_convergence", self, output, index, ax=ax)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each output and parameter, its index, and a column for each index.
+        """Returns a table with a row for each output and parameter (its index), and a column for
+        each sensitivity index.
 
-        What is said of an output as a whole, such as `R2`, stands in each of its rows. Indices of
-        pairs are in `pairs_to_dataframe`.
+        An index of an output as a whole, such as `R2`, is in each of its rows. Indices of pairs are
+        in `pairs_to_dataframe`.
         """
         import pandas
 
@@ -173,8 +179,9 @@ class GlobalSensitivity:
         return pandas.DataFrame(columns, index=rows)
 
     def pairs_to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each output and pair of parameters, its index, and a column for each index of
-        pairs, such as `S2`; without columns where the method has none."""
+        """Returns a table with a row for each output and pair of parameters (its index), and a
+        column for each sensitivity index of pairs, such as `S2`. It has no columns if the method
+        has no such index."""
         import pandas
 
         first, second = np.triu_indices(len(self.names), 1)
@@ -191,7 +198,8 @@ class GlobalSensitivity:
         return pandas.DataFrame(columns, index=rows)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Everything with labels: dims output, parameter, other (of a pair) and run."""
+        """Returns all numbers as a labelled dataset with the dimensions output, parameter, other
+        (of a pair) and run."""
         import xarray
 
         dims = ("output", "parameter", "other")
@@ -221,14 +229,14 @@ class GlobalSensitivity:
         )
 
     def to_salib(self) -> dict[str, Any]:
-        """The problem in SALib's form, for its samplers and analysers.
+        """Returns the problem in SALib's form, for its samplers and analysers.
 
-        **Raises:** `ParameterError` where parameters are correlated, which SALib cannot say.
+        **Raises:** `ParameterError` for correlated parameters, which SALib's form cannot represent.
         """
         return self.design.inputs.to_salib()
 
     def to_dict(self) -> dict[str, Any]:
-        """The indices in plain types for JSON, None where they are NaN."""
+        """Returns the indices as plain types for JSON; NaN becomes None."""
         return {
             "rig": self.rig,
             "method": self.method.name,

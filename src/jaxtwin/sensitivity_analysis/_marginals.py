@@ -1,4 +1,4 @@
-"""Distributions of single parameters: what a global analysis draws from."""
+"""Distributions of single parameters, from which a global analysis draws."""
 
 import abc
 import math
@@ -14,21 +14,22 @@ from .._errors import ParameterError
 from ._sampling import FARTHEST
 
 SMALLEST = 2.0**-54
-"""Below any probability that a generator of float64 gives but 0, which stands for it: the quantile
-of 0 is the end of a distribution, where a resistance may be 0."""
+"""A probability that replaces 0. It is smaller than any other number of a generator of float64. The
+quantile of 0 is the end of a distribution, where a resistance may be 0."""
 
 TAIL = 0.025
-"""Probability on each side that a grid leaves out where a distribution has tails."""
+"""The probability on each side that a grid leaves out if a distribution has tails."""
 
 SALibDistribution = tuple[Literal["unif", "norm", "truncnorm", "lognorm"], list[float]]
-"""Name and numbers of a distribution, as SALib's `dists` and `bounds` hold them."""
+"""The name and the numbers of a distribution, as in SALib's `dists` and `bounds`."""
 
 
 class AbstractMarginal(abc.ABC):
     """The distribution of a single parameter, in the unit of the rig's table.
 
-    - `tail`: probability on each side that a grid of levels leaves out; 0 where there are no tails.
-    - `polynomials`: the family that is orthogonal under it, for polynomial chaos.
+    - `tail`: the probability on each side that a grid of levels leaves out; 0 without tails.
+    - `polynomials`: the family of polynomials that are orthogonal under this distribution, for
+      polynomial chaos.
     """
 
     tail: float
@@ -41,7 +42,7 @@ class AbstractMarginal(abc.ABC):
     @abc.abstractmethod
     def poincare_weight(self, values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         r"""The weight $w$ of Poincaré's inequality, $\operatorname{var}(f) \le E[(w f')^2]$ for
-        every smooth function $f$ of the parameter; the least where it is known."""
+        every smooth function $f$ of the parameter: the smallest weight, if it is known."""
 
     @abc.abstractmethod
     def to_salib(self) -> SALibDistribution:
@@ -51,12 +52,12 @@ class AbstractMarginal(abc.ABC):
 @final
 @dataclass(frozen=True)
 class Normal(AbstractMarginal):
-    """A normal distribution, cut off at limits.
+    """A normal distribution, truncated at limits.
 
     **Arguments:**
 
-    - `mean`, `std`: of the distribution before it is cut off.
-    - `low`, `high`: limits, infinite for none.
+    - `mean`, `std`: the mean and the standard deviation of the distribution before it is truncated.
+    - `low`, `high`: the limits, infinite for no limit.
 
     **Raises:** `ParameterError` where the standard deviation is not above 0, or the limits leave
     nothing between them.
@@ -139,8 +140,9 @@ class LogNormal(AbstractMarginal):
 
     **Arguments:**
 
-    - `median`: above 0.
-    - `spread`: standard deviation of the natural logarithm, about the relative one where small.
+    - `median`: the median, above 0.
+    - `spread`: the standard deviation of the natural logarithm; if small, about the relative
+      standard deviation of the parameter.
 
     **Raises:** `ParameterError` where one of them is not above 0.
     """
@@ -168,7 +170,7 @@ class LogNormal(AbstractMarginal):
 
 
 def _open(probability: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Without 0 and 1, whose quantiles are the ends."""
+    """Replaces the probabilities 0 and 1, whose quantiles are the ends of the distribution."""
     return np.clip(probability, SMALLEST, 1 - 2.0**-53)
 
 

@@ -1,4 +1,4 @@
-"""A user's custom model: any function from draws to outputs, such as closed loops."""
+"""A user's own model: any function from draws to outputs, such as a simulation of closed loops."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias, cast

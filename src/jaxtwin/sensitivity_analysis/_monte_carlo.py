@@ -31,7 +31,8 @@ def correlate_costs(
     executor: Executor | None,
     on_progress: Callable[[int], None] | None,
 ) -> Sensitivity:
-    """The correlations of costs with parameters; arguments as those of `sensitivity`, checked."""
+    """Computes the correlations of costs with parameters. The arguments are those of `sensitivity`,
+    checked."""
     began = time.perf_counter()
     twins, recordings = paired_twins("sensitivity", twin, experiments)
     draws = whole_number("sensitivity: draws", draws, 3, SimulationError)

@@ -1,10 +1,10 @@
 """Morris's elementary effects: which parameters act at all, and which act alone.
 
-Random trajectories through a grid of levels, on each of which every parameter moves once (Morris,
-Technometrics 33 (1991) 161-174; mu_star by Campolongo and others, Environmental Modelling &
-Software 22 (2007) 1509-1518). The grid divides each parameter's probability evenly; of a
-distribution with tails its central 95 %. An effect is the change of the output over the step on the
-grid, whose whole range counts as 1, as in SALib.
+The runs are random trajectories through a grid of levels, along which every parameter changes once
+(Morris, Technometrics 33 (1991) 161-174; mu_star by Campolongo and others, Environmental Modelling
+& Software 22 (2007) 1509-1518). The grid divides the probability of each parameter evenly; for a
+distribution with tails, it divides the central 95 %. An effect is the change of the output over the
+step on the grid, whose whole range counts as 1, as in SALib.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Morris(AbstractMethod):
 
     **Arguments:**
 
-    - `levels`: of the grid, an even number.
+    - `levels`: the number of levels of the grid, which is even.
 
     **Raises:** `SimulationError` where they are not.
     """

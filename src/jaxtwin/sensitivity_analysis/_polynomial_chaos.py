@@ -1,9 +1,9 @@
-r"""Polynomial chaos: Sobol's indices from a polynomial that stands for the twin.
+r"""Polynomial chaos: Sobol's indices from a polynomial that approximates the twin.
 
 The output is a sum of products of orthonormal polynomials of the parameters' probabilities
 (Legendre polynomials for uniform parameters, Hermite polynomials of the normal score for others),
 fitted by least squares. The squares of its coefficients are the parts of the variance (Sudret,
-Reliability Engineering & System Safety 93 (2008) 964-979). Each output takes the total degree with
+Reliability Engineering & System Safety 93 (2008) 964-979). Each output has the total degree with
 the smallest leave-one-out error, which follows from the residuals and the diagonal of the hat
 matrix (Blatman and Sudret 2011).
 """
@@ -31,8 +31,8 @@ class PolynomialChaos(AbstractPlainMethod):
     """`S1`, `ST` and `S2` of a polynomial, its `degree`, and its `loo_error`: the mean squared
     error of its prediction of a run from the other runs, as a part of the variance.
 
-    Indices hold as far as the polynomial does: distrust them where `loo_error` is above a few
-    percent, and take more draws or Sobol's method.
+    The indices are as accurate as the polynomial: if `loo_error` is above a few percent, use more
+    draws or Sobol's method.
     """
 
     name = "pce"
@@ -75,8 +75,8 @@ class PolynomialChaos(AbstractPlainMethod):
 def _candidates(
     runs: int, parameters: int
 ) -> Iterator[tuple[int, Int[np.ndarray, "terms parameters"]]]:
-    """Total degrees whose terms are at most half of the runs, and the powers of each term, the
-    constant first."""
+    """Returns the total degrees with at most half as many terms as runs, and the powers of each
+    term, the constant first."""
     degree = 1
     while comb(parameters + degree, degree) <= min(runs // 2, MOST_TERMS):
         chosen = [
@@ -91,7 +91,7 @@ def _candidates(
 def _basis(
     design: Design, powers: Int[np.ndarray, "terms parameters"]
 ) -> Float[np.ndarray, "runs terms"]:
-    """Each term's product of polynomials."""
+    """Computes the product of polynomials of each term."""
     basis = np.ones((len(design.unit), len(powers)))
     highest = int(powers.max())
     for j, marginal in enumerate(design.inputs.marginals.values()):

@@ -83,7 +83,7 @@ class PartialRankCorrelation(AbstractPlainMethod):
 def correlations(
     columns: Float[np.ndarray, "runs columns"], weights: Float[np.ndarray, " runs"] | None = None
 ) -> Float[np.ndarray, "columns columns"]:
-    """Correlations of columns; of runs with weights whose sum is 1."""
+    """Computes the correlations of columns over runs, which may have weights whose sum is 1."""
     weights = np.full(len(columns), 1 / len(columns)) if weights is None else weights
     centred = columns - weights @ columns
     covariance = (centred.T * weights) @ centred
@@ -113,7 +113,8 @@ def _partial(
 def _times_inverse(
     rows: Float[np.ndarray, "rows parameters"], matrix: Float[np.ndarray, "parameters parameters"]
 ) -> Float[np.ndarray, "rows parameters"]:
-    """NaN where fewer runs than parameters leave no inverse."""
+    """Multiplies by the inverse of a matrix; the result is NaN if fewer runs than parameters leave
+    no inverse."""
     if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < len(matrix):
         return np.full(rows.shape, np.nan)
     return np.linalg.solve(matrix, rows.T).T

@@ -1,4 +1,4 @@
-"""Random draws of parameters: a seed fixes the sequence, whichever part of it is made."""
+"""Random draws of parameters. A seed determines the sequence, whichever part of it is computed."""
 
 from collections.abc import Mapping
 
@@ -10,7 +10,7 @@ from .._arguments import finite_number, whole_number
 from .._errors import SimulationError
 
 BLOCK = 1024
-"""Number of draws from one state of the generator; a part of a long sweep starts at a block."""
+"""The number of draws from one state of the generator; a part of a long sweep starts at a block."""
 
 FARTHEST = float(ndtri(1 - 2.0**-53))
 """The largest normal score that a uniform number of float64 gives, 8.2 standard deviations."""
