@@ -1,4 +1,4 @@
-"""Bodies beside the plate and its cells: a second plate, a common sink, coolant, a bead."""
+"""Bodies beside the plate and its cells, such as a second plate, a common sink or coolant."""
 
 from dataclasses import dataclass
 from typing import final
@@ -9,14 +9,15 @@ from ._value import Value
 @final
 @dataclass(frozen=True)
 class Body:
-    """Something at one temperature, which links and cells connect to the rest of a rig.
+    """A body of uniform temperature, which links and cells connect to the rest of a rig.
 
     **Arguments:**
 
     - `name`: unique among bodies and plate elements.
-    - `capacitance`: its heat capacity, J/K; None for a body that is held at a temperature.
-    - `temperature`: what it is held at, whatever heat flows into it, K: coolant, an ice bath.
-    - `initial_temperature`: at the start, K; None means that of the plate.
+    - `capacitance`: the heat capacity, J/K; None for a body at a fixed temperature.
+    - `temperature`: the fixed temperature of a body such as coolant or an ice bath, K; None for a
+      body with a heat capacity.
+    - `initial_temperature`: the temperature at the start, K; None means that of the plate.
     """
 
     name: str

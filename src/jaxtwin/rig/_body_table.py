@@ -1,4 +1,4 @@
-"""`[[bodies]]` and `[[links]]` of a rig file -> `Body` and `CircuitLink`."""
+"""Builds bodies and links from the tables `[[bodies]]` and `[[links]]` of a rig file."""
 
 from collections.abc import Iterable, Sequence
 
@@ -15,8 +15,8 @@ from ._units import HEAT_CAPACITY, TEMPERATURE, THERMAL_RESISTANCE
 def build_bodies(tables: Sequence[BodyTable], plate: Plate, fields: Fields) -> tuple[Body, ...]:
     """The bodies of a file.
 
-    **Raises:** `RigError` where a value or a name is wrong, or a body has neither or both of a heat
-    capacity and a temperature that it is held at.
+    **Raises:** `RigError` where a value or a name is wrong, or a body has neither a heat capacity
+    nor a fixed temperature, or both.
     """
     fields.check_unique("bodies", [table.name for table in tables])
     return tuple(_build_body(table, plate, fields) for table in tables)
@@ -55,7 +55,7 @@ def build_links(
 ) -> tuple[CircuitLink, ...]:
     """The links between bodies, elements of the plate and the surroundings.
 
-    **Raises:** `RigError` where a value is wrong, an end is unknown, or both ends are held at a
+    **Raises:** `RigError` if a value is wrong, an end is unknown, or both ends have a fixed
     temperature.
     """
     held = {AMBIENT, *(body.name for body in bodies if body.temperature is not None)}
@@ -84,7 +84,7 @@ def check_bodies_grounded(
     cells: Sequence[CellTable],
     fields: Fields,
 ) -> None:
-    """Refuses a body from which heat has no way to the plate, or to a temperature that is held."""
+    """Refuses a body without a path for its heat to the plate or to a fixed temperature."""
     waiting = {body.name for body in bodies if body.temperature is None}
     pairs = [pair for link in links for pair in link.between]
     pairs += [(element, cell.sink) for cell in cells if cell.sink for element in cell.contacts]

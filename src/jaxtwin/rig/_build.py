@@ -1,4 +1,5 @@
-"""Tables of a rig file -> `Rig`: types first, then units, names and geometry, part by part."""
+"""Builds a `Rig` from the tables of a rig file: types are checked first, then units, names and
+geometry, part by part."""
 
 from typing import Any
 

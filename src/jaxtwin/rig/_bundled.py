@@ -27,9 +27,9 @@ def bundled_materials() -> tuple[str, ...]:
 
 
 def read_bundled(folder: str, name: str) -> tuple[dict[str, Any], str]:
-    """A bundled file and what it is called in messages.
+    """Returns a bundled file and its name in messages.
 
-    **Raises:** `RigError` where there is none of that name.
+    **Raises:** `RigError` if there is no file of that name.
     """
     if name not in _names(folder):
         refuse(name, "", unknown_name(f"name of the bundled {folder}", name, _names(folder)))
@@ -40,9 +40,9 @@ def read_bundled(folder: str, name: str) -> tuple[dict[str, Any], str]:
 def read_toml(
     path: str | os.PathLike[str], error: type[JaxtwinError] = RigError
 ) -> tuple[dict[str, Any], str]:
-    """A TOML file and what it is called in messages.
+    """Reads a TOML file. Returns its tables and its name in messages.
 
-    **Raises:** the error where it cannot be read or is no TOML.
+    **Raises:** the error if it cannot be read or is not TOML.
     """
     place = path_of("path", path, error)
     source = os.fspath(place)
@@ -57,7 +57,7 @@ def read_toml(
 def parse_toml(content: bytes, source: str, error: type[JaxtwinError] = RigError) -> dict[str, Any]:
     """The tables of a TOML document.
 
-    **Raises:** the error, naming line and column, where it is no TOML.
+    **Raises:** the error, naming line and column, if it is not TOML.
     """
     try:
         return tomllib.loads(content.decode("utf-8"))

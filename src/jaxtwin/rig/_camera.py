@@ -1,4 +1,4 @@
-"""What measures: an infrared camera or point sensors, and the channels read from them."""
+"""The sensors: an infrared camera or point sensors, and the channels read from them."""
 
 import re
 from dataclasses import dataclass
@@ -17,10 +17,11 @@ class CommonError:
 
     **Arguments:**
 
-    - `offset`: constant, K.
-    - `drift`: slow changes about the offset, K; `drift_time`: between its corners, s.
-    - `jump`: at a correction, K, for each part of it: one that fades with each time constant of
-      `relaxation`, s.
+    - `offset`: the constant part, K.
+    - `drift`: slow changes about the offset, K; `drift_time`: the time between the corners of this
+      piecewise linear function, s.
+    - `jump`: the jump at a correction, K. It has a part that fades with each time constant of
+      `relaxation`, s; this is the standard deviation of each part.
     - `detect`: whether corrections are looked for in the residuals of a match.
     """
 
@@ -42,8 +43,8 @@ class Registration:
     **Arguments:**
 
     - `shift_x`, `shift_y`: $d$, to the right and down, m.
-    - `scale`: $s$, above 1 where a zone covers more of the plate.
-    - `rotation`: of $R$, clockwise as x runs to the right and y down, rad.
+    - `scale`: $s$, above 1 if a zone covers more of the plate than the rig file says.
+    - `rotation`: the angle of $R$, rad, clockwise, because x runs to the right and y down.
     """
 
     shift_x: Value
@@ -59,11 +60,12 @@ class Camera:
 
     **Arguments:**
 
-    - `width`, `height`: of a frame, pixels.
+    - `width`, `height`: the size of a frame, pixels.
     - `noise`: standard deviation of a reading, K.
-    - `view_x`, `view_y`: first and last edge of the plate's outline in a frame, pixels.
-    - `common_error`: of all channels alike, None for none.
-    - `registration`: of its pictures against the plate, None where zones lie as the rig file says.
+    - `view_x`, `view_y`: the first and the last edge of the plate's outline in a frame, pixels.
+    - `common_error`: the error that all channels share; None for no such error.
+    - `registration`: the position of its pictures on the plate; None if zones lie as the rig file
+      says.
     """
 
     width: int
@@ -91,15 +93,17 @@ class Sensors:
 @final
 @dataclass(frozen=True)
 class Channel:
-    """One recorded temperature: reading = ambient + gain * (T - ambient).
+    """A recorded temperature: reading = ambient + gain * (T - ambient).
 
     **Arguments:**
 
-    - `name`: unique in the rig, as recordings name it.
-    - `nodes`: T is the plain mean of these plate elements and bodies, where there are some.
-    - `x`, `y`: otherwise T is the mean over this rectangle of the plate, m.
-    - `gain`: dimensionless. Below 1 where the surface reflects part of the room (bare metal).
-    - `lag`: time constant with which the sensor follows T, s; None where it is T at once.
+    - `name`: the name in recordings, unique in the rig.
+    - `nodes`: the plate elements and bodies of which T is the plain mean; empty for a channel over
+      a rectangle.
+    - `x`, `y`: the rectangle of the plate over which T is the mean otherwise, m.
+    - `gain`: the gain, dimensionless. It is below 1 if the surface reflects part of the room, as
+      bare metal does.
+    - `lag`: the time constant with which the sensor follows T, s; None for no lag.
     """
 
     name: str
@@ -111,5 +115,5 @@ class Channel:
 
 
 def is_channel_name(name: str) -> bool:
-    """Whether a channel may have a name: whatever a column of a recording can be called."""
+    """Whether a channel may have this name, which is also the name of a column in recordings."""
     return re.fullmatch(r"\w([\w .-]*\w)?", name) is not None

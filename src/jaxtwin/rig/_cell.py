@@ -1,4 +1,4 @@
-"""A thermoelectric cell on the plate and what stands behind it."""
+"""A thermoelectric cell on the plate, with its sink."""
 
 from dataclasses import dataclass
 from typing import final
@@ -19,13 +19,16 @@ class Cell:
     - `thermal_resistance`: between the two sides, K/W.
     - `side_capacitance`: of each side, J/K.
     - `contacts`: pairs (plate element, contact resistance to the plate side in K/W).
-    - `sink_resistance`: far side to the surroundings, or to the sink's mass where it has one, K/W.
-    - `sink`: the body that takes the place of the surroundings there, None for them.
+    - `sink_resistance`: the resistance from the far side to the surroundings, or to the sink's mass
+      if it has one, K/W.
+    - `sink`: the body that replaces the surroundings as the other end of this resistance; None for
+      the surroundings.
     - `sink_capacitance`, `sink_air_resistance`: the sink's mass (J/K) and its resistance to the
       surroundings (K/W); both or neither.
-    - `initial_temperature`: of both sides, K; None means that of what each side touches: the plate,
-      and the sink.
-    - `sink_initial_temperature`: of the sink, K; None means that of the plate.
+    - `initial_temperature`: the initial temperature of both sides, K; None means that each side
+      starts at the temperature of the plate or of the sink, which it touches.
+    - `sink_initial_temperature`: the initial temperature of the sink, K; None means that of the
+      plate.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""`[[cells]]` of a rig file -> `Cell`."""
+"""Builds cells from the tables `[[cells]]` of a rig file."""
 
 from collections.abc import Sequence
 
@@ -24,7 +24,8 @@ from ._value import Value
 
 
 def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: Fields) -> Cell:
-    """A cell; constants that the file does not give come from the datasheet of its module.
+    """Builds a cell. Constants that the file does not state are those of the datasheet of its
+    module.
 
     **Raises:** `RigError` where a value is wrong or missing, a contact is on no element, or the
     sink is none of the bodies.

@@ -9,13 +9,13 @@ from ._value import Value
 @final
 @dataclass(frozen=True)
 class CircuitLink:
-    """One named resistance and everything that it connects.
+    """A named resistance, and the pairs of nodes that it connects.
 
     **Arguments:**
 
     - `resistance`: K/W.
     - `factor`: each link has factor times the resistance.
-    - `between`: pairs of node names (plate elements, bodies or "ambient"). A pair may stand more
+    - `between`: pairs of node names (plate elements, bodies or "ambient"). A pair may occur more
       than once: an edge element can lose heat to the surroundings in several ways.
     """
 

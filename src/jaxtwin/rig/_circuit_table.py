@@ -1,4 +1,4 @@
-"""`[circuit]` of a rig file -> `Circuit`."""
+"""Builds a circuit from the table `[circuit]` of a rig file."""
 
 from collections.abc import Sequence
 
@@ -18,11 +18,11 @@ def build_circuit(
     body_links: Sequence[CircuitLink],
     fields: Fields,
 ) -> Circuit:
-    """The circuit that a file gives link by link.
+    """Builds the circuit that a file states link by link.
 
     **Arguments:**
 
-    - `cells`, `bodies`, `body_links`: what else heat may leave the plate by.
+    - `cells`, `bodies`, `body_links`: the other parts through which heat may leave the plate.
 
     **Raises:** `RigError` where a link has an unknown end or the same end twice, or where an
     element of the plate has no path to the surroundings.
@@ -64,10 +64,11 @@ def link_ends(
 
     **Arguments:**
 
-    - `field`, `text`: where it stands, and what stands there.
-    - `elements`: of the plate. `others`: what else an end may be.
+    - `field`, `text`: the name of the field, and its text.
+    - `elements`: the names of the elements of the plate. `others`: other names that an end may
+      have.
 
-    **Raises:** `RigError` where it has not two ends that differ and are known.
+    **Raises:** `RigError` if it does not have two different known ends.
     """
     ends = text.split("-")
     if len(ends) != 2:

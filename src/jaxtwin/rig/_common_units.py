@@ -1,7 +1,7 @@
 """The units that most rig files use.
 
 They are read without pint, whose import and definitions take 0.4 s of a first call. A test compares
-each with pint, which reads all others.
+each unit with pint, which reads all other units.
 """
 
 import math

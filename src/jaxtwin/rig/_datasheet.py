@@ -13,14 +13,17 @@ class Datasheet:
 
     **Arguments:**
 
-    - `name`, `title`, `references`, `notes`: what it is and where the numbers come from.
-    - `hot_side_temperature`: $T_h$ at which the rest holds, K.
-    - `maximum_current`, `maximum_voltage`: $I_{max}$ (A), $V_{max}$ (V), where the difference is
-      largest without load.
+    - `name`, `title`, `references`, `notes`: its name, a title, the sources of the numbers, and
+      notes.
+    - `hot_side_temperature`: $T_h$, the temperature of the hot side for which the other numbers are
+      stated, K.
+    - `maximum_current`, `maximum_voltage`: $I_{max}$ (A) and $V_{max}$ (V), at which the
+      temperature difference without load is largest.
     - `maximum_temperature_difference`: $\Delta T_{max}$, K.
-    - `maximum_heat_flow`: absorbed at $I_{max}$ without a difference, W; None if not known.
-    - `ac_resistance`: as alternating current measures it, without a temperature difference, ohm;
-      None if not known.
+    - `maximum_heat_flow`: the heat flow that is absorbed at $I_{max}$ without a temperature
+      difference, W; None if not known.
+    - `ac_resistance`: the resistance measured with alternating current, without a temperature
+      difference, ohm; None if not known.
     - `mass`: kg; None if not known.
     - `width`, `height`: of its faces, m; None if not known.
 
@@ -64,7 +67,7 @@ class Datasheet:
 
 
 def load_module(name: str) -> Datasheet:
-    """A bundled datasheet.
+    """Loads a bundled datasheet.
 
     **Arguments:**
 

@@ -16,15 +16,15 @@ class Driver:
     - `supply_voltage`: V.
     - `supply_resistance`: in series with each cell while it is connected, ohm.
     - `on_resistance`: of the bridge, ohm.
-    - `lag`: time constant with which the duty cycle that reaches the cells follows the command, s;
-      None for at once.
-    - `delay`: by which it comes late, s; only with a lag.
+    - `lag`: the time constant with which the duty cycle that reaches the cells follows the command,
+      s; None for no lag.
+    - `delay`: the delay of that duty cycle, s; only with a lag.
     - `counts`: the PWM command that means full duty.
     - `polarity`: +1 where positive commands heat the plate, -1 where they cool it.
     - `averaging`: `"voltage"` puts the mean voltage on the cell, `"on-off"` averages the heat flows
       of the connected and the disconnected part of a PWM period.
-    - `current_limit`: the largest current that the controller lets through a connected cell, A;
-      None for any.
+    - `current_limit`: the largest current that the controller allows through a connected cell, A;
+      None for no limit.
     - `off_phase`: what the bridge does with the cell in the rest of a period: `"brake"` shorts it,
       `"open"` leaves it open.
     """

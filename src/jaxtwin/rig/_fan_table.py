@@ -1,4 +1,5 @@
-"""`fan` of a cell or of a link in a rig file: a thermal resistance that falls with its speed."""
+"""The field `fan` of a cell or of a link in a rig file: a thermal resistance that falls with the
+speed of a fan."""
 
 from ._fields import Fields
 from ._schema import FanTable
@@ -9,14 +10,15 @@ from ._value import Value
 def blown(resistance: Value, fan: FanTable | None, at: str, fields: Fields) -> Value:
     r"""A resistance to air that a fan moves, $R n^{-m}$, K/W.
 
-    The fan's speed $n$ is counted in that for which the resistance $R$ is given. Air moves in
-    proportion to it, and heat transfer to air that flows along a surface rises with its velocity
-    to the power of $m$ = 1/2 where the flow is laminar (Pohlhausen), of 4/5 where it is turbulent.
+    The fan's speed $n$ is relative to the speed for which the resistance $R$ is stated. The
+    velocity of the air is proportional to it, and heat transfer to air that flows along a surface
+    rises with its velocity to the power of $m$ = 1/2 where the flow is laminar (Pohlhausen), of 4/5
+    where it is turbulent.
 
     **Arguments:**
 
-    - `resistance`: $R$, K/W. `fan`: None where there is none.
-    - `at`: where the table `fan` stands, for messages.
+    - `resistance`: $R$, K/W. `fan`: the table of the fan; None without a fan.
+    - `at`: the place of the table `fan` in the file, for messages.
 
     **Raises:** `RigError` where the speed is no number above 0.
     """

@@ -1,4 +1,4 @@
-"""Fields of one rig file: text -> `Value`, with the checks that need the parameter table."""
+"""Converts the fields of a rig file to `Value`s, with the checks that need the parameter table."""
 
 import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,7 +34,7 @@ class Fields:
         self._used: set[str] = set()
 
     def value(self, field: str, text: str, kind: Kind) -> Value:
-        """A quantity or the name of a parameter, as a value of a kind.
+        """Converts a quantity, or the name of a parameter, to a value of a kind.
 
         **Raises:** `RigError` where it is neither, has a wrong unit or is out of range. A parameter
         must be in range with its value, with its finite bounds and with its value in every set.
@@ -58,7 +58,7 @@ class Fields:
         return Value(1.0, ((text, 1.0),))
 
     def constant(self, field: str, text: str, kind: Kind) -> float:
-        """A quantity of a kind, in SI units.
+        """Converts a quantity of a kind to SI units.
 
         **Raises:** `RigError` where it is none, has a wrong unit or is out of range.
         """
@@ -79,7 +79,7 @@ class Fields:
     def check_element(
         self, field: str, name: str, elements: tuple[str, ...], bodies: Sequence[str] = ()
     ) -> None:
-        """Refuses a name that is no element of the plate, and none of some bodies."""
+        """Refuses a name that is neither an element of the plate nor one of the given bodies."""
         if name not in elements and name not in bodies:
             known = f"one of the plate's elements {elements[0]} to {elements[-1]}"
             if bodies:
@@ -87,7 +87,7 @@ class Fields:
             self.refuse(field, f"expected {known}, got {name!r}")
 
     def check_unique(self, field: str, names: list[str]) -> None:
-        """Refuses a name that stands twice."""
+        """Refuses a name that occurs twice."""
         for name in names:
             if names.count(name) > 1:
                 self.refuse(field, f"expected each name once, got {name!r} twice")

@@ -1,4 +1,4 @@
-"""The form of a rig file as a JSON Schema, for editors that complete and check TOML."""
+"""The format of rig files as a JSON Schema, for editors that complete and check TOML."""
 
 from typing import Any
 
@@ -8,8 +8,8 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 def json_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of a rig file.
 
-    It knows tables, keys and types. Units, the names of parameters, nodes and modules, and what
-    depends on several fields are checked by `load_rig` alone.
+    It describes tables, keys and types. Units, the names of parameters, nodes and modules, and
+    conditions on several fields are checked only by `load_rig`.
     """
     from ._schema import RigTable  # with pydantic, which only readers of a rig should pay for
 

@@ -1,4 +1,4 @@
-"""What a rig may be driven to, and what of its readings is believed: `[limits]` of a rig file."""
+"""The limits of a driven rig and of plausible readings: `[limits]` of a rig file."""
 
 from dataclasses import dataclass
 from typing import final
@@ -11,13 +11,17 @@ class Limits:
 
     **Arguments:**
 
-    - `temperature`: of any channel, K.
-    - `cell_temperature`: of both sides of a cell as the twin predicts them, K.
-    - `lowest`: a reading below it cannot be true, K.
-    - `rate`: a reading that changes faster cannot be true, K/s.
-    - `frozen`: a reading that stands still for so long while the cells are driven is none, s.
-    - `deviation`: of a reading from the twin's prediction, beside half of its rise, K.
-    - `command_delay`: by which the driver may obey late, its ramp included, s.
+    - `temperature`: the highest temperature of any channel, K.
+    - `cell_temperature`: the highest temperature of both sides of a cell, as the twin predicts
+      them, K.
+    - `lowest`: the temperature below which a reading is implausible, K.
+    - `rate`: the rate above which the change of a reading is implausible, K/s.
+    - `frozen`: the time after which a reading that does not change while the cells are driven is
+      implausible, s.
+    - `deviation`: the largest deviation of a reading from the twin's prediction, in addition to
+      half of its rise, K.
+    - `command_delay`: the longest time until the driver has applied a command, including its ramp,
+      s.
     """
 
     temperature: float

@@ -17,7 +17,8 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
 
     - `name_or_path`: the name of a bundled rig (`bundled_rigs()`), or the path of a rig file.
 
-    **Returns:** the rig, everything in SI units but the parameter table, which keeps its own.
+    **Returns:** the rig, with all values in SI units except those of the parameter table, which
+    keeps its units.
 
     **Raises:** `RigError` for the first mistake, naming file, field, what was expected and what
     was found.

@@ -13,9 +13,10 @@ class Material:
 
     **Arguments:**
 
-    - `name`, `title`, `references`: what it is and where the numbers come from.
+    - `name`, `title`, `references`: its name, a title, and the sources of the numbers.
     - `density`: kg/m^3. `specific_heat`: J/(kg K). `conductivity`: W/(m K).
-    - `diffusivity`: as the same source lists it, m^2/s: conductivity / (density * specific heat).
+    - `diffusivity`: the thermal diffusivity in the same source, m^2/s, which is conductivity /
+      (density * specific heat).
     """
 
     name: str
@@ -28,7 +29,7 @@ class Material:
 
 
 def load_material(name: str) -> Material:
-    """A bundled material.
+    """Loads a bundled material.
 
     **Arguments:**
 

@@ -1,6 +1,7 @@
-"""A rig file for a rig of which little is known: sizes by ruler, the rest from handbooks.
+"""Writes a rig file for a rig of which little is known: sizes are measured with a ruler, other
+values are from handbooks.
 
-What is uncertain becomes a free parameter with a prior as wide as the ignorance.
+Each uncertain value becomes a free parameter, with a prior as wide as its uncertainty.
 """
 
 import math
@@ -15,10 +16,10 @@ from ._material import load_material
 from ._plate import names_of_elements
 
 ELEMENT = 0.01
-"""Size of the plate's elements, m; larger on large plates."""
+"""The size of the plate's elements, m; it is larger on large plates."""
 
 MOST_ELEMENTS = 16
-"""Elements along a side."""
+"""The largest number of elements along a side."""
 
 GREASE = 0.5e-4
 """Thermal resistance of a layer of thermal grease, 50 um at 1 W/(m K), m^2 K/W."""
@@ -27,7 +28,7 @@ CERAMIC = 2.1e3
 """Heat capacity of a module's side, J/(m^2 K): 0.7 mm of aluminium oxide."""
 
 FACE = 0.04
-"""Side of a module whose datasheet does not give it, m."""
+"""The length of the side of a module whose datasheet does not state it, m."""
 
 MOST_CELLS, MOST_ZONES = 100, 100
 
@@ -143,7 +144,8 @@ def plate_size(fields: Fields, argument: str, text: str) -> float:
 
 
 def _divided(size: float) -> tuple[int, float]:
-    """Into how many elements a side is divided, and the size of each, m, to the nanometre."""
+    """Returns the number of elements into which a side is divided, and the size of each, m, rounded
+    to a nanometre."""
     count = max(1, min(MOST_ELEMENTS, round(size / ELEMENT)))
     return count, round(size / count, 9)
 
@@ -155,7 +157,8 @@ def _cells(
     columns: tuple[int, float],
     rows: tuple[int, float],
 ) -> list[list[str]]:
-    """The elements that each cell covers: those whose centre lies under it, one at least."""
+    """Returns the elements that each cell covers: those whose centre lies under it, and at least
+    one."""
     elements = names_of_elements(rows[0], columns[0])
     taken: dict[str, int] = {}
     cells = []

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, final
 
 Scope = Literal["shared", "group", "recording"]
-"""What has a separate value: all recordings together, each group of them, or each recording."""
+"""Whether all recordings share a value, each group of them has its own, or each recording."""
 
 
 @final
@@ -22,13 +22,12 @@ class Parameter:
     - `scope`: `"shared"` by all recordings, or one value per `"group"` of them, such as a day, or
       per `"recording"`.
     - `description`: one line for tables.
-    - `prior_spread`: standard deviation of what is known about the value beforehand: relative (of
-      its logarithm) where the lower bound is above 0 and it is no degC, else in `unit`. None where
-      nothing is.
-    - `prior_value`: the middle of that, `value` as the rig file has it unless it says otherwise.
+    - `prior_spread`: the standard deviation of the prior: relative (that of the logarithm) if the
+      lower bound is above 0 and the unit is not degC, otherwise in `unit`. None without a prior.
+    - `prior_value`: the centre of the prior; by default the `value` in the rig file.
     - `group_spread`: of scope `"group"`, standard deviation of a group's value about the one that
       all groups share, measured as `prior_spread` is, which is then that of the shared one.
-    - `scale`, `offset`: SI value = scale * value + offset; the offset is 0 but for degC.
+    - `scale`, `offset`: SI value = scale * value + offset; the offset is 0 except for degC.
     """
 
     name: str
@@ -55,15 +54,17 @@ class Parameter:
 
     @property
     def is_logarithmic(self) -> bool:
-        """Whether its relative change is what matters: it stays above 0 and is no degC."""
+        """Whether the parameter is matched by its logarithm: it is above 0 and its unit is not
+        degC."""
         return self.lower > 0 and self.offset == 0
 
     def to_entry(self, value: float) -> float:
-        """The entry of a value in the vector of a match: its logarithm, or the value itself."""
+        """Returns the entry of a value in the vector of a match: its logarithm, or the value
+        itself."""
         return math.log(value) if self.is_logarithmic else value
 
     def from_entry(self, entry: float) -> float:
-        """The value of such an entry."""
+        """Returns the value of an entry in the vector of a match."""
         return math.exp(entry) if self.is_logarithmic else entry
 
     def to_si(self, value: Any) -> Any:

@@ -41,14 +41,13 @@ def write_parameters(
 
     **Arguments:**
 
-    - `path`: of the file, .toml; one that is there is replaced.
-    - `parameters`: with the values to write; `dataclasses.replace(parameter, value=...)` makes one
-      with another value.
+    - `path`: the path of the file, .toml. An existing file is replaced.
+    - `parameters`: the parameters with the values to write;
+      `dataclasses.replace(parameter, value=...)` makes a parameter with another value.
     - `recordings`: recording -> parameter -> value in the parameter's unit, for those that have a
       value for each recording.
-    - `comment`: stands at the top of the file.
-    - `tables`: TOML of other tables, which stands at its end and which readers of parameters pass
-      over.
+    - `comment`: a comment at the top of the file.
+    - `tables`: the TOML of other tables at the end of the file, which readers of parameters skip.
 
     **Raises:** `ParameterError` where a value is no finite number or outside its bounds, a
     recording has an unknown parameter, the ending is another, or the file cannot be written.
@@ -103,12 +102,12 @@ def read_parameters(
 
     **Arguments:**
 
-    - `path`: of the file; a rig file will do as well.
-    - `rig`: whose parameters they are.
-    - `recording`: take the values of this recording where the file has some.
+    - `path`: the path of the file, which may also be a rig file.
+    - `rig`: the rig to which the parameters belong.
+    - `recording`: the recording whose values are taken, if the file has values for it.
 
-    **Returns:** name -> value in the unit of the rig's parameter table, for the parameters that
-    stand in the file.
+    **Returns:** name -> value in the unit of the rig's parameter table, for the parameters in the
+    file.
 
     **Raises:** `ParameterError` where the file cannot be read, a parameter is not the rig's, its
     unit measures something else, or its value is no finite number or outside its bounds: those in
@@ -122,8 +121,8 @@ def read_parameters(
 def parsed_values(
     data: Mapping[str, Any], source: str, rig: Rig, recording: str | None = None
 ) -> dict[str, float]:
-    """The values in the tables of a parameter file; `source` is what it is called in messages. The
-    other arguments, the result and the errors are those of `read_parameters`."""
+    """The values in the tables of a parameter file; `source` is the name of the file in messages.
+    The other arguments, the result and the errors are those of `read_parameters`."""
     table = data.get("parameters")
     if not isinstance(table, dict):
         _refuse(source, "parameters", "expected a table [parameters], got none")

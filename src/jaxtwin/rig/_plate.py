@@ -17,7 +17,8 @@ FILM_REFERENCE = 20.0
 @final
 @dataclass(frozen=True)
 class Plate:
-    """A thin rectangular plate cut into a grid of elements, Fig. 7a and 12a of the paper.
+    """A thin rectangular plate that is divided into a grid of elements, Fig. 7a and 12a of the
+    paper.
 
     Elements are named `V<row><column>`, counted from 1 at the top left (V11, V12, ...); with ten or
     more rows or columns `V<row>_<column>`.
@@ -30,10 +31,11 @@ class Plate:
     - `density` (kg/m^3), `specific_heat` (J/(kg K)), `conductivity` (W/(m K)): of the material.
     - `film_coefficient`: heat transfer to air, W/(m^2 K), one for each column.
     - `film_row_factor`: factor on the film coefficient, one for each row.
-    - `film_exponent`: the film conducts as the temperature difference to this power, and as
-      `film_coefficient` (or the circuit's links to the surroundings) says at a difference of 20 K;
-      None for a film that does not change.
-    - `emissivity`: of the uncovered faces and edges, for radiation beside the film; None for none.
+    - `film_exponent`: the conductance of the film is proportional to the temperature difference to
+      this power, and is that of `film_coefficient` (or of the circuit's links to the surroundings)
+      at a difference of 20 K; None for a constant film.
+    - `emissivity`: the emissivity of the uncovered faces and edges, for radiation in addition to
+      the film; None for no radiation.
 
     Density, specific heat, conductivity, film coefficient and emissivity are None where the rig
     gives its circuit link by link; the sizes then only serve maps and pictures.

@@ -1,4 +1,4 @@
-"""`[plate]` of a rig file -> `Plate`."""
+"""Builds a plate from the table `[plate]` of a rig file."""
 
 from typing import Any
 
@@ -29,8 +29,8 @@ _NEEDED = (*_OF_MATERIAL, "film_coefficient")
 
 
 def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
-    """The plate; with its material where the file gives no circuit. Properties that the file does
-    not give are those of the bundled material that it names.
+    """Builds the plate, with its material if the file states no circuit. Properties that the file
+    does not state are those of the bundled material that it names.
 
     **Raises:** `RigError` where a value is wrong, or both or neither of them are given.
     """

@@ -25,20 +25,22 @@ class Rig:
 
     **Arguments:**
 
-    - `name`, `title`, `description`, `references`: what it is and where it is described.
-    - `plate`: sizes, and materials where the circuit follows from them.
-    - `circuit`: the plate's circuit where it is given link by link, else None.
+    - `name`, `title`, `description`, `references`: its name, a title, a description, and the
+      publications that describe it.
+    - `plate`: the sizes of the plate, and its material if the circuit follows from it.
+    - `circuit`: the plate's circuit if it is stated link by link, otherwise None.
     - `cells`, `driver`, `channels`: the other parts.
-    - `camera`: what reads the channels, or `None` where `sensors` do.
+    - `camera`: the camera that reads the channels; `None` if `sensors` read them.
     - `ambient_temperature`, `initial_temperature`: of the surroundings and of the plate, K.
     - `parameters`: the parameter table, name -> `Parameter`, in the order of the file.
     - `parameter_sets`: named sets of values, set -> name -> value in the parameter's unit.
     - `source`: the file that it was read from.
-    - `limits`: beyond which driving stops. `None`: never to be driven.
-    - `sensors`: point sensors that read the channels, or `None` where a camera does.
-    - `bodies`, `links`: what there is beside plate and cells, and what connects it.
-    - `ambient_drift`: how fast the surroundings change from the first sample on, K/s. `None`: they
-      do not.
+    - `limits`: the limits beyond which the cells are switched off; `None` for a rig that must not
+      be driven.
+    - `sensors`: the point sensors that read the channels; `None` if a camera reads them.
+    - `bodies`, `links`: the bodies beside the plate and the cells, and the links that connect them.
+    - `ambient_drift`: the rate at which the ambient temperature changes from the first sample on,
+      K/s; `None` for a constant one.
     """
 
     name: str
@@ -80,8 +82,8 @@ class Rig:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of everything that the rig's temperatures depend on beside its parameters'
-        values, as hexadecimal digits."""
+        """The SHA-256 of everything that affects the rig's temperatures except the values of its
+        parameters, as hexadecimal digits."""
         words = ("name", "title", "description", "references", "source", "parameters")
         parts = {field.name: getattr(self, field.name) for field in fields(self)}
         # Of the limits, one stands in the fingerprints of fits that were saved before.

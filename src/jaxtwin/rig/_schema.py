@@ -1,6 +1,6 @@
-"""The form of a rig file: which keys stand where and what type they have.
+"""The format of rig files: the keys of each table, and their types.
 
-Everything that needs more than one field (units, names, geometry) is checked where the parts are
+Conditions that involve more than one field (units, names, geometry) are checked when the parts are
 built.
 """
 

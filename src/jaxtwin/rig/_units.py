@@ -1,4 +1,4 @@
-"""Text with a unit -> number in SI units, through pint where the unit is no common one."""
+"""Converts text with a unit to a number in SI units, by pint if the unit is not a common one."""
 
 import functools
 import math
@@ -21,9 +21,9 @@ class Kind:
 
     **Arguments:**
 
-    - `name`: with its article, for messages.
+    - `name`: the name with its article, for messages.
     - `unit`: the SI unit.
-    - `example`: how a value may be written.
+    - `example`: an example of a value.
     - `least`: `"positive"`, `"zero"` where 0 is allowed too, or `"any"` number.
     - `absolute`: whether it is a point on the temperature scale, which alone may be in degC.
     """
@@ -68,12 +68,12 @@ NOISE = Kind("a temperature difference", "K", "0.1 K", least="zero")
 
 
 def is_quantity(text: str) -> bool:
-    """Whether a text starts with a number, so that it is no name."""
+    """Whether a text starts with a number and is therefore not a name."""
     return _NUMBER.fullmatch(text) is not None
 
 
 def parse_quantity(text: str, kind: Kind) -> float:
-    """A number with a unit, in SI units.
+    """Converts a number with a unit to SI units.
 
     **Raises:** `ValueError`, saying what is wrong, where the text is no number with a unit of that
     kind. Whether the number is in the range of its kind is left to the caller.
@@ -109,7 +109,7 @@ def unit_scale(unit: str, like: Kind | str | None = None) -> tuple[float, float]
     **Arguments:**
 
     - `unit`: for example `"cm"`, `"W/(m^2 K)"`, `"degC"`; empty for a plain number.
-    - `like`: what it must measure, or a unit of the same kind; None for anything.
+    - `like`: the quantity that it must measure, or a unit of the same kind; None for any quantity.
 
     **Raises:** `ValueError`, saying what is wrong.
     """

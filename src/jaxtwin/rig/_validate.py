@@ -1,4 +1,4 @@
-"""Tables of a file -> pydantic model; the first mistake is reported in one line."""
+"""Validates the tables of a file by a pydantic model. The first mistake is reported in one line."""
 
 import reprlib
 from typing import Any, TypeVar
@@ -15,7 +15,7 @@ def validate(model: type[Model], data: dict[str, Any], source: str) -> Model:
 
     **Arguments:**
 
-    - `model`: what the file must look like.
+    - `model`: the model that the file must match.
     - `data`: the file's tables, as `tomllib` reads them.
     - `source`: the file, for messages.
 

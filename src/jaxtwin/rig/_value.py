@@ -20,9 +20,8 @@ class Value:
     **Arguments:**
 
     - `factor`: the number $f$.
-    - `powers`: pairs (parameter name $p_i$, exponent $e_i$).
-      They are stored sorted by name, one pair a name, without zero exponents, so two equal
-      products compare equal.
+    - `powers`: pairs (parameter name $p_i$, exponent $e_i$). They are stored sorted by name, one
+      pair for each name, without zero exponents, so that equal products compare equal.
 
     **Raises:** `ValueError` where the factor or an exponent is not a finite number.
     """
@@ -43,7 +42,7 @@ class Value:
 
     @property
     def is_constant(self) -> bool:
-        """Whether no parameter takes part."""
+        """Whether the value contains no parameter."""
         return not self.powers
 
     def evaluate(self, values_si: Mapping[str, Any]) -> Any:

@@ -19,26 +19,29 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MEAN = "mean"
-"""The mean cost of all channels, beside theirs."""
+"""The name of the mean cost of all channels, which is in the result as a further channel."""
 
 
 @final
 @dataclass(frozen=True, repr=False)
 class Sensitivity:
-    """Correlation of parameters with costs over random draws.
+    """The correlations of parameters with costs over random draws.
 
     **Arguments:**
 
     - `rig`: name of the rig.
-    - `names`, `values`: the parameters that were drawn, and the values around which.
+    - `names`, `values`: the parameters that were drawn, and the values around which they were
+      drawn.
     - `channels`: the recorded channels and "mean".
-    - `correlation`: Pearson's, `(channels, parameters)`; `interval`: its 95 % confidence interval.
-    - `rank_correlation`: Spearman's, of the ranks; `rank_interval`: its 95 % confidence interval.
-    - `samples`: `(draws, parameters)`, in the parameters' units.
+    - `correlation`: Pearson's correlation, `(channels, parameters)`; `interval`: its 95 %
+      confidence interval.
+    - `rank_correlation`: Spearman's correlation, that of the ranks; `rank_interval`: its 95 %
+      confidence interval.
+    - `samples`: the parameters of each draw, `(draws, parameters)`, in the parameters' units.
     - `cost`: mean squared error of each channel and their mean, `(draws, channels)`, K^2.
-    - `failed`: whether a draw gave no finite temperatures; it then counts in no correlation.
+    - `failed`: whether a draw gave no finite temperatures; it is then left out of the correlations.
     - `spread`, `seed`: relative standard deviation and seed of the draws.
-    - `wall_time`: s, including compilation.
+    - `wall_time`: the computing time, s, including compilation.
     """
 
     rig: str
@@ -57,7 +60,7 @@ class Sensitivity:
     wall_time: float
 
     def ranking(self, channel: str = MEAN) -> tuple[str, ...]:
-        """Parameters from the strongest to the weakest correlation.
+        """Returns the parameters from the strongest to the weakest correlation.
 
         **Raises:** `ParameterError` where there is no such channel.
         """
@@ -65,7 +68,8 @@ class Sensitivity:
         return tuple(self.names[column] for column in np.argsort(-strength, kind="stable"))
 
     def tornado(self, channel: str = MEAN, ax: "Axes | None" = None) -> "Axes":
-        """Bars of the correlations, strongest on top, with their intervals: Fig. 16 of the paper.
+        """Plots the correlations as bars with their intervals, the strongest on top: Fig. 16 of the
+        paper.
 
         **Raises:** `ParameterError` where there is no such channel.
         """
@@ -73,8 +77,8 @@ class Sensitivity:
         return picture("plot_tornado", self, channel, ax=ax)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """The correlations of all channels and parameters as a matrix; a number stands where the
-        95 % interval leaves 0 out."""
+        """Plots the correlations of all channels and parameters as a matrix. Correlations whose 95
+        % interval does not contain 0 are written as numbers."""
         return picture("plot_sensitivity_matrix", self, ax=ax)
 
     def significant(self, channel: str = MEAN, *, ranks: bool = False) -> dict[str, Literal[1, -1]]:
@@ -98,7 +102,8 @@ class Sensitivity:
         }
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Everything with labels: dims draw, channel, parameter, bound."""
+        """Returns all numbers as a labelled dataset with the dimensions draw, channel, parameter
+        and bound."""
         import xarray
 
         return xarray.Dataset(
@@ -129,8 +134,9 @@ class Sensitivity:
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """The indices as a table: a row for each channel and parameter, its index, and columns
-        correlation, lower, upper, rank_correlation, rank_lower and rank_upper."""
+        """Returns the correlations as a table with a row for each channel and parameter (its
+        index), and the columns correlation, lower, upper, rank_correlation, rank_lower and
+        rank_upper."""
         import pandas
 
         columns = {
@@ -147,9 +153,9 @@ class Sensitivity:
         return pandas.DataFrame({name: part.ravel() for name, part in columns.items()}, index=rows)
 
     def to_salib(self) -> dict[str, Any]:
-        """The problem in SALib's form, for its samplers and analysers.
+        """Returns the problem in SALib's form, for its samplers and analysers.
 
-        Distributions are those of the draws, normal and cut off at 0: SALib's `truncnorm`, whose
+        Distributions are those of the draws, normal and truncated at 0: SALib's `truncnorm`, whose
         bounds are lower and upper limit, mean and standard deviation.
         """
         return {

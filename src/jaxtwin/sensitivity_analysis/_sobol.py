@@ -1,12 +1,14 @@
-r"""Sobol's indices: the part of an output's variance that is a parameter's, alone and in all.
+r"""Sobol's indices: the part of an output's variance that is due to a parameter alone (first
+order), or with its interactions (total).
 
-Two independent samples A and B, and for each parameter a third, $A_B^{(j)}$, which is A with that
-parameter from B (Saltelli and others, Computer Physics Communications 181 (2010) 259-270):
+The runs are two independent samples A and B, and for each parameter a third sample $A_B^{(j)}$,
+which is A with that parameter from B (Saltelli and others, Computer Physics Communications 181
+(2010) 259-270):
 
 $$S_j = \frac{\overline{f(B) (f(A_B^{(j)}) - f(A))}}{V}, \qquad
 S_{Tj} = \frac{\overline{(f(A) - f(A_B^{(j)}))^2}}{2 V}$$
 
-The first is Saltelli's estimator, the second Jansen's. Interactions of two parameters take a fourth
+The first is Saltelli's estimator, the second Jansen's. Interactions of two parameters need a fourth
 sample, $B_A^{(j)}$ (Saltelli, Computer Physics Communications 145 (2002) 280-297). Outputs are
 centred beforehand, as in Sobol' and others (2007). Estimators, samples and their order are those of
 SALib 1.6.
@@ -32,7 +34,8 @@ class Sobol(AbstractMethod):
 
     **Arguments:**
 
-    - `second_order`: whether to estimate `S2` too, which takes 2 d + 2 runs a draw, not d + 2.
+    - `second_order`: whether to estimate `S2` too, which takes 2 d + 2 runs for each draw instead
+      of d + 2.
     """
 
     second_order: bool = False

@@ -17,10 +17,11 @@ each of equally likely intervals of each parameter; or Sobol's sequence, scrambl
 def unit_samples(
     kind: SampleKind, draws: int, columns: int, seed: int
 ) -> Float[np.ndarray, "draws columns"]:
-    """Samples with independent columns, each uniform from 0 to 1; the same seed gives the same.
+    """Makes samples with independent columns, each uniform from 0 to 1. The same seed gives the
+    same samples.
 
-    **Raises:** `SimulationError` where Sobol's sequence is asked for a number of draws that is no
-    power of two: others unbalance it.
+    **Raises:** `SimulationError` if the number of draws of Sobol's sequence is not a power of two,
+    because other numbers unbalance it.
     """
     if kind == "random":
         return uniform_draws(columns, seed, draws)
