@@ -1,4 +1,4 @@
-"""A copy of a recording while it grows, with a checksum beside it."""
+"""Copies a recording while it grows, with a checksum in a second file."""
 
 import hashlib
 import os
@@ -14,18 +14,18 @@ PAGES = 1000  # at a time: the recorder gets its turn in between
 def backup_session(file: str | Path, copy: str | Path) -> str:
     """Copies a recording as it is at one moment, also while it is recorded into.
 
-    A plain copy of the file misses what is still in its journal. SQLite's online backup does not,
-    and neither stops nor is stopped by the recorder.
+    A plain copy of the file misses records that are still in its journal. SQLite's online backup
+    includes them. It neither stops the recorder nor is stopped by it.
 
     **Arguments:**
 
     - `file`: the recording.
-    - `copy`: where to. A file that is there is refused.
+    - `copy`: the path of the copy. An existing file is refused.
 
-    **Returns:** the SHA-256 of the copy, which stands beside it in `COPY.sha256` too, as
-    `sha256sum --check` reads it.
+    **Returns:** the SHA-256 of the copy. It is also written to `COPY.sha256`, which
+    `sha256sum --check` reads.
 
-    **Raises:** `RecordingError` where the file is no recording, or the copy cannot be written.
+    **Raises:** `RecordingError` if the file is not a recording, or the copy cannot be written.
     """
     target = Path(copy)
     beside = target.with_name(target.name + ".sha256")

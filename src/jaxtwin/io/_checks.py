@@ -1,4 +1,5 @@
-"""What the fields of an `Experiment` must be; each check returns the field as it is held."""
+"""Checks of the fields of an `Experiment`. Each check returns the field as the experiment stores
+it."""
 
 import sys
 from collections.abc import Iterable
@@ -17,7 +18,8 @@ ROUNDING = 1e-9  # counts / 255 and unit conversions may leave this much above f
 
 
 class WrongSampleError(RecordingError):
-    """A sample that breaks a rule, and its number, by which a reader of files finds its line."""
+    """A sample is invalid. The number of the sample, from which a reader of files finds its line,
+    is an attribute."""
 
     def __init__(self, message: str, sample: int):
         super().__init__(message)
@@ -78,12 +80,13 @@ def duty_from_counts(
     **Arguments:**
 
     - `pwm`: -counts to counts, `(times, cells)`.
-    - `counts`: counts of full duty.
-    - `polarity`: 1 where positive counts heat the plate, -1 where they cool it.
+    - `counts`: the counts of full duty.
+    - `polarity`: 1 if positive counts heat the plate, -1 if they cool it.
 
     **Returns:**
 
-    Duty cycles `(times, cells)`, -1 to 1. What is not finite stays so.
+    Duty cycles `(times, cells)`, -1 to 1. Counts that are not finite give duty cycles that are not
+    finite.
 
     **Raises:**
 
@@ -101,9 +104,9 @@ def duty_from_counts(
 
 
 def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:
-    """Channel names, each once. A single string is one name.
+    """Checks channel names, of which none may occur twice. A single string is a single name.
 
-    A set is refused, because columns belong to names by their order.
+    A set is refused, because its order is not defined and names belong to columns by their order.
     """
     if not isinstance(channels, str) and not is_ordered(channels):
         raise RecordingError(
@@ -137,7 +140,7 @@ def checked_temperatures(
 ) -> Float[np.ndarray, "times channels"] | None:
     """Temperatures `(times, channels)`, degC, above absolute zero, or `None`.
 
-    A sample that is missing is NaN; masked values and None become that. At least one is there.
+    A missing sample is NaN; masked values and None become NaN. At least one sample must exist.
     """
     if temperatures is None:
         return None
@@ -164,9 +167,9 @@ def checked_ambient(
 ) -> float | Float[np.ndarray, "times"] | None:
     """Ambient temperature, degC: a number, a series `(times,)`, or `None`.
 
-    A series is an input of the simulation and has no gaps: what is missing from it lies on a
-    straight line between its neighbours, and stays what the nearest sample was at both ends. Rooms
-    change slowly, and loggers ask them less often than the plate.
+    A series is an input of the simulation and must have no gaps. Missing samples are interpolated
+    linearly, and have the value of the nearest sample at both ends. Rooms change slowly, and
+    loggers read their temperature less often than that of the plate.
     """
     if ambient is None:
         return None
@@ -189,7 +192,8 @@ def checked_ambient(
 
 
 def _numbers(values: object, field: str, may_lack: bool = False) -> np.ndarray:
-    """The field as real numbers; NaN for what is masked, None or NA, where it `may_lack` some."""
+    """Converts a field to real numbers. Values that are masked, None or NA become NaN if the field
+    `may_lack` some."""
     if np.ma.is_masked(values):  # the mask would be lost and what it hides come to light
         if not may_lack:
             raise RecordingError(f"{field}: expected finite numbers, got masked values")
@@ -208,9 +212,9 @@ def _numbers(values: object, field: str, may_lack: bool = False) -> np.ndarray:
 
 
 def _without_none(objects: np.ndarray) -> np.ndarray:
-    """Numbers among None and pandas' NA, with NaN for these; unchanged where it is anything else.
+    """Replaces None and pandas' NA among numbers by NaN. Anything else is returned unchanged.
 
-    Lists with None come as objects, and so do the columns of pandas that know NA.
+    Lists with None, and columns of pandas that support NA, are arrays of objects.
     """
     pandas = sys.modules.get("pandas")
     missing = (None,) if pandas is None else (None, pandas.NA)
@@ -221,7 +225,7 @@ def _without_none(objects: np.ndarray) -> np.ndarray:
 
 
 def _held(array: np.ndarray) -> np.ndarray:
-    """A copy that nobody else can change, so that an experiment and its fingerprint stay true."""
+    """Returns a read-only copy, so that an experiment and its fingerprint never change."""
     copy = np.array(array, np.float64, order="C")
     copy[np.isnan(copy)] = np.nan  # one of the many bit patterns that mean it
     copy.setflags(write=False)
@@ -238,7 +242,7 @@ def _check_finite(values: np.ndarray, field: str, time: np.ndarray) -> None:
 
 
 def _check_temperature(values: np.ndarray, field: str, time: np.ndarray) -> None:
-    """Absolute zero or above and finite, or NaN."""
+    """Checks that temperatures are finite and above absolute zero, or NaN."""
     _check_finite(np.nan_to_num(values, nan=0.0, posinf=np.inf, neginf=-np.inf), field, time)
     (wrong,) = np.nonzero(values < ABSOLUTE_ZERO)
     if wrong.size:

@@ -1,10 +1,10 @@
-r"""Device time -> host time: offset, drift and jitter of a device's clock.
+r"""Maps device time to host time, by the offset, drift and jitter of a device's clock.
 
 A stamp $d$ of the device arrives at host time $a = m(d) + w$ after a wait $w$ that is never below
-the shortest one and has a long tail (buffers, scheduling). So the fastest arrivals show the clock,
-the others show the wait: $m$ runs through the earliest arrival of each block of time. What cannot
-be told from one side is the shortest wait itself; it stays in $m$ (well below a millisecond on
-USB and loopback).
+the shortest one and has a long tail (buffers, scheduling). The fastest arrivals therefore show the
+clock, and the others the wait: $m$ passes through the earliest arrival of each block of time. The
+shortest wait itself cannot be determined from one side. It remains in $m$ and is well below a
+millisecond on USB and loopback.
 """
 
 from dataclasses import dataclass
@@ -26,12 +26,12 @@ class ClockMap:
 
     **Arguments:**
 
-    - `rate`: seconds of device time in a second of host time, nominally.
+    - `rate`: the nominal seconds of device time in a second of host time.
     - `device`, `offset`: knots `(knots,)`, s: host time is `device / rate + offset` there, and
         linear in between.
-    - `drift`: how much faster than nominal the device's clock runs, 1e-6 (ppm).
-    - `wait`: how much later than the mapped time the stamps arrived: median, 99th percentile and
-        greatest, s. This is the jitter.
+    - `drift`: the relative amount by which the device's clock is too fast, 1e-6 (ppm).
+    - `wait`: the delay of the stamps after the mapped time: median, 99th percentile and maximum, s.
+      This is the jitter.
     """
 
     rate: float
@@ -44,7 +44,7 @@ class ClockMap:
     def fit(
         cls, device_us: Int[np.ndarray, " stamps"], arrival: Int[np.ndarray, " stamps"], rate: float
     ) -> "ClockMap":
-        """The map through some stamps of one start of a device.
+        """Fits the map to stamps of one start of a device.
 
         **Arguments:**
 
@@ -102,6 +102,6 @@ def _slope(x: np.ndarray, y: np.ndarray) -> float:
 def _offsets(
     device: np.ndarray, knots: np.ndarray, offsets: np.ndarray, slope: float
 ) -> np.ndarray:
-    """Linear between the knots, and on with the mean slope before and behind them."""
+    """Interpolates linearly between the knots, and extrapolates with the mean slope."""
     beyond = device - np.clip(device, knots[0], knots[-1])
     return np.interp(device, knots, offsets) + slope * beyond

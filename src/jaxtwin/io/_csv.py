@@ -2,8 +2,8 @@
 
 `time_s,duty_P1,duty_P2,T11_degC,T12_degC,ambient_degC`
 
-Numbers are written with as many digits as it takes to read the same number back, missing samples
-as nothing. How other programs write such text, `_delimited` knows.
+Numbers are written with as many digits as are necessary to read the same number back. A missing
+sample is an empty field. `_delimited` reads the variants that other programs write.
 """
 
 import csv

@@ -64,8 +64,8 @@ def experiment_of_dataframe(
 
 
 def _refuse_text_and_bare_times(frame: "pandas.DataFrame", time: str | None) -> None:
-    """A column `time` is taken for a time only with a unit, or where it holds time stamps or
-    durations."""
+    """Refuses columns of text, and a column `time` of plain numbers without a unit. A column `time`
+    must have a unit, or hold time stamps or durations."""
     for title in frame.columns:
         kind = frame[title].dtype.kind
         if title != time and is_timestamp_title(str(title)) and kind not in "mM":
@@ -87,7 +87,8 @@ def _column(
 
 
 def _seconds(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples"]:
-    """Seconds: numbers as they are, durations, and time stamps since the first of them."""
+    """Converts times to seconds: numbers are in seconds, and time stamps are counted from the first
+    of them."""
     import pandas
 
     if series.isna().any():
@@ -106,7 +107,7 @@ def _seconds(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples
 
 
 def _numbers(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples"]:
-    """The numbers of a column; NaN where one is missing."""
+    """Returns the numbers of a column; NaN for a missing number."""
     try:
         values: Any = series.to_numpy(dtype=np.float64, na_value=np.nan)
     except (TypeError, ValueError):

@@ -1,11 +1,11 @@
 """Columns of numbers in text, as this program, spreadsheets, loggers and pandas write them.
 
-- Separated by commas, semicolons or tabs, as the line of names shows. Beside semicolons and tabs a
-  decimal comma is read too, in a file that uses it throughout.
-- UTF-8, UTF-16 with its mark, or Windows-1252.
-- Lines that start with `#`, or Excel's `sep=;`, before the names, blank lines, and lines of blank
-  fields are passed over, and so are a first column without a name (pandas' index) and blank columns
-  without one.
+- Columns are separated by commas, semicolons or tabs, as in the line of names. With semicolons and
+  tabs, numbers may have a decimal comma, if the whole file uses it.
+- The encoding is UTF-8, UTF-16 with its byte order mark, or Windows-1252.
+- Lines before the names that start with `#`, Excel's `sep=;`, blank lines and lines of blank fields
+  are skipped. So are a first column without a name (pandas' index), and blank columns without a
+  name.
 - A unit may follow its name as `T11_degC`, `T11 [degC]` or `T11 (°C)`.
 - A column `time`, `timestamp`, `date` or the like holds time stamps (`_timestamps`).
 - An empty field or a word for "not available" is a missing sample, NaN.
@@ -26,7 +26,7 @@ from ._timestamps import is_timestamp_title, seconds_of_timestamps
 MISSING = frozenset(
     {"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none", "-", "--", "---"}
 )
-"""What stands for a missing sample, in small letters."""
+"""The words for a missing sample, in small letters."""
 
 TIME = re.compile("[Tt]ime_(s|ms|min|h)")
 """The name of the column that every recording has."""
@@ -40,11 +40,11 @@ UNITS = {"°C": "degC", "C": "degC", "celsius": "degC", "kelvin": "K", "sec": "s
 class Column:
     """One column of a file.
 
-    - `title`: as it stands in the file. `name`: with the unit behind an underscore, as in
-      `T11_degC`; without one where the unit is "1", "-" or nothing.
-    - `values`: NaN where a sample is missing.
-    - `lines`: of the samples in the file. `fields`: as they stand there.
-    - `place`: what `lines` counts, for messages.
+    - `title`: the title in the file. `name`: the name with its unit after an underscore, as in
+      `T11_degC`; without a unit if this is "1", "-" or empty.
+    - `values`: the numbers; NaN for a missing sample.
+    - `lines`: the line numbers of the samples in the file. `fields`: their text.
+    - `place`: the word for what `lines` counts, for messages.
     """
 
     title: str
@@ -56,11 +56,11 @@ class Column:
 
     @property
     def is_blank(self) -> bool:
-        """Whether it holds no number."""
+        """Whether the column holds no number."""
         return bool(np.isnan(self.values).all())
 
     def complete(self) -> Float[np.ndarray, " samples"]:
-        """The values of a column that must not miss any.
+        """The values of a column that must have no missing samples.
 
         **Raises:** `RecordingError` that names the line of the first missing one.
         """
@@ -81,9 +81,9 @@ def read_columns(content: bytes, expected: str) -> tuple[list[Column], list[int]
     **Arguments:**
 
     - `content`: the whole file.
-    - `expected`: which columns are expected, in words, for messages.
+    - `expected`: the expected columns in words, for messages.
 
-    **Raises:** `RecordingError` that names the line, and the column where it is in one.
+    **Raises:** `RecordingError` that names the line and, if there is one, the column.
     """
     text = _decoded(content)
     separator = _separator(text)
@@ -156,7 +156,7 @@ def _separator(text: str) -> str:
 
 
 def _is_note(text: str) -> bool:
-    """Whether a line before the names says nothing of them."""
+    """Whether a line before the line of names is to be skipped."""
     return text.startswith(("#", "sep="))
 
 
@@ -185,7 +185,8 @@ def column_name(title: str) -> str:
 
 
 def _number(field: str, comma: bool) -> float:
-    """The number that the field holds; NaN where a sample is missing, infinite where it is none."""
+    """Returns the number in a field; NaN for a missing sample, and infinity if the text is not a
+    number."""
     if field.lower() in MISSING:
         return float("nan")
     if comma and "." in field:

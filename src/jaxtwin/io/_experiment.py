@@ -1,4 +1,4 @@
-"""One experiment on a rig: the drive that it was given and the temperatures that it answered."""
+"""An experiment on a rig: its inputs, and the temperatures that were recorded."""
 
 import hashlib
 from collections.abc import Iterable
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXPERIMENT = "an Experiment, as read_recording and Experiment.schedule make it"
-"""What error messages call an experiment."""
+"""The name of an experiment in error messages."""
 
 GAP_FACTOR = 3.0
 """A step longer than this many median steps is a gap: samples were lost, not merely late."""
@@ -39,27 +39,29 @@ GAP_FACTOR = 3.0
 @final
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Experiment:
-    """Inputs, outputs and ambient of one run of a rig, checked, unchangeable, held as float64.
+    """The inputs, the outputs and the ambient temperature of one run of a rig. They are checked,
+    read-only and in float64.
 
-    Two experiments are equal when their contents are, whatever their names; `fingerprint` is what
-    a cache keys by.
+    Two experiments are equal when their contents are, whatever their names; a cache can use
+    `fingerprint` as its key.
 
     **Arguments:**
 
     - `time`: strictly increasing, at least two samples, `(times,)`, s. It need not start at 0.
-    - `duty`: duty cycle of each cell, -1 to 1, positive heats the plate, `(times, cells)`, or
-        `(times,)` for a single cell. Sample k is held until time k + 1.
-    - `channels`: names of the temperature channels. They may be given without temperatures, to
-        say which ones a simulation should return.
+    - `duty`: the duty cycle of each cell, -1 to 1, positive heats the plate, `(times, cells)`, or
+      `(times,)` for a single cell. Sample k is held until time k + 1.
+    - `channels`: the names of the temperature channels. They may be given without temperatures, to
+      choose the channels that a simulation returns.
     - `temperatures`: recorded temperatures `(times, channels)`, degC, or `None`. A missing sample
-        is NaN (a masked value, None or pandas' NA becomes that): it counts nothing wherever
-        recorded and simulated temperatures meet. `sampled` says where there is one.
-    - `ambient`: ambient temperature, degC: one number, a series `(times,)`, or `None` where it is
-        not known. A series that never changes is held as one number. Missing samples of a series
-        are interpolated linearly; before the first and after the last it stays constant.
+      is NaN (masked values, None and pandas' NA become NaN). It has no weight wherever recorded and
+      simulated temperatures are compared. `sampled` marks the samples that exist.
+    - `ambient`: ambient temperature, degC: a number, a series `(times,)`, or `None` if it is not
+      known. A constant series is stored as a number. Missing samples of a series are interpolated
+      linearly; before the first and after the last it stays constant.
     - `name`: a label for plots and tables.
     - `group`: the day or session to which it belongs, in which camera and contacts stayed as they
-        were; recordings of one group share what `match` takes to differ between groups.
+      were; recordings of a group share the values of the parameters that `match` lets differ
+      between groups.
 
     **Raises:**
 
@@ -118,8 +120,8 @@ class Experiment:
 
         **Arguments:**
 
-        - `text`: `"0:0.5,500:0.78"` is a duty cycle of 0.5 in every cell from 0 s and 0.78 from
-            500 s on; `"0:0.5/0.3"` gives each cell its own. Before the first time the duty is 0.
+        - `text`: `"0:0.5,500:0.78"` is a duty cycle of 0.5 in every cell from 0 s and 0.78 from 500
+          s on; `"0:0.5/0.3"` states a duty for each cell. Before the first time the duty is 0.
         - `duration`, `step`: the samples are 0, step, 2 step, ... up to the duration, s. A switch
             between two of them gets a separate sample.
         - `cells`: number of cells.
@@ -131,7 +133,7 @@ class Experiment:
 
         **Raises:**
 
-        `RecordingError` that quotes the entry which is wrong.
+        `RecordingError` that quotes the invalid entry.
         """
         time, duty = schedule_samples(text, duration=duration, step=step, cells=cells)
         return cls(time, duty, channels=channels, ambient=ambient, name=name)
@@ -157,7 +159,7 @@ class Experiment:
         - `time`: the column of the times. By default the index where it holds durations or time
             stamps, otherwise a column of these or `time_s`, otherwise the index, in s. Times are
             numbers in s, durations (timedelta) or time stamps (datetime), counted from the first.
-        - `counts`, `polarity`: of `pwm_P1`, as in `read_recording`.
+        - `counts`, `polarity`: those of `pwm_P1`, as in `read_recording`.
         - `name`: as in `Experiment`.
 
         **Returns:**
@@ -166,7 +168,7 @@ class Experiment:
 
         **Raises:**
 
-        `RecordingError` that names the column, and the row where it is in one, counted from 0.
+        `RecordingError` that names the column and, if there is one, the row, counted from 0.
         """
         from ._dataframe import experiment_of_dataframe
 
@@ -227,12 +229,12 @@ class Experiment:
     def between(self, t0: float | int | None = None, t1: float | int | None = None) -> "Experiment":
         """The part of the experiment with `t0 <= time < t1`, at its own times.
 
-        `between(None, 500)` and `between(500, None)` share no sample, as a split into matching and
-        validation needs it.
+        `between(None, 500)` and `between(500, None)` share no sample, so that they divide an
+        experiment into parts for matching and validation.
 
         **Arguments:**
 
-        - `t0`, `t1`: s; `None` leaves that end open.
+        - `t0`, `t1`: the start and the end, s; `None` leaves that end open.
 
         **Returns:**
 
@@ -266,7 +268,7 @@ class Experiment:
 
         **Arguments:**
 
-        - `channels`: names, each one of `self.channels`.
+        - `channels`: names of channels in `self.channels`.
 
         **Returns:**
 
@@ -274,7 +276,7 @@ class Experiment:
 
         **Raises:**
 
-        `RecordingError` for a name that is not there, or that is asked for twice.
+        `RecordingError` for an unknown name, or a name that occurs twice.
         """
         names = checked_channels(channels)
         unknown = [name for name in names if name not in self.channels]
@@ -300,8 +302,8 @@ class Experiment:
 
         **Returns:**
 
-        `duty` (time, cell); where they are known `temperature` (time, channel), degC, and `ambient`
-        (a number or (time,)), degC. Units stand in the attributes; cells are named P1, P2, ...
+        `duty` (time, cell); if they are known, `temperature` (time, channel), degC, and `ambient`
+        (a number or (time,)), degC. Units are attributes; cells are named P1, P2, ...
         """
         import xarray
 
@@ -398,7 +400,7 @@ def as_experiments(where: str, given: Any, error: type[JaxtwinError]) -> list[Ex
 
     **Arguments:**
 
-    - `where`: function and argument, for the message.
+    - `where`: the function and the argument, for the message.
     - `given`: one experiment or several. The list may be empty.
 
     **Raises:** `error` where anything else is given.

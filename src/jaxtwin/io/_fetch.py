@@ -1,4 +1,4 @@
-"""Fetching the authors' recordings from where they published them."""
+"""Fetches the authors' recordings from the site on which they published them."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,12 +14,14 @@ def fetch_recordings(
     *,
     on_progress: Callable[[str], None] | None = None,
 ) -> tuple[Path, ...]:
-    """Fetches recordings that are not there yet, and checks every one by its SHA-256.
+    """Fetches recordings that do not exist yet, and checks each recording by its SHA-256.
 
     **Arguments:**
 
-    - `folder`: where to put them; the default is a cache folder that `find_recordings` knows.
-    - `recordings`: which ones; the default is all that the authors published and jaxtwin knows.
+    - `folder`: the folder for the recordings; the default is a cache folder that `find_recordings`
+      searches.
+    - `recordings`: the recordings to fetch; the default is all of the authors' recordings that
+      jaxtwin knows.
     - `on_progress`: called with a line of text before each file.
 
     **Returns:**
@@ -28,8 +30,9 @@ def fetch_recordings(
 
     **Raises:**
 
-    `RecordingError` where a file cannot be fetched or has another checksum. What was fetched before
-    stays; of the file itself nothing is left, and one that was there stays as it was.
+    `RecordingError` where a file cannot be fetched or has another checksum. Files that were fetched
+    before remain. Nothing remains of the file that failed, and an older file in its place is
+    unchanged.
     """
     import pooch
 

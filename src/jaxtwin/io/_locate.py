@@ -1,4 +1,4 @@
-"""Where recordings lie on this machine."""
+"""Finds recordings on this machine."""
 
 import os
 from collections.abc import Sequence
@@ -16,10 +16,11 @@ def find_recordings(
 ) -> tuple[Path, ...]:
     """Finds recordings by name, all of them in one folder.
 
-    Looked through are the folder given; without one, the folder in the environment variable
-    `JAXTWIN_RECORDINGS`; without that, the first that holds them all of a folder
-    `shared/recordings` beside the current directory, one beside the checkout, where several
-    checkouts can share it, and of what `fetch_recordings` fetched.
+    If a folder is given, only this folder is searched; otherwise the folder in the environment
+    variable `JAXTWIN_RECORDINGS`. Without this variable, the first of the following folders that
+    holds all recordings is used: `shared/recordings` beside the current directory,
+    `shared/recordings` beside the checkout, where several checkouts can share it, and the cache of
+    `fetch_recordings`.
 
     **Arguments:**
 
@@ -33,7 +34,7 @@ def find_recordings(
 
     **Raises:**
 
-    `RecordingError` that lists the folders, and what each of them lacks.
+    `RecordingError` that lists the folders, and the files that each of them lacks.
     """
     folders = [Path(folder)] if folder is not None else _usual_folders()
     lacks = []

@@ -1,4 +1,5 @@
-"""One writer a recording: a lock that ends with the process, however that ends."""
+"""Ensures that each recording has a single writer, by a lock that ends with the process in any
+case."""
 
 import os
 import sys
@@ -10,11 +11,11 @@ from .._errors import RecordingError
 def lock(file: Path) -> int:
     """Locks a recording for writing by an empty file beside it.
 
-    SQLite's own locks last for a transaction; two recorders would take turns unnoticed. The lock
-    is that of the file behind symbolic links. A file with several names has no single place for
-    it, and is refused.
+    SQLite's own locks last for a transaction, so that two recorders could write in turns unnoticed.
+    Symbolic links are resolved first. A file with several names (hard links) is refused, because
+    the lock belongs to a name.
 
-    **Returns:** what `unlock` takes.
+    **Returns:** the handle that `unlock` needs.
 
     **Raises:** `RecordingError` where another process records into it, or it has hard links.
     """
@@ -39,12 +40,13 @@ def lock(file: Path) -> int:
 
 
 def unlock(handle: int) -> None:
-    """Lets others record into it. The empty file stays: taking it away would race with them."""
+    """Lets other processes record into it. The empty file remains, because removing it would race
+    with them."""
     os.close(handle)
 
 
 def is_locked(file: Path) -> bool:
-    """Whether some process records into it."""
+    """Whether a process records into the file."""
     if not _beside(file).exists():
         return False
     try:

@@ -1,10 +1,10 @@
-"""The authors' MATLAB files: one matrix `simout`, a row a second.
+"""The authors' MATLAB files: a matrix `simout` with a row for each second.
 
-Columns of the two-cell rig: 1 an unused controller output, 2 a copy of 7, 3 time, 4 set point,
-5 and 6 the upper zones (second, first), 7 the centre tap, 8 and 9 the lower zones (second, first),
-10 and 11 the PWM counts of the cells. Columns of the one-cell rig: PWM counts, temperature, time,
-set point. Times in s, temperatures in degC. The files also hold variables of the controller, among
-them objects that only MATLAB knows; `simout` alone is read.
+Columns of the two-cell rig: 1 an unused controller output, 2 a copy of 7, 3 time, 4 set point, 5
+and 6 the upper zones (second, first), 7 the centre tap, 8 and 9 the lower zones (second, first), 10
+and 11 the PWM counts of the cells. Columns of the one-cell rig: PWM counts, temperature, time, set
+point. Times in s, temperatures in degC. The files also hold variables of the controller, including
+objects that only MATLAB can read; only `simout` is read.
 """
 
 import re
@@ -79,7 +79,8 @@ def _zone(name: str, zone: str | None) -> str:
 
 
 def _check_range(temperatures: np.ndarray) -> None:
-    """The camera cannot read what a file in kelvin, or one with other columns, would hold."""
+    """Refuses temperatures that the camera cannot read, such as those of a file in kelvin or with
+    other columns."""
     low, high = -60.0, 250.0
     wrong = np.argwhere((temperatures < low) | (temperatures > high))
     if wrong.size:

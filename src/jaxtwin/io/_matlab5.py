@@ -1,4 +1,4 @@
-"""One matrix of real numbers out of a MATLAB 5 file (MATLAB 5 to 7, saved with `-v6` or `-v7`).
+"""Reads a matrix of real numbers from a MATLAB 5 file (MATLAB 5 to 7, saved with `-v6` or `-v7`).
 
 The file is a header of 128 bytes and then elements, each a tag (type, size in bytes) and its data.
 An element is either compressed, and holds another one, or it is a variable, which holds its flags,
@@ -40,12 +40,12 @@ def is_matlab5(content: bytes) -> bool:
 
 
 def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
-    """The matrix called `name`, with the dimensions that it has in the file.
+    """Reads the matrix called `name`, with the dimensions that it has in the file.
 
     **Arguments:**
 
-    - `content`: the whole file. Its other variables may be anything; they are only walked over.
-    - `name`: of the variable.
+    - `content`: the whole file. Its other variables are skipped, whatever they contain.
+    - `name`: the name of the variable.
 
     **Returns:**
 
@@ -77,7 +77,7 @@ def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """Type and data of each element; every one of them must be there as a whole."""
+    """Yields the type and the data of each element, each of which must be complete."""
     position = 0
     while position < len(data):
         kind, size = struct.unpack_from(order + "II", data, position)

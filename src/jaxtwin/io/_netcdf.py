@@ -20,7 +20,7 @@ KELVIN = ("K", "kelvin", "Kelvin")
 
 
 def parse_netcdf(content: bytes, *, name: str) -> Experiment:
-    """The experiment in a netCDF file; variables with other names are left alone."""
+    """Reads the experiment in a netCDF file. Variables with other names are ignored."""
     data = _dataset(content)
     time = _variable(data, "time", ("time",), SECOND)
     duty = _variable(data, "duty", ("time", "cell"), DUTY)
@@ -42,8 +42,9 @@ def parse_netcdf(content: bytes, *, name: str) -> Experiment:
 def format_netcdf(experiment: Experiment) -> bytes:
     """The experiment as the bytes of a netCDF 3 file.
 
-    netCDF 3 rather than 4: it needs no extra library, and no damage to it stops its reader, whereas
-    a zeroed block in a netCDF 4 file can keep the HDF5 library (2.0) in a loop for ever.
+    netCDF 3 is used instead of netCDF 4, because it needs no extra library, and because a damaged
+    file cannot stop its reader: a zeroed block in a netCDF 4 file can keep the HDF5 library (2.0)
+    in an endless loop.
     """
     return bytes(experiment.to_xarray().to_netcdf(engine="scipy"))
 
@@ -69,7 +70,8 @@ def _dataset(content: bytes) -> "xarray.Dataset":
 
 
 def _check_netcdf4(content: bytes) -> None:
-    """Whether the file opens at all: h5netcdf leaves a broken object behind where it does not."""
+    """Checks that the file can be opened, because h5netcdf leaves a broken object behind if it
+    cannot."""
     try:
         import h5netcdf  # noqa: F401
         import h5py

@@ -21,9 +21,9 @@ class PublishedRecording:
 
     **Arguments:**
 
-    - `name`: where it lies in a folder of recordings, with forward slashes.
-    - `url`: where it is fetched from.
-    - `sha256`: of its bytes, as hexadecimal digits.
+    - `name`: the path in a folder of recordings, with forward slashes.
+    - `url`: the address from which it is fetched.
+    - `sha256`: the SHA-256 of its bytes, as hexadecimal digits.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Reading a recording from a file, whatever its format."""
+"""Reads a recording from a file of any known format."""
 
 from pathlib import Path
 
@@ -20,14 +20,15 @@ def read_recording(
 ) -> Experiment:
     """Reads a recording: the authors' .mat files, .csv, or netCDF.
 
-    The format is recognised by the first bytes; where they say nothing it is text, a .csv.
+    The format is recognised by the first bytes. If they are those of no other format, the file is
+    read as text, .csv.
 
     - .mat (MATLAB 5 to 7): the variable `simout` with 11 columns (two cells, five channels of one
         zone) or with 4 (one cell, one channel `T`). Nothing else in the file is read.
     - .csv: a line of column names with units, `time_s,duty_P1,duty_P2,T11_degC,ambient_degC`;
-        `pwm_P1` are counts, `_K` is kelvin. Where all channels are blank, none was recorded.
-        Semicolons or tabs may separate columns, numbers may have a decimal comma beside them, and
-        a unit may stand in brackets: `T11 [degC]`.
+      `pwm_P1` are counts, `_K` is kelvin. If all channels are blank, no temperatures were recorded.
+      Semicolons or tabs may separate columns, numbers may have a decimal comma beside them, and a
+      unit may stand in brackets: `T11 [degC]`.
     - .db: a live session, as `jaxtwin record` writes it, on a grid of 1 s; `jaxtwin.io.Session`
         gives other grids and parts of it.
     - netCDF: `duty` (time, cell), `temperature` (time, channel) and `ambient`, with units, as
@@ -39,10 +40,10 @@ def read_recording(
     **Arguments:**
 
     - `path`: the file. Its name without the ending becomes the name of the experiment.
-    - `zone`: `"A"`, `"B"` or `"C"`, which zone of the two-cell plate a .mat file holds; needed
-        where the name of the file does not say so (`...SecA...`).
-    - `counts`: PWM counts of full duty.
-    - `polarity`: 1 where positive PWM counts heat the plate, -1 where they cool it.
+    - `zone`: `"A"`, `"B"` or `"C"`, the zone of the two-cell plate in a .mat file; needed if the
+      name of the file does not contain it (`...SecA...`).
+    - `counts`: the PWM counts of full duty.
+    - `polarity`: 1 if positive PWM counts heat the plate, -1 if they cool it.
 
     **Returns:**
 
@@ -50,7 +51,7 @@ def read_recording(
 
     **Raises:**
 
-    `RecordingError` that names the file, what is wrong and what was expected.
+    `RecordingError` that names the file, the problem, and what was expected.
     """
     file = path_of("read_recording: path", path, RecordingError)
     whole_number("counts", counts, 1, RecordingError)
@@ -80,7 +81,8 @@ def read_recording(
 
 
 def check_no_gap(experiment: Experiment) -> None:
-    """Refuses recorded temperatures with lost samples. A schedule without any may step freely."""
+    """Refuses recorded temperatures with lost samples. A schedule without temperatures may have
+    steps of any length."""
     gaps = experiment.gaps
     if experiment.temperatures is None or not len(gaps):
         return

@@ -1,13 +1,13 @@
-"""Samples at their own times -> the common grid that an `Experiment` needs.
+"""Transfers samples with times of their own to the common grid that an `Experiment` needs.
 
-The rule, and nothing else: nothing is filled in.
+No value is filled in. The rules are:
 
 - The grid is `start + k step`.
-- A temperature, or the ambient, is the mean of all readings within half a step of the grid time,
-    where these are of one run of the recorder.
-- The duty is the one in force in the middle of the step that it is held for, so that a switch is
-    off by half a step at most. It is in force from its sample until the next one, or until
-    `longest` after it.
+- A temperature, or the ambient, is the mean of all readings within half a step of the grid time, if
+  these belong to a single run of the recorder.
+- The duty of a step is the duty that was applied in the middle of the step, so that the error of a
+  switch is half a step at most. A duty is applied from its sample until the next sample, or until
+  `longest` after it.
 - A temperature without a reading is a missing sample, and so is the ambient.
 - A grid time without a duty is left out; it is a gap.
 """
@@ -22,13 +22,13 @@ def bin_means(
     grid: Float[np.ndarray, " grid"],
     step: float,
 ) -> Float[np.ndarray, "grid columns"]:
-    """Means within half a step of each grid time, NaN where there is nothing.
+    """Computes the means within half a step of each grid time; NaN if there are no samples.
 
     **Arguments:**
 
-    - `time`: in any order, s.
-    - `values`: of the same samples; those that are NaN count nothing.
-    - `grid`: evenly spaced by `step`, s.
+    - `time`: the times of the samples in any order, s.
+    - `values`: the values of the samples; NaN is left out.
+    - `grid`: the grid times, evenly spaced by `step`, s.
     """
     place = np.floor((time - grid[0]) / step + 0.5).astype(np.int64)
     inside = (place >= 0) & (place < len(grid))
@@ -74,14 +74,15 @@ def zero_order_hold(
     when: Float[np.ndarray, " grid"],
     longest: float,
 ) -> tuple[Float[np.ndarray, "grid columns"], Bool[np.ndarray, " grid"]]:
-    """The last value at or before each time, and where it is at most `longest` seconds old.
+    """Returns the last value at or before each time, and whether it is at most `longest` seconds
+    old.
 
     **Arguments:**
 
-    - `time`: increasing, s.
-    - `values`: of the same samples.
-    - `when`: s.
-    - `longest`: s.
+    - `time`: the times of the samples, increasing, s.
+    - `values`: the values of the samples.
+    - `when`: the requested times, s.
+    - `longest`: the longest age of a value, s.
     """
     last = np.searchsorted(time, when, side="right") - 1
     there = last >= 0

@@ -24,11 +24,12 @@ def schedule_samples(
 
     **Returns:**
 
-    Times `(times,)`, s, from 0 to `duration`, every switch among them, and duty `(times, cells)`.
+    The times `(times,)`, s, from 0 to `duration`, including every switch, and the duty
+    `(times, cells)`.
 
     **Raises:**
 
-    `RecordingError` that quotes the entry which is wrong.
+    `RecordingError` that quotes the invalid entry.
     """
     of_kind("schedule: text", text, str, "text such as '0:0.5,500:0.78'", RecordingError)
     for name, number in (("duration", duration), ("step", step)):

@@ -1,4 +1,4 @@
-"""A recording of a live rig, read back: while it is being written, or afterwards."""
+"""Reads a recording of a live rig, while it is being written or afterwards."""
 
 import sqlite3
 from dataclasses import dataclass
@@ -27,20 +27,22 @@ MOST_STEPS = 10_000_000
 """The largest number of steps of an experiment's grid: four months in seconds."""
 
 LONGEST_HOLD = 3.0
-"""Median intervals between controller samples for which one counts as still in force."""
+"""The number of median intervals between controller samples for which a duty is assumed to be
+held."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A table of a recording, its stamps on one time axis.
+    """A table of a recording, with all times on one axis.
 
     **Arguments:**
 
-    - `time`: rig time `(samples,)`, s since 1970 on a rig that runs in real time; increasing.
-    - `values`: `(samples, columns)`.
-    - `columns`: their names.
-    - `run`: the number of the recorder's run that each sample is of.
+    - `time`: the time of the rig `(samples,)`, increasing, s; since 1970 if the rig runs in real
+      time.
+    - `values`: the values `(samples, columns)`.
+    - `columns`: the names of the columns.
+    - `run`: the number of the recorder's run to which each sample belongs.
     """
 
     time: Float[np.ndarray, " samples"]
@@ -70,9 +72,9 @@ class Session:
 
     **Arguments:**
 
-    - `file`: what a `Recorder` wrote.
+    - `file`: a file that a `Recorder` wrote.
 
-    **Raises:** `RecordingError` where it is no recording, or cannot be read.
+    **Raises:** `RecordingError` if it is not a recording, or cannot be read.
     """
 
     def __init__(self, file: str | Path):
@@ -182,9 +184,9 @@ class Session:
 
         **Arguments:**
 
-        - `step`: of the grid, s.
-        - `start`, `end`: of the part that is taken, s from the first time at which both duty and
-            temperatures are known; `None` leaves that end open.
+        - `step`: the step of the grid, s.
+        - `start`, `end`: the ends of the part that is read, s from the first time at which both
+          duty and temperatures are known; `None` leaves that end open.
 
         **Returns:**
 
@@ -280,7 +282,8 @@ def _longest_gap(time: Float[np.ndarray, " samples"]) -> str:
 
 
 def _array(rows: sqlite3.Cursor, kind: type) -> np.ndarray:
-    """All rows, without ever holding them as Python objects: those take ten times the memory."""
+    """Reads all rows as arrays, without keeping them as Python objects, which take ten times the
+    memory."""
     parts = [np.zeros((0, len(rows.description)), kind)]
     while part := rows.fetchmany(20_000):
         parts.append(np.array(part, kind))
@@ -288,10 +291,10 @@ def _array(rows: sqlite3.Cursor, kind: type) -> np.ndarray:
 
 
 def _open(file: Path) -> sqlite3.Connection:
-    """Opens the file for reading: a recorder is never held up, and no row can be changed.
+    """Opens the file for reading, so that a recorder never waits and no row can be changed.
 
-    A reader that may write the file tidies up when it closes it last: SQLite then takes away its
-    journal and its index. Beside a recorder it must not; the lock says whether there is one.
+    If a reader with write access is the last to close the file, SQLite removes the journal and its
+    index. This must not happen while a recorder uses the file; the lock shows whether one does.
     """
     attempts = [("mode=ro", "NORMAL")]
     if not is_locked(file):

@@ -1,4 +1,5 @@
-"""The file that a live session is recorded into: how it is recognised, and what it says of its rig.
+"""The file into which a live session is recorded: how it is recognised, and its metadata about the
+rig.
 
 Its tables are made by `live/_tables.py`; docs/protocol.md describes them for other programs.
 """
@@ -16,7 +17,7 @@ from .._errors import RecordingError
 from ._lock import is_locked
 
 APPLICATION = 0x6A747731
-"""SQLite's `application_id` of a session, "jtw1": what `file` and SQLite tools show."""
+"""SQLite's `application_id` of a session, "jtw1", which `file` and SQLite tools show."""
 
 FORMAT = 2
 """Version of the tables."""
@@ -30,7 +31,7 @@ _METADATA = {
     "polarity": "sign",
     "camera": "size",
 }
-"""What a recording says of its rig, and of what kind that is."""
+"""The metadata of a recording about its rig, with the type of each entry."""
 
 _SQLITE = b"SQLite format 3\0"
 _APPLICATION_BYTES = slice(68, 72)  # where the file's header holds the `application_id`
@@ -72,7 +73,8 @@ class Columns:
 
 @contextlib.contextmanager
 def damage_as_recording_error(file: Path) -> Iterator[None]:
-    """Says in a sentence that a recording is damaged, for what reads its rows inside the block.
+    """Turns errors of code that reads rows inside the block into an error that says that the
+    recording is damaged.
 
     SQLite notices some damage itself; other damage leaves rows with text instead of numbers.
 
@@ -88,7 +90,7 @@ def damage_as_recording_error(file: Path) -> Iterator[None]:
 def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
     """The metadata of a recording.
 
-    **Raises:** `RecordingError` where the file is no recording, or one of a later version.
+    **Raises:** `RecordingError` if the file is not a recording, or is one of a later version.
     """
     try:
         (application,) = database.execute("PRAGMA application_id").fetchone()

@@ -1,4 +1,4 @@
-"""Time stamps as text: ISO 8601, and days first where dots separate them."""
+"""Reads time stamps as text: ISO 8601, or dates with dots and the day first."""
 
 import re
 from collections.abc import Sequence
@@ -32,10 +32,11 @@ def seconds_of_timestamps(
 
     **Arguments:**
 
-    - `fields`: as they stand in the file. `title`: of their column. `lines`: for messages.
+    - `fields`: the text of the fields. `title`: the title of their column. `lines`: their line
+      numbers, for messages.
 
-    **Raises:** `RecordingError` that names the line of a field which is no time stamp, or which has
-    a time zone where others have none.
+    **Raises:** `RecordingError` that names the line of a field that is not a time stamp, or that
+    has a time zone while others have none.
     """
     found: list[datetime] = []
     for field, line in zip(fields, lines, strict=True):

@@ -1,4 +1,4 @@
-"""Writing a recording to a file, so that it is there as a whole or not at all."""
+"""Writes a recording to a file completely or not at all."""
 
 import os
 from pathlib import Path
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 def write_recording(experiment: Experiment, path: str | Path) -> Path:
     """Writes an experiment as .csv or netCDF (.nc), as the ending of the path says.
 
-    `read_recording` reads back an equal experiment, every number the same to its last bit. Only
-    the name is not kept: it is the file's.
+    `read_recording` reads back an equal experiment, with every number equal to the last bit. Only
+    the name is not kept: a recording has the name of its file.
 
     **Arguments:**
 
-    - `experiment`: what to write.
-    - `path`: the file; one that is there is replaced.
+    - `experiment`: the experiment to write.
+    - `path`: the file. An existing file is replaced.
 
     **Returns:**
 
@@ -34,8 +34,8 @@ def write_recording(experiment: Experiment, path: str | Path) -> Path:
     **Raises:**
 
     `RecordingError` for another ending, for recorded temperatures with a gap, which would be
-    refused on reading, and where the file cannot be written. Then nothing is written, and a file
-    that was there stays as it was.
+    refused on reading, and if the file cannot be written. Then nothing is written, and an existing
+    file is unchanged.
     """
     of_kind("write_recording: experiment", experiment, Experiment, EXPERIMENT, RecordingError)
     file = path_of("write_recording: path", path, RecordingError)
