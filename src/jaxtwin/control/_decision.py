@@ -1,4 +1,4 @@
-"""What a controller on a live rig decided at a sample."""
+"""The decision of a controller on a live rig at a sample."""
 
 from typing import NamedTuple
 

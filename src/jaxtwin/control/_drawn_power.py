@@ -2,7 +2,7 @@
 
 The rule is that of `simulation/_power.py` for runs: Simpson's between the times at which a command
 arrives, with the temperatures of the sides linear in between. Here these times are the same in each
-step, and nothing has to be searched for.
+step, so that they need not be searched for.
 """
 
 import jax
@@ -19,14 +19,15 @@ def drawn_in_steps(
     followed: Float[Array, "times cells"],
     sides: tuple[Float[Array, "times cells"], Float[Array, "times cells"]],
 ) -> SupplyPower:
-    """What the bridges draw from the supply while a stepper steps, from rest with the cells off.
+    """Computes the power and the energy that the bridges draw from the supply while a stepper
+    steps, from rest with the cells off.
 
     **Arguments:**
 
-    - `commands`: held from each time on, -1 to 1.
-    - `followed`: the duty behind the driver's delay and lag at each time. Without a lag, which is
-      without a delay too, the commands are taken.
-    - `sides`: of the cells, cold and hot, at each time; absolute, K.
+    - `commands`: the commands that are held from each time on, -1 to 1.
+    - `followed`: the duty behind the driver's delay and lag at each time. Without a lag there is no
+      delay either, and the commands are used.
+    - `sides`: the temperatures of the cells' cold and hot sides at each time; absolute, K.
 
     **Returns:** power, energy and peak. The peak is searched for at the beginning, in the middle
     and at the end between two arrivals of a command: behind a lag the duty is largest when the next
@@ -38,14 +39,14 @@ def drawn_in_steps(
     queued = jnp.concatenate([waiting, commands])
 
     def arriving(part: int) -> Float[Array, "times cells"]:
-        """What reaches the lag, or the cells, in a part of each step."""
+        """Returns the command that reaches the lag, or the cells, in a part of each step."""
         if system.delay is None:
             return commands
         first = stepper.queue - stepper.delay_steps - (parts - 1 - part)
         return jax.lax.dynamic_slice_in_dim(queued, first, len(commands))
 
     def power(duty: Array, at: Float[Array, ""]) -> Float[Array, "steps cells"]:
-        """In all steps; at a part of each."""
+        """Computes the power in all steps, at a given part of each step."""
         cold, hot = ((1 - at) * side[:-1] + at * side[1:] for side in sides)
         return system.bridge.supply_power(system.module, duty, cold, hot)
 

@@ -74,7 +74,7 @@ def zero_order_hold(
 def integrated_rates(
     A: Float[Array, "state state"], rates: Float[Array, " state"], sample_time: Float[Array, ""]
 ) -> Float[Array, " state"]:
-    """What a constant rate of the states, K/s, adds to them in a sample, K."""
+    """Computes the change of the states in a sample by a constant rate, K/s, K."""
     _, moved = _moved(A, rates[:, None], sample_time)
     return moved[:, 0]
 

@@ -1,4 +1,5 @@
-"""Steady states: the temperatures for a duty cycle, and the duty cycle for temperatures."""
+"""Computes steady states: the temperatures for a duty cycle, and the duty cycle for
+temperatures."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, final
@@ -68,9 +69,9 @@ class OperatingPoint(eqx.Module):
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A table with a row for the duty of each cell, the temperature of each node, the reading
-        of each channel and the ambient temperature. Its index is quantity and name; its columns are
-        value and unit."""
+        """Returns a table with a row for the duty of each cell, the temperature of each node, the
+        reading of each channel and the ambient temperature. Its index is quantity and name; its
+        columns are value and unit."""
         import pandas
 
         table = pandas.DataFrame(self._rows(), columns=["quantity", "name", "value", "unit"])

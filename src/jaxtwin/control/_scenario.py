@@ -1,4 +1,4 @@
-"""What a closed loop goes through: references, disturbances, and the errors of its readings."""
+"""The scenario of a closed loop: references, disturbances, and the errors of its readings."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence

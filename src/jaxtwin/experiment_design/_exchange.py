@@ -1,4 +1,4 @@
-r"""The search for the schedule that tells most: coordinate exchange.
+r"""The search for the most informative schedule: coordinate exchange.
 
 Each step of each cell in turn gets the level that is best with all others as they are, until
 nothing improves (Meyer and Nachtsheim, Technometrics 37 (1995) 60-69). The levels of a step are
@@ -24,7 +24,7 @@ error."""
 
 
 class Candidate(NamedTuple):
-    """A schedule with what would be known after it.
+    """A schedule, with the information that would be available after it.
 
     - `objective`: the smaller the better; infinite where it gets too hot.
     """

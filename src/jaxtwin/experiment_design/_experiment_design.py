@@ -45,7 +45,7 @@ class DesignStep(NamedTuple):
 @final
 @dataclass(frozen=True, eq=False)
 class PlannedSchedule:
-    """A schedule and what would be known after its recording.
+    """A schedule, with the information that would be available after its recording.
 
     **Arguments:**
 
@@ -73,7 +73,7 @@ class PlannedSchedule:
 @final
 @dataclass(frozen=True, repr=False, eq=False)
 class ExperimentDesign:
-    """A duty schedule whose recording tells most about a rig.
+    """A duty schedule whose recording is the most informative about a rig.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-r"""What is known about a rig before a recording, and what will be known after it.
+r"""The information on a rig before a recording, and after it.
 
 The match of all recordings together with a new one has the covariance of `matching/_uncertainty.py`
 with the sums over all recordings:

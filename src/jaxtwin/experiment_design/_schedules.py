@@ -1,4 +1,4 @@
-"""Duty schedules of equal steps: those that may be chosen, and those to compare with.
+"""Duty schedules of equal steps: those among which the search chooses, and others for comparison.
 
 A schedule is a table of PWM counts, `(steps, cells)`. Each step is held for the same time, so all
 schedules have the same time grid and run through the same compiled program.

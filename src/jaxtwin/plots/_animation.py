@@ -45,9 +45,10 @@ def animate_plate(
     **Arguments:**
 
     - `rig`: its plate and cells.
-    - `run`: of a twin of this rig, `Twin.simulate`, or of a closed loop.
-    - `frames`: how many pictures, evenly over the run; a run of fewer samples has one for each.
-    - `seconds`: how long the film takes.
+    - `run`: a run of a twin of this rig (`Twin.simulate`), or of a closed loop.
+    - `frames`: the number of pictures, evenly over the run; a run of fewer samples has a picture
+      for each sample.
+    - `seconds`: the duration of the film, s.
 
     **Returns:** matplotlib's animation, which must be kept until it is saved or shown.
 

@@ -1,4 +1,4 @@
-"""What a twin predicts and how sure it is."""
+"""The predictions of a twin, with their uncertainty."""
 
 import numpy as np
 from jaxtyping import Float
@@ -25,11 +25,11 @@ def plot_bands(
 ) -> Figure:
     """A run with the band in which a reading is expected, a panel for each channel.
 
-    The number in a panel says how much of what was recorded lies inside.
+    The number in a panel is the part of the recorded samples that lies inside.
 
     **Arguments:**
 
-    - `run`: what the twin says; recorded temperatures are drawn where there are some.
+    - `run`: the prediction of the twin; recorded temperatures are drawn if there are any.
     - `low`, `high`: edges of the band, degC.
     - `level`: share of readings that the band is meant to hold, for the legend.
 

@@ -30,7 +30,7 @@ def plot_bode(
 
     **Returns:** the figure.
 
-    **Raises:** `ControlError` where there is no model, or the models have other inputs.
+    **Raises:** `ControlError` if there is no model, or the models have different inputs.
     """
     named = {"": models} if isinstance(models, LinearModel) else dict(models)
     if not named or len({model.input_names for model in named.values()}) != 1:

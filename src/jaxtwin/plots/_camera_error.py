@@ -1,4 +1,4 @@
-"""What all channels share: the camera's sawtooth, and what is left without it."""
+"""The error that all channels share: the camera's sawtooth, and the remainder without it."""
 
 import numpy as np
 from matplotlib import pyplot

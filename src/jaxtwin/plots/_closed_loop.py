@@ -10,7 +10,8 @@ from ._style import palette, styled
 
 @styled
 def plot_closed_loop(run: ClosedLoopRun) -> Figure:
-    """Outputs beside their references, the plate's range, the duty of the cells and their power.
+    """Plots the outputs beside their references, the plate's range, the duty of the cells and their
+    power.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""What a twin reads against what was recorded, Fig. 15 of the paper, and the difference."""
+"""Simulated beside recorded temperatures, Fig. 15 of the paper, and their difference."""
 
 from collections.abc import Sequence
 from itertools import zip_longest

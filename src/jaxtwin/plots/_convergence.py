@@ -1,4 +1,4 @@
-"""How sensitivity indices settle as the number of draws grows."""
+"""The convergence of sensitivity indices with the number of draws."""
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +14,7 @@ NAMED = 6
 """Lines with a colour and a name; the others are grey."""
 
 FEWEST = 8
-"""Draws below which nothing is drawn."""
+"""The smallest number of draws for which an index is drawn."""
 
 
 @styled

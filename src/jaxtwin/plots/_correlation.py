@@ -1,4 +1,4 @@
-"""How the errors of matched values depend on each other."""
+"""The correlations of the errors of matched values."""
 
 import numpy as np
 from matplotlib import pyplot
@@ -9,13 +9,14 @@ from ._correlation_matrix import draw_correlation_matrix
 from ._style import styled, symbol
 
 SHOWN = 0.5
-"""Correlations above this in size are written out, where cells are large enough for numbers."""
+"""Correlations whose size is above this are written as numbers, if the cells are large enough."""
 
 CELL, WIDEST = 0.42, 11.0
-"""Width of a cell, and of all cells together, inches; many cells become smaller."""
+"""The width of a cell, and the largest width of all cells together, inches; many cells become
+smaller."""
 
 LEAST_FOR_NUMBERS = 0.3
-"""Width of a cell that a number fits into, inches."""
+"""The smallest width of a cell with a number in it, inches."""
 
 
 @styled

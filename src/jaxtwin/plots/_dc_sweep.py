@@ -22,7 +22,7 @@ def plot_dc_sweep(
     datasheet: Datasheet | None = None,
     title: str = "",
 ) -> Figure:
-    r"""Curves over the current, one for each temperature difference, with their best points.
+    r"""Plots curves over the current, one for each temperature difference, with their best points.
 
     Most heat is pumped at $I = \alpha T_c / R_E$, and the coefficient of performance is largest at
     $I = \alpha \Delta T / (R_E (\sqrt{1 + Z (T_h + T_c) / 2} - 1))$ with

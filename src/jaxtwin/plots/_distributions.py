@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import xarray
 
 MOST = 100_000
-"""Draws that are read: their quantiles say what those of more would."""
+"""The largest number of draws that are read: the quantiles of more draws would look the same."""
 
 
 @styled

@@ -1,4 +1,4 @@
-"""How far apart the parameters of two fits are."""
+"""The differences between the parameters of two fits."""
 
 import numpy as np
 from matplotlib import pyplot

@@ -11,7 +11,7 @@ from ..control import MEASURES, Frontier
 from ._style import palette, points, styled
 
 NEAR = 0.02
-"""Part of the range of a panel within which dots cover each other."""
+"""The part of the range of a panel within which dots cover each other."""
 
 
 @styled

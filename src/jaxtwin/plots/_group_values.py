@@ -1,4 +1,4 @@
-"""What changed from one group of recordings to the next, such as between days or sessions."""
+"""The changes between groups of recordings, such as days or sessions."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, final

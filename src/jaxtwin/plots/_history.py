@@ -1,4 +1,4 @@
-"""How a match went, Fig. 14 of the paper."""
+"""The course of a match, Fig. 14 of the paper."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""One sensitivity index of one output."""
+"""A sensitivity index of an output, for all parameters."""
 
 import numpy as np
 from matplotlib import pyplot

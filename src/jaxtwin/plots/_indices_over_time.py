@@ -1,4 +1,4 @@
-"""How a sensitivity index changes during a run."""
+"""A sensitivity index over the time of a run."""
 
 import numpy as np
 from matplotlib import pyplot

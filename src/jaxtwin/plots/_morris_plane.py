@@ -9,11 +9,11 @@ from ._sensitivity_labels import title_output
 from ._style import palette, points, styled, symbol
 
 NAMED = 0.05
-"""Parameters whose effect is at least this part of the largest have their names beside them."""
+"""The part of the largest effect from which on a parameter has its name beside its point."""
 
 
 LINE, WORD = 0.055, 0.1
-"""Height and width of a name, as parts of the axes."""
+"""The height and the width of a name, as parts of the axes."""
 
 
 @styled

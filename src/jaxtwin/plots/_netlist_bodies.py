@@ -1,4 +1,5 @@
-"""Bodies beside plate and cells in the picture of a network, and the links between elements."""
+"""Draws the bodies beside plate and cells in the picture of a network, and the links between
+elements."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,10 +14,10 @@ from ._netlist_layout import BOX, BOX_HEIGHT, Layout
 from ._style import INK, palette, points
 
 PITCH = 2.0
-"""Between two bodies, inches."""
+"""The distance between two bodies, inches."""
 
 LINE = 0.17
-"""Between two of the notes below a body, inches."""
+"""The distance between two of the notes below a body, inches."""
 
 
 def draw_bodies(
@@ -27,8 +28,9 @@ def draw_bodies(
     layout: Layout,
     top: float,
 ) -> float:
-    """Draws each body as a box below the cells, and below it what it is linked to, with the K/W:
-    wires between boxes that stand anywhere could not be told apart.
+    """Draws each body as a box below the cells. The names of the bodies to which it is linked, with
+    the resistances in K/W, are written below the box, because wires between boxes could not be
+    distinguished.
 
     **Arguments:**
 

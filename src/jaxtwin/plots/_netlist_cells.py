@@ -1,4 +1,4 @@
-"""What stands behind the plate in the picture of a network: cells, sinks, surroundings."""
+"""Draws the parts behind the plate in the picture of a network: cells, sinks, surroundings."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Recorded beside simulated temperatures, and what is left of their difference."""
+"""Recorded beside simulated temperatures, and tests of their difference."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ def agreement_section(fit: Fit, title: str) -> Section:
 
 
 def residuals_section(fit: Fit, title: str) -> Section:
-    """Residuals over time, the camera's share in them, and tests of what is left."""
+    """Residuals over time, the camera's share in them, and tests of the remaining residuals."""
     runs = list(fit.runs.values())
     blocks: list[Block] = [
         Picture(

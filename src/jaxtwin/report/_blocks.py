@@ -1,4 +1,4 @@
-"""What a report is made of, before it becomes a page."""
+"""The parts of a report, before they become a page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Table:
 @final
 @dataclass(frozen=True)
 class Picture:
-    """A picture: its file name without ending, its content, and what it shows."""
+    """A picture: its file name without ending, its content, and its caption."""
 
     name: str
     png: bytes
@@ -47,7 +47,7 @@ Block = Text | Numbers | Table | Picture
 @final
 @dataclass(frozen=True)
 class Section:
-    """A part of the page: its title and what stands in it; `level` 3 is a part of a part."""
+    """A section of the page: its title and its contents; `level` 3 is a subsection."""
 
     title: str
     blocks: tuple[Block, ...]

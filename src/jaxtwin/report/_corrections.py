@@ -1,4 +1,4 @@
-"""Whether a camera's corrections can be seen in what recordings and twin differ by."""
+"""Detects a camera's corrections in the differences between recordings and twin."""
 
 from collections.abc import Iterable
 

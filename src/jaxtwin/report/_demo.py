@@ -47,7 +47,7 @@ def write_demo(
     draws: int = 10_000,
     progress: Progress | None = None,
 ) -> Path:
-    """Simulates, matches and analyses the paper's rig, and writes what came of it.
+    """Simulates, matches and analyses the paper's rig, and writes the results.
 
     **Arguments:**
 
@@ -179,7 +179,7 @@ def _document(source: Source) -> Section:
 
 
 def _deploy() -> Section:
-    """Step 5 of the paper: what takes the matched twin."""
+    """Step 5 of the paper: the uses of the matched twin."""
     return Section(
         "5 Deploy: what to go on with",
         (

@@ -1,4 +1,4 @@
-"""The demo's numbers beside what they should be."""
+"""The demo's numbers beside their expected values."""
 
 from ._blocks import Table
 

@@ -1,4 +1,4 @@
-"""What a report was computed on, and the files beside it."""
+"""The machine and the versions with which a report was computed, and the files beside it."""
 
 from ..doctor import examine
 from ._blocks import Section, Table, Text
@@ -9,7 +9,7 @@ def files_table(files: dict[str, str]) -> Table:
 
     **Arguments:**
 
-    - `files`: name -> what it holds.
+    - `files`: name -> contents.
     """
     return Table("Files beside this page.", ("file", "what it holds"), list(files.items()))
 

@@ -24,7 +24,7 @@ def page_html(title: str, lead: Sequence[Block], sections: Sequence[Section], fo
     **Arguments:**
 
     - `title`: of the page.
-    - `lead`: what stands above the list of contents.
+    - `lead`: the text above the list of contents.
     - `sections`: in their order.
     - `foot`: the last line.
 

@@ -55,7 +55,7 @@ def draw(fit: Fit, draws: int, progress: Progress) -> Sensitivity:
 
 
 def drawing_numbers(analysis: Sensitivity, fit: Fit) -> Numbers:
-    """The strongest parameters, and what the draws cost."""
+    """The strongest parameters, and the computing time of the draws."""
     draws = len(analysis.samples)
     rate = draws * len(fit.experiments) / analysis.wall_time
     return Numbers(

@@ -1,4 +1,4 @@
-"""How evenly warm the plate is, which is what a multizone rig is built to control."""
+"""The uniformity of the plate, which a multizone rig is built to control."""
 
 import numpy as np
 
