@@ -179,7 +179,7 @@ def test_a_set_stop_ends_it_politely(rig: Rig, twin: Twin, clock: HandClock) -> 
 def test_a_rig_without_a_limit_is_not_driven(rig: Rig, twin: Twin, clock: HandClock) -> None:
     device = VirtualRig(twin)
     unlimited = replace(rig, limits=None)
-    with pytest.raises(JaxtwinError, match=r"limits\.temperature: is missing"):
+    with pytest.raises(JaxtwinError, match=r"limits\.temperature: expected the temperature"):
         drive(virtual_bench(rig, device, clock), unlimited, plan("0:1", 60))
 
 
