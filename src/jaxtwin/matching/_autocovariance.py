@@ -96,8 +96,8 @@ def fit_noise(
     """
     kinds = 1 + max(series.kind for series in all_series)
     rho = _fading(max(len(series.residuals) for series in all_series))
-    # One part of the noise of one kind each: J^T Gamma J for a variance of 1, and the periodogram
-    # that is expected of all residuals.
+    # Each entry belongs to a kind and a part of its noise: J^T Gamma J for a variance of 1, and the
+    # expected periodogram of all residuals.
     meats = np.zeros((kinds, len(rho), *known.shape))
     own = [np.zeros((len(rho), len(_bands(series)))) for series in all_series]
     for series, expected in zip(all_series, own, strict=True):
@@ -161,7 +161,8 @@ def _add_own(
     expected: Float[np.ndarray, "parts bands"],
 ) -> None:
     r"""Adds the $J^T \Gamma J$ of one series, and the contribution of its own noise to its expected
-    periodogram: the direct term, and twice the cross term with what the unknowns absorb."""
+    periodogram: the direct term, and twice the cross term with the part that the unknowns
+    absorb."""
     at = np.ix_(series.entries, series.entries)
     moved = np.fft.rfft(series.slopes, axis=0) @ inverse[at]
     times = len(series.roots)

@@ -203,7 +203,7 @@ def _known_of_unseen(
     match = group_and_shared_values(solution.problem.unknowns, solution.vector, number)
     between = np.diag(fit.uncertainty.between_recordings**2)
     covariance = match.covariance(fit.uncertainty.vector_covariance + between)
-    # What was estimated in the recording itself is known from there.
+    # Estimates from the recording itself replace those of the match.
     kept = [n for n, row in enumerate(match.rows) if row.name not in start.values]
     table = fit.twin.rig.parameters
     rows = [match.rows[n] for n in kept] + [table[name] for name in start.values]

@@ -40,7 +40,7 @@ noise is not known well enough."""
 class RecordingScore(NamedTuple):
     r"""The score of one recording with respect to all unknowns, at the match.
 
-    - `score`: $J^T r$; for the recording's own values with the gradient of their priors.
+    - `score`: $J^T r$; for the recording's own values it includes the gradient of their priors.
     - `information`: $J^T J$. `noise`: $J^T \Gamma J$.
     """
 
@@ -85,7 +85,7 @@ def estimate_heterogeneity(
     )
     score = mixing @ np.concatenate([of_recording.score for of_recording in reduced])
     variances, directions = np.linalg.eigh(by_noise)
-    # Of one recording nothing is left but rounding.
+    # With a single recording only rounding errors are left.
     kept = variances > NEGLIGIBLE * max(np.trace(of_recording.noise) for of_recording in reduced)
     whitened = directions[:, kept] / np.sqrt(variances[kept])
     gains, turned = np.linalg.eigh(whitened.T @ by_differences @ whitened)

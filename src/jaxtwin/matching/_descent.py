@@ -1,8 +1,8 @@
 """Descents of jaxtwin's own optimiser, several side by side, with each step visible.
 
 The simulation and the weighting of its residuals are compiled separately, and the derivatives are
-kept with the result. What follows a descent (other weights, the uncertainty) does not compute them
-again.
+kept with the result, so that the steps after a descent (other weights, the uncertainty) need not
+compute them again.
 """
 
 from collections.abc import Callable, Sequence
@@ -87,7 +87,7 @@ def descend(
     on_step = callbacks.on_step
     if not isinstance(solver, BoundedLevenbergMarquardt):
         return descend_with(solver, objectives, starts, space, max_iterations, on_step)
-    # The last batch is filled up, so that the others' compiled steps are its own.
+    # The last batch is padded to the size of the others, so that it uses their compiled steps.
     size = min(len(objectives), BATCH)
     results: list[DescentResult] = []
     for first in range(0, len(objectives), BATCH):
@@ -108,7 +108,7 @@ def descend(
 
 
 class _Batch(NamedTuple):
-    """Objectives and their starts side by side. Those that only fill the batch are not active.
+    """Objectives and their starts side by side. Copies that only pad the batch are not active.
     `meanwhile` is that of `Callbacks`."""
 
     objectives: list[Objective]
@@ -139,7 +139,8 @@ def _descend_batch(
     left = np.array([max_iterations - max(0, len(of_descent) - 1) for of_descent in steps])
     active = batch.active.copy()
     with own_settings():
-        # Plain floats would be constants of the compiled step: another tolerance, another program.
+        # Plain floats would be constants of the compiled step, which each new tolerance would
+        # compile again.
         solver = eqx.tree_at(
             lambda s: [s.rtol, s.atol, s.gtol, s.damping], solver, replace_fn=jax.device_put
         )
@@ -164,7 +165,7 @@ def _descend_batch(
                 else:
                     proposal = _Proposal(vectors, _solve(vectors, objective, modes), None, modes)
             state = _step(solver, state, proposal, space, objective, active)
-            # As NumPy arrays, whose entries are taken out without a compiled function.
+            # Indexing NumPy arrays needs no compiled function.
             optimiser, vectors = jax.tree.map(np.asarray, (state.optimiser, state.vectors))
             for number in np.flatnonzero(active):
                 if iteration > 0 or not steps[number]:
@@ -210,8 +211,8 @@ def _at_start(
     modes: list[Modes],
     meanwhile: Callable[[], None] | None,
 ) -> _Proposal:
-    """The starts, with Jacobians as they are always accepted. In a process that has neither of the
-    two programs yet both are compiled at the same time."""
+    """Evaluates the starts, with Jacobians because a start is always accepted. If a process has
+    neither of the two programs yet, both are compiled at the same time."""
     with ThreadPoolExecutor(1) as pool:
         jacobians = pool.submit(own_settings()(_differentiate), vectors, objective, modes)
         errors = _solve(vectors, objective, modes)
@@ -245,7 +246,8 @@ def _step(
         if evaluation is None or (len(accepted) == 1 and accepted.any()):
             evaluation = new
         elif accepted.any():
-            # Also where all are accepted: what is compiled does not depend on the recordings.
+            # This is done even if all are accepted, so that the programs to compile do not depend
+            # on the recordings.
             evaluation = _select(jax.device_put(accepted), new, evaluation)
     trials = Trial(vectors, costs, mean_squares, factors)
     vectors, optimiser = _update(solver, state.vectors, trials, space, state.optimiser, active)
@@ -270,7 +272,7 @@ def _result(state: DescentState, objective: Objective, steps: list[DescentStep])
 
 
 def _filled(members: Sequence[Tree], size: int) -> list[Tree]:
-    """Repeats the last entry."""
+    """Repeats the last entry until there are `size` entries."""
     return [*members, *[members[-1]] * (size - len(members))]
 
 

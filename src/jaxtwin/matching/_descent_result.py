@@ -42,7 +42,7 @@ OnStep = Callable[[int, DescentStep], None]
 
 @final
 class Callbacks(NamedTuple):
-    """What a descent calls.
+    """The functions that a descent calls.
 
     - `on_step`: called with the number of the descent and each step.
     - `meanwhile`: called while the first derivatives are compiled, to compile something else.

@@ -1,6 +1,6 @@
 """Derivatives of the output errors as central differences.
 
-They are taken where a few values are estimated from a short part of a recording. The errors and
+They are used if a few values are estimated from a short part of a recording. The errors and
 their derivatives are then one small compiled program. For the many values and samples of a match
 the exact derivatives of `_jacobian` take less time.
 """

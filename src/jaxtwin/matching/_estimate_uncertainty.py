@@ -1,4 +1,4 @@
-"""The uncertainty of a match, from where its descent ended."""
+"""Estimates the uncertainty of a match at the end of its descent."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ def estimate_uncertainty(
     common mode (times the root of the number of channels).
 
     The amplitudes of the camera's shapes, which the optimiser does not see, are unknowns here: the
-    noise can be estimated only if it is known what they absorb from the residuals.
+    noise can be estimated only if the part of the residuals that they absorb is known.
     """
     unknowns, (result, noise_model) = problem.unknowns, estimate
     vector, precision = result.vector, problem.prior_precision
@@ -128,7 +128,7 @@ def _between_recordings(
     inside: Bool[np.ndarray, " unknowns"],
 ) -> Float[np.ndarray, " unknowns"]:
     """The standard deviation of each entry of the optimiser's vector between recordings; 0 for
-    entries without a prior and for those that each recording has for itself."""
+    entries without a prior, and for values that belong to a single recording."""
     size = len(prior)
     scores = [
         RecordingScore(np.zeros(size), np.zeros((size, size)), np.zeros((size, size)))

@@ -70,19 +70,21 @@ class Fit:
     - `recording_values`: recording -> name -> value, for parameters with a value for each recording
       or for each of several groups of recordings.
     - `fit_percent`: (recording, channel) -> NRMSE fit, %; NaN for a constant channel.
-    - `rmse`: over all channels, K.
-    - `status`, `converged`: why the best descent stopped, and whether at an optimum.
+    - `rmse`: the root mean square error over all channels, K.
+    - `status`, `converged`: the reason why the best descent stopped, and whether its end is an
+      optimum.
     - `history`: all iterations of the best start. `optima`: the ends of all starts, best first.
-    - `wall_time`: s, including compilation.
-    - `solver_gap`: the largest difference between the runs, whose steps `simulate` chooses, and the
-      longest steps, which the match uses, K.
+    - `wall_time`: the duration of the match including compilation, s.
+    - `solver_gap`: the largest difference between the runs, whose steps `simulate` chooses, and
+      simulations with the longest steps, which the match uses, K.
     - `camera_error`: root mean square of the camera's common error, K.
-    - `noise`: of the channels without their common mode, and of the common mode times the root of
-      the number of channels.
-    - `uncertainty`: covariance, correlations and identifiability.
+    - `noise`: the noise of the channels without their common mode, and the noise of the common mode
+      times the root of the number of channels.
+    - `uncertainty`: the covariance, correlations and identifiability of the values.
     - `cost`: half the sum of squared weighted residuals and priors.
-    - `date`: the end of the match, UTC, ISO 8601. `versions`: of jaxtwin and jax.
-    - `comparisons`: of the fitted twin with each recording; None without the recordings.
+    - `date`: the end of the match, UTC, ISO 8601. `versions`: the versions of jaxtwin and jax.
+    - `comparisons`: the comparison of the fitted twin with each recording; None without the
+      recordings.
     """
 
     twin: Twin
@@ -112,7 +114,7 @@ class Fit:
     def experiments(self) -> tuple[Experiment, ...]:
         """The recordings.
 
-        **Raises:** `MatchError` where the fit was loaded without them.
+        **Raises:** `MatchError` if the fit was loaded without them.
         """
         self._compared()
         return self._solution.problem.experiments
@@ -121,7 +123,7 @@ class Fit:
     def runs(self) -> dict[str, Run]:
         """Recording -> the fitted twin's run, without the camera's common error.
 
-        **Raises:** `MatchError` where the fit was loaded without its recordings.
+        **Raises:** `MatchError` if the fit was loaded without its recordings.
         """
         pairs = zip(self.recordings, self._compared(), strict=True)
         return ByRecording({name: comparison.run for name, comparison in pairs})
@@ -130,7 +132,7 @@ class Fit:
     def camera(self) -> dict[str, CameraError]:
         """Recording -> the camera's common error.
 
-        **Raises:** `MatchError` where the fit was loaded without its recordings.
+        **Raises:** `MatchError` if the fit was loaded without its recordings.
         """
         pairs = zip(self.recordings, self._compared(), strict=True)
         return ByRecording({name: comparison.camera for name, comparison in pairs})

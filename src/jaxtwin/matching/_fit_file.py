@@ -1,4 +1,4 @@
-"""What a saved fit holds beside the parameter table, and how it is written.
+"""The tables of a saved fit beside the parameter table, and the functions that write them.
 
 ```toml
 [parameters]                # and [recordings.NAME]: a parameter file, see `jaxtwin.rig`
@@ -8,7 +8,7 @@ R_E = { value = 2.2, unit = "ohm", bounds = [1.0, 4.0], free = true }
 rig = "dual-cell"
 rmse = 0.21
 
-[fit.parameters.R_E]        # what the parameter table does not say
+[fit.parameters.R_E]        # fields that the parameter table does not have
 initial = 1.96
 standard_error = 0.02
 
@@ -260,7 +260,7 @@ def _inline(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         return _text(value)
-    # TOML writes what is not finite as Python does: inf, nan.
+    # TOML writes numbers that are not finite as Python does: inf, nan.
     return repr(float(value)) if isinstance(value, float) else repr(int(value))
 
 

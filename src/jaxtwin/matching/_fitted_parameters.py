@@ -49,7 +49,7 @@ class FittedParameter:
       the largest of all recordings.
     - `prior_to_data_ratio`: the prior's standard deviation divided by the one that the recordings
       alone would give if all other parameters were known.
-    - `warnings`: what to know before trusting the value.
+    - `warnings`: the reasons to be careful with the value.
     - `relative_standard_error`: the standard error of the natural logarithm, for a parameter that
       was matched by its logarithm; otherwise NaN.
     - `interval`: the two ends of the 95 % interval, in `unit`: $v e^{\pm 1.96 s}$ for a parameter

@@ -53,8 +53,8 @@ REWEIGHTINGS = 4
 ITERATIONS = 50
 
 DIFFERENCE = 1e-4
-"""The steps of central differences, as a part of how far a value is expected to move: far above
-rounding, and so small that the derivatives are exact to six digits."""
+"""The steps of central differences, as a part of the distance that a value is expected to move: far
+above rounding, and so small that the derivatives are exact to six digits."""
 
 UNSEEN = 0.7
 """A value is reported as undetermined if its standard deviation is still this part of its prior's.

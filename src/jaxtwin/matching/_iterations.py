@@ -75,7 +75,7 @@ def make_optimum(
     problem: MatchProblem, result: DescentResult, start: int, best: DescentResult
 ) -> Optimum:
     """The end of the descent from one of the starts, compared with the best."""
-    # Samples that fill up recordings differ by nothing.
+    # Padded samples have a difference of 0.
     pairs = zip(result.evaluation.output_errors, best.evaluation.output_errors, strict=True)
     squares = sum(float(np.sum((errors - of_best) ** 2)) for errors, of_best in pairs)
     samples = sum(int(g.lengths.sum()) * g.temperatures.shape[-1] for g in best.objective.groups)

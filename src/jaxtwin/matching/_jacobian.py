@@ -47,7 +47,7 @@ def output_error_jacobians(
         twin, layout = objective.twin, objective.layout
         return reading_jacobian(local, twin, layout, group.grid, group.columns, modes)
 
-    # One after the other, as in `output_errors`.
+    # The groups are solved one after the other, as in `output_errors`.
     return [
         jax.lax.map(of_recording, (local, group, of_group))
         for group, local, of_group in zip(
@@ -75,7 +75,7 @@ def weighted_jacobian(
             columns.append(whole.at[entries, recording].set(flat).reshape(size, -1))
     columns.append(jnp.diag(jnp.asarray(objective.prior_weights)))
     columns.append(jnp.asarray(objective.linear_prior.matrix).T)
-    # Transposed last, which costs nothing: products of columns do not depend on the layout.
+    # It is transposed last, which takes no time: products of columns do not depend on the layout.
     return jnp.concatenate(columns, axis=1).T
 
 

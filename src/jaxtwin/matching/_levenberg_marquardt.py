@@ -39,7 +39,7 @@ STATUS = {
     STEP: "the parameters move no further (within tolerance)",
     STALLED: "no step lowers the cost any more",
 }
-"""What each status of a solver's state means."""
+"""The meaning of each status of a solver's state."""
 
 
 @final
@@ -64,7 +64,7 @@ class Trial(eqx.Module):
 
     - `vector`: the unknowns. `cost`: half the sum of squared residuals there.
     - `aux`: the auxiliary output of the residual function.
-    - `factors`: of the Jacobian there; not used unless the trial is accepted.
+    - `factors`: the factors of the Jacobian there; not used unless the trial is accepted.
     """
 
     vector: Float[Array, "*descents unknowns"]
@@ -77,8 +77,8 @@ class Trial(eqx.Module):
 class LMState(eqx.Module):
     r"""The state of `BoundedLevenbergMarquardt`.
 
-    - `factors`: of the Jacobian at the last accepted vector. `cost`: half the sum of squared
-      residuals there. `aux`: the auxiliary output there.
+    - `factors`: the factors of the Jacobian at the last accepted vector. `cost`: half the sum of
+      squared residuals there. `aux`: the auxiliary output there.
     - `scale`: $D$. `damping`: $\lambda$. `growth`: its factor at the next rejection.
     - `gradient`: the largest cosine between the residuals and a column of the Jacobian that is not
       held.
@@ -110,17 +110,17 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
     unknowns. A start outside is moved onto the bounds. Derivatives are computed in forward mode,
     which suits many residuals of few unknowns, unless the option `"jacobian"` is a function of
     unknowns and arguments that returns the matrix. The option `"scale"` gives $D$, shaped like the
-    unknowns: the reciprocal of how far each is expected to move. Directions to which the residuals
-    are insensitive are then not damped more than others.
+    unknowns: the reciprocal of the distance that each is expected to move. Directions to which the
+    residuals are insensitive are then not damped more than others.
 
     **Arguments:**
 
-    - `rtol`: stop when an accepted step lowers the cost by less than this fraction and predicted no
-      more.
-    - `atol`: stop when a step moves every unknown by less than this fraction of the vector's
-      length, each unknown measured by its column of the Jacobian.
-    - `gtol`: stop when the cosine between the residuals and every column that is not held is below
-      this.
+    - `rtol`: the descent stops when an accepted step lowers the cost by less than this fraction and
+      its predicted reduction is not larger either.
+    - `atol`: the descent stops when a step moves every unknown by less than this fraction of the
+      vector's length, each unknown measured by its column of the Jacobian.
+    - `gtol`: the descent stops when the cosine between the residuals and every column that is not
+      held is below this number.
     - `damping`: $\lambda$ at the start.
     """
 
@@ -239,8 +239,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
         )
         steepest = jnp.max(jnp.where(held, 0.0, cosine), initial=0.0)
 
-        # Nielsen: the better the linear model, the less damping; after rejections it grows ever
-        # faster.
+        # Nielsen's rule: a better linear model gives less damping. With each further rejection the
+        # damping grows faster.
         eased = state.damping * jnp.maximum(1 / 3, 1 - (2 * ratio - 1) ** 3)
         damping = chosen(eased, state.damping * state.growth)
         damping = jnp.where(state.is_first, state.damping, jnp.clip(damping, 1e-12, 1e12))
@@ -359,7 +359,7 @@ def _triangle_of(columns: Float[Array, "columns rows"]) -> Float[Array, "columns
 
 def _damped_step(state: LMState, held: Bool[Array, " unknowns"]) -> Vector:
     n = state.factors.projected.size
-    # A column of zeros has no scale; any value will do, because nothing moves along it.
+    # A column of zeros has no scale. Any value serves, because no step changes its unknown.
     scale = jnp.where(state.scale > 0, state.scale, 1.0)
     triangle = jnp.where(held[None, :], 0.0, state.factors.triangle)
     damped = jnp.concatenate([triangle, jnp.diag(jnp.sqrt(state.damping) * scale)])

@@ -28,7 +28,7 @@ def make_fit(
 
     **Arguments:**
 
-    - `start`: the number of its start.
+    - `start`: the number of the start of the best descent.
     - `optima`: the ends of the descents from all starts, best first.
     - `began`: the time at which the match began, by `time.perf_counter`.
     """

@@ -35,7 +35,7 @@ from ._reweighted_least_squares import Estimate, reweighted_least_squares
 from ._unknowns import ParameterChoice, choose_unknowns
 
 UNIT = 4
-"""Sets that a worker of an executor matches side by side."""
+"""The number of sets that a worker of an executor matches side by side."""
 
 
 @announced("match of several sets")
@@ -69,7 +69,7 @@ def match_many(
     - `sets`: the recordings of each match. All sets need the same number of recordings, with the
       same number of channels, and all or none with a recorded ambient temperature. The numbers of
       samples and of changes of the inputs, from which the solver's steps follow, may differ by an
-      eighth, or freely where they are small.
+      eighth, or freely if they are small.
     - `groups`: the name of each recording's group in every set, as in `match`; by default the
       groups that the recordings name. The recordings of all sets must be grouped alike.
     - `events`, `masks`: as in `match`, for the recordings of these names in whichever sets they
@@ -77,8 +77,8 @@ def match_many(
     - `executor`: an executor whose workers match the sets instead of this process, four at a time;
       see `simulate_batch`. A fit is the same for any number of workers, and up to rounding the same
       as without an executor.
-    - `on_progress`: called with each `Iteration` when it ends, with an executor when its four sets
-      are done; its `start` is the number of the set, counted from 0.
+    - `on_progress`: called with each `Iteration` when it ends, or with an executor when its four
+      sets are done; its `start` is the number of the set, counted from 0.
     - the others: as in `match`.
 
     **Returns:** a `Fit` for each set, in order; None for a set whose temperatures, residuals or
@@ -133,7 +133,7 @@ def match_many(
     if executor is None:
         return _match_sets(problems, optimiser, max_iterations, report)
     fits: list[Fit | None] = [None] * len(problems)
-    # The last unit is filled up, so that the others' compiled programs are its own.
+    # The last unit is padded to the size of the others, so that it uses their compiled programs.
     units = [
         ([*part, *part[-1:] * (min(UNIT, len(problems)) - len(part))], optimiser, max_iterations)
         for part in (problems[first : first + UNIT] for first in range(0, len(problems), UNIT))
@@ -151,7 +151,7 @@ def match_many(
 
 
 def _of_set(given: Any, members: Mapping[str, Experiment]) -> Any:
-    """What is given for recordings of all sets, for those of a single one."""
+    """Selects, from an argument given for the recordings of all sets, the part for a single set."""
     if not isinstance(given, Mapping):
         return given
     return {name: value for name, value in given.items() if name in members}
@@ -190,6 +190,6 @@ def _fit(problem: MatchProblem, estimate: Estimate, began: float) -> Fit | None:
     try:
         return make_fit(problem, estimate, 0, (), began)
     except (ParameterError, SimulationError, np.linalg.LinAlgError):
-        # Values without a meaning, and temperatures or derivatives that are not finite: descents do
-        # not look at all of that.
+        # Invalid values, and temperatures or derivatives that are not finite: a descent does not
+        # check for all of these.
         return None

@@ -10,7 +10,7 @@ from .._name_suggestions import did_you_mean
 from ..io import Experiment
 
 Span = tuple[float, float] | tuple[float, float, float]
-"""From, to (s), and the weight in between, which is 0 if it is not given."""
+"""Beginning and end of a span, s, and the weight in between, which is 0 if it is not given."""
 
 
 def span_weights(
@@ -73,7 +73,7 @@ def check_recording_names(
 ) -> None:
     """Refuses names that are not those of recordings.
 
-    **Raises:** `MatchError` that starts with `what`.
+    **Raises:** a `MatchError` whose message starts with `what`.
     """
     unknown = [name for name in given if name not in recordings]
     if unknown:

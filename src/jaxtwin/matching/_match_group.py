@@ -86,7 +86,7 @@ def match_group(
     covariance = known.covariance(
         fit.uncertainty.vector_covariance + np.diag(fit.uncertainty.between_recordings**2)
     )
-    # What was held at a bound stays there.
+    # A value that was held at a bound stays there.
     covariance += np.diag(np.where(np.diag(covariance) > 0, 0.0, HELD**2))
     mean = np.concatenate([known.mean, unknowns.prior_means()[size:]])
     problem = make_match_problem(twin, recordings, unknowns, groups=(group,))

@@ -13,7 +13,7 @@ from jaxtyping import Float
 class Noise:
     """The noise of residuals of one kind, over all recordings.
 
-    - `standard_deviation`: of a single sample, K.
+    - `standard_deviation`: the standard deviation of a single sample, K.
     - `autocorrelation_time`: the integrated autocorrelation time in samples, 1 plus twice the sum
       of the autocorrelations: the number of samples with the information of one independent sample.
     """

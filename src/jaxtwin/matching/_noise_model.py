@@ -56,7 +56,7 @@ def update_noise_model(
 
     **Arguments:**
 
-    - `noise_model`: of that round. Its noise is kept if the residuals are exactly 0.
+    - `noise_model`: the noise model of that round, whose noise is kept if all residuals are 0.
     - `errors`: the residuals of each recording.
     """
     events = noise_model.events

@@ -31,11 +31,11 @@ class RecordingGroup(eqx.Module):
 
     - `grid`: the time grid; every array has a leading recordings axis.
     - `columns`: the positions of each recording's channels among those of the rig.
-    - `temperatures`: recorded, `(recordings, times, channels)`, degC; any finite number for a
-      missing sample or padding.
+    - `temperatures`: the recorded temperatures, `(recordings, times, channels)`, degC; any finite
+      number for a missing sample or padding.
     - `sampled`: whether a sample exists.
     - `lengths`: the number of times of each recording, without padding.
-    - `weights`: of the samples, with the camera's shapes; 0 for padding.
+    - `weights`: the weights of the samples, with the camera's shapes; 0 for padding.
     - `positions`: the number of each recording among all.
     """
 
@@ -159,7 +159,7 @@ def _group(
     return RecordingGroup(
         grid=grid,
         columns=np.array(columns, dtype=np.int32),
-        # Nothing times NaN would be NaN.
+        # Missing samples have a weight of 0, but 0 times NaN is NaN.
         temperatures=np.stack([padded(np.nan_to_num(np.asarray(e.temperatures))) for e in members]),
         sampled=np.stack([padded(e.sampled, False) for e in members]),
         lengths=np.array([len(e.time) for e in members]),

@@ -37,7 +37,7 @@ def descend_with(
     Bounds are enforced by a transform of the unknowns, see `SearchSpace.to_unbounded`. optimistix
     does not report its steps; a result therefore has two, the start and the end.
 
-    **Arguments:** as of `descend`.
+    **Arguments:** those of `descend`.
     """
     results = []
     for number, (objective, start) in enumerate(zip(objectives, starts, strict=True)):

@@ -65,7 +65,7 @@ class MatchProblem:
 
     @property
     def is_weighted(self) -> bool:
-        """Whether the scale of the residuals matters, as it does beside priors."""
+        """Whether the scale of the residuals matters, as it does if there are priors."""
         priors = self.unknowns.prior_weights().any()
         return bool(priors) or self.common_error is not None or self.robust is not None
 

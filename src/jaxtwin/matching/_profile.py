@@ -48,7 +48,8 @@ LIMIT = 3.841
 """The 95 % quantile of the chi-squared distribution with one degree of freedom."""
 
 PIN = 1e6
-"""Holds an entry: the reciprocal of the standard deviation by which it may move."""
+"""The weight with which an entry is held: the reciprocal of the standard deviation by which it may
+move."""
 
 
 LEAST = 3
@@ -63,7 +64,7 @@ class Profile:
     **Arguments:**
 
     - `name`, `unit`: name and unit of the parameter.
-    - `values`: the values at which it was held, `(points,)`.
+    - `values`: the values at which the parameter was held, `(points,)`.
     - `excess`: the increase of twice the cost over that at the match, `(points,)`, in units of the
       noise: its curvature at the match is the reciprocal of the squared standard error. In a linear
       model it is 9 at three standard errors.
@@ -125,9 +126,9 @@ def profile(
     - `fit`: a match.
     - `name`: the name of a matched parameter with a single value, or the value of a group or of a
       recording as the labels of `fit.uncertainty` name it, such as `R_pc1_row2[full]`.
-    - `values`: the values at which to hold it, in its unit. By default `points` values within three
-      standard errors (without a standard error: within a factor of twenty, or three tenths of its
-      range), inside its bounds.
+    - `values`: the values at which to hold the parameter, in its unit. By default `points` values
+      within three standard errors (without a standard error: within a factor of twenty, or three
+      tenths of its range), inside its bounds.
     - `points`: the number of values, at least 3.
     - `on_progress`: called with each `Iteration` when it ends; its `start` is the number of the
       point, counted from 0.
@@ -140,7 +141,7 @@ def profile(
     of_kind("profile: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     solution = solution_of(fit)
     unknowns = solution.problem.unknowns
-    problem = replace(solution.problem, experiments=fit.experiments)  # not those of a bare file
+    problem = replace(solution.problem, experiments=fit.experiments)  # a loaded problem has none
     labels = problem.labels
     if name not in labels:
         raise ParameterError(

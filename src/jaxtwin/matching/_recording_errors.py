@@ -10,7 +10,7 @@ from jaxtyping import Float
 class RecordingErrors(NamedTuple):
     """Simulated minus recorded temperatures of one recording in three parts, K.
 
-    - `channel`: of each channel, without the common mode.
+    - `channel`: the errors of each channel, without the common mode.
     - `common_mode`: the mean over the channels, without the camera's error.
     - `camera`: the camera's common error.
     """
@@ -25,7 +25,7 @@ class RecordingErrors(NamedTuple):
         """The mean error of all channels, including the camera's error, K.
 
         Times without counted samples are interpolated: a mean over the other channels would jump
-        where a channel begins or ends to count.
+        when a channel begins or ceases to count.
         """
         mean = self.common_mode + self.camera
         if (weights > 0).all():

@@ -16,7 +16,7 @@ AnyArray = np.ndarray | Array
 class SplitErrors(NamedTuple):
     """The output errors of a recording in their parts, K, or the residuals that follow from them.
 
-    - `channel`: of each channel, without the common mode.
+    - `channel`: the errors of each channel, without the common mode.
     - `common_mode`: the weighted mean over the channels, without the camera's common error.
     - `sizes`: the amplitudes of the camera's shapes.
     """

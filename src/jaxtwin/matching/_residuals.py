@@ -67,7 +67,8 @@ def output_errors(
     """
     known = [None] * len(objective.groups) if modes is None else modes
 
-    # One after the other: as fast on a CPU as side by side, and compiled in two thirds of the time.
+    # The groups are solved one after the other, which on a CPU is as fast as side by side and
+    # compiles in two thirds of the time.
     def of_recording(local: Array, group: RecordingGroup, modes: Modes | None) -> Array:
         simulated = camera_readings(local, objective, group.grid, group.columns, modes)
         return errors_of_readings(simulated, group)
@@ -102,7 +103,7 @@ def weighted_residuals(
             errors: Array, weights: ResidualWeights, sampled: Array | np.ndarray
         ) -> tuple[SplitErrors, Array]:
             split = weights.split(errors)
-            # What the twin leaves unexplained, the camera's error taken off.
+            # The errors that the twin does not explain, without the camera's error.
             unexplained = errors - (jnp.asarray(weights.shapes) @ split.sizes)[:, None]
             return weights.weigh(split), jnp.sum(unexplained**2, where=sampled)
 

@@ -91,7 +91,7 @@ def _descend(
     on_step: OnStep | None,
 ) -> list[Estimate]:
     pairs = list(zip(problems, noise_models, strict=True))
-    # Compiled steps do not follow what is found in one of the problems.
+    # All problems have the same number of the camera's shapes, so that they share compiled steps.
     shapes = max(shapes_needed(*pair) for pair in pairs)
     objectives = [make_objective(*pair, shapes) for pair in pairs]
     _check_alike(objectives)

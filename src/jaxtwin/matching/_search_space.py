@@ -16,10 +16,11 @@ transform is 0 at a bound."""
 
 @final
 class SearchSpace(eqx.Module):
-    """Bounds of the optimiser's vector, and how far its entries are expected to move.
+    """Bounds of the optimiser's vector, and the distances that its entries are expected to move.
 
     - `lower`, `upper`: bounds, infinite if there are none.
-    - `scale`: the reciprocal of how far each entry is expected to move; None if that is not known.
+    - `scale`: the reciprocal of the distance that each entry is expected to move; None if that is
+      not known.
     - `difference_steps`: the steps of central differences, for `BoundedLevenbergMarquardt`; None
       for exact derivatives. Differences take less time to compile.
     """

@@ -109,7 +109,7 @@ class Uncertainty:
 @final
 @dataclass(frozen=True, eq=False)
 class VectorEntries:
-    """The entries of the optimiser's vector, apart from what the recordings say about them.
+    """The entries of the optimiser's vector, without the information of the recordings.
 
     - `labels`: their names.
     - `precision`: the inverse of the priors' covariance, 0 for entries without a prior.
@@ -248,7 +248,7 @@ def _singular(
     root = np.sqrt(np.maximum(values, 0.0))
     shown = root > 1e-7 * root.max(initial=0.0)
     back = np.where(shown, 1 / np.where(shown, root, 1.0), 0.0)
-    # How much stronger the noise is along each direction than the match's weights say.
+    # The variance of the noise along each direction, as a multiple of that of the match's weights.
     stronger = (vectors * back).T @ (meat * size) @ (vectors * back)
     stronger += np.diag(~shown).astype(float)
     information = (vectors * root) @ np.linalg.pinv(stronger, hermitian=True) @ (vectors * root).T

@@ -119,8 +119,8 @@ class Unknowns:
         return np.where([row.is_logarithmic for row in self.entry_parameters], 1.0, plain)
 
     def scales(self) -> Float[np.ndarray, " unknowns"]:
-        """How far each entry is expected to move: its prior standard deviation, or its default
-        scale."""
+        """The distance that each entry is expected to move: its prior standard deviation, or its
+        default scale."""
         weights = self.prior_weights()
         return np.where(weights > 0, 1 / np.where(weights > 0, weights, 1), self.default_scales())
 
@@ -163,7 +163,7 @@ class Unknowns:
         found = np.array(vector)
         logarithmic = np.array([row.is_logarithmic for row in self.entry_parameters], dtype=bool)
         found[..., logarithmic] = np.exp(found[..., logarithmic])
-        # A value at a bound has been through a logarithm; it must not come back from beyond.
+        # Rounding of the logarithm must not move a value at a bound beyond it.
         lower, upper = np.array([(row.lower, row.upper) for row in self.entry_parameters]).T
         return np.clip(found, lower, upper)
 

@@ -34,8 +34,8 @@ LEAST = 30
 """The smallest number of samples of each channel in a predicted part."""
 
 OUTSIDE = 0.2
-"""A prediction that leaves the range of the given readings by more than this part of it has a
-warning."""
+"""A prediction has a warning if it leaves the range of the given readings by more than this part of
+the range."""
 
 
 @announced("validation")
@@ -180,13 +180,14 @@ def leave_one_out(
 
     - `twin`: the start of every match, as in `match`.
     - `experiments`: two or more recordings.
-    - `by`: what is left out of a match: one recording, or all recordings of its group, such as its
-      day. What differs between groups then has the values expected of a new group.
+    - `by`: which recordings are left out of a match: a single recording, or all recordings of its
+      group, such as its day. Parameters that differ between groups then have the values expected of
+      a new group.
     - `warm_up`: as in `validate`.
     - `on_progress`: called with each `Iteration` of each match and each `Prediction`.
     - `options`: the other arguments of `match`.
 
-    **Raises:** `MatchError` for fewer than two recordings, or fewer than two groups where they are
+    **Raises:** `MatchError` for fewer than two recordings, or fewer than two groups if groups are
     left out; the errors of `match` and `validate`.
     """
     twin = nominal_twin("twin", twin, MatchError)

@@ -33,9 +33,9 @@ class Prediction:
     - `name`: the name of the recording.
     - `run`: the predicted part, with recorded and predicted temperatures.
     - `twin`: the twin that made the prediction.
-    - `estimated`: values that were estimated from the part before, name -> value.
-    - `warnings`: the values that this part does not determine.
-    - `fit`: the match on which the prediction rests; None if that was saved earlier.
+    - `estimated`: the values that were estimated from the part before it, name -> value.
+    - `warnings`: the values that this part does not determine, as text.
+    - `fit`: the match on which the prediction is based; None if that was saved earlier.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Validation:
     **Arguments:**
 
     - `rig`: the name of the rig.
-    - `kind`: what the match has seen, as text.
+    - `kind`: the data that the match has seen, as text.
     - `predictions`: a prediction for each recording.
     """
 

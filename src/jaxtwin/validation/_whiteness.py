@@ -1,4 +1,4 @@
-"""Whether residuals are white: a perfect twin would leave the camera's noise alone."""
+"""A test of residuals for whiteness: those of a perfect twin would be only the camera's noise."""
 
 from dataclasses import dataclass
 from typing import final
