@@ -27,7 +27,7 @@ def of_kind(where: str, value: object, kind: type[Kind], expected: str, error: F
     - `where`: function and argument, for the message.
     - `expected`: what is expected, in words, for the message.
 
-    **Raises:** `error` where it is of another.
+    **Raises:** `error` if it is of another.
     """
     if not isinstance(value, kind):
         _refuse(where, value, expected, error)
@@ -37,7 +37,7 @@ def of_kind(where: str, value: object, kind: type[Kind], expected: str, error: F
 def whole_number(where: str, value: Any, least: int | None, error: Failure) -> int:
     """A whole number of Python or NumPy that is at least `least`; None for any.
 
-    **Raises:** `error` where it is none; true and false are none.
+    **Raises:** `error` if it is none; true and false are none.
     """
     above = {None: "", 1: " above 0"}.get(least, f" of at least {least}")
     try:
@@ -52,7 +52,7 @@ def whole_number(where: str, value: Any, least: int | None, error: Failure) -> i
 def finite_number(where: str, value: Any, error: Failure) -> float:
     """A finite number of Python, NumPy or JAX.
 
-    **Raises:** `error` where it is none; true, false and text are none.
+    **Raises:** `error` if it is none; true, false and text are none.
     """
     import numpy as np  # which the command line's help shall not wait for
 

@@ -35,7 +35,7 @@ def write_whole_file(
 
     A reader never sees half a file, and a full disk leaves an older file as it was.
 
-    **Raises:** `error` where the file cannot be written.
+    **Raises:** `error` if the file cannot be written.
     """
     file = path_of("path", path, error)
     part = file.with_name(f".{file.name}.{uuid.uuid4().hex}.part")

@@ -1,8 +1,8 @@
-"""A controller as C, with what the closed loop of Python does about readings that do not come.
+"""A controller as C, which treats missing readings as the closed loop in Python does.
 
-The controllers differ in their law, `_pid_c`, `_decoupled_pi_c`, `_lqi_c` and `_mpc_c`; what is
-around it is here. In `float` an integral is a compensated sum (Kahan 1965), since a few millikelvin
-for a tenth of a second change a duty by less than `float` can add to it.
+The controllers differ in their law, `_pid_c`, `_decoupled_pi_c`, `_lqi_c` and `_mpc_c`; the code
+that they share is here. In `float` an integral is a compensated sum (Kahan 1965), because the
+increment of a few millikelvins in a tenth of a second would be lost in rounding.
 """
 
 import numpy as np
@@ -18,15 +18,16 @@ from ._pid_c import pid_law
 from ._text import Code, comment_block, number, tables_c
 
 SILENCE_S = 3.0
-"""Without a reading, until the cells are off, s: that of `simulate_closed_loop`."""
+"""The time without a reading after which the cells are switched off, s, as in
+`simulate_closed_loop`."""
 
 
 def controller_c(
     controller: PID | DecoupledPI | LQI | MPC, rig: Rig, name: str, precision: str, origin: str
 ) -> Code:
-    """Header and source.
+    """Returns header and source.
 
-    **Raises:** `ControlError` where the controller is not for the rig, or a number of it is not
+    **Raises:** `ControlError` if the controller is not for the rig, or a number of it is not
     finite in this precision.
     """
     weights = controller.output_weights([channel.name for channel in rig.channels])
@@ -254,5 +255,5 @@ static {real} {name}_limited({real} duty)
 
 
 def _begin(function: str, *arguments: str) -> str:
-    """A function's type, name and arguments."""
+    """The type, the name and the arguments of a function."""
     return f"{function}(" + (",\n" + " " * (len(function) + 1)).join(arguments) + ")"

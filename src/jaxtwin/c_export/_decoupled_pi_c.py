@@ -13,9 +13,9 @@ from ._law import Law, of_cells, parameter_text
 
 
 def decoupled_pi_law(controller: DecoupledPI, name: str, precision: str) -> Law:
-    """The law.
+    """Returns the law.
 
-    **Raises:** `ControlError` where a gain is neither a single number nor one for each cell, or the
+    **Raises:** `ControlError` if a gain is neither a single number nor one for each cell, or the
     decoupling of a controller that was changed in JAX is not invertible.
     """
     h, cells = controller.sample_time_s, len(controller.measured)

@@ -1,8 +1,8 @@
 r"""A linear model at sample times as C.
 
-The states that are commands on their way through a delay are moved, not multiplied. For the others
-the change $(A - I) x + B u$ is computed and added: the entries of $A - I$ keep all digits of a
-`float` where a slow pole lies at 0.999.
+The states that are commands in a delay are shifted, not multiplied. For the others the change
+$(A - I) x + B u$ is computed and added: the entries of $A - I$ keep all digits of a `float` even if
+a slow pole lies at 0.999.
 """
 
 import numpy as np
@@ -13,9 +13,9 @@ from ._text import Code, comment_block, tables_c
 
 
 def discrete_model_c(model: DiscreteModel, name: str, precision: str, origin: str) -> Code:
-    """Header and source.
+    """Returns header and source.
 
-    **Raises:** `ControlError` where a number of the model is not finite in this precision.
+    **Raises:** `ControlError` if a number of the model is not finite in this precision.
     """
     A, B, C, D = (np.asarray(m, float) for m in (model.A, model.B, model.C, model.D))
     states, inputs = B.shape
@@ -43,7 +43,7 @@ def discrete_model_c(model: DiscreteModel, name: str, precision: str, origin: st
 
 
 def _moved_commands(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n inputs"]) -> int:
-    """The number of states at the end that are commands in transit."""
+    """The number of states that are commands in a delay; they are the last ones."""
     states, inputs = B.shape
     shifts = 0
     while (shifts + 1) * inputs < states:

@@ -44,10 +44,10 @@ def export_c(
     precision: Literal["double", "float"] = "double",
     origin: str = "",
 ) -> CSources:
-    """Writes a model, a twin or a controller as `name.h` and `name.c`: C99, no memory from the
-    heap, no library but `math.h`, which a linear model does not need.
+    """Writes a model, a twin or a controller as `name.h` and `name.c`. The code is C99, allocates
+    no memory, and needs no library but `math.h`, which a linear model does not need.
 
-    All that changes is in a struct, so that several models run beside each other:
+    The whole state is in a struct, so that several models can run beside each other:
 
     ```c
     static model_state state;
@@ -58,19 +58,20 @@ def export_c(
     }
     ```
 
-    Duty cycles go in as -1 to 1, temperatures come out in degC; the operating point is inside.
-    With `float`, what a step adds to the state is computed instead of the new state, since the
-    slow poles of a plate lie so near to 1 that `float` would round their time constants.
+    Duty cycles are -1 to 1, temperatures are in degC; the operating point is part of the code. A
+    step computes the change of the state and adds it, because the slow poles of a plate lie so near
+    to 1 that `float` would round their time constants.
 
-    A twin is written as its steps, nonlinear as they are; `model_nodes` gives the temperatures
-    where no sensor is:
+    A twin is written with the nonlinear steps of `Stepper`; `model_nodes` returns the temperatures
+    of all nodes, also of those without a sensor:
 
     ```python
     jt.export_c(jt.Stepper(twin, 1.0), "firmware", name="plate")
     ```
 
-    A controller has two functions, as in Python. Without a measurement (NaN) it goes on with the
-    last one, and after 3 s its duty is 0 until it is started anew, as in `simulate_closed_loop`:
+    A controller has two functions, as in Python. For a missing measurement (NaN) it uses the last
+    one. After 3 s without a measurement its duty is 0 until it is initialised again, as in
+    `simulate_closed_loop`:
 
     ```c
     pid_init(&state, duty, measurement);       /* without a bump */
@@ -80,22 +81,27 @@ def export_c(
     ```
 
     An `MPC` also has `mpc_step_ahead`, which takes the references of the whole horizon. Its
-    quadratic programs are solved by the steps of Python; their memory is part of the state.
+    quadratic programs are solved by the algorithm that Python uses; their memory is part of the
+    state.
 
     **Arguments:**
 
-    - `model`: a model at sample times, from `LinearModel.discretise` (reduce it first where memory
-      is short), a `Stepper` of a twin, or a controller.
-    - `rig`: of a controller: its cells and channels. None: of a model or a twin, which know them.
-    - `folder`: where to write; made where it does not exist. Files of these names are replaced.
-    - `name`: of the files, and the beginning of all names in them.
-    - `precision`: of all numbers.
-    - `origin`: where the coefficients come from, a line for the header, such as the fit's file.
+    - `model`: a model at sample times, from `LinearModel.discretise` (reduce it first if memory is
+      short), a `Stepper` of a twin, or a controller.
+    - `rig`: the rig of a controller, which determines its cells and channels. None for a model or a
+      twin, which contain them.
+    - `folder`: the folder of the files, which is made if it does not exist. Existing files of these
+      names are replaced.
+    - `name`: the name of the files, and the beginning of all names in them.
+    - `precision`: the type of all numbers.
+    - `origin`: the origin of the coefficients, such as the file of the fit, as a line for the
+      header.
 
     **Returns:** the files and their sizes.
 
-    **Raises:** `ControlError` for a model that is none or not finite, a controller that is not for
-    the rig, a name or a precision that C does not have, or where the files cannot be written.
+    **Raises:** `ControlError` if `model` is something else or is not finite, if a controller does
+    not fit the rig, if C does not have the name or the precision, or if the files cannot be
+    written.
     """
     if re.fullmatch(r"[A-Za-z]\w*", str(name), flags=re.ASCII) is None:
         raise ControlError(

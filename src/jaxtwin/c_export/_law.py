@@ -1,4 +1,4 @@
-"""What distinguishes the C of one kind of controller from that of another."""
+"""The part of the C in which the kinds of controllers differ."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -13,14 +13,16 @@ from ..control._controller import Numbers
 class Law(NamedTuple):
     """A control law as C.
 
-    - `kind`: what it is, for the header. `parameter_lines`: its parameters with units, a line each.
-    - `integrals`: how many integrals there are; 0 for none.
-    - `fields`: of the state beside them and what was seen, name -> length.
-    - `tables`: constants, name -> values and comment.
-    - `init`: what sets the state, from `duty` and `measurement`; `i` is declared.
-    - `step`: body of the function from `state` and `reference` to `duty`; with a horizon, from
+    - `kind`: the kind of the controller, for the header. `parameter_lines`: its parameters with
+      units, a line for each.
+    - `integrals`: the number of integrals; 0 for none.
+    - `fields`: the fields of the state beside the integrals and the last readings, name -> length.
+    - `tables`: the constants, name -> values and comment.
+    - `init`: the C that sets the state, from `duty` and `measurement`; `i` is declared.
+    - `step`: the body of the function from `state` and `reference` to `duty`; with a horizon, from
       `samples` references in a row.
-    - `functions`: what `step` calls. `horizon`: how many references `step` takes; 0 for one alone.
+    - `functions`: the functions that `step` calls. `horizon`: the number of references that `step`
+      takes; 0 for a single one.
     """
 
     kind: str
@@ -35,9 +37,9 @@ class Law(NamedTuple):
 
 
 def of_cells(name: str, value: Numbers, cells: int) -> Float[np.ndarray, " cells"]:
-    """A parameter of each cell.
+    """Returns a parameter as an array with a value for each cell.
 
-    **Raises:** `ControlError` where there is another number of them.
+    **Raises:** `ControlError` if the number of values is neither 1 nor that of the cells.
     """
     found = np.asarray(value, float)
     if found.shape not in ((), (cells,)):
@@ -49,5 +51,5 @@ def of_cells(name: str, value: Numbers, cells: int) -> Float[np.ndarray, " cells
 
 
 def parameter_text(name: str, value: Numbers, unit: str) -> str:
-    """Name, value or values, and unit."""
+    """The name, the value or values, and the unit of a parameter as text."""
     return f"{name}: {np.asarray(value, float).tolist()!r} {unit}".rstrip()

@@ -1,5 +1,5 @@
-"""The law of an `LQI` as C, with its Kalman filter. What a sample adds to the estimated states is
-computed, $(A - I) x$, since slow poles lie near 1."""
+"""The law of an `LQI` as C, with its Kalman filter. The change of the estimated states in a sample,
+$(A - I) x$, is computed and added, because slow poles lie near 1."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from ._text import number
 
 
 def lqi_law(controller: LQI, cells: int, name: str, precision: str) -> Law:
-    """The law.
+    """Returns the law.
 
-    **Raises:** `ControlError` where it was designed for another number of cells.
+    **Raises:** `ControlError` if it was designed for another number of cells.
     """
     kalman, h = controller.kalman, controller.sample_time_s
     A, B, C, L = (np.asarray(m, float) for m in (kalman.A, kalman.B, kalman.C, kalman.L))
@@ -43,7 +43,8 @@ def lqi_law(controller: LQI, cells: int, name: str, precision: str) -> Law:
     zero = "0.0f" if precision == "float" else "0.0"
 
     def rows(count: int, target: str, start: str, *terms: tuple[str, str, int, str]) -> str:
-        """A loop that sets a target `i` to a start and terms: sign, table, length, vector `j`."""
+        """A loop over `i` that sets a target to the sum of a start and of terms, each of which is a
+        sign, a table, a length and a vector with the index `j`."""
         sums = "".join(
             f"        for (j = 0; j < {length}; ++j) {{\n"
             f"            {target.split()[-1]} {sign}= {name}_{table}[i][j] * {vector};\n"

@@ -1,7 +1,8 @@
 """The law of an `MPC` as C: its Kalman filter, its target at rest and its plan.
 
-The quadratic programs are scaled to a Hessian of about 1, as in Python, but here once and for all.
-What a sample adds to the estimated states is computed, $(A - I) x$, since slow poles lie near 1.
+The quadratic programs are scaled to a Hessian of about 1, as in Python, but here the scaled numbers
+are constants of the code. The change of the estimated states in a sample, $(A - I) x$, is computed
+and added, because slow poles lie near 1.
 """
 
 import numpy as np
@@ -14,9 +15,9 @@ from ._text import number
 
 
 def mpc_law(controller: MPC, cells: int, name: str, precision: str) -> Law:
-    """The law.
+    """Returns the law.
 
-    **Raises:** `ControlError` where it was designed for another number of cells.
+    **Raises:** `ControlError` if it was designed for another number of cells.
     """
     if len(controller.duty) != cells:
         raise ControlError(
@@ -81,7 +82,7 @@ def _plan_tables(controller: MPC) -> dict[str, tuple[np.ndarray, str]]:
     hessian = np.asarray(cost.hessian, float)
     scale = _scale(hessian)
     cells = len(controller.duty)
-    # The last duty enters the gradient of the first sample alone.
+    # The last duty enters only the gradient of the first sample.
     by_last = np.asarray(cost.by_last_duty, float)[:cells]
     tables = {
         "hessian": (hessian / scale, "of the plan's cost by the moves"),
@@ -119,7 +120,8 @@ def _target_tables(controller: MPC) -> dict[str, tuple[np.ndarray, str]]:
 
 
 def _rest_cost(controller: MPC) -> tuple[np.ndarray, np.ndarray]:
-    """The Hessian of the program of `MPC._target`, and its slope by what is missing."""
+    """The Hessian of the program of `MPC._target`, and the derivatives of its gradient with respect
+    to the distance from the reference."""
     gain, inverse = np.asarray(controller.gain, float), np.asarray(controller.inverse, float)
     accepted = np.asarray(controller.deviations.output, float)
     scaled = gain / accepted[:, None]

@@ -9,9 +9,9 @@ from ._law import Law, of_cells, parameter_text
 
 
 def pid_law(controller: PID, cells: int, outputs: int, name: str, precision: str) -> Law:
-    """The law, without the derivative where Kd is 0.
+    """Returns the law, without the derivative if Kd is 0.
 
-    **Raises:** `ControlError` where a gain is neither a single number nor one for each cell.
+    **Raises:** `ControlError` if a gain is neither a single number nor one for each cell.
     """
     Kp, Ki, Kd, Tf = (
         of_cells(key, getattr(controller, key), cells) for key in ("Kp", "Ki", "Kd", "Tf")

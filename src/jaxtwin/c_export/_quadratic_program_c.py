@@ -1,7 +1,7 @@
-"""The quadratic programs of `control._quadratic_program` in C, by the same steps.
+"""The quadratic programs of `control._quadratic_program` in C, solved by the same algorithm.
 
-The limits are those of a plan: of each unknown, of the change from one sample to the next, and soft
-ones of sums of unknowns.
+The limits are those of a plan: limits of each unknown and of its change from one sample to the
+next, and soft limits of sums of unknowns.
 """
 
 from ..control._quadratic_program import CENTERING, STEPS, TO_BOUNDARY
@@ -12,11 +12,12 @@ LARGEST_GAP = {"double": 1e-4 * 2.0**-26, "float": 1e-4 * 2.0**-11.5}
 
 
 def work_of(unknowns: int, limits: int) -> dict[str, int]:
-    """The memory of a program, field -> length.
+    """Returns the memory of a program, field -> length.
 
-    **Arguments:** of the largest program.
+    **Arguments:**
 
-    - `limits`: counted once where they have both sides.
+    - `unknowns`: the number of unknowns of the largest program.
+    - `limits`: the number of its limits; a limit on both sides counts once.
     """
     return {
         "slope": unknowns,
@@ -35,7 +36,8 @@ def work_of(unknowns: int, limits: int) -> dict[str, int]:
 
 
 def quadratic_program_c(name: str, real: str) -> str:
-    """The struct `name_program`, and `name_minimise`, which leaves the minimum in `state->z`."""
+    """The struct `name_program`, and the function `name_minimise`, which writes the minimum to
+    `state->z`."""
     zero, one, half = (number(value, real) for value in (0.0, 1.0, 0.5))
     root = "sqrtf" if real == "float" else "sqrt"
     return f"""/* A cost z'Hz / 2 + slope'z, with limits of z, with a rate also of its change from

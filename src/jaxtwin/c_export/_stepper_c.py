@@ -1,8 +1,8 @@
-r"""A twin as C: the steps of `Stepper`, in the modes of the network, with the Peltier terms and the
-losses as they are.
+r"""A twin as C: the steps of `Stepper`, in the modes of the network, with nonlinear Peltier terms
+and losses.
 
-What the modes decay by in a step is computed and added, $(e^{-\lambda h} - 1) z$: these numbers
-keep all digits of a `float` where a slow mode decays by a thousandth.
+The decay of the modes in a step, $(e^{-\lambda h} - 1) z$, is computed and added: these factors
+keep all digits of a `float` even if a slow mode decays by a thousandth.
 """
 
 import numpy as np
@@ -18,14 +18,14 @@ from ._text import Code, comment_block, number, tables_c
 def stepper_c(
     stepper: Stepper, name: str, precision: str, origin: str, *, with_slopes: bool = False
 ) -> Code:
-    """Header and source.
+    """Returns header and source.
 
     **Arguments:**
 
-    - `with_slopes`: whether a function for the slopes of the nodes' temperatures is written too,
-      for a solver from outside.
+    - `with_slopes`: whether to write also a function for the derivatives of the nodes'
+      temperatures, which an external solver needs.
 
-    **Raises:** `ControlError` where a number of the twin is not finite in this precision.
+    **Raises:** `ControlError` if a number of the twin is not finite in this precision.
     """
     with own_settings():
         sizes = StepperSizes(stepper)
@@ -51,7 +51,7 @@ def stepper_c(
 def _header(
     stepper: Stepper, sizes: StepperSizes, name: str, real: str, origin: str, further: str
 ) -> str:
-    """The header; `further`: declarations after those that every twin has."""
+    """The header. `further` are declarations that follow those of every twin."""
     upper, wiring = name.upper(), stepper.system.wiring
     step = float(np.asarray(stepper.sizes).sum())
     room = float(stepper.reference) - ZERO_CELSIUS
@@ -145,7 +145,7 @@ def _init(sizes: StepperSizes, name: str, real: str) -> str:
 
 def _step(sizes: StepperSizes, name: str, real: str) -> str:
     cells = sizes.cells
-    # Commands on their way, the newest first: late[0] was given a step ago.
+    # The commands in the delay, the newest first: late[0] was given a step ago.
     in_transit = ["duty", *(f"state->late[{k}]" for k in range(sizes.queue))]
     delayed = in_transit[-sizes.parts :][::-1]
     now = "state->duty" if sizes.has_lag else delayed[0]
@@ -166,9 +166,9 @@ def _step(sizes: StepperSizes, name: str, real: str) -> str:
 
 
 def _forces(sizes: StepperSizes, name: str, real: str, duty: str) -> tuple[str, str, str]:
-    """The C of the forces that all parts of a step share, its variables, and those of them that a
-    part takes. Losses are computed at the start and in the middle of the step, and are a line in
-    between, as in `Stepper`."""
+    """The C of the forces that all parts of a step share, its variables, and the variables that a
+    part uses. Losses are computed at the start and in the middle of the step, and are interpolated
+    linearly between, as in `Stepper`."""
     n = sizes.modes
     if not sizes.has_loss:
         return linear_forces_c(sizes, name), f"{real} first[{n}];", "first"
@@ -186,7 +186,7 @@ def _forces(sizes: StepperSizes, name: str, real: str, duty: str) -> tuple[str, 
 
 
 def _shift(sizes: StepperSizes) -> str:
-    """The C that moves the commands on their way by a step; empty without a delay."""
+    """The C that shifts the commands in the delay by a step; empty without a delay."""
     if not sizes.queue:
         return ""
     return f"""    for (m = {sizes.queue - 1}; m > 0; --m) {{

@@ -8,7 +8,7 @@ from ._text import number
 
 
 def stepper_functions_c(sizes: StepperSizes, name: str, real: str) -> str:
-    """All of them, in the order in which they call each other."""
+    """All functions, each after those that it calls."""
     return "".join(
         [
             _heat(sizes, name, real),
@@ -130,7 +130,7 @@ static void {name}_losses(const {real} z[{sizes.modes}], {real} ambient,
 
 
 def linear_forces_c(sizes: StepperSizes, name: str) -> str:
-    """The C that computes the forces by the ambient where all losses are linear."""
+    """The C that computes the forces of the ambient temperature if all losses are linear."""
     return f"""    for (m = 0; m < {sizes.modes}; ++m) {{
         first[m] = {name}_surroundings[m] * deviation{_reservoir_term(sizes, name)};
     }}

@@ -108,9 +108,9 @@ def stepper_tables(
 
 
 def stepper_scalars(stepper: Stepper, name: str, real: str) -> tuple[str, int]:
-    """The scalar constants as C, and how many there are.
+    """The scalar constants as C, and their number.
 
-    **Raises:** `ControlError` where one is not finite.
+    **Raises:** `ControlError` if one is not finite.
     """
     bridge, loss = stepper.system.bridge, stepper.system.loss
     values = {

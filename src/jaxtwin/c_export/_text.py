@@ -10,7 +10,7 @@ from .._errors import ControlError
 
 
 class Code(NamedTuple):
-    """Header and source; how many constants there are, and how many numbers in the state."""
+    """Header and source, the number of constants, and the number of values in the state."""
 
     header: str
     source: str
@@ -42,9 +42,9 @@ def table(name: str, values: np.ndarray, comment: str, precision: str) -> str:
 
 
 def tables_c(tables: Mapping[str, tuple[np.ndarray, str]], precision: str) -> tuple[str, int]:
-    """Constant arrays, name -> values and comment, and how many numbers they have.
+    """Constant arrays as C, from name -> values and comment, and how many numbers they have.
 
-    **Raises:** `ControlError` where a number is not finite in this precision.
+    **Raises:** `ControlError` if a number is not finite in this precision.
     """
     for name, (values, _) in tables.items():
         with np.errstate(over="ignore"):
@@ -59,12 +59,12 @@ def tables_c(tables: Mapping[str, tuple[np.ndarray, str]], precision: str) -> tu
 
 
 def comment_block(lines: Iterable[str]) -> str:
-    """Lines as a comment; spaces at their beginning stay."""
+    """Lines as a comment, with the spaces at their beginning."""
     texts = (" " * (len(line) - len(line.lstrip(" "))) + ascii_text(line) for line in lines)
     return "/*\n" + "".join(f" * {text}".rstrip() + "\n" for text in texts) + " */\n"
 
 
 def ascii_text(text: str) -> str:
-    """Text that may stand in a comment of any compiler."""
+    """Converts a text so that it is a valid comment for any compiler."""
     plain = " ".join(text.split()).encode("ascii", "replace").decode()
     return plain.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")

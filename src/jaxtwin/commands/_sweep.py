@@ -115,7 +115,7 @@ def sweep(
 def _dask_executor(address: str) -> "Iterator[Executor]":
     """The workers of a Dask cluster.
 
-    **Raises:** `SimulationError` where there is no scheduler, or Dask is not installed.
+    **Raises:** `SimulationError` if there is no scheduler, or Dask is not installed.
     """
     try:
         from distributed import Client

@@ -160,7 +160,7 @@ def frontier(
     - `controller`, `twin`, `references`, `duration_s`, `tuned`, `draws`, `tail_weight`,
       `sensitivity_limit`, `rounds`, `seed`, `workers`, `settings`: as in `jaxtwin.tune`.
 
-    **Raises:** `ControlError` where arguments do not fit each other, as in `jaxtwin.tune`.
+    **Raises:** `ControlError` if arguments do not fit each other, as in `jaxtwin.tune`.
     """
     if against not in MEASURES or against in STEPWISE:
         known = [name for name in MEASURES if name not in STEPWISE]

@@ -34,7 +34,7 @@ def point_of_run(twin: Twin, run: Run, time: Any, ambient: float | int | None) -
 
     - `ambient`: degC; None: that of the run.
 
-    **Raises:** `ControlError` where the run has other nodes than the twin, or the time is outside
+    **Raises:** `ControlError` if the run has other nodes than the twin, or the time is outside
     of it.
     """
     names = tuple(node.name for node in twin.netlist.nodes)

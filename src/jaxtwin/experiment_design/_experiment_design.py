@@ -120,7 +120,7 @@ class ExperimentDesign:
 
         **Returns:** the path.
 
-        **Raises:** `RecordingError` for another ending, or where it cannot be written.
+        **Raises:** `RecordingError` for another ending, or if it cannot be written.
         """
         return write_recording(self.schedule, Path(path))
 

@@ -99,7 +99,7 @@ def make_schedules(
 ) -> Schedules:
     """Checks the settings of a design, and makes its schedules.
 
-    **Raises:** `MatchError` where a time, a bound or the number of levels is not allowed.
+    **Raises:** `MatchError` if a time, a bound or the number of levels is not allowed.
     """
     for name, value in (("duration", duration), ("hold", hold)):
         finite_number(f"design_experiment: {name}", value, MatchError)

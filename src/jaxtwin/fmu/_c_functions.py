@@ -1,16 +1,17 @@
-"""Functions that FMI 2.0 and 3.0 have alike but for their names, as C."""
+"""C functions that are the same in FMI 2.0 and 3.0 except for their names."""
 
 NOTHING_AT_ALL = "n == 0 ? OK : ERROR"
-"""The answer of a function for values of a kind that a twin has none of."""
+"""The C expression that a function returns for values of a kind that a twin does not have: success
+only if no value was asked for."""
 
 
 def refused(name: str, arguments: str, answer: str) -> str:
-    """A function that uses none of its arguments.
+    """Writes a function that a twin does not support.
 
     **Arguments:**
 
-    - `name`, `arguments`: as the standard has them, without the component.
-    - `answer`: what it returns, an expression; of the arguments it may use `n`.
+    - `name`, `arguments`: name and arguments in the standard, without the component.
+    - `answer`: the expression that it returns, which may contain the argument `n` and no other.
     """
     given = f"component_t c, {arguments}" if arguments else "component_t c"
     words = [part.split()[-1].lstrip("*").removesuffix("[]") for part in given.split(", ")]
@@ -20,22 +21,23 @@ def refused(name: str, arguments: str, answer: str) -> str:
 
 
 def of_state(prefix: str, word: str) -> str:
-    """Keeping a state, going back to it and giving it free.
+    """Writes the functions that store a state, restore it and free its memory.
 
     **Arguments:**
 
-    - `prefix`, `word`: of the functions' names, such as "fmi2" and "FMUstate".
+    - `prefix`, `word`: the parts of the functions' names, such as "fmi2" and "FMUstate".
     """
     return _OF_STATE.replace("PREFIX", prefix).replace("WORD", word)
 
 
 def of_integration(prefix: str, derivatives: str) -> str:
-    """Time, continuous states, their derivatives and their nominal values, for a solver outside.
+    """Writes the functions for an external solver: time, continuous states, their derivatives and
+    their nominal values.
 
     **Arguments:**
 
-    - `prefix`: of the functions' names, such as "fmi2".
-    - `derivatives`: the word for derivatives in them.
+    - `prefix`: the beginning of the functions' names, such as "fmi2".
+    - `derivatives`: the word for derivatives in these names.
     """
     return _OF_INTEGRATION.replace("PREFIX", prefix).replace("DERIVATIVES", derivatives)
 

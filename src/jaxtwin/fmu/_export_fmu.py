@@ -32,7 +32,7 @@ from ._variables import variables_of
 VERSIONS = ("2.0", "3.0")
 
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
-"""Platform of Python -> how FMI calls it, and the ending of its libraries."""
+"""Platform of Python -> its name in FMI, and the ending of its libraries."""
 
 
 @final
@@ -40,10 +40,10 @@ SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": (
 class FMU:
     """The file that `export_fmu` wrote, and its variables.
 
-    - `path`: the file.
-    - `inputs`, `outputs`: names of its variables. Those of the nodes, `node.NAME`, can be set
+    - `path`: the path of the file.
+    - `inputs`, `outputs`: the names of its variables. Those of the nodes, `node.NAME`, can be set
       before the start.
-    - `binary`: the platform that it has a binary for, None where it has only sources.
+    - `binary`: the platform of its binary; None if it contains only sources.
     """
 
     path: Path
@@ -67,28 +67,28 @@ def export_fmu(
     jt.export_fmu(jt.Twin("dual-cell"), "dual-cell.fmu")
     ```
 
-    The FMU is the nonlinear twin of `Stepper`, as C. Inputs are the duty cycles (`duty.P1`, -1 to
-    1) and the ambient, outputs the channels, both temperatures in degC; the temperatures of the
-    nodes (`node.V11`) can be read, and set before the start.
+    The FMU is the nonlinear twin of `Stepper`, as C. Its inputs are the duty cycles (`duty.P1`, -1
+    to 1) and the ambient temperature, degC. Its outputs are the temperatures of the channels, degC.
+    The temperatures of the nodes (`node.V11`) can be read, and can be set before the start.
 
-    In co-simulation it takes its own steps of `step_size` under the inputs at their beginning,
-    whatever the steps of the simulator; outputs are those of the last of them. In model exchange
-    the simulator's solver integrates the temperatures of the nodes and the driver's lag; its delay
-    is events in time.
+    In co-simulation the FMU takes steps of `step_size`, independently of the steps of the
+    simulator. The inputs are held from the beginning of a step, and the outputs are those at the
+    end of the last step. In model exchange the simulator's solver integrates the temperatures of
+    the nodes and the driver's lag, and the driver's delay is a series of time events.
 
     **Arguments:**
 
-    - `twin`: rig and parameters; or a fit, whose nominal twin counts.
-    - `path`: of the file, .fmu; replaced where it exists.
-    - `step_size`: of co-simulation, s.
-    - `version`: of FMI.
-    - `compiler`: of C, for the binary, called like cc or gcc; None: sources alone, for simulators
-      that compile them.
-    - `origin`: where the parameters come from, a line for the sources.
+    - `twin`: the rig and its parameters; or a fit, of which the nominal twin is used.
+    - `path`: the path of the file, which ends in .fmu. An existing file is replaced.
+    - `step_size`: the step of co-simulation, s.
+    - `version`: the version of FMI.
+    - `compiler`: the C compiler for the binary, with the options of cc or gcc. With None the file
+      contains only sources, for simulators that compile them.
+    - `origin`: the origin of the parameters, a line for the sources.
 
-    **Returns:** the file, and what goes in and out.
+    **Returns:** the file, and the names of its inputs and outputs.
 
-    **Raises:** `ControlError` for another version or ending, and where the compiler is not found
+    **Raises:** `ControlError` for another version or ending, and if the compiler is not found
     or fails; `SimulationError` and `ParameterError` as `Stepper` does.
     """
     plant = nominal_twin("export_fmu: twin", twin, ControlError)
@@ -129,7 +129,7 @@ def export_fmu(
 
 
 def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str, str]:
-    """File -> text, with a place for the token."""
+    """Returns file name -> text, with a placeholder for the token."""
     code = stepper_c(stepper, name, "double", origin, with_slopes=True)
     delay, lag = (
         0.0 if time is None else float(time) for time in (stepper.system.delay, stepper.system.lag)
@@ -147,7 +147,7 @@ def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str
 def _platform(version: str) -> tuple[str, str]:
     """The name of this platform in FMI, and the ending of its libraries.
 
-    **Raises:** `ControlError` for a system that FMI has no name for.
+    **Raises:** `ControlError` for a system that has no name in FMI.
     """
     if sys.platform not in SYSTEMS:
         raise ControlError(
@@ -163,9 +163,9 @@ def _platform(version: str) -> tuple[str, str]:
 
 
 def _compiled(compiler: str, sources: dict[str, str], library: str) -> bytes:
-    """The shared library.
+    """Compiles the sources and returns the shared library.
 
-    **Raises:** `ControlError` where the compiler is not found or fails.
+    **Raises:** `ControlError` if the compiler is not found or fails.
     """
     program = shutil.which(compiler)
     if program is None:
@@ -188,7 +188,7 @@ def _compiled(compiler: str, sources: dict[str, str], library: str) -> bytes:
 
 
 def _write(target: Path, files: dict[str, bytes]) -> None:
-    """The zip file, the same bytes for the same contents."""
+    """Writes the zip file. Equal contents give equal bytes."""
     with tempfile.TemporaryDirectory() as folder:
         whole = Path(folder) / "model.fmu"
         with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -1,6 +1,6 @@
 """The functions of FMI 2.0 for model exchange and co-simulation, as C.
 
-They are declared here as the standard has them, so that the sources need no header but those of C.
+They are declared here as in the standard, so that the sources need only the headers of C.
 """
 
 from collections.abc import Iterator
@@ -148,8 +148,8 @@ EXPORTED status_t fmi2CompletedIntegratorStep(component_t c, bool_t never_back,
 
 
 def _refused() -> Iterator[str]:
-    """Functions for values and abilities that a twin does not have: an error, unless for nothing
-    at all."""
+    """Writes functions for values and abilities that a twin does not have. They return an error,
+    unless no value is asked for."""
     for kind, value in (("Integer", "int"), ("Boolean", "bool_t"), ("String", "char *")):
         constant = "const char *const" if kind == "String" else f"const {value}"
         got = "const char *" if kind == "String" else f"{value} "

@@ -1,7 +1,7 @@
-"""The functions of FMI 3.0 for model exchange and co-simulation, as C; those that a twin has no
-use for are refused.
+"""The functions of FMI 3.0 for model exchange and co-simulation, as C. Those that a twin does not
+support return an error.
 
-They are declared here as the standard has them, so that the sources need no header but those of C.
+They are declared here as in the standard, so that the sources need only the headers of C.
 """
 
 from collections.abc import Iterator
@@ -217,7 +217,7 @@ _KINDS = {
     "Boolean": "bool",
     "String": "const char *",
 }
-"""Of values that no twin has."""
+"""Functions for values that a twin does not have."""
 
 _SOME = "const uint32_t v[], size_t n"
 

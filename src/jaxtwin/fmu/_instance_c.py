@@ -1,18 +1,18 @@
-"""What the two versions of FMI have in common, as C: an instance, its values and its clock.
+"""The C that the two versions of FMI share: an instance, its values and its clock.
 
 The value references are those of `_variables`: time, duty cycles, ambient, channels, states and
-their derivatives. In co-simulation the twin takes its own steps. In model exchange a solver from
-outside integrates the states; a command that changes is put into a queue at the event, and leaves
-it at another event, a delay later.
+their derivatives. In co-simulation the twin takes steps itself. In model exchange an external
+solver integrates the states. A command that changes enters a queue at an event, and leaves it at
+another event after the delay.
 """
 
 
 def instance_c(name: str, token: str, delay_s: float, lag_s: float) -> str:
-    """The beginning of the source that is compiled beside the twin's.
+    """Returns the beginning of the source that is compiled together with that of the twin.
 
     **Arguments:**
 
-    - `delay_s`, `lag_s`: of the driver, 0 for none.
+    - `delay_s`, `lag_s`: the delay and the lag of the driver, 0 for none.
     """
     upper = name.upper()
     return f"""#include <math.h>

@@ -21,12 +21,12 @@ def model_description(
 
     **Arguments:**
 
-    - `version`: of FMI, "2.0" or "3.0".
-    - `title`, `generator`: of the model, and by what it was made.
-    - `identifier`: of the binary and the functions.
-    - `token`: by which binary and description know each other.
-    - `step_size`: of the twin, s.
-    - `sources`: files to compile.
+    - `version`: the version of FMI, "2.0" or "3.0".
+    - `title`, `generator`: the title of the model, and the name of the program that made it.
+    - `identifier`: the name of the binary.
+    - `token`: the text that shows that binary and description belong together.
+    - `step_size`: the step of the twin, s.
+    - `sources`: the files to compile.
     """
     is_2 = version == "2.0"
     root = ET.Element(
@@ -99,7 +99,7 @@ def build_description(identifier: str, sources: Sequence[str]) -> bytes:
 
 
 def _attributes(variable: Variable) -> dict[str, str]:
-    """The attributes that variables of both versions have."""
+    """The attributes that a variable has in both versions."""
     attributes = {
         "name": variable.name,
         "valueReference": str(variable.reference),

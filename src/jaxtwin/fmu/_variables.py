@@ -1,4 +1,4 @@
-"""What an FMU of a twin takes and gives, the same for FMI 2 and FMI 3."""
+"""The variables of an FMU of a twin, which are the same for FMI 2 and FMI 3."""
 
 from typing import Literal, NamedTuple
 
@@ -12,11 +12,11 @@ Causality = Literal["independent", "input", "output", "local"]
 class Variable(NamedTuple):
     """A variable of an FMU.
 
-    - `reference`: its number, from 0 on in the order of the variables.
+    - `reference`: its number, counted from 0 in the order of the variables.
     - `unit`: "degC", "s", or "" for none.
-    - `start`: None for what is computed.
-    - `is_discrete`: whether it changes at events alone.
-    - `state`: the number of the state whose derivative it is, None for what is none.
+    - `start`: the value at the start; None for a variable that is computed.
+    - `is_discrete`: whether it changes only at events.
+    - `state`: the number of the state whose derivative it is; None if it is not a derivative.
     """
 
     name: str
@@ -31,11 +31,11 @@ class Variable(NamedTuple):
 
 
 def variables_of(stepper: Stepper) -> list[Variable]:
-    """Time, duty cycles, ambient, channels, the states, which can be set before the start, and
-    their derivatives.
+    """Returns time, duty cycles, ambient, channels, the states, which can be set before the start,
+    and their derivatives.
 
-    The states are the temperatures of the nodes and, where the driver lags, the duty cycles behind
-    its lag.
+    The states are the temperatures of the nodes and, if the driver has a lag, the duty cycles
+    behind it.
     """
     system = stepper.system
     wiring, start = system.wiring, np.asarray(stepper.start().nodes, float)

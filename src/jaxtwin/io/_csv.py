@@ -41,7 +41,7 @@ def experiment_of_columns(
 ) -> Experiment:
     """The experiment in named columns.
 
-    **Raises:** `RecordingError` where a column is missing, is given twice or has another name.
+    **Raises:** `RecordingError` if a column is missing, is given twice or has another name.
     """
     times: list[np.ndarray] = []
     duty: dict[int, np.ndarray] = {}

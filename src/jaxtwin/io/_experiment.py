@@ -242,7 +242,7 @@ class Experiment:
 
         **Raises:**
 
-        `RecordingError` where fewer than two samples are left.
+        `RecordingError` if fewer than two samples are left.
         """
         start = -np.inf if t0 is None else finite_number("between: t0", t0, RecordingError)
         end = np.inf if t1 is None else finite_number("between: t1", t1, RecordingError)
@@ -403,7 +403,7 @@ def as_experiments(where: str, given: Any, error: type[JaxtwinError]) -> list[Ex
     - `where`: the function and the argument, for the message.
     - `given`: one experiment or several. The list may be empty.
 
-    **Raises:** `error` where anything else is given.
+    **Raises:** `error` if anything else is given.
     """
     several = isinstance(given, Iterable) and not isinstance(given, str | bytes)
     return [

@@ -30,7 +30,7 @@ def fetch_recordings(
 
     **Raises:**
 
-    `RecordingError` where a file cannot be fetched or has another checksum. Files that were fetched
+    `RecordingError` if a file cannot be fetched or has another checksum. Files that were fetched
     before remain. Nothing remains of the file that failed, and an older file in its place is
     unchanged.
     """

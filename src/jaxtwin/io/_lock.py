@@ -17,7 +17,7 @@ def lock(file: Path) -> int:
 
     **Returns:** the handle that `unlock` needs.
 
-    **Raises:** `RecordingError` where another process records into it, or it has hard links.
+    **Raises:** `RecordingError` if another process records into it, or it has hard links.
     """
     if file.exists() and (names := file.stat().st_nlink) > 1:
         raise RecordingError(

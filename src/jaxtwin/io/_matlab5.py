@@ -53,7 +53,7 @@ def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
 
     **Raises:**
 
-    `RecordingError` where the file is damaged or cut off anywhere, where there is no variable of
+    `RecordingError` if the file is damaged or cut off anywhere, if there is no variable of
     this name, or where it holds no real numbers.
     """
     order = "<" if content.endswith(b"IM", 0, HEADER_SIZE) else ">"

@@ -112,7 +112,7 @@ class Session:
     def rig(self) -> "Rig":
         """The rig, from the text of its file at the time of the recording.
 
-        **Raises:** `RigError` where this version of the program does not understand it.
+        **Raises:** `RigError` if this version of the program does not understand it.
         """
         from ..rig._build import build_rig  # with pydantic, which reading numbers does not need
         from ..rig._bundled import parse_toml
@@ -192,7 +192,7 @@ class Session:
 
         An `Experiment` whose time 0 is that first time.
 
-        **Raises:** `RecordingError` where duty or temperatures are missing altogether.
+        **Raises:** `RecordingError` if duty or temperatures are missing altogether.
         """
         with damage_as_recording_error(self.file):
             # One moment of a file that may be growing.

@@ -54,7 +54,7 @@ def write_recording(experiment: Experiment, path: str | Path) -> Path:
 def save_dataset(dataset: "xarray.Dataset", path: str | os.PathLike[str]) -> None:
     """Writes labelled results as netCDF 3, which needs no extra library to write or read.
 
-    **Raises:** `RecordingError` for another ending than .nc, and where the file cannot be written.
+    **Raises:** `RecordingError` for another ending than .nc, and if the file cannot be written.
     """
     check_ending(path, [".nc"], RecordingError)
     plain = dataset.copy()

@@ -48,7 +48,7 @@ def parse(frame: str | bytes) -> Message:
 def encode(message: Message) -> bytes:
     """Encodes a message for sending.
 
-    **Raises:** `ValueError` where it is too long for a frame.
+    **Raises:** `ValueError` if it is too long for a frame.
     """
     if isinstance(message, Image):
         height, width = message.pixels.shape

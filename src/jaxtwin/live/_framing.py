@@ -87,7 +87,7 @@ def delines(remainder: bytes, data: bytes) -> tuple[list[str], bytes]:
 def encode_line(text: str) -> bytes:
     """Encodes a line for sending.
 
-    **Raises:** `ValueError` where the text is not printable ASCII or too long.
+    **Raises:** `ValueError` if the text is not printable ASCII or too long.
     """
     content = text.encode("ascii")
     if not _is_text(content) or len(content) + 10 > LINE_BYTES:

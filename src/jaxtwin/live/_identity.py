@@ -48,7 +48,7 @@ class Identity:
     def of(cls, rig: Rig) -> "Identity":
         """The identity of a rig.
 
-        **Raises:** `LinkError` where a name is too long for a greeting.
+        **Raises:** `LinkError` if a name is too long for a greeting.
         """
         camera, channels = rig.camera, len(rig.channels)
         return cls(

@@ -40,7 +40,7 @@ class Guard:
     - `owner`: the name under which the rig is commanded (`Bench.owner`).
     - `silence`: the longest time without a controller sample, or without valid temperatures, s.
 
-    **Raises:** `JaxtwinError` where the rig file states no limit.
+    **Raises:** `JaxtwinError` if the rig file states no limit.
     """
 
     def __init__(self, twin: Twin, owner: str, *, silence: float | int = 3.0):

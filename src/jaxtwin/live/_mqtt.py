@@ -39,7 +39,7 @@ class MqttTransport:
     - `address`: the address of the broker, with the topic.
     - `reads`, `writes`: the two topics below that topic.
 
-    **Raises:** `OSError` where the broker cannot be reached, `LinkError` without paho-mqtt.
+    **Raises:** `OSError` if the broker cannot be reached, `LinkError` without paho-mqtt.
     """
 
     def __init__(self, address: MqttAddress, *, reads: str = "up", writes: str = "down"):
@@ -120,7 +120,7 @@ class Publisher:
     - `url`: `mqtt://host:port/topic`, as for `MqttAddress`.
     - `channels`, `cells`: names of the columns.
 
-    **Raises:** `LinkError` where the broker cannot be reached.
+    **Raises:** `LinkError` if the broker cannot be reached.
     """
 
     def __init__(self, url: str, channels: Sequence[str], cells: Sequence[str]):

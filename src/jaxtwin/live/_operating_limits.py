@@ -66,7 +66,7 @@ class OperatingLimits:
     def of(cls, twin: Twin) -> "OperatingLimits":
         """Returns the limits of a twin's rig.
 
-        **Raises:** `JaxtwinError` where its file states no limit of temperature.
+        **Raises:** `JaxtwinError` if its file states no limit of temperature.
         """
         rig = twin.rig
         given = rig.limits

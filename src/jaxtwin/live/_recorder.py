@@ -59,7 +59,7 @@ class Recorder:
     - `keep_frames`: whether camera frames are kept as well as the channels taken from them.
     - `clock`: host time.
 
-    **Raises:** `RecordingError` where the file exists, belongs to another rig, is being recorded
+    **Raises:** `RecordingError` if the file exists, belongs to another rig, is being recorded
     into, or cannot be written, and for an invalid argument.
     """
 

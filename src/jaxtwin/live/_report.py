@@ -45,7 +45,7 @@ def report(session: Session) -> dict[str, Any]:
     **Returns:** `streams` (`StreamReport`s as dictionaries), `lost` by stream, `events` by kind,
     `runs` with their start, end and outcome, `drives` with operator, plan and outcome.
 
-    **Raises:** `RecordingError` where the recording is damaged.
+    **Raises:** `RecordingError` if the recording is damaged.
     """
     with damage_as_recording_error(session.file):
         return _report(session)

@@ -30,7 +30,7 @@ Rows: TypeAlias = Generator[Record, None, None]
 class RowReader:
     """Reads the records of a recording, each table in its order and as they are needed.
 
-    **Raises:** `RecordingError` where the recording is damaged, also while it is read.
+    **Raises:** `RecordingError` if the recording is damaged, also while it is read.
     """
 
     def __init__(self, session: Session):

@@ -150,7 +150,7 @@ class TcpServer:
 class PtyServer:
     """A pseudo-terminal: the virtual rig looks like a serial port, on Linux and macOS.
 
-    **Raises:** `LinkError` where the system has none.
+    **Raises:** `LinkError` if the system has none.
     """
 
     def __init__(self) -> None:
@@ -262,7 +262,7 @@ class InProcess:
     def read(self) -> bytes:
         """Advances the rig to the time of the clock. Returns the bytes that it sends meanwhile.
 
-        **Raises:** `ConnectionResetError` where a fault of the rig cuts the connection.
+        **Raises:** `ConnectionResetError` if a fault of the rig cuts the connection.
         """
         data = self._waiting + self._device.due(self._clock.now())
         self._waiting = b""

@@ -57,7 +57,7 @@ class VirtualRig:
       0.1 to 5.
     - `boot`: names this start of the device; `None`: a new name.
 
-    **Raises:** `LinkError` where a fault names a cell or a camera that the rig does not have, and
+    **Raises:** `LinkError` if a fault names a cell or a camera that the rig does not have, and
     for a device that every host would refuse, such as one with a watchdog of 20 s.
     """
 

@@ -16,7 +16,7 @@ _NUMBER = re.compile(r"-?[0-9]{1,6}(\.[0-9]{1,6})?")
 
 
 def read_integer(text: str, least: int, most: int) -> int:
-    """A whole number. **Raises:** `ValueError` where it is none or out of its bounds."""
+    """A whole number. **Raises:** `ValueError` if it is none or out of its bounds."""
     # `int` alone also takes blanks, underscores and any length.
     if not _INTEGER.fullmatch(text) or not least <= int(text) <= most:
         raise ValueError(f"expected a whole number from {least} to {most}, got {text[:24]!r}")
@@ -24,7 +24,7 @@ def read_integer(text: str, least: int, most: int) -> int:
 
 
 def read_number(text: str, least: float = -273.15, most: float = 2000.0) -> float:
-    """A number in plain digits. **Raises:** `ValueError` where it is none or out of its bounds."""
+    """A number in plain digits. **Raises:** `ValueError` if it is none or out of its bounds."""
     if not _NUMBER.fullmatch(text) or not least <= float(text) <= most:
         raise ValueError(f"expected a number from {least:g} to {most:g}, got {text[:24]!r}")
     return float(text)
@@ -33,7 +33,7 @@ def read_number(text: str, least: float = -273.15, most: float = 2000.0) -> floa
 def read_word(text: str) -> str:
     """Reads a word that a device chooses, such as a kind, a boot or an owner.
 
-    **Raises:** `ValueError` where it is none.
+    **Raises:** `ValueError` if it is none.
     """
     if not _WORD.fullmatch(text):
         raise ValueError(f"expected 1 to 32 of A-Z a-z 0-9 _ . -, got {text[:40]!r}")
@@ -48,7 +48,7 @@ def write_name(name: str) -> str:
 def read_name(text: str) -> str:
     """Reads a name that `write_name` has written.
 
-    **Raises:** `ValueError` where it is none, or written in another way than `write_name` does.
+    **Raises:** `ValueError` if it is none, or written in another way than `write_name` does.
     """
     problem = f"name: expected 1 to {LONGEST_NAME} characters, quoted by %, got {text[:40]!r}"
     if not _QUOTED.fullmatch(text):

@@ -40,7 +40,7 @@ def frame_to_channels(
 
     **Returns:** `(..., channels)` in the order of the rig, in the unit of the frames.
 
-    **Raises:** `RigError` where the frames do not have the camera's resolution, or the rig has no
+    **Raises:** `RigError` if the frames do not have the camera's resolution, or the rig has no
     camera.
     """
     of_kind("frame_to_channels: rig", rig, Rig, "a Rig, as load_rig reads it", RigError)
@@ -53,7 +53,7 @@ def checked_frames(
 ) -> tuple[Camera, Float[np.ndarray, "*frames height width"]]:
     """The camera of a rig and its frames.
 
-    **Raises:** `RigError` where the frames do not have the camera's resolution, or the rig has no
+    **Raises:** `RigError` if the frames do not have the camera's resolution, or the rig has no
     camera.
     """
     camera = _camera(rig)

@@ -56,7 +56,7 @@ def measure_registration(rig: Rig, frame: Shaped[np.ndarray, "..."]) -> Measured
     each; scale and rotation need two opposite edges. The registration of a recording without frames
     can only be matched.
 
-    **Raises:** `RigError` where the frame does not have the camera's resolution, or the rig has no
+    **Raises:** `RigError` if the frame does not have the camera's resolution, or the rig has no
     camera.
     """
     of_kind("measure_registration: rig", rig, Rig, "a Rig, as load_rig reads it", RigError)

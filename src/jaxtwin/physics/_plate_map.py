@@ -39,7 +39,7 @@ def plate_map(
     - `points`: the number of points along the length of the plate. Along its height the points have
       the same distance.
 
-    **Raises:** `ParameterError` where there is not one temperature for each element, or points is
+    **Raises:** `ParameterError` if there is not one temperature for each element, or points is
     below 1.
     """
     of_kind("plate_map: rig", rig, Rig, "a Rig, as load_rig reads it", ParameterError)

@@ -67,7 +67,7 @@ class ThermoelectricModule(eqx.Module):
           `hot_side_temperature` (K): $V_{max}$, $I_{max}$, $\Delta T_{max}$, $T_h$. If a name is
           given too, they replace the numbers of its datasheet.
 
-        **Raises:** `RigError` where no datasheet has this name; `ParameterError` where a number is
+        **Raises:** `RigError` if no datasheet has this name; `ParameterError` if a number is
         missing, not above 0, or the difference is not below the hot side temperature.
         """
         given = {
@@ -167,7 +167,7 @@ class ThermoelectricModule(eqx.Module):
 
         **Returns:** a `DCSweep`.
 
-        **Raises:** `ParameterError` where a difference is not below `T_hot` or a number is not
+        **Raises:** `ParameterError` if a difference is not below `T_hot` or a number is not
         finite.
         """
         I = np.ravel(np.asarray(currents, float))  # noqa: E741

@@ -92,7 +92,7 @@ class Twin(eqx.Module):
     def numbers_si(self) -> dict[str, float]:
         """All values in SI units as plain numbers.
 
-        **Raises:** `ParameterError` where a parameter holds more than one value.
+        **Raises:** `ParameterError` if a parameter holds more than one value.
         """
         numbers = {}
         for name, value in self.values.items():
@@ -118,7 +118,7 @@ class Twin(eqx.Module):
     def module(self, cell: str) -> ThermoelectricModule:
         """The thermoelectric module of a cell, for example for a DC sweep.
 
-        **Raises:** `ParameterError` where the rig has no such cell, or a parameter holds more than
+        **Raises:** `ParameterError` if the rig has no such cell, or a parameter holds more than
         one value.
         """
         for element in self.netlist.cells:

@@ -206,7 +206,7 @@ def wiring_of(rig: Rig, lumped: bool = False) -> Wiring:
     """Returns the wiring of a rig, which is made once. If `lumped`, nodes that are always equal are
     combined.
 
-    **Raises:** `RigError` where the plate has more elements than a twin can have.
+    **Raises:** `RigError` if the plate has more elements than a twin can have.
     """
     elements = len(rig.plate.element_names)
     if elements > MOST_ELEMENTS:

@@ -40,7 +40,7 @@ def animate_plate(
     """The plate map over time, above the duty cycles of the cells.
 
     `.save("plate.gif")` writes it with Pillow, `.save("plate.mp4")` with ffmpeg, and raises
-    `ParameterError` where that is not installed; `.to_jshtml()` is for a web page or a notebook.
+    `ParameterError` if that is not installed; `.to_jshtml()` is for a web page or a notebook.
 
     **Arguments:**
 

@@ -35,7 +35,7 @@ def plot_bands(
 
     **Returns:** the figure.
 
-    **Raises:** `SimulationError` where the band has another shape than the run.
+    **Raises:** `SimulationError` if the band has another shape than the run.
     """
     for name, edge in (("low", low), ("high", high)):
         if np.shape(edge) != run.temperatures.shape:

@@ -37,7 +37,7 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
 
     **Returns:** the figure.
 
-    **Raises:** `SimulationError` where a run has nothing recorded to compare with.
+    **Raises:** `SimulationError` if a run has nothing recorded to compare with.
     """
     fits = [run.fit_percent for run in runs]
     rows = [
@@ -98,7 +98,7 @@ def plot_residuals(
 
     **Returns:** the figure.
 
-    **Raises:** `SimulationError` where a run has nothing recorded to compare with.
+    **Raises:** `SimulationError` if a run has nothing recorded to compare with.
     """
     figure = pyplot.figure(figsize=(0.9 + 3.7 * len(runs), 3.4), layout="constrained")
     (row,) = figure.subplots(1, len(runs), sharey=True, squeeze=False)

@@ -39,7 +39,7 @@ def plot_convergence(
 
     **Returns:** the axes.
 
-    **Raises:** `ParameterError` where there is no such output or index, or the method cannot be
+    **Raises:** `ParameterError` if there is no such output or index, or the method cannot be
     applied to a part of its draws: "oat" and "dgsm".
     """
     row, name = sensitivity.row(output), index or sensitivity.method.main

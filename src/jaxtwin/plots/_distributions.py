@@ -29,7 +29,7 @@ def plot_distributions(draws: "xarray.Dataset") -> Figure:
 
     **Returns:** the figure.
 
-    **Raises:** `SimulationError` where it holds no quantity over draws.
+    **Raises:** `SimulationError` if it holds no quantity over draws.
     """
     names = [
         str(name)

@@ -24,7 +24,7 @@ def plot_index_bars(
 
     **Returns:** the axes.
 
-    **Raises:** `ParameterError` where there is no such output.
+    **Raises:** `ParameterError` if there is no such output.
     """
     row, main = sensitivity.row(output), sensitivity.method.main
     names = sensitivity.ranking(output)

@@ -35,7 +35,7 @@ def plot_indices_over_time(
 
     **Returns:** the axes.
 
-    **Raises:** `ParameterError` where there is no such channel with several times, or no such
+    **Raises:** `ParameterError` if there is no such channel with several times, or no such
     index of parameters.
     """
     rows = _rows(sensitivity, channel)

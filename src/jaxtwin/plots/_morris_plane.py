@@ -31,7 +31,7 @@ def plot_morris_plane(
 
     **Returns:** the axes.
 
-    **Raises:** `ParameterError` where there is no such output.
+    **Raises:** `ParameterError` if there is no such output.
     """
     row = sensitivity.row(output)
     mu_star, sigma = sensitivity["mu_star"][row], sensitivity["sigma"][row]

@@ -50,7 +50,7 @@ def plot_netlist(
 
     **Returns:** the axes.
 
-    **Raises:** `ParameterError` where something else than a twin is given, or not one temperature
+    **Raises:** `ParameterError` if something else than a twin is given, or not one temperature
     for each node, or not one value for each parameter.
     """
     check_twin("plot_netlist: twin", twin, ParameterError)

@@ -38,7 +38,7 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
 
     **Returns:** the figure.
 
-    **Raises:** `SimulationError` where a run has nothing recorded to compare with, or fewer than
+    **Raises:** `SimulationError` if a run has nothing recorded to compare with, or fewer than
     ten samples in a channel.
     """
     figure = pyplot.figure(figsize=(12.6, 0.4 + 2.6 * len(runs)), layout="constrained")

@@ -22,7 +22,7 @@ def plot_sensitivity_indices(
 
     **Returns:** the axes.
 
-    **Raises:** `ParameterError` where there is no such output.
+    **Raises:** `ParameterError` if there is no such output.
     """
     if isinstance(sensitivity.method, Morris):
         return plot_morris_plane(sensitivity, output, ax=ax)

@@ -24,7 +24,7 @@ def plot_sobol_bars(
 
     **Returns:** the axes.
 
-    **Raises:** `ParameterError` where there is no such output.
+    **Raises:** `ParameterError` if there is no such output.
     """
     row = sensitivity.row(output)
     names = sensitivity.ranking(output)

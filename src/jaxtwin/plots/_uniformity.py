@@ -32,7 +32,7 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
 
     **Returns:** the figure.
 
-    **Raises:** `SimulationError` where a run has nothing recorded to compare with.
+    **Raises:** `SimulationError` if a run has nothing recorded to compare with.
     """
     figure = pyplot.figure(figsize=(0.9 + 3.7 * len(runs), 4.4), layout="constrained")
     grid = figure.subplots(2, len(runs), sharex="col", sharey="row", squeeze=False)
@@ -86,7 +86,7 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
 
     **Returns:** the figure.
 
-    **Raises:** `SimulationError` where a run has nothing recorded, or a time lies outside of it.
+    **Raises:** `SimulationError` if a run has nothing recorded, or a time lies outside of it.
     """
     columns = [_at(run, times) for run in runs]
     named = {channel.name: channel for channel in rig.channels}

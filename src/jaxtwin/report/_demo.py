@@ -60,8 +60,8 @@ def write_demo(
     **Returns:** the path of the page, `index.html`, with everything inside it. Beside it lie the
     pictures, the matched parameters and all numbers.
 
-    **Raises:** `JaxtwinError` where the folder holds something else or cannot be written;
-    `RecordingError` where `recordings` does not hold them. Then nothing is written.
+    **Raises:** `JaxtwinError` if the folder holds something else or cannot be written;
+    `RecordingError` if `recordings` does not hold them. Then nothing is written.
     """
     folder = Path(out)
     check_folder(folder)

@@ -36,7 +36,7 @@ def find_source(folder: Path | None) -> Source:
 
     - `folder`: where they lie; None: looked for in the usual places.
 
-    **Raises:** `RecordingError` where a folder was asked for, here or by `JAXTWIN_RECORDINGS`, and
+    **Raises:** `RecordingError` if a folder was asked for, here or by `JAXTWIN_RECORDINGS`, and
     does not hold them: what was asked for is never silently replaced.
     """
     try:

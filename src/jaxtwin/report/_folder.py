@@ -19,7 +19,7 @@ PAGE = "index.html"
 def check_folder(folder: Path) -> None:
     """Refuses a folder that a report must not replace, or that cannot be made.
 
-    **Raises:** `JaxtwinError` where something else lies there, or its parent cannot be written to.
+    **Raises:** `JaxtwinError` if something else lies there, or its parent cannot be written to.
     """
     if folder.exists() and not _replaceable(folder):
         raise JaxtwinError(

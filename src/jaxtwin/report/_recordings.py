@@ -39,7 +39,7 @@ def recordings_blocks(
 def recorded(experiment: Experiment) -> Float[np.ndarray, "times channels"]:
     """The temperatures of a recording, degC.
 
-    **Raises:** `RecordingError` where it holds none.
+    **Raises:** `RecordingError` if it holds none.
     """
     if experiment.temperatures is None:
         raise RecordingError(

@@ -46,7 +46,7 @@ def write_report(
     **Returns:** the path of the page, `index.html`, with its pictures inside. The fit, the pictures
     and all numbers are files beside it.
 
-    **Raises:** `MatchError` where the fit was loaded without its recordings; `JaxtwinError` where
+    **Raises:** `MatchError` if the fit was loaded without its recordings; `JaxtwinError` if
     the folder holds something else or cannot be written. Then nothing is written.
     """
     of_kind("fit", fit, Fit, "a Fit, which match(...) and Fit.load(path) return", JaxtwinError)

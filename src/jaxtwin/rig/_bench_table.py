@@ -38,7 +38,7 @@ _ROUNDING = 1e-9  # of the plate's size: sums of element sizes need not meet its
 def build_driver(table: DriverTable, fields: Fields) -> Driver:
     """The driver.
 
-    **Raises:** `RigError` where a value is wrong.
+    **Raises:** `RigError` if a value is wrong.
     """
     if table.averaging == "voltage" and table.off_phase != "brake":
         fields.refuse(
@@ -76,7 +76,7 @@ def build_driver(table: DriverTable, fields: Fields) -> Driver:
 def build_limits(table: LimitsTable, fields: Fields) -> Limits:
     """The limits.
 
-    **Raises:** `RigError` where a value is wrong, or the lowest reading is above the highest.
+    **Raises:** `RigError` if a value is wrong, or the lowest reading is above the highest.
     """
 
     def optional(name: str, kind: Kind) -> float | None:
@@ -105,7 +105,7 @@ def build_limits(table: LimitsTable, fields: Fields) -> Limits:
 def build_camera(table: CameraTable, fields: Fields) -> Camera:
     """The camera.
 
-    **Raises:** `RigError` where the view is not inside a frame.
+    **Raises:** `RigError` if the view is not inside a frame.
     """
     width, height = table.resolution
     for axis, view, size in (("x", table.view.x, width), ("y", table.view.y, height)):
@@ -154,7 +154,7 @@ def build_channel(
 ) -> Channel:
     """A channel: over named elements and bodies, over a rectangle of the plate, or at one place.
 
-    **Raises:** `RigError` where it has both or neither, or is not on the plate.
+    **Raises:** `RigError` if it has both or neither, or is not on the plate.
     """
     at = f"channels[{table.name}]"
     if not is_channel_name(table.name) or table.name == AMBIENT:

@@ -15,7 +15,7 @@ from ._units import HEAT_CAPACITY, TEMPERATURE, THERMAL_RESISTANCE
 def build_bodies(tables: Sequence[BodyTable], plate: Plate, fields: Fields) -> tuple[Body, ...]:
     """The bodies of a file.
 
-    **Raises:** `RigError` where a value or a name is wrong, or a body has neither a heat capacity
+    **Raises:** `RigError` if a value or a name is wrong, or a body has neither a heat capacity
     nor a fixed temperature, or both.
     """
     fields.check_unique("bodies", [table.name for table in tables])

@@ -27,7 +27,7 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
     """Builds a cell. Constants that the file does not state are those of the datasheet of its
     module.
 
-    **Raises:** `RigError` where a value is wrong or missing, a contact is on no element, or the
+    **Raises:** `RigError` if a value is wrong or missing, a contact is on no element, or the
     sink is none of the bodies.
     """
     at = f"cells[{table.name}]"

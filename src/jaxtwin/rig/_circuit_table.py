@@ -24,7 +24,7 @@ def build_circuit(
 
     - `cells`, `bodies`, `body_links`: the other parts through which heat may leave the plate.
 
-    **Raises:** `RigError` where a link has an unknown end or the same end twice, or where an
+    **Raises:** `RigError` if a link has an unknown end or the same end twice, or if an
     element of the plate has no path to the surroundings.
     """
     nodes = (*plate.element_names, AMBIENT)

@@ -73,7 +73,7 @@ def load_module(name: str) -> Datasheet:
 
     - `name`: one of `bundled_modules()`.
 
-    **Raises:** `RigError` where no datasheet has this name.
+    **Raises:** `RigError` if no datasheet has this name.
     """
     # pydantic and pint take a while to import, and only readers of a file should pay for them.
     from . import _units as units

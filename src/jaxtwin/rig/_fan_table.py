@@ -20,7 +20,7 @@ def blown(resistance: Value, fan: FanTable | None, at: str, fields: Fields) -> V
     - `resistance`: $R$, K/W. `fan`: the table of the fan; None without a fan.
     - `at`: the place of the table `fan` in the file, for messages.
 
-    **Raises:** `RigError` where the speed is no number above 0.
+    **Raises:** `RigError` if the speed is no number above 0.
     """
     if fan is None:
         return resistance

@@ -36,7 +36,7 @@ class Fields:
     def value(self, field: str, text: str, kind: Kind) -> Value:
         """Converts a quantity, or the name of a parameter, to a value of a kind.
 
-        **Raises:** `RigError` where it is neither, has a wrong unit or is out of range. A parameter
+        **Raises:** `RigError` if it is neither, has a wrong unit or is out of range. A parameter
         must be in range with its value, with its finite bounds and with its value in every set.
         """
         if is_quantity(text):
@@ -60,7 +60,7 @@ class Fields:
     def constant(self, field: str, text: str, kind: Kind) -> float:
         """Converts a quantity of a kind to SI units.
 
-        **Raises:** `RigError` where it is none, has a wrong unit or is out of range.
+        **Raises:** `RigError` if it is none, has a wrong unit or is out of range.
         """
         try:
             number = parse_quantity(text, kind)

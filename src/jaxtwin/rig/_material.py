@@ -35,7 +35,7 @@ def load_material(name: str) -> Material:
 
     - `name`: one of `bundled_materials()`.
 
-    **Raises:** `RigError` where no material has this name.
+    **Raises:** `RigError` if no material has this name.
     """
     # pydantic and pint take a while to import, and only readers of a file should pay for them.
     from . import _units as units

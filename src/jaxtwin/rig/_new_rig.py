@@ -70,7 +70,7 @@ def new_rig_text(
 
     **Returns:** the text of the file, which `load_rig` reads.
 
-    **Raises:** `RigError` that names the argument where a size has no unit, a name is not known, a
+    **Raises:** `RigError` that names the argument if a size has no unit, a name is not known, a
     cell is beside the plate, or two cells cover each other.
     """
     fields = Fields("new rig", {}, {})
@@ -134,7 +134,7 @@ def new_rig_text(
 def plate_size(fields: Fields, argument: str, text: str) -> float:
     """The width, height or thickness of a plate, m.
 
-    **Raises:** `RigError` that names the argument where it is no length, or a width or height that
+    **Raises:** `RigError` that names the argument if it is no length, or a width or height that
     an editor and the reader of the file would stumble over.
     """
     size = fields.constant(argument, text, units.LENGTH)

@@ -49,7 +49,7 @@ def write_parameters(
     - `comment`: a comment at the top of the file.
     - `tables`: the TOML of other tables at the end of the file, which readers of parameters skip.
 
-    **Raises:** `ParameterError` where a value is no finite number or outside its bounds, a
+    **Raises:** `ParameterError` if a value is no finite number or outside its bounds, a
     recording has an unknown parameter, the ending is another, or the file cannot be written.
     """
     check_ending(path, [".toml"], ParameterError)
@@ -109,7 +109,7 @@ def read_parameters(
     **Returns:** name -> value in the unit of the rig's parameter table, for the parameters in the
     file.
 
-    **Raises:** `ParameterError` where the file cannot be read, a parameter is not the rig's, its
+    **Raises:** `ParameterError` if the file cannot be read, a parameter is not the rig's, its
     unit measures something else, or its value is no finite number or outside its bounds: those in
     the file where it has some (matching may have widened them), else those of the rig.
     """

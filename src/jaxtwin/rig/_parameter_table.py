@@ -13,7 +13,7 @@ from ._units import unit_scale
 def build_parameters(table: RigTable, source: str) -> dict[str, Parameter]:
     """The parameters of a rig file, in its order.
 
-    **Raises:** `RigError` where a name is no identifier, a unit is unknown or the bounds exclude
+    **Raises:** `RigError` if a name is no identifier, a unit is unknown or the bounds exclude
     the value.
     """
     return {name: _parameter(name, row, source) for name, row in table.parameters.items()}
@@ -24,7 +24,7 @@ def build_parameter_sets(
 ) -> dict[str, dict[str, float]]:
     """The named sets of values of a rig file.
 
-    **Raises:** `RigError` where a name is unknown or a value is out of its parameter's bounds.
+    **Raises:** `RigError` if a name is unknown or a value is out of its parameter's bounds.
     """
     for set_name, values in table.parameter_sets.items():
         for name, value in values.items():

@@ -84,7 +84,7 @@ class Plate:
     def extent(self, element: str) -> tuple[float, float, float, float]:
         """Left, right, top and bottom of an element, m.
 
-        **Raises:** `KeyError` where the plate has no such element.
+        **Raises:** `KeyError` if the plate has no such element.
         """
         return self._extents[element]
 

@@ -32,7 +32,7 @@ def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
     """Builds the plate, with its material if the file states no circuit. Properties that the file
     does not state are those of the bundled material that it names.
 
-    **Raises:** `RigError` where a value is wrong, or both or neither of them are given.
+    **Raises:** `RigError` if a value is wrong, or both or neither of them are given.
     """
     columns = _sizes("plate.columns", table.columns, fields)
     rows = _sizes("plate.rows", table.rows, fields)

@@ -23,7 +23,7 @@ class Value:
     - `powers`: pairs (parameter name $p_i$, exponent $e_i$). They are stored sorted by name, one
       pair for each name, without zero exponents, so that equal products compare equal.
 
-    **Raises:** `ValueError` where the factor or an exponent is not a finite number.
+    **Raises:** `ValueError` if the factor or an exponent is not a finite number.
     """
 
     factor: float | int
@@ -55,7 +55,7 @@ class Value:
 
         **Returns:** a float where the value is constant, else what the arithmetic gives.
 
-        **Raises:** `KeyError` where a parameter is missing.
+        **Raises:** `KeyError` if a parameter is missing.
         """
         result: Any = self.factor
         for name, exponent in self.powers:

@@ -134,7 +134,7 @@ def sensitivity(
     **Returns:** a `Sensitivity` by default, a `GlobalSensitivity` by other methods.
 
     **Raises:** `ParameterError` for unknown names, a value of zero, or inputs that the parameters
-    or the method do not allow; `SimulationError` where an experiment has no recorded temperatures,
+    or the method do not allow; `SimulationError` if an experiment has no recorded temperatures,
     an argument is out of range, or an executor fails; `MatchError` if a recording that was not
     matched is too short to estimate its values.
     """

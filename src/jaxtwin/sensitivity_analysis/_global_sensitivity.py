@@ -80,7 +80,7 @@ class GlobalSensitivity:
     def __getitem__(self, name: str) -> Float[np.ndarray, "outputs ..."]:
         """Returns the index of this name.
 
-        **Raises:** `ParameterError` where the method does not have it.
+        **Raises:** `ParameterError` if the method does not have it.
         """
         if name not in self.indices:
             raise ParameterError(
@@ -98,7 +98,7 @@ class GlobalSensitivity:
         - `output`: one of `labels`; None for the mean cost, or the first output where there is
           none.
 
-        **Raises:** `ParameterError` where there is no such output.
+        **Raises:** `ParameterError` if there is no such output.
         """
         strength = np.abs(self[self.method.main][self.row(output)])
         order = np.argsort(-np.nan_to_num(strength, nan=-1.0), kind="stable")
@@ -140,7 +140,7 @@ class GlobalSensitivity:
         - `index`: its name; None for the method's main index.
         - `ax`: axes to draw into, or None for a new figure.
 
-        **Raises:** `ParameterError` where there is no such channel with several times.
+        **Raises:** `ParameterError` if there is no such channel with several times.
         """
         return picture("plot_indices_over_time", self, channel, index, ax=ax)
 
@@ -257,7 +257,7 @@ class GlobalSensitivity:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes everything as netCDF (.nc), as a whole or not at all.
 
-        **Raises:** `RecordingError` for another ending, and where the file cannot be written.
+        **Raises:** `RecordingError` for another ending, and if the file cannot be written.
         """
         from ..io._write import save_dataset
 

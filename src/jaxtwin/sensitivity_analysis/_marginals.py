@@ -59,7 +59,7 @@ class Normal(AbstractMarginal):
     - `mean`, `std`: the mean and the standard deviation of the distribution before it is truncated.
     - `low`, `high`: the limits, infinite for no limit.
 
-    **Raises:** `ParameterError` where the standard deviation is not above 0, or the limits leave
+    **Raises:** `ParameterError` if the standard deviation is not above 0, or the limits leave
     nothing between them.
     """
 
@@ -144,7 +144,7 @@ class LogNormal(AbstractMarginal):
     - `spread`: the standard deviation of the natural logarithm; if small, about the relative
       standard deviation of the parameter.
 
-    **Raises:** `ParameterError` where one of them is not above 0.
+    **Raises:** `ParameterError` if one of them is not above 0.
     """
 
     median: float

@@ -32,7 +32,7 @@ class Morris(AbstractMethod):
 
     - `levels`: the number of levels of the grid, which is even.
 
-    **Raises:** `SimulationError` where they are not.
+    **Raises:** `SimulationError` if they are not.
     """
 
     levels: int = 4

@@ -29,7 +29,7 @@ LARGEST_SEED = 2**128 - 1
 def checked_seed(where: str, seed: int) -> int:
     """Checks a seed of the draws.
 
-    **Raises:** `SimulationError` where it is no whole number from 0 to 2**128 - 1.
+    **Raises:** `SimulationError` if it is no whole number from 0 to 2**128 - 1.
     """
     number = whole_number(where, seed, 0, SimulationError)
     if number > LARGEST_SEED:
@@ -40,7 +40,7 @@ def checked_seed(where: str, seed: int) -> int:
 def checked_spread(where: str, spread: float | int) -> float:
     """Checks a relative standard deviation of the draws.
 
-    **Raises:** `SimulationError` where it is not between 0 and 1.
+    **Raises:** `SimulationError` if it is not between 0 and 1.
     """
     number = finite_number(where, spread, SimulationError)
     if not 0 < number < 1:

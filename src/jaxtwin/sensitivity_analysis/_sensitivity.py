@@ -62,7 +62,7 @@ class Sensitivity:
     def ranking(self, channel: str = MEAN) -> tuple[str, ...]:
         """Returns the parameters from the strongest to the weakest correlation.
 
-        **Raises:** `ParameterError` where there is no such channel.
+        **Raises:** `ParameterError` if there is no such channel.
         """
         strength = np.abs(self.correlation[self._row(channel)])
         return tuple(self.names[column] for column in np.argsort(-strength, kind="stable"))
@@ -71,7 +71,7 @@ class Sensitivity:
         """Plots the correlations as bars with their intervals, the strongest on top: Fig. 16 of the
         paper.
 
-        **Raises:** `ParameterError` where there is no such channel.
+        **Raises:** `ParameterError` if there is no such channel.
         """
         self._row(channel)
         return picture("plot_tornado", self, channel, ax=ax)
@@ -91,7 +91,7 @@ class Sensitivity:
 
         **Returns:** parameter name -> sign of its correlation.
 
-        **Raises:** `ParameterError` where there is no such channel, or for an invalid argument.
+        **Raises:** `ParameterError` if there is no such channel, or for an invalid argument.
         """
         true_or_false("significant: ranks", ranks, ParameterError)
         low, high = (self.rank_interval if ranks else self.interval)[self._row(channel)].T
@@ -187,7 +187,7 @@ class Sensitivity:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes everything as netCDF (.nc), as a whole or not at all.
 
-        **Raises:** `RecordingError` for another ending, and where the file cannot be written.
+        **Raises:** `RecordingError` for another ending, and if the file cannot be written.
         """
         from ..io._write import save_dataset
 

@@ -1,7 +1,7 @@
 """A twin in an experiment as SPICE text, so that another simulator can check it.
 
-Heat flows as current does: volts stand for kelvins, amperes for watts, ohms for K/W and farads for
-J/K.
+Heat is represented as current: volts stand for kelvins, amperes for watts, ohms for K/W and farads
+for J/K.
 """
 
 import re
@@ -29,31 +29,31 @@ _LONGEST_STEP = 1.0
 def to_spice(
     twin: Twin | FittedTwins, experiment: Experiment, *, output: str = "temperatures.txt"
 ) -> str:
-    """The text of a netlist that `ngspice -b` runs.
+    """Returns the text of a netlist that `ngspice -b` runs.
 
     A node's voltage is its temperature above that of the surroundings at the start, because
-    SPICE's tolerances are relative.
-    Capacities are capacitors, links are resistors that are named by role and ends, duty cycles are
-    voltage sources, and each cell is a pair of behavioural current sources, eqs. (7)-(9), with the
-    averaging of the rig's driver.
-    The run starts at the temperatures that the rig gives.
+    SPICE's tolerances are relative. Capacities are capacitors, links are resistors that are named
+    by role and ends, duty cycles are voltage sources, and each cell is a pair of behavioural
+    current sources, eqs. (7)-(9), with the averaging of the rig's driver. The run starts at the
+    temperatures that the rig gives.
 
     ngspice writes a table: a line of names, then a row for each of its steps with the time since
     the first sample (s) and the temperatures of all nodes (degC, in the order of
-    `twin.netlist.nodes`). Steps end at every sample of the experiment, so that nothing has to be
+    `twin.netlist.nodes`). A step ends at every sample of the experiment, so that nothing has to be
     interpolated.
 
     **Arguments:**
 
-    - `twin`: with one value for each parameter; or a fit, which gives the experiment's own values,
-      see `Fit.twin_for`.
-    - `experiment`: its duty cycles drive the twin; a recorded ambient takes the place of the rig's.
-    - `output`: the file that ngspice will write, a path without blanks.
+    - `twin`: a twin with one value for each parameter; or a fit, of which the twin of the
+      experiment is used, see `Fit.twin_for`.
+    - `experiment`: the experiment whose duty cycles drive the twin. A recorded ambient temperature
+      replaces that of the rig.
+    - `output`: the path of the file that ngspice will write, without blanks.
 
     **Returns:** the text, to be saved as a file for ngspice.
 
-    **Raises:** `SimulationError` where the experiment drives another number of cells;
-    `ParameterError` where a parameter holds more than one value.
+    **Raises:** `SimulationError` if the experiment drives another number of cells;
+    `ParameterError` if a parameter holds more than one value.
     """
     twin = twin_of_experiment(twin, experiment)
     cells = len(twin.netlist.cells)
@@ -182,7 +182,7 @@ def _duty(
     duty: Float[np.ndarray, " times"],
     values: Mapping[str, float],
 ) -> list[str]:
-    """A source for the duty cycle, behind a resistor and a capacitor where the driver lags."""
+    """A source for the duty cycle, behind a resistor and a capacitor if the driver has a lag."""
     driver = rig.driver
     if driver.lag is None:
         return [f"Vduty_{number} duty_{number} 0 {_held(time, duty)}"]
@@ -284,7 +284,7 @@ def _node_names(netlist: Netlist) -> dict[str, str]:
 
 
 def _unique(text: str, used: set[str]) -> str:
-    """A name that SPICE understands, which knows no case, unlike those `used` already."""
+    """A name that is valid in SPICE, which ignores case, and differs from those already `used`."""
     name = plain = re.sub(r"\W", "_", text, flags=re.ASCII)
     number = 1
     while name.lower() in used:
