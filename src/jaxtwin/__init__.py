@@ -1,7 +1,7 @@
 """Digital twins of multizone thermoelectric rigs: simulate, match to recordings, analyse.
 
 The public names are listed in `__init__.pyi`, one line each. A name is imported when it is first
-used, so that `import jaxtwin` itself costs next to nothing. Importing changes no setting of JAX.
+used, so that `import jaxtwin` itself takes very little time. Importing changes no setting of JAX.
 """
 
 import lazy_loader

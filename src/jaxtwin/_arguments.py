@@ -1,6 +1,6 @@
 """Checks of the arguments of public functions; each error is a single line.
 
-Type checkers find most of these errors, but nobody runs them at a prompt.
+Type checkers find most of these errors, but nobody runs a type checker at a prompt.
 """
 
 import errno
@@ -20,14 +20,14 @@ Failure = type[JaxtwinError]
 
 
 def of_kind(where: str, value: object, kind: type[Kind], expected: str, error: Failure) -> Kind:
-    """A value that is of a class.
+    """Checks that a value is of a class, and returns it.
 
     **Arguments:**
 
-    - `where`: function and argument, for the message.
-    - `expected`: what is expected, in words, for the message.
+    - `where`: the function and the argument, for the message.
+    - `expected`: the expected value in words, for the message.
 
-    **Raises:** `error` if it is of another.
+    **Raises:** `error` if it is of another class.
     """
     if not isinstance(value, kind):
         _refuse(where, value, expected, error)
@@ -35,9 +35,13 @@ def of_kind(where: str, value: object, kind: type[Kind], expected: str, error: F
 
 
 def whole_number(where: str, value: Any, least: int | None, error: Failure) -> int:
-    """A whole number of Python or NumPy that is at least `least`; None for any.
+    """Checks a whole number of Python or NumPy, and returns it.
 
-    **Raises:** `error` if it is none; true and false are none.
+    **Arguments:**
+
+    - `least`: the smallest allowed number; None if any number is allowed.
+
+    **Raises:** `error` for anything else, also for true and false.
     """
     above = {None: "", 1: " above 0"}.get(least, f" of at least {least}")
     try:
@@ -50,11 +54,11 @@ def whole_number(where: str, value: Any, least: int | None, error: Failure) -> i
 
 
 def finite_number(where: str, value: Any, error: Failure) -> float:
-    """A finite number of Python, NumPy or JAX.
+    """Checks a finite number of Python, NumPy or JAX, and returns it.
 
-    **Raises:** `error` if it is none; true, false and text are none.
+    **Raises:** `error` for anything else, also for true, false and text.
     """
-    import numpy as np  # which the command line's help shall not wait for
+    import numpy as np  # imported here, so that the command line's help is quick
 
     expected = "a finite number"
     if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
@@ -66,11 +70,11 @@ def finite_number(where: str, value: Any, error: Failure) -> float:
 
 
 def true_or_false(where: str, value: Any, error: Failure) -> bool:
-    """A truth value of Python or NumPy.
+    """Checks a truth value of Python or NumPy, and returns it.
 
     **Raises:** `error` for anything else: a text such as "no" would count as true.
     """
-    import numpy as np  # which the command line's help shall not wait for
+    import numpy as np  # imported here, so that the command line's help is quick
 
     if not isinstance(value, bool | np.bool_):
         _refuse(where, value, "True or False", error)
@@ -78,8 +82,8 @@ def true_or_false(where: str, value: Any, error: Failure) -> bool:
 
 
 def names_of(where: str, value: object, error: Failure) -> tuple[str, ...]:
-    """Names, each once and in the order given; those of a set, which has no order that is the same
-    in the next process, in that of the alphabet. A single text is one name.
+    """Returns names in the given order, without repetitions. The names of a set are sorted, because
+    its order differs between processes. A single text is one name.
 
     **Raises:** `error` for anything else.
     """
@@ -96,17 +100,17 @@ def names_of(where: str, value: object, error: Failure) -> tuple[str, ...]:
 
 
 def is_ordered(value: object) -> bool:
-    """Whether a value has parts in an order. A text is a single part, and a set has no order that
-    is the same in the next process."""
+    """Whether a value consists of parts in an order. A text is a single part, and the order of a
+    set differs between processes."""
     return isinstance(value, Iterable) and not isinstance(value, str | set | frozenset)
 
 
 def mapping_of(where: str, value: Any, expected: str, error: Failure) -> Mapping[str, Any]:
-    """A mapping whose keys are names.
+    """Checks a mapping whose keys are names, and returns it.
 
     **Raises:** `error` for anything else.
     """
-    # A table of pandas is no Mapping, but has what is needed of one.
+    # A table of pandas is not a Mapping, but has the methods that are needed here.
     if not (isinstance(value, Mapping) or (hasattr(value, "keys") and hasattr(value, "items"))):
         _refuse(where, value, expected, error)
     for name in value:
@@ -116,9 +120,9 @@ def mapping_of(where: str, value: Any, expected: str, error: Failure) -> Mapping
 
 
 def path_of(where: str, value: object, error: Failure) -> Path:
-    """A path of the file system, with `~` as the home folder.
+    """Returns a path of the file system, with `~` replaced by the home folder.
 
-    **Raises:** `error` for anything else, and for text that no path may hold.
+    **Raises:** `error` for anything else, and for text that is not allowed in a path.
     """
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str) or not text or "\0" in text:
@@ -136,9 +140,9 @@ def path_of(where: str, value: object, error: Failure) -> Path:
 
 
 def check_callable(where: str, value: object, error: Failure) -> None:
-    """Refuses what cannot be called and is not None.
+    """Checks that a value can be called or is None.
 
-    **Raises:** `error`.
+    **Raises:** `error` for anything else.
     """
     if value is not None and not callable(value):
         _refuse(where, value, "a function or None", error)

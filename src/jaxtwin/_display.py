@@ -1,4 +1,4 @@
-"""How results show themselves: as a table in a notebook, as a picture, and as a report."""
+"""The display of results: as a table in a notebook, as a picture, and as a report."""
 
 import importlib
 import os
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 LONGEST = 40
-"""Rows of a table in a notebook; a last one says how many more there are."""
+"""The largest number of rows of a table in a notebook; a last row says how many more there are."""
 
 
 def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -17,7 +17,8 @@ def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]])
     **Arguments:**
 
     - `caption`: one line of plain text, such as the result's `repr`.
-    - `head`: of each column. `rows`: of plain text, the first cell being the row's name.
+    - `head`: the heading of each column. `rows`: rows of plain text, each of which begins with its
+      name.
     """
     several = list(rows)
     lines = [
@@ -37,9 +38,9 @@ def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]])
 def picture(name: str, *arguments: Any, **options: Any) -> Any:
     """Draws with a function of `jaxtwin.plots`, which is looked up by its name when it is called.
 
-    `jaxtwin.plots` stands above the packages whose results it draws, and imports them. A result's
-    `plot` method therefore cannot import its picture. It asks for it here, as pandas asks its
-    plotting backend, so that imports between packages go one way.
+    `jaxtwin.plots` imports the packages whose results it draws. A result's `plot` method therefore
+    cannot import its plot function. It calls this function instead, as pandas calls its plotting
+    backend, so that imports between packages go in one direction.
 
     **Arguments:**
 

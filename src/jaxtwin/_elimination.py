@@ -1,7 +1,7 @@
 """Gauss-Jordan elimination as one loop: a tenth of the code of a call of LAPACK's general solver.
 
-XLA writes that call out as a factorisation, a loop that turns its swaps into an order, and two
-triangular solves, which takes half a second to compile wherever it stands.
+XLA expands that call into a factorisation, a loop that converts its row swaps into a permutation,
+and two triangular solves. Each such call takes half a second to compile.
 """
 
 import jax

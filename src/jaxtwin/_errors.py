@@ -1,8 +1,8 @@
 """The exceptions of jaxtwin.
 
-Each message names the file (where there is one) and the field or line, and has the form "expected
-..., got ...". Where it is not obvious what to do, the message ends with that.
-Catch `JaxtwinError` to catch them all.
+Each message names the file, if there is one, and the field or line. It has the form "expected ...,
+got ...", and ends with what to do if that is not obvious. Catch `JaxtwinError` to catch all of
+them.
 """
 
 
@@ -19,7 +19,7 @@ class RecordingError(JaxtwinError):
 
 
 class ParameterError(JaxtwinError):
-    """A parameter that is unknown, outside its bounds, or no finite number."""
+    """A parameter that is unknown, outside its bounds, or not a finite number."""
 
 
 class SimulationError(JaxtwinError):
@@ -35,13 +35,14 @@ class ControlError(JaxtwinError):
 
 
 class LinkError(JaxtwinError):
-    """A link that cannot be opened, or a peer that speaks something else or is another rig."""
+    """A link that cannot be opened, or a peer that does not use the protocol or is another rig."""
 
 
 class SafetyStop(JaxtwinError):  # noqa: N818 (a decision, not a mistake)
     """Driving was stopped and the cells were switched off: a limit was passed or the link lost.
 
-    `kind` says why in one word, for programs: that of the interlock that tripped, or `not-ready`.
+    `kind` is the reason in one word, for programs: the kind of the interlock that tripped, or
+    `not-ready`.
     """
 
     def __init__(self, message: str, kind: str = "not-ready"):

@@ -19,7 +19,7 @@ ATTEMPTS = 3
 """The number of times that a unit is submitted before its failure is raised."""
 
 POLL = 0.2
-"""The interval at which jobs that are no futures are polled, s."""
+"""The interval at which jobs that are not futures are polled, s."""
 
 
 @runtime_checkable

@@ -1,4 +1,5 @@
-"""How near a simulation is to a recording, over the samples that are not missing (NaN)."""
+"""Measures of the agreement between a simulation and a recording. Missing samples (NaN) are left
+out."""
 
 from collections.abc import Iterable
 
@@ -13,28 +14,29 @@ def fit_percent(
     r"""NRMSE fit of each channel, %:
     $100 (1 - \lVert y - \hat y \rVert_2 / \lVert y - \bar y \rVert_2)$.
 
-    100 is a perfect fit, 0 is what the channel's own mean would reach; NaN for a channel that never
-    changes, or whose samples are all missing: the measure says nothing of it.
+    100 is a perfect fit, and 0 is the fit of a constant prediction, the channel's mean. The fit is
+    NaN for a channel that never changes or whose samples are all missing, for which it is not
+    defined.
     """
     there = ~np.isnan(recorded)
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = np.sum(recorded, axis=-2, keepdims=True, where=there) / there.sum(-2, keepdims=True)
         error = np.linalg.norm(np.where(there, recorded - simulated, 0.0), axis=-2)
         scatter = np.linalg.norm(np.where(there, recorded - mean, 0.0), axis=-2)
-        # Rounding: the mean of equal numbers may be beside them.
+        # Because of rounding, the mean of equal numbers may differ from them.
         first = np.where(there, recorded, -np.inf).max(axis=-2)
         constant = first == np.where(there, recorded, np.inf).min(axis=-2)
         return 100 * (1 - error / np.where(constant, np.nan, scatter))
 
 
 def mean_fit_percent(fits: Iterable[float]) -> float:
-    """Mean of the fits of several channels, %, without the constant ones; NaN where all are."""
+    """Mean of the fits of several channels, %, without constant ones; NaN if all are constant."""
     defined = [fit for fit in fits if not np.isnan(fit)]
     return float(np.mean(defined)) if defined else float("nan")
 
 
 def fit_text(percent: float, unit: str = "") -> str:
-    """A channel's fit for tables and pictures; a word where it never changes and has none."""
+    """A channel's fit for tables and pictures; a word for a constant channel, which has no fit."""
     return "constant" if np.isnan(percent) else f"{percent:.1f}{unit}"
 
 

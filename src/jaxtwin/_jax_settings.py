@@ -1,6 +1,7 @@
-"""The settings of JAX under which this package computes, whatever a user's own are.
+"""The settings of JAX with which this package computes, independently of those of the user.
 
-They hold inside a `with` and in its thread alone: nothing is changed for anybody else.
+They apply only inside a `with` block and in its thread, so that the user's settings are not
+changed.
 """
 
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ def own_settings(*, float64: bool | None = True) -> Iterator[None]:
 
     **Arguments:**
 
-    - `float64`: whether to compute in it; None for what the surroundings say.
+    - `float64`: whether to compute in float64; None to use the user's setting.
     """
     with ExitStack() as stack:
         if float64 is not None:
@@ -28,12 +29,12 @@ def own_settings(*, float64: bool | None = True) -> Iterator[None]:
         # Rank and type promotion is intended: vectors scale rows, integers multiply floats.
         stack.enter_context(jax.numpy_rank_promotion("allow"))
         stack.enter_context(jax.numpy_dtype_promotion("standard"))
-        # Recordings are NumPy arrays; they go to the device where they are used.
+        # Recordings are NumPy arrays, which are transferred to the device when they are used.
         stack.enter_context(jax.transfer_guard("allow"))
         # A failed draw is recognised by its NaN.
         stack.enter_context(jax.debug_nans(False))
         stack.enter_context(jax.debug_infs(False))
-        # Always compiled: op by op, a match would take hours.
+        # Without compilation, operation by operation, a match would take hours.
         stack.enter_context(jax.disable_jit(False))
         # A float32 solve is right to a millikelvin with sums in float32, not in bfloat16.
         stack.enter_context(jax.default_matmul_precision(None))
@@ -46,8 +47,8 @@ def is_traced(*values: object) -> bool:
 
 
 def settings_for(*values: object) -> AbstractContextManager[None]:
-    """The settings to compute with these values: in float64 for a person at a prompt, in what the
-    surroundings say where one of the values is traced."""
+    """The settings to compute with these values: float64, or the user's precision if one of the
+    values is traced."""
     return own_settings(float64=None if is_traced(*values) else True)
 
 

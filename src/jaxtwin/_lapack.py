@@ -1,13 +1,14 @@
 """Eigenvalues and solutions of small dense systems, of many draws from several threads at once.
 
-On a CPU, XLA hands the matrices of a batch to the thread pool that it runs on itself, and waits
-there for the last of them: two such calls at once, on as many cores, wait for each other for ever,
-and one beside any long computation waits for its end (seen with jax 0.10.2). One matrix after the
-other they run where they were called, and draws spread over cores by the chunks they come in.
+On a CPU, XLA distributes the matrices of a batch over the thread pool on which it runs itself, and
+waits there for the last of them. Two such calls at the same time on two cores wait for each other
+for ever, and a call during a long computation waits for its end (seen with jax 0.10.2). Therefore
+the matrices are solved one after the other in the calling thread, and draws are distributed over
+the cores in chunks.
 
-An accelerator gets the matrices of a batch at once. Of CUDA's two ways to eigenvalues only Jacobi's
-sweeps take a whole batch; by the other, which JAX chooses above 32 rows, they would run one after
-the other.
+An accelerator gets the matrices of a batch at once. Of CUDA's two algorithms for eigenvalues only
+Jacobi's takes a whole batch. The other, which JAX chooses above 32 rows, would solve the matrices
+one after the other.
 """
 
 from collections.abc import Callable
@@ -29,8 +30,8 @@ def eigh(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, 
 
 @custom_vmap
 def solve_definite(matrix: Float[Array, "n n"], right: Float[Array, "n m"]) -> Float[Array, "n m"]:
-    """Solves `matrix @ x = right` for a matrix that is symmetric and positive definite;
-    NaN for one that is not. Has no derivatives."""
+    """Solves `matrix @ x = right` for a symmetric positive definite matrix. For any other matrix
+    the result is NaN. The function has no derivatives."""
     return jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), right)
 
 
@@ -62,14 +63,15 @@ def _one_by_one(
     batched: list[bool],
     *given: Array,
 ) -> Any:
-    """The rule for `vmap`: one after the other on a CPU, all at once on an accelerator."""
+    """The rule for `vmap`: the matrices are solved one after the other on a CPU, and all at once on
+    an accelerator."""
     rows = [
         array if is_batched else jnp.broadcast_to(array, (size, *array.shape))
         for array, is_batched in zip(given, batched, strict=True)
     ]
     result = jax.lax.platform_dependent(
         *rows,
-        # The call with its rule, which holds for a batch of batches too.
+        # The call has this rule itself, which therefore applies to a batch of batches too.
         cpu=lambda *rows: jax.lax.map(lambda row: call(*row), rows),
         default=jax.vmap(at_once),
     )

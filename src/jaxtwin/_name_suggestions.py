@@ -5,8 +5,8 @@ from collections.abc import Iterable
 
 
 def unknown_name(what: str, name: str, known: Iterable[str]) -> str:
-    """A message about one unknown name: what it should have named, a suggestion, and the known
-    names."""
+    """A message about an unknown name: the kind of thing that it should name, a suggestion, and the
+    known names."""
     names = list(known)
     hint = did_you_mean([name], names).replace(";", ",", 1) or "."
     return f"unknown {what} {name!r}{hint} Known: {', '.join(names) or 'none'}"
@@ -14,7 +14,7 @@ def unknown_name(what: str, name: str, known: Iterable[str]) -> str:
 
 def did_you_mean(names: Iterable[str], known: Iterable[str]) -> str:
     """The end of a message about unknown names, `; did you mean 'a' and 'b'?`: the nearest known
-    name of each, or nothing where none is near."""
+    name of each, or nothing if there is none."""
     choices = list(known)
     near = [difflib.get_close_matches(name, choices, n=1) for name in names]
     found = list(dict.fromkeys(repr(first[0]) for first in near if first))

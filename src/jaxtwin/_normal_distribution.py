@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 QUANTILE_975 = 1.959963984540054
-"""The 0.975 quantile: standard deviations on each side of a 95 % interval."""
+"""The 0.975 quantile: the number of standard deviations on each side of a 95 % interval."""
 
 
 def normal_quantiles(count: int) -> Float[np.ndarray, " count"]:

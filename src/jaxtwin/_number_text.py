@@ -7,9 +7,9 @@ LARGE = 1e6
 
 
 def interval_text(interval: tuple[float, float]) -> str:
-    """An interval for tables, with as many digits as tell its ends apart.
+    """An interval for tables, with enough digits to distinguish its ends.
 
-    `unknown` for an undetermined value, `-` where there is no interval.
+    The text is `unknown` for an undetermined value, and `-` if there is no interval.
     """
     low, high = interval
     if math.isnan(low) or math.isnan(high):

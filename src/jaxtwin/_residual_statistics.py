@@ -4,9 +4,9 @@ The test is that of Ljung and Box (1978): of $n$ residuals with sample autocorre
 
 $$Q = n (n + 2) \sum_{k=1}^{h} \frac{\rho_k^2}{n - k}$$
 
-is distributed as $\chi^2$ with $h$ degrees of freedom where they are white. Of a series with
-missing samples (NaN) $n$ are there, and in place of $n - k$ stands how many pairs are there at the
-lag $k$ (Stoffer and Toloi 1992).
+is distributed as $\chi^2$ with $h$ degrees of freedom if they are white. For a series with missing
+samples (NaN), $n$ is the number of existing samples, and $n - k$ is replaced by the number of
+existing pairs at the lag $k$ (Stoffer and Toloi 1992).
 """
 
 from typing import NamedTuple
@@ -31,9 +31,10 @@ class LjungBox(NamedTuple):
 
 
 def ljung_box(residuals: Float[np.ndarray, " times"]) -> LjungBox:
-    """Ljung and Box's test of equally spaced residuals, less their mean; NaN where one is missing.
+    """Ljung and Box's test of equally spaced residuals from which their mean was subtracted; NaN
+    for missing samples.
 
-    **Raises:** `ValueError` for fewer than ten samples that are there.
+    **Raises:** `ValueError` for fewer than ten existing samples.
     """
     from scipy.stats import chi2  # takes a while to import
 
@@ -51,10 +52,10 @@ def ljung_box(residuals: Float[np.ndarray, " times"]) -> LjungBox:
 def autocorrelation(
     residuals: Float[np.ndarray, " times"], lags: int
 ) -> Float[np.ndarray, " lags_and_zero"]:
-    """Sample autocorrelations at the lags 0 to `lags`; zeros where nothing varies.
+    """Sample autocorrelations at the lags 0 to `lags`; zeros for a constant series.
 
-    Missing samples (NaN) are left out: each lag is the mean over the pairs that are there, times
-    the share of pairs that a complete series has.
+    Missing samples (NaN) are left out: each lag is the mean over the existing pairs, times the
+    number of pairs of a complete series divided by its number of samples.
     """
     sums, pairs = _products(residuals, lags)
     if sums[0] <= 0:
@@ -67,7 +68,8 @@ def autocorrelation(
 def _products(
     residuals: Float[np.ndarray, " times"], lags: int
 ) -> tuple[Float[np.ndarray, " lags_and_zero"], Float[np.ndarray, " lags_and_zero"]]:
-    """Sums of products of two residuals at the lags 0 to `lags`, and how many pairs each has."""
+    """Sums of products of two residuals at the lags 0 to `lags`, and the number of pairs of each
+    lag."""
     there = (~np.isnan(residuals)).astype(float)
     sums, pairs = (
         np.fft.irfft(np.abs(np.fft.rfft(series, 2 * len(series))) ** 2, 2 * len(series))[: lags + 1]
@@ -79,5 +81,5 @@ def _products(
 
 
 def about_mean(residuals: Float[np.ndarray, " times"]) -> Float[np.ndarray, " times"]:
-    """Less their mean; 0 where one is missing."""
+    """Subtracts their mean from the residuals; 0 for missing ones."""
     return np.nan_to_num(residuals - np.nanmean(residuals))

@@ -8,22 +8,22 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 PATIENCE = 2.0
-"""Seconds after which somebody wonders."""
+"""The time after which a message is printed, s."""
 
 _silent: ContextVar[bool] = ContextVar("_silent", default=False)
 
 
 @contextmanager
 def announced(work: str) -> Iterator[None]:
-    """Says on standard error what is being done once it has taken two seconds, and at the end how
-    long it took and how much of that was compilation.
+    """Prints a message on standard error if the work takes longer than two seconds, and at its end
+    the time that it took and the part of compilation in it.
 
-    Only where somebody reads along: on a terminal or in a notebook. Work within other work says
-    nothing of itself.
+    Messages are printed only on a terminal or in a notebook. Work within announced work prints
+    none.
 
     **Arguments:**
 
-    - `work`: what is being done, such as "match of dual-cell to 3 recordings".
+    - `work`: the name of the work, such as "match of dual-cell to 3 recordings".
     """
     if _silent.get() or not _somebody_reads():
         yield
@@ -44,7 +44,8 @@ def announced(work: str) -> Iterator[None]:
 
 @contextmanager
 def silent() -> Iterator[None]:
-    """Nothing is announced inside: whoever calls says more than this would."""
+    """Suppresses the messages inside the block, for callers that report their progress
+    themselves."""
     token = _silent.set(True)
     try:
         yield
@@ -53,7 +54,7 @@ def silent() -> Iterator[None]:
 
 
 def compiling_seconds() -> float:
-    # Loads JAX, which a command that only prints its help does without.
+    # This imports JAX, which a command that only prints its help does not need.
     from ._compilation import compiling_seconds
 
     return compiling_seconds()

@@ -1,4 +1,4 @@
-"""Writing a file as a whole or not at all, in the format that its ending says."""
+"""Writes a file as a whole or not at all, in the format that its ending names."""
 
 import os
 import uuid
@@ -12,11 +12,11 @@ from ._errors import JaxtwinError
 def check_ending(
     path: str | os.PathLike[str], endings: Sequence[str], error: type[JaxtwinError]
 ) -> str:
-    """Refuses a path whose ending promises another format than the one that would be written.
+    """Refuses a path whose ending names another format than the one that would be written.
 
     **Arguments:**
 
-    - `endings`: that are allowed, in lower case and with their dot.
+    - `endings`: the allowed endings, in lower case and with their dot.
 
     **Returns:** the ending, in lower case.
 
@@ -31,7 +31,7 @@ def check_ending(
 def write_whole_file(
     path: str | os.PathLike[str], content: bytes, error: type[JaxtwinError]
 ) -> None:
-    """Writes a file beside its place and then moves it there.
+    """Writes a file under a temporary name in its folder, and then renames it.
 
     A reader never sees half a file, and a full disk leaves an older file as it was.
 

@@ -50,7 +50,7 @@ from .commands._signals import lasting_interrupt
 
 WRONG, TRIPPED, STOPPED = 2, 3, 130
 
-# typer brings click along under another name with every other release.
+# Releases of typer contain click under different names.
 UsageProblem: Any = typer.BadParameter.__mro__[1]
 
 START = "Start here"
@@ -74,7 +74,8 @@ def _example(*lines: str) -> str:
 
 
 def _add(name: str, panel: str, function, *example: str) -> None:
-    # Each paragraph in one line, which the terminal breaks: else a docstring's lines stay as well.
+    # Each paragraph becomes one line, which the terminal wraps; typer would keep the line breaks of
+    # the docstring.
     paragraphs = inspect.cleandoc(function.__doc__ or "").split("\n\n")
     text = "\n\n".join(" ".join(paragraph.splitlines()) for paragraph in paragraphs)
     app.command(name, help=text, rich_help_panel=panel, epilog=_example(*example))(function)
@@ -229,7 +230,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     **Arguments:**
 
-    - `arguments`: without the program's name; those of the process by default.
+    - `arguments`: the arguments without the program's name; by default those of the process.
     """
     # JAX makes hundreds of thousands of objects that live as long as the process. Python searches
     # them for reference cycles while they are made, and again at its end, for up to a second.
@@ -243,7 +244,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     **Arguments:**
 
-    - `arguments`: without the program's name; those of the process by default.
+    - `arguments`: the arguments without the program's name; by default those of the process.
 
     **Returns:** the exit code.
     """
@@ -277,19 +278,19 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return _fail("stopped", STOPPED)
     except (SystemExit, OSError) as error:
-        # typer makes an exit of a pipe that broke.
+        # typer turns a broken pipe into an exit.
         problem = error.__context__ if isinstance(error, SystemExit) else error
         if not isinstance(problem, OSError) or problem.filename is not None:
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(problem, BrokenPipeError):
             return _fail(f"standard output: {problem.strerror}")
-        # The reader went away, as `head` does; that is its good right.
+        # The reader closed the pipe, as `head` does, which is not an error.
     return 0
 
 
 def _at_home(word: str) -> str:
-    """`~` as the home folder: behind `--out=` shells leave it as it is."""
+    """Replaces `~` by the home folder, because shells do not replace it after `--out=`."""
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     if not value.startswith("~"):
         return word

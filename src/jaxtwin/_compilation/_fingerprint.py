@@ -17,19 +17,19 @@ import equinox as eqx
 import numpy as np
 
 PLAIN = (type(None), bool, int, float, complex, str, bytes, enum.Enum, np.dtype)
-"""Types whose `repr` says everything."""
+"""Types whose `repr` describes the value completely."""
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy")
-"""What has a say in the compiled code, beside this package."""
+"""The libraries on which compiled code depends, beside this package."""
 
 KNOWN_CODE = ("builtins", "collections", "functools", "jaxtwin", *LIBRARIES)
-"""Packages whose functions and classes are known by their names: `surroundings` holds their
-versions. A user's own code may be another one tomorrow under the same name."""
+"""Packages whose functions and classes are identified by their names, because `surroundings`
+contains their versions. A user's own code may change and keep its name."""
 
 
 @runtime_checkable
 class Fingerprinted(Protocol):
-    """An object that says what it is by itself."""
+    """An object that computes its fingerprint itself."""
 
     @property
     def fingerprint(self) -> str:
@@ -38,17 +38,17 @@ class Fingerprinted(Protocol):
 
 
 class NoFingerprintError(Exception):
-    """A value holds something that has no meaning outside of this process, such as a closure."""
+    """A value contains something that has no meaning outside of this process, such as a closure."""
 
 
 def fingerprint(value: object) -> str:
-    """A digest of a value, the same in every process that has an equal one.
+    """A digest of a value. Equal values have the same digest in every process.
 
-    Dataclasses (and so `equinox.Module`s) count by their fields, functions by their names, arrays
-    by shape, type and contents, containers by what is in them, other objects by a fingerprint of
-    their own.
+    Dataclasses (and therefore `equinox.Module`s) are identified by their fields, functions by their
+    names, arrays by shape, type and contents, containers by their entries, and other objects by
+    their method `fingerprint`.
 
-    **Raises:** `NoFingerprintError` for closures, lambdas, functions and classes of other packages
+    **Raises:** `NoFingerprintError` for closures, lambdas, functions and classes of packages other
     than `KNOWN_CODE`, and objects of any other type.
     """
     digest = hashlib.sha256()
@@ -58,8 +58,8 @@ def fingerprint(value: object) -> str:
 
 @functools.cache
 def surroundings(client: Any) -> str:
-    """A digest of what compiled code depends on beside its arguments: this package's code, the
-    libraries, the interpreter, the processor or accelerator, and XLA's flags."""
+    """A digest of everything on which compiled code depends beside its arguments: this package's
+    code, the libraries, the interpreter, the processor or accelerator, and XLA's flags."""
     root = Path(__file__).parent.parent
     code = [(str(file.relative_to(root)), file.read_bytes()) for file in sorted(root.rglob("*.py"))]
     versions = [metadata.version(library) for library in LIBRARIES]
@@ -96,7 +96,7 @@ def _add(value: object, update: Callable[[bytes], None]) -> None:
 
 
 def _name(code: type | FunctionType | BuiltinFunctionType) -> str:
-    within_function = "<" in code.__qualname__  # a lambda is, too
+    within_function = "<" in code.__qualname__  # also true for a lambda
     if within_function or code.__module__.partition(".")[0] not in KNOWN_CODE:
         raise NoFingerprintError(repr(code))
     return f"{code.__module__}.{code.__qualname__}"

@@ -1,9 +1,9 @@
 """A `jit` whose compiled programs outlive the process.
 
-JAX's own persistent compilation cache keeps what XLA made but traces and lowers every function anew
-in every process, which is a good part of a first call. Here a program is found by a key that needs
-no tracing: the function, the code of this package and its libraries, the static arguments, and the
-arrays' shapes and types.
+JAX's own persistent compilation cache keeps the output of XLA, but every process traces and lowers
+every function again, which is a large part of a first call. Here the key of a program needs no
+tracing: it consists of the function, the code of this package and its libraries, the static
+arguments, and the arrays' shapes and types.
 """
 
 import contextlib
@@ -28,20 +28,20 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 MOST_PROGRAMS = 16
-"""The largest number of programs of one function in memory; the oldest is dropped first. Each maps
-memory some forty times, and Linux ends a process with 65 530 such maps."""
+"""The largest number of programs of one function in memory; the oldest is dropped first. Each has
+about forty memory maps, and Linux ends a process with 65 530 of them."""
 
 UNOPTIMISED: dict[str, str | bool] = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_backend_optimization_level": "0",
 }
-"""Compiler options without LLVM's optimisations, which are most of what compilation takes. XLA's
-older way from fused operations to machine code takes half as long as the newer one, and its code is
-as fast here (`benchmarks/NOTES.md`)."""
+"""Compiler options without LLVM's optimisations, which take most of the time of compilation. XLA's
+older code generator for fused operations takes half as long as the newer one, and its code is as
+fast here (`benchmarks/NOTES.md`)."""
 
 COMPILER_OPTIONS = UNOPTIMISED | {"xla_backend_optimization_level": "1"}
-"""The same with those of LLVM's optimisations that make a difference here: the higher levels take a
-quarter longer, for code that is as fast."""
+"""The same options with LLVM's first level of optimisation. The higher levels take a quarter longer
+and give code that is not faster here."""
 
 
 def clear_programs() -> None:
@@ -58,17 +58,17 @@ def compiling_seconds() -> float:
 def persistent_jit(function: Callable[P, T]) -> "PersistentJit[P, T]":
     """Compiles a function as `equinox.filter_jit` does, and keeps the programs on disk.
 
-    All arrays among the arguments are traced, everything else is static. Where the function is
-    itself traced (under `jax.vmap`, `jax.jit`, `jax.jvp`) it becomes part of that trace, as with
-    any `jit`. A program with static arguments that mean nothing in another process, such as a
-    closure, lives as long as its process.
+    All arrays among the arguments are traced, everything else is static. If the function itself is
+    traced (under `jax.vmap`, `jax.jit`, `jax.jvp`), it becomes part of that trace, as with any
+    `jit`. A program whose static arguments have no meaning in another process, such as a closure,
+    is kept only until the process ends.
     """
     return PersistentJit(function, COMPILER_OPTIONS)
 
 
 def persistent_jit_unoptimised(function: Callable[P, T]) -> "PersistentJit[P, T]":
-    """`persistent_jit` for a function that leaves its work to LAPACK, or has next to none: it
-    compiles in a third of the time, and its own code is slower."""
+    """`persistent_jit` for a function whose work is done by LAPACK, or that has very little work.
+    It compiles in a third of the time, and the code outside of LAPACK is slower."""
     return PersistentJit(function, UNOPTIMISED)
 
 
@@ -171,7 +171,8 @@ class PersistentJit(Generic[P, T]):
         key = (structure, static, kinds, tuple(map(_signature, arrays)), _settings())
         program = self._programs.get(key)
         if program is None:
-            # The same program is made once, different ones at the same time.
+            # Threads wait for a program that another one compiles; different programs are compiled
+            # at the same time.
             with self._locks.setdefault(key, threading.Lock()):
                 program = self._programs.get(key)
                 if program is None:
@@ -196,17 +197,17 @@ class PersistentJit(Generic[P, T]):
         if name is None:
             return self._compile(structure, static, arrays)
         if (kept := load(folder, name)) is not None:
-            with contextlib.suppress(Exception):  # whatever is wrong with it, it is made anew
+            with contextlib.suppress(Exception):  # a damaged program is compiled again
                 return _restored(kept, len(arrays), device)
         program = self._compile(structure, static, arrays)
-        with contextlib.suppress(Exception):  # callbacks, for one, cannot be kept
+        with contextlib.suppress(Exception):  # callbacks, for example, cannot be kept
             save(folder, name, _stored(program))
         return program
 
     def _name(
         self, structure: Any, static: tuple[Any, ...], arrays: list[Any], device: Any
     ) -> str | None:
-        """The name under which a program is kept; None where its arguments have no fingerprint."""
+        """The name under which a program is kept; None if its arguments have no fingerprint."""
         skeleton = jax.tree.unflatten(structure, static)
         signatures = [str(_signature(array)) for array in arrays]
         options = tuple(self._compiler_options().items())
@@ -239,7 +240,7 @@ class PersistentJit(Generic[P, T]):
             lowered = jax.jit(on_arrays).lower(*arrays)
             try:
                 compiled = lowered.compile(self._compiler_options())
-            except jax.errors.JaxRuntimeError:  # another XLA may know no such option
+            except jax.errors.JaxRuntimeError:  # another version of XLA may not have the option
                 compiled = lowered.compile()
         return _Program(compiled, output)
 
@@ -266,10 +267,10 @@ def _default_device() -> Any:
 
 
 def _jax_keeps_programs() -> bool:
-    """Whether the user switched on JAX's own persistent cache, which then is the only one.
+    """Whether the user has enabled JAX's own persistent cache. Only that cache is then used.
 
-    A program that came out of that cache cannot be serialized again: it loads, and fails where it
-    runs (seen with jax 0.10.2, "NOT_FOUND: Function ... not found").
+    A program from that cache cannot be serialized again: the copy loads, but fails when it runs
+    (seen with jax 0.10.2, "NOT_FOUND: Function ... not found").
     """
     return bool(jax.config.jax_compilation_cache_dir)  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -313,9 +314,10 @@ def _restored(kept: bytes, arguments: int, device: Any) -> _Program:
 
 @functools.cache
 def _find_lapack() -> None:
-    """Has JAX look up LAPACK's functions, which it does where it lowers a call of one of them.
+    """Makes JAX look up LAPACK's functions, which it otherwise does when it lowers a call of one of
+    them.
 
-    A program that was lowered in another process would call a null pointer.
+    Without this, a program that was lowered in another process would call a null pointer.
     """
     matrix = jax.ShapeDtypeStruct((1, 1), "float32")
     jax.jit(jax.lax.linalg.cholesky).lower(matrix)

@@ -16,7 +16,7 @@ VARIABLE = "JAXTWIN_COMPILATION_CACHE"
 OFF = ("off", "0", "no", "false")
 
 LARGEST_CACHE = 1 << 30
-"""Bytes that the folder may hold; the program that was not used for longest goes first."""
+"""The largest size of the folder, bytes; the least recently used program is deleted first."""
 
 DIGEST = hashlib.sha256().digest_size
 
@@ -49,16 +49,16 @@ def cache_state() -> CacheState:
 
 
 def cache_folder() -> Path | None:
-    """The folder in which programs are to be kept, None where none are; it need not exist."""
+    """The folder in which programs are to be kept, which need not exist; None if none are kept."""
     return _chosen()[0]
 
 
 def load(folder: Path, name: str) -> bytes | None:
-    """A kept program, or None where there is none, or none that is whole."""
+    """A kept program; None if there is none, or if it is damaged."""
     file = folder / name
     try:
         content = file.read_bytes()
-        os.utime(file)  # the last use, which decides what goes when the folder is full
+        os.utime(file)  # the least recently used program is deleted if the folder is full
     except OSError:
         return None
     digest, program = content[:DIGEST], content[DIGEST:]
@@ -66,7 +66,7 @@ def load(folder: Path, name: str) -> bytes | None:
 
 
 def save(folder: Path, name: str, program: bytes) -> None:
-    """Keeps a program where that is possible; other processes see it whole or not at all."""
+    """Keeps a program if that is possible. Other processes see it as a whole or not at all."""
     # A cache is a convenience: a full disk or a folder of somebody else's stops nobody.
     with contextlib.suppress(OSError, JaxtwinError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -86,7 +86,7 @@ def _make_room(folder: Path, size: int) -> None:
 
 
 def _programs(folder: Path) -> list[tuple[float, Path, int]]:
-    """When each program was used last, its file, and its size in bytes."""
+    """For each program the time of its last use, its file, and its size in bytes."""
     found = []
     with contextlib.suppress(FileNotFoundError):
         for entry in os.scandir(folder):

@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from ..live import Trip
 
 END_SECONDS = 10.0
-"""Time that commands have left to finish when the recording ends, s."""
+"""The time that commands have to finish after the end of the recording, s."""
 
 log = logging.getLogger("jaxtwin.live")
 
 
 @final
 class AlarmCommand:
-    """Runs a command for each alarm, without delaying the recording. A context manager.
+    """A context manager that runs a command for each alarm, without delaying the recording.
 
     **Arguments:**
 

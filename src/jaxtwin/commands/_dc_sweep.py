@@ -1,4 +1,4 @@
-"""`jaxtwin dc-sweep`: what a thermoelectric module can do."""
+"""`jaxtwin dc-sweep`: heat pumped and coefficient of performance of a thermoelectric module."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

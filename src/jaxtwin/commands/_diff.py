@@ -1,4 +1,4 @@
-"""`jaxtwin diff`: how far two saved fits are apart."""
+"""`jaxtwin diff`: the differences between two saved fits."""
 
 from pathlib import Path
 from typing import Annotated

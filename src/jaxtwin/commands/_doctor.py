@@ -1,4 +1,4 @@
-"""`jaxtwin doctor`: what jaxtwin runs on."""
+"""`jaxtwin doctor`: the machine and the versions with which jaxtwin runs."""
 
 import textwrap
 

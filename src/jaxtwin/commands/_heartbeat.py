@@ -42,7 +42,7 @@ class Heartbeat:
         self._notify("WATCHDOG=1")
         if self._file is not None:
             text = json.dumps({"time": time.time(), **content})
-            # A full disk is the recorder's to tell.
+            # The recorder reports a full disk.
             with contextlib.suppress(JaxtwinError):
                 write_whole_file(self._file, text.encode(), JaxtwinError)
 

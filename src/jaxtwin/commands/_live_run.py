@@ -1,4 +1,4 @@
-"""A run on a live rig: what `drive` and `control` have in common."""
+"""A run on a live rig: the part that `drive` and `control` have in common."""
 
 import contextlib
 import getpass
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from ..physics import Twin
 
 Run = Callable[..., Literal["completed", "stopped"]]
-"""Commands a bench; takes it and the keywords `silence`, `reset`, `about`, `stop` and
-`on_progress`."""
+"""A function that commands a bench. Its arguments are the bench and the keywords `silence`,
+`reset`, `about`, `stop` and `on_progress`."""
 
 
 def run_on_live_rig(
@@ -40,11 +40,11 @@ def run_on_live_rig(
 
     **Arguments:**
 
-    - `prepare`: from the twin, what commands the rig, and what the recording keeps of the run
-      beside operator and command line. It is called before there is a connection or a file, so that
-      whatever it refuses leaves neither behind.
-    - `doing`: what the progress says, such as `"driving"`.
-    - the others: as the command's options.
+    - `prepare`: a function of the twin that returns the `Run`, and the data that the recording
+      stores beside operator and command line. It is called before a connection is opened or a file
+      is created, so that an error in it leaves neither behind.
+    - `doing`: the word for the run in the progress, such as `"driving"`.
+    - the others: the options of the command.
 
     **Raises:** `SafetyStop` if an interlock trips; `KeyboardInterrupt` after Ctrl-C, with the cells
     off and the recording closed.
@@ -58,9 +58,9 @@ def run_on_live_rig(
         loaded = load_rig(rig)
         twin = open_twin(loaded, set_name, parameter_file)
         run, about = prepare(twin)
-        # Compiled now: a rig that is connected sends, and nobody would listen.
+        # This compiles before the rig is connected, because nothing would read what it sends.
         Guard(twin, "", silence=silence)
-        for url in link:  # what cannot be a link is refused before there is a file
+        for url in link:  # an invalid link is refused before a file is created
             opener(url, baud=baud)
         recorder = stack.enter_context(Recorder(out, loaded)) if out else None
         bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))

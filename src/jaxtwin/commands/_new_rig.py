@@ -116,10 +116,10 @@ def _answer(given: str | None, asked: Asked, check: Callable[[str], object]) -> 
 
     **Arguments:**
 
-    - `given`: of the option. It is checked with everything else, later.
-    - `check`: raises an error for a wrong answer.
+    - `given`: the value of the option, which is checked later with everything else.
+    - `check`: a function that raises an error for a wrong answer.
 
-    **Raises:** `typer.BadParameter` that names the option where nobody can be asked.
+    **Raises:** a `typer.BadParameter` that names the option if nobody can be asked.
     """
     option, question, default = asked
     if given is not None:

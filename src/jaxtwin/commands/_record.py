@@ -17,7 +17,7 @@ from ._show_progress import show_progress
 from ._signals import stop_signals
 
 ALARMED = 4
-"""Exit code where there was an alarm."""
+"""The exit code if there was an alarm."""
 
 
 def record(
@@ -64,7 +64,7 @@ def record(
     check_output(health, option="--health")
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)
-        for url in link:  # what cannot be a link is refused before there is a file
+        for url in link:  # an invalid link is refused before a file is created
             opener(url, baud=baud)
         names = [channel.name for channel in loaded.channels]
         publisher = None

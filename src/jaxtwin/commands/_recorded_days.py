@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @final
 class RecordedDays:
-    """The recorder of the present day. A context manager.
+    """The recorder of the present day, as a context manager.
 
     **Arguments:**
 

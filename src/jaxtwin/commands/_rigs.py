@@ -1,4 +1,4 @@
-"""`jaxtwin rigs`, `check` and `schema`: what rigs there are, and whether a rig file is in order."""
+"""`jaxtwin rigs`, `check` and `schema`: a list of the rigs, and the check of a rig file."""
 
 from pathlib import Path
 from typing import Annotated

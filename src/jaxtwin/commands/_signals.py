@@ -41,7 +41,8 @@ def lasting_interrupt() -> Iterator[None]:
             return
         raise KeyboardInterrupt
 
-    # Elsewhere nobody may set a handler, or somebody has: `stop_signals`, say.
+    # In other threads a handler cannot be set; another handler, such as that of `stop_signals`, is
+    # kept.
     own = (
         threading.current_thread() is threading.main_thread()
         and signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -1,4 +1,4 @@
-"""`jaxtwin sweep`: millions of draws into a folder, over many sittings, processes and hosts."""
+"""`jaxtwin sweep`: millions of draws into a folder, in several runs, processes and hosts."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..sweeps import Sweep
 
 CONNECTING = 10
-"""Seconds that a scheduler has to answer."""
+"""The time that a scheduler has to answer, s."""
 
 
 def sweep(

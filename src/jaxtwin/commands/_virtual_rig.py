@@ -61,7 +61,8 @@ def virtual_rig(
             controller_hz=controller_hz,
             faults=Faults.parse(faults),
         )
-        # Once it can answer: a port that accepts and is silent is worse than none.
+        # The port is opened only when the rig can answer: a port that accepts connections and is
+        # silent is worse than none.
         server = _server(tcp, pty, mqtt)
         try:
             say(f"{rig} at {server.url}; look at it: jaxtwin watch {rig} --link {server.url}")

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from ..rig import Rig
 
 REDRAW = 0.25
-"""Between two pictures, s: drawing takes longer than reading, and eyes need no more."""
+"""The time between two pictures, s: drawing takes longer than reading, and a person needs no more
+pictures."""
 
 
 def watch(
@@ -44,7 +45,8 @@ def watch(
 
     with stop_signals() as stop, contextlib.ExitStack() as stack:
         rig = _rig(source, link or [])
-        # Before the link is opened: compiling takes a second, and data do not wait for ever.
+        # This compiles before the link is opened, because it takes a second and data do not wait
+        # for ever.
         screen = Screen(open_twin(rig, set_name, parameter_file))
         bench = stack.enter_context(_source(source, rig, link or [], speed, baud))
         view = bench.view()

@@ -30,7 +30,7 @@ CHANNELS = {
 }
 
 # A cell like the datasheet's, the plate's links as 1 mm to 3 mm of copper would have them, faces
-# that lose 10 to 25 W/(m^2 K) and more towards the right. None of it comes from a recording.
+# that lose 10 to 25 W/(m^2 K) and more towards the right. No value comes from a recording.
 TRUTH = {
     "C_esp": 1100.0,
     "R_Th": 1.7,
@@ -55,7 +55,7 @@ AMBIENT = {"synthetic-A": 15.3, "synthetic-B": 17.4, "synthetic-C": 16.1}
 
 
 def make_recording(name: str) -> tuple[Experiment, Float[np.ndarray, "times channels"]]:
-    """One synthetic recording.
+    """Makes a synthetic recording.
 
     **Arguments:**
 
@@ -77,7 +77,7 @@ def main(folder: Path) -> None:
 
     **Arguments:**
 
-    - `folder`: where to.
+    - `folder`: the folder of the files.
     """
     for name in SYNTHETIC:
         _write_csv(folder / f"{name}.csv", *make_recording(name))
@@ -99,7 +99,7 @@ def _recording_parameter(parameter: Parameter) -> Parameter:
 def _write_csv(
     path: Path, experiment: Experiment, temperatures: Float[np.ndarray, "times channels"]
 ) -> None:
-    """Writes counts and hundredths of a degree, a third of the size of all digits."""
+    """Writes counts and hundredths of a degree, a third of the size of a file with all digits."""
     titles = [f"{name}_degC" for name in experiment.channels]
     lines = [
         f"# Synthetic: made by the twin of {RIG} with the parameters in synthetic-truth.toml and",

@@ -16,10 +16,10 @@ def synthetic_recordings() -> tuple[Path, ...]:
 
 
 def synthetic_truth() -> Path:
-    """The parameters that they were made with, a file for `read_parameters`.
+    """The file of the parameters with which they were made, for `read_parameters`.
 
-    What differs between the recordings (ambient and start temperature) stands in it by the name of
-    the recording.
+    Values that differ between the recordings (ambient and start temperature) are listed under the
+    name of the recording.
     """
     return _file("synthetic-truth.toml")
 

@@ -1,7 +1,7 @@
 """Tables 1 to 4 of the paper as data (Electronics 2024, 13, 1419).
 
-The numbers stand as printed. Where one disagrees with another number of the paper, or with the
-authors' model file, the row's note says so.
+The numbers are those that are printed. If a number disagrees with another number of the paper, or
+with the authors' model file, the note of its row says so.
 """
 
 import tomllib
@@ -19,7 +19,7 @@ class Table:
     """One table of the paper.
 
     `rows` map column names to text or numbers, in the order in which the paper prints them. Every
-    row has a `unit` and a `note` (empty where there is nothing to say).
+    row has a `unit` and a `note`, which may be empty.
     """
 
     number: int
@@ -32,7 +32,7 @@ class Table:
 
         **Arguments:**
 
-        - `name`: the column wanted, such as `"value"` (Tables 1 to 3) or `"final"` (Table 4).
+        - `name`: the name of the column, such as `"value"` (Tables 1 to 3) or `"final"` (Table 4).
         - `by`: the column that labels the rows. Table 1 has no symbols: use `"property"`.
 
         **Returns:**

@@ -1,4 +1,4 @@
-"""Looks at everything that a report of a problem should hold."""
+"""Collects everything that a report of a problem should contain."""
 
 import os
 import platform

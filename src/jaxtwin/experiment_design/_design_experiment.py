@@ -24,7 +24,7 @@ from ._prior_information import UNKNOWN, PriorInformation
 from ._schedules import Counts, Schedules, make_schedules
 
 RANDOM = 11
-"""Random schedules among which the searches start."""
+"""The number of random schedules among which the searches choose their starts."""
 
 AMPLITUDES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 """Amplitudes of the random binary sequence; the first that does not get too hot is used."""
@@ -57,7 +57,7 @@ def design_experiment(
 
     - `twin`: a fit, whose covariance is the prior information and whose noise is expected again; or
       a twin, of which only the priors are known, with the noise that a match assumes at first.
-    - `duration`: of the recording, an hour at most, s. `hold`: of each step, s.
+    - `duration`: the duration of the recording, an hour at most, s. `hold`: that of each step, s.
     - `bounds`: lowest and highest duty cycle; by default those of the fit's recordings and 0, or -1
       and 1 for a twin or a fit without its recordings.
     - `levels`: the number of duty cycles between which the search chooses, the bounds among them;
@@ -67,8 +67,8 @@ def design_experiment(
       match: the standard deviation of its prior, or a factor of e.
     - `names`: the parameters of interest; by default all matched ones that do not belong to a
       single recording.
-    - `group`: group of the new recording, such as its day; None for a new one.
-    - `margin`: by how much the simulation stays below the limits, K.
+    - `group`: the group of the new recording, such as its day; None for a new group.
+    - `margin`: the smallest distance of the simulation from the limits, K.
     - `starts`: the number of searches, from the best schedules among references and random ones.
     - `seed`: the same seed gives the same design.
     - `on_progress`: called with each `DesignStep`.
@@ -212,7 +212,7 @@ class _Search:
         return Candidate(counts, evaluated, self._objective(self._covariance(evaluated)))
 
     def _is_allowed(self, evaluated: Evaluated) -> bool:
-        # Not finite is not allowed.
+        # Temperatures that are not finite are not allowed.
         return evaluated.reading <= self.hottest and evaluated.side <= self.hottest_side
 
     def _covariance(self, evaluated: Evaluated | None) -> Float[np.ndarray, "some some"]:
@@ -279,7 +279,7 @@ def _places(prior: PriorInformation, names: Iterable[str] | None) -> Int[np.ndar
 
 
 def _recordings(fit: Fit) -> dict[str, Experiment]:
-    """The recordings of a fit; none where it was loaded without them."""
+    """The recordings of a fit; none if it was loaded without them."""
     return dict(zip(fit.recordings, solution_of(fit).problem.experiments, strict=False))
 
 
@@ -291,8 +291,8 @@ def _recorded_bounds(recordings: Mapping[str, Experiment]) -> tuple[float, float
 
 
 def _expected_events(events: Sequence[Sequence[float]], duration: float | int) -> tuple[float, ...]:
-    """Times of the camera's corrections in another recording, s: at the intervals that they have
-    had, the first after such an interval."""
+    """Expected times of the camera's corrections in another recording, s: they are repeated at the
+    interval of the earlier recordings, and the first comes after one interval."""
     intervals = [np.diff(of_recording) for of_recording in events if len(of_recording) > 1]
     if not intervals:
         return ()

@@ -1,7 +1,7 @@
 r"""The search for the most informative schedule: coordinate exchange.
 
-Each step of each cell in turn gets the level that is best with all others as they are, until
-nothing improves (Meyer and Nachtsheim, Technometrics 37 (1995) 60-69). The levels of a step are
+Each step of each cell in turn gets the best level while all other steps are held, until nothing
+improves (Meyer and Nachtsheim, Technometrics 37 (1995) 60-69). The levels of a step are
 evaluated side by side. The search starts at the best of many schedules; exchange from several
 starts is the usual remedy against local optima.
 """
@@ -16,7 +16,7 @@ from ._information import Evaluated
 from ._schedules import Counts, Schedules
 
 MOST_PASSES = 10
-"""Passes over all steps; two or three are usual."""
+"""The largest number of passes over all steps; two or three are usual."""
 
 LEAST_GAIN = 1e-3
 """A pass that improves the objective by less is the last one: a tenth of a per cent of a standard
@@ -26,7 +26,7 @@ error."""
 class Candidate(NamedTuple):
     """A schedule, with the information that would be available after it.
 
-    - `objective`: the smaller the better; infinite where it gets too hot.
+    - `objective`: the number that is minimised; infinite if the schedule gets too hot.
     """
 
     counts: Counts
@@ -59,7 +59,7 @@ def exchange(
 
     - `start`: a schedule that does not get too hot.
     - `assess`: evaluates schedules.
-    - `seed`: of the order in which steps are visited.
+    - `seed`: the seed of the order in which steps are visited.
     - `on_pass`: called with the number of each pass and the best schedule after it.
     """
     rng = np.random.default_rng(seed)

@@ -24,8 +24,8 @@ Criterion = Literal["D", "A"]
 class DesignStep(NamedTuple):
     """A pass of the search over all steps of the schedule.
 
-    - `start`: the number of the search. `number`: of its pass; 0 is its start.
-    - `evaluations`: schedules evaluated so far, in all searches.
+    - `start`: the number of the search. `number`: the number of its pass; 0 is its start.
+    - `evaluations`: the number of schedules that all searches have evaluated so far.
     - `mean_error`: the mean of the predicted standard errors as the criterion has it, divided by
       that of today.
     """
@@ -49,7 +49,7 @@ class PlannedSchedule:
 
     **Arguments:**
 
-    - `name`: of the schedule.
+    - `name`: the name of the schedule.
     - `experiment`: its duty cycles, without recorded temperatures.
     - `counts`: PWM counts of each step and cell.
     - `standard_errors`: parameter -> predicted standard error in its unit, of a match of today's
@@ -79,8 +79,8 @@ class ExperimentDesign:
 
     - `rig`: name of the rig.
     - `criterion`: `"D"` or `"A"`.
-    - `names`: the parameters of interest. `units`, `values`: theirs.
-    - `standard_errors`: parameter -> standard error of today; infinite where nothing is known.
+    - `names`: the parameters of interest. `units`, `values`: their units and values.
+    - `standard_errors`: parameter -> standard error of today; infinite if nothing is known.
     - `best`: the designed schedule.
     - `references`: name -> schedule of the same duration and bounds to compare with: the steps of
       each recording, and a pseudo-random binary sequence.
@@ -125,13 +125,13 @@ class ExperimentDesign:
         return write_recording(self.schedule, Path(path))
 
     def plot(self) -> "Figure":
-        """The schedule, and the standard errors of today, after it and after the references:
+        """Plots the schedule, and the standard errors of today, after it and after the references:
         `jaxtwin.plots.plot_design`."""
         return picture("plot_design", self)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each parameter (its name is the index): unit, value, and the standard errors
-        today, after the designed recording, and after each of the references."""
+        """A table with a row for each parameter (its name is the index): unit, value, and the
+        standard errors today, after the designed recording, and after each of the references."""
         import pandas
 
         columns: dict[str, Any] = {"unit": self.units, "value": self.values}

@@ -1,4 +1,5 @@
-r"""The information in the recording of a schedule: $J^T J$ and $J^T \Gamma J$, and how hot it gets.
+r"""The information in the recording of a schedule, $J^T J$ and $J^T \Gamma J$, and its highest
+temperatures.
 
 $J$ are the exact derivatives of the residuals that a match would have, with the weights that it
 would give them. The noise is that of the fit: of the channels and of their common mode, each with
@@ -35,8 +36,8 @@ from ._schedules import Counts, Schedules
 class NoisePrediction(NamedTuple):
     """The noise of a future recording.
 
-    - `noise`: of the channels without their common mode, and of the common mode times the root of
-      the number of channels.
+    - `noise`: the noise of the channels without their common mode, and the noise of the common mode
+      times the root of the number of channels.
     - `assumed`: the standard deviations by which a match weights its residuals, K.
     """
 
@@ -70,11 +71,13 @@ class Evaluated(NamedTuple):
 class DesignProblem(eqx.Module):
     """Everything on which the information of a schedule depends, except the schedule.
 
-    - `vector`: the unknowns. `layout`: their order. `twin`: has the values of the others.
-    - `grid`: of all schedules; its duty does not count. `step_of`: the schedule's step in which
-      each of its steps lies.
-    - `weights`: of the samples. `samples`: their number, without padding.
-    - `variance`, `rho`: of the weighted noise of the channels and of the common mode.
+    - `vector`: the unknowns. `layout`: their order. `twin`: the twin with the values of the other
+      parameters.
+    - `grid`: the time grid of all schedules, whose duty is replaced. `step_of`: for each step of
+      the grid the step of the schedule in which it lies.
+    - `weights`: the weights of the samples. `samples`: their number, without padding.
+    - `variance`, `rho`: the variance and the autocorrelation of the weighted noise of the channels
+      and of the common mode.
     """
 
     twin: Twin

@@ -6,7 +6,7 @@ with the sums over all recordings:
 $$\operatorname{cov} = A^{-1} M A^{-1}, \qquad A = A_0 + J^T J, \qquad M = M_0 + J^T \Gamma J$$
 
 $A_0$ and $M_0$ belong to the recordings of today and to the priors, $J$ and $\Gamma$ to the new
-recording. Values that the new recording has for itself, such as the temperature of the room, are
+recording. Values that belong only to the new recording, such as the temperature of the room, are
 unknowns too, with their priors.
 """
 
@@ -26,7 +26,7 @@ from ..physics import Twin
 from ..rig import Parameter
 
 UNKNOWN = 1e4
-"""Standard deviation of a value about which nothing is known, in the scale of the match."""
+"""The standard deviation of an unknown value, in the scale of the match."""
 
 Square = Float[np.ndarray, "entries entries"]
 
@@ -37,10 +37,10 @@ class PriorInformation:
     r"""The information before the new recording.
 
     - `twin`: the twin with the values that are expected in the new recording.
-    - `unknowns`: those of a match of only the new recording.
-    - `vector`: their values. `scale`: how far each is expected to move.
-    - `normal`, `meat`: $A_0$ and $M_0$ of all entries: those of the match of today, followed by
-      those that the new recording brings.
+    - `unknowns`: the unknowns of a match of only the new recording.
+    - `vector`: their values. `scale`: the distance that each is expected to move.
+    - `normal`, `meat`: $A_0$ and $M_0$ of all entries: the entries of the match of today, followed
+      by the additional entries of the new recording.
     - `places`: the position of each of the `unknowns` among these entries; -1 for values that are
       held at a bound.
     """
@@ -67,7 +67,7 @@ class PriorInformation:
 
         **Arguments:**
 
-        - `group`: of the new recording; None for the only one, or for a new one.
+        - `group`: the group of the new recording; None for the only group, or for a new one.
 
         **Raises:** `MatchError` for a group that the match does not have.
         """
@@ -153,8 +153,8 @@ class PriorInformation:
 def _with_new_group(
     fit: Fit, normal: Square, meat: Square, inside: np.ndarray
 ) -> tuple[Float[np.ndarray, "all all"], Float[np.ndarray, "all all"], Int[np.ndarray, " rows"]]:
-    """The entries of the match and of a group that it has not seen, whose values follow from those
-    of the groups that it has."""
+    """The entries of the match and of a new group, whose values follow from those of the groups of
+    the match."""
     solution = solution_of(fit)
     expected = new_group_values(solution.problem.unknowns, solution.vector)
     rows = len(expected.rows)

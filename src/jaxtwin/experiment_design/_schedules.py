@@ -26,11 +26,11 @@ Counts = Int[np.ndarray, "steps cells"]
 class Schedules:
     """The schedules among which a design is searched.
 
-    - `twin`: with the values at which they are simulated.
-    - `hold`: duration of a step, s. `steps`: their number.
-    - `counts`: of the driver at full duty.
+    - `twin`: the twin with the values at which they are simulated.
+    - `hold`: the duration of a step, s. `steps`: the number of steps.
+    - `counts`: the counts of the driver at full duty.
     - `levels`: the counts among which the search chooses, increasing.
-    - `interval`: between two samples, s.
+    - `interval`: the time between two samples, s.
     """
 
     twin: Twin
@@ -55,7 +55,8 @@ class Schedules:
         return self._experiment(counts / self.counts, name)
 
     def numbered(self) -> Experiment:
-        """A schedule in which the duty of every step is its number, as a part of all."""
+        """A schedule in which the duty of every step is its number divided by the number of
+        steps."""
         numbers = np.arange(1, self.steps + 1) / self.steps
         return self._experiment(np.repeat(numbers[:, None], self.cells, axis=1))
 
@@ -65,8 +66,8 @@ class Schedules:
         return Experiment(time, duty[held], channels=self.twin.channels, name=name)
 
     def resampled(self, experiment: Experiment) -> Counts:
-        """The duty of another experiment in the middle of each step, within the bounds; behind its
-        end, its last one."""
+        """The duty of another experiment in the middle of each step, within the bounds. After the
+        end of that experiment it is its last duty."""
         middle = experiment.time[0] + self.hold * (np.arange(self.steps) + 0.5)
         at = np.searchsorted(experiment.time, middle, side="right") - 1
         rounded = np.rint(experiment.duty[at] * self.counts).astype(int)

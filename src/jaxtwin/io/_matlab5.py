@@ -54,7 +54,7 @@ def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
     **Raises:**
 
     `RecordingError` if the file is damaged or cut off anywhere, if there is no variable of
-    this name, or where it holds no real numbers.
+    this name, or if it holds no real numbers.
     """
     order = "<" if content.endswith(b"IM", 0, HEADER_SIZE) else ">"
     found = None

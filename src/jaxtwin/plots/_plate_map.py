@@ -71,7 +71,7 @@ def plot_plate_map(
     **Returns:** the figure; or the axes, where they are given.
 
     **Raises:** `ParameterError` if there is not one temperature for each element and one title
-    for each map, or where several maps are to go into given axes.
+    for each map, or if several maps are to go into given axes.
     """
     shape = (len(titles), len(rig.plate.element_names))
     if np.shape(temperatures) != shape:

@@ -75,7 +75,7 @@ def is_quantity(text: str) -> bool:
 def parse_quantity(text: str, kind: Kind) -> float:
     """Converts a number with a unit to SI units.
 
-    **Raises:** `ValueError`, saying what is wrong, where the text is no number with a unit of that
+    **Raises:** `ValueError`, saying what is wrong, if the text is no number with a unit of that
     kind. Whether the number is in the range of its kind is left to the caller.
     """
     match = _NUMBER.fullmatch(text)

@@ -23,7 +23,7 @@ from ..simulation._simulate import checked_channels
 from ..simulation._simulate_batch import checked_precision
 
 FORMAT = 1
-"""The format of the store. Another number means other arrays or another order of draws."""
+"""The format of the store. It changes with the arrays and with the order of draws."""
 
 ROLES = {"failed": ("", "")} | {
     name: (reduction.dimension, reduction.unit) for name, reduction in REDUCTIONS.items()
@@ -164,7 +164,7 @@ def plan_sweep(
         draws=int(draws),
         spread=checked_spread("sweep: spread", spread),
         seed=checked_seed("sweep: seed", seed),
-        # In one order: the same sweep whatever the order they were asked for in.
+        # They are sorted, so that the sweep does not depend on the order in which they were given.
         reductions=tuple(name for name in REDUCTIONS if name in asked),
         precision=checked_precision(precision),
         chunk_size=int(chunk_size),

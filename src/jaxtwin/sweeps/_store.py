@@ -73,7 +73,7 @@ class Store:
             for name in self.arrays:
                 file = self._file(name, chunk)
                 for torn in file.parent.glob(f"{chunk}.*.partial"):
-                    torn.unlink()  # zarr's own, of a process that was killed here
+                    torn.unlink()  # a temporary file that zarr left when a process was killed
                 array = group[name]
                 assert isinstance(array, zarr.Array)
                 array[start:stop] = results[name]
@@ -154,7 +154,7 @@ def _create(folder: Path, plan: Plan) -> None:
         except OSError:
             if not (folder / "zarr.json").exists():
                 raise
-            # Another process was quicker; whether it does the same sweep is looked at next.
+            # Another process was quicker; whether it does the same sweep is checked next.
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
