@@ -1,7 +1,8 @@
-"""Pictures. Each function returns the figure, or the axes where it draws into one.
+"""Plots. Each function returns the figure, or the axes if it draws into axes.
 
-They are drawn with matplotlib in jaxtwin's own style; matplotlib's settings do not change. `style`
-exchanges it for a block: for the column of a journal, print without colours, or a dark notebook.
+They are drawn with matplotlib in jaxtwin's style; matplotlib's settings do not change. `style`
+selects another style for a block of code: for the column of a journal, print without colours, or a
+dark notebook.
 """
 
 from ._animation import animate_plate

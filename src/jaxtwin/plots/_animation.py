@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..control import ClosedLoopRun
 
 FRAMES = 100
-"""The default number of frames: as many as a GIF of some hundred kilobytes holds."""
+"""The default number of frames, which makes a GIF of some hundred kilobytes."""
 
 PILLOW = (".gif", ".webp")
 """Files that matplotlib writes with Pillow; for others it starts another program."""
@@ -37,14 +37,15 @@ def animate_plate(
     frames: int = FRAMES,
     seconds: float | int = 8.0,
 ) -> FuncAnimation:
-    """The plate map over time, above the duty cycles of the cells.
+    """Animates the plate map over time, above the duty cycles of the cells.
 
-    `.save("plate.gif")` writes it with Pillow, `.save("plate.mp4")` with ffmpeg, and raises
-    `ParameterError` if that is not installed; `.to_jshtml()` is for a web page or a notebook.
+    `.save("plate.gif")` writes the animation with Pillow, `.save("plate.mp4")` writes it with
+    ffmpeg, and raises `ParameterError` if that is not installed; `.to_jshtml()` is for a web page
+    or a notebook.
 
     **Arguments:**
 
-    - `rig`: its plate and cells.
+    - `rig`: the rig, whose plate and cells are drawn.
     - `run`: a run of a twin of this rig (`Twin.simulate`), or of a closed loop.
     - `frames`: the number of pictures, evenly over the run; a run of fewer samples has a picture
       for each sample.
@@ -76,8 +77,8 @@ def animate_plate(
 
 @final
 class _Animation(FuncAnimation):
-    """Matplotlib's, which without ffmpeg would hand every file to Pillow, also those that Pillow
-    cannot write."""
+    """Matplotlib's animation with another `save`. Without ffmpeg matplotlib would pass every file
+    to Pillow, also files that Pillow cannot write."""
 
     def save(
         self,
@@ -101,7 +102,7 @@ def _writer_of(filename: str | Path) -> str:
 
 
 class _Film:
-    """The parts that change from picture to picture."""
+    """The figure of the animation and its parts that change between frames."""
 
     def __init__(self, rig: Rig, run: Run, chosen: Int[np.ndarray, " frames"]):
         self._rig, self._run, self._chosen = rig, run, chosen

@@ -12,7 +12,7 @@ from .._errors import SimulationError
 from ..simulation import Run
 from ._style import palette, points, styled
 
-PANELS = 5  # in a row
+PANELS = 5  # panels in a row
 
 
 @styled
@@ -23,15 +23,15 @@ def plot_bands(
     *,
     level: float = 0.95,
 ) -> Figure:
-    """A run with the band in which a reading is expected, a panel for each channel.
+    """Plots a run with the band in which a reading is expected, a panel for each channel.
 
     The number in a panel is the part of the recorded samples that lies inside.
 
     **Arguments:**
 
     - `run`: the prediction of the twin; recorded temperatures are drawn if there are any.
-    - `low`, `high`: edges of the band, degC.
-    - `level`: share of readings that the band is meant to hold, for the legend.
+    - `low`, `high`: the edges of the band, degC.
+    - `level`: the share of readings that are expected in the band, for the legend.
 
     **Returns:** the figure.
 

@@ -16,17 +16,17 @@ from ._style import palette, styled
 def plot_bode(
     models: LinearModel | Mapping[str, LinearModel], omega: Sequence[float] | None = None
 ) -> Figure:
-    """Gain and phase over frequency, a column for each cell.
+    """Plots gain and phase over frequency, a column for each cell.
 
-    A line is the mean of all channels, the band about its gain goes from the channel that moves
-    least to that which moves most. A line of dashes is where the driver's lag alone would have
-    halved the power.
+    A line is the mean of all channels. The band about its gain extends from the channel with the
+    smallest gain to the one with the largest. A dashed line marks the frequency at which the
+    driver's lag alone would halve the power.
 
     **Arguments:**
 
-    - `models`: a model, or several by their label, such as a model and what `reduce` made of it.
-    - `omega`: frequencies, rad/s; None: from a tenth of the slowest pole to ten times the lag's
-      or, without a lag, a hundred times the slowest pole.
+    - `models`: a model, or several by their label, such as a model and its reduction by `reduce`.
+    - `omega`: the frequencies, rad/s; by default from a tenth of the slowest pole to ten times the
+      lag's or, without a lag, a hundred times the slowest pole.
 
     **Returns:** the figure.
 

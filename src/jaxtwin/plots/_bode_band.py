@@ -22,16 +22,16 @@ SHARES = (0.05, 0.95)
 def plot_bode_band(
     model: LinearModel, draws: Sequence[LinearModel], omega: Sequence[float] | None = None
 ) -> Figure:
-    """Gain and phase from the duty of each cell to the mean of all channels, with their bands.
+    """Plots gain and phase from the duty of each cell to the mean of all channels, with bands.
 
     The line is the model, and the bands contain 90 % of the draws at each frequency. The lowest
-    panels show how far the gain of a draw is from that of the model.
+    panels show the gains of the draws relative to that of the model.
 
     **Arguments:**
 
     - `model`: the nominal model.
     - `draws`: models of draws of the parameters, such as those of `posterior_draws`.
-    - `omega`: frequencies, rad/s; None: those of `plot_bode`.
+    - `omega`: the frequencies, rad/s; by default those of `plot_bode`.
 
     **Returns:** the figure.
 

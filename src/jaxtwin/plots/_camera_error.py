@@ -12,11 +12,12 @@ from ._style import palette, points, styled
 
 @styled
 def plot_camera_error(fit: Fit) -> Figure:
-    """The mean residual of each recording's channels before and after the camera's error.
+    """Plots the mean residual of each recording's channels with and without the camera's error.
 
-    Above, what the camera reads beyond the twin, and in colour the error that the match gives to
-    the camera; ticks are its flat-field corrections. Below, the difference of the two: what is left
-    for the plate. Shaded spans counted less in the match.
+    The upper panel shows the mean of recorded minus simulated temperatures, and in colour the error
+    that the match attributes to the camera; ticks mark its flat-field corrections. The lower panel
+    shows the difference of the two, which remains for the plate. Shaded spans had a lower weight in
+    the match.
 
     **Arguments:**
 
@@ -42,7 +43,7 @@ def plot_camera_error(fit: Fit) -> Figure:
             axes.set_title(title)
             axes.set_title(f"{rms:.2f} K rms", loc="right", fontsize=points(9), fontweight="normal")
         if camera.events:
-            # Ticks along the upper edge: lines through the whole panel would hide the jumps.
+            # The ticks are at the upper edge: lines through the whole panel would hide the jumps.
             edge = above.get_xaxis_transform()
             above.plot(
                 camera.events, np.full(len(camera.events), 0.97), "v", color=palette().orange, ms=5,

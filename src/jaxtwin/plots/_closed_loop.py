@@ -15,7 +15,7 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
 
     **Arguments:**
 
-    - `run`: of `simulate_closed_loop`.
+    - `run`: the result of `simulate_closed_loop`.
 
     **Returns:** the figure.
     """
@@ -44,7 +44,7 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
         color = palette().cycle[number % len(palette().cycle)]
         duty.step(time, 100 * part, where="post", color=color, lw=1.2, label=f"P{number + 1}")
         power.plot(time, watts, color=color, lw=1.2)
-    # Above the axes: a duty near its limit would run through a legend inside.
+    # The legend is above the axes, because a duty near its limit would cross a legend inside.
     above_right = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
     duty.legend(ncols=len(run.duty.T), **above_right)
     duty.set_ylabel("duty, %")

@@ -23,17 +23,17 @@ from ._samples import (
 )
 from ._style import palette, points, styled
 
-PANELS = 5  # in a row
+PANELS = 5  # panels in a row
 
 
 @styled
 def plot_comparison(runs: Sequence[Run]) -> Figure:
-    """Response against recording, a panel for each channel with its NRMSE fit.
+    """Plots simulated and recorded temperatures, a panel for each channel with its NRMSE fit.
 
     **Arguments:**
 
-    - `runs`: of experiments that hold recorded temperatures; the runs of a match
-      are `list(fit.runs.values())`.
+    - `runs`: runs of experiments that have recorded temperatures; the runs of a match are
+      `list(fit.runs.values())`.
 
     **Returns:** the figure.
 
@@ -85,16 +85,16 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
 def plot_residuals(
     runs: Sequence[Run], *, weights: Sequence[Float[np.ndarray, "_ _"]] = ()
 ) -> Figure:
-    """Recorded less simulated temperature of every channel, and their mean.
+    """Plots recorded minus simulated temperature of every channel, and their mean.
 
-    What all channels share is the camera or the ambient; what one channel has alone is its place
-    on the plate. Missing samples are gaps.
+    An error that all channels share comes from the camera or the ambient; an error of a single
+    channel comes from its place on the plate. Missing samples are gaps.
 
     **Arguments:**
 
-    - `runs`: one column each, of experiments that hold recorded temperatures.
-    - `weights`: of each run's samples in a match, `(times, channels)`, 0 to 1, such as
-      `list(fit.weights.values())`: spans that counted less are shaded.
+    - `runs`: runs of experiments that have recorded temperatures, one column each.
+    - `weights`: the weights of each run's samples in a match, `(times, channels)`, 0 to 1, such as
+      `list(fit.weights.values())`: spans with a lower weight are shaded.
 
     **Returns:** the figure.
 

@@ -11,7 +11,7 @@ from ._sensitivity_labels import INDEX_WORDS, title_output
 from ._style import palette, points, styled, symbol
 
 NAMED = 6
-"""Lines with a colour and a name; the others are grey."""
+"""The number of lines with a colour and a name; the others are grey."""
 
 FEWEST = 8
 """The smallest number of draws for which an index is drawn."""
@@ -25,16 +25,16 @@ def plot_convergence(
     *,
     ax: Axes | None = None,
 ) -> Axes:
-    """An index of an output over the number of draws, a line for each parameter, with its 95 %
-    interval where the method has one: what the first 8, 16, 32 ... draws of the same analysis give.
-    The six parameters that come highest have colours. Lines and intervals that few draws put far
-    beyond the last values leave the picture.
+    """Plots an index of an output over the number of draws, a line for each parameter, with its
+    95 % interval if the method has one. The points are the estimates from the first 8, 16, 32 ...
+    draws of the same analysis. The six parameters with the highest values have colours. The limits
+    of the axes follow the last values, so that lines and intervals of few draws may lie outside.
 
     **Arguments:**
 
     - `sensitivity`: the result of `jaxtwin.sensitivity` by a global method.
     - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
-    - `index`: its name; None for the method's main index.
+    - `index`: the name of the index; None for the method's main index.
     - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
@@ -72,7 +72,7 @@ def plot_convergence(
             ax.fill_between(numbers, low[:, column], high[:, column], color=color, alpha=0.18, lw=0)
     ax.axhline(0.0, color=palette().muted, lw=0.8)
     ax.set_xscale("log", base=2)
-    # The last number replaces a power of two that its label would cover.
+    # The last number replaces a power of two if its label would cover it.
     shown = [number for number in numbers[:-1] if number < numbers[-1] / 1.5] + numbers[-1:]
     ax.set_xticks(shown, [str(number) for number in shown], minor=False)
     ax.tick_params(axis="x", labelsize=points(8))
@@ -89,8 +89,8 @@ def _limits(
     low: Float[np.ndarray, "numbers named"],
     high: Float[np.ndarray, "numbers named"],
 ) -> tuple[float, float]:
-    """Limits that hold every line and the last intervals, but go no further beyond the last values
-    than these reach from 0: with few draws an estimate can be far off."""
+    """Limits that contain every line and the last intervals. They extend beyond the last values by
+    at most the distance of these from 0, because an estimate of few draws can be far off."""
     last = np.nan_to_num(values[-1])
     reach = max(float(np.abs(last).max()), 0.15)
     seen = [0.0, np.nanmin(values, initial=0.0), np.nanmax(values, initial=0.0)]

@@ -21,10 +21,10 @@ LEAST_FOR_NUMBERS = 0.3
 
 @styled
 def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
-    """Correlation of the errors of all matched values.
+    """Plots the correlations of the errors of all matched values.
 
-    Near 1 or -1 the recordings do not distinguish two values. A cell is empty where a value was
-    held at a bound or nothing determines it.
+    If a correlation is near 1 or -1, the recordings do not distinguish the two values. A cell is
+    empty if a value was held at a bound or nothing determines it.
 
     **Arguments:**
 
@@ -53,7 +53,7 @@ def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
 
 
 def _label(label: str) -> str:
-    """The symbol of a parameter, and the recording that it belongs to."""
+    """The symbol of a parameter, and the recording to which it belongs."""
     name, _, recording = label.partition("[")
     where = f", {recording.removesuffix(']')}" if recording else ""
     return symbol(name) + where.replace("$", r"\$")

@@ -30,14 +30,14 @@ def plot_dc_sweep(
 
     **Arguments:**
 
-    - `module`: of which one.
-    - `T_hot`: hot side temperature, K; the cold side is at `T_hot - delta_T`.
-    - `delta_T`: differences hot - cold, K.
-    - `datasheet`: of the module, `jaxtwin.rig.load_module`. Its numbers become points: $Q_{max}$
-      without a difference, where it is known, and no heat at $\Delta T_{max}$, both at $I_{max}$; a
-      line joins the first with the curve that it belongs to. A curve for $\Delta T_{max}$ is added.
-      They hold at the datasheet's own hot side temperature.
-    - `title`: of the figure.
+    - `module`: the thermoelectric module.
+    - `T_hot`: the temperature of the hot side, K; the cold side is at `T_hot - delta_T`.
+    - `delta_T`: the differences hot - cold, K.
+    - `datasheet`: the datasheet of the module, see `jaxtwin.rig.load_module`. Its numbers are drawn
+      as points: $Q_{max}$, if it is known, without a temperature difference, and zero heat at
+      $\Delta T_{max}$, both at $I_{max}$. A line joins the first point with its curve. A curve for
+      $\Delta T_{max}$ is added. The points apply to the hot side temperature of the datasheet.
+    - `title`: the title of the figure.
 
     **Returns:** the figure.
     """
@@ -80,7 +80,7 @@ def plot_dc_sweep(
 
 @styled
 def plot_dc_curves(sweep: DCSweep) -> Figure:
-    """The curves of a DC sweep over the current, one for each temperature difference.
+    """Plots the curves of a DC sweep over the current, one for each temperature difference.
 
     **Arguments:**
 
@@ -98,8 +98,8 @@ def plot_dc_curves(sweep: DCSweep) -> Figure:
 
 
 def _draw_datasheet(heat: Axes, sheet: Datasheet, computed: float) -> None:
-    """What the manufacturer states: most heat, joined with the one that was computed for the same
-    current, and none at the largest difference."""
+    """Draws the numbers of the manufacturer: the largest heat flow, joined with the computed one at
+    the same current, and zero heat at the largest difference."""
     stated = [(0.0, f"0 W at {sheet.maximum_temperature_difference:g} K")]
     if sheet.maximum_heat_flow is not None:
         stated.append((sheet.maximum_heat_flow, f"{sheet.maximum_heat_flow:g} W at 0 K"))

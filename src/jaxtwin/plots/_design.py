@@ -1,4 +1,4 @@
-"""A designed experiment: its schedule, and the standard errors expected of it."""
+"""A designed experiment: its schedule, and the expected standard errors."""
 
 import numpy as np
 from matplotlib import pyplot
@@ -13,12 +13,12 @@ MARKERS = "os^vDP"
 
 @styled
 def plot_design(design: ExperimentDesign) -> Figure:
-    """The designed duty cycles over time, and the standard errors that are predicted for it and for
-    the schedules to compare with, each relative to that of today.
+    """Plots the designed duty cycles over time, and the standard errors that are predicted for the
+    design and for the reference schedules, relative to those of today.
 
     **Arguments:**
 
-    - `design`: of `jaxtwin.design_experiment`.
+    - `design`: the result of `jaxtwin.design_experiment`.
 
     **Returns:** the figure.
     """

@@ -18,18 +18,20 @@ MOST = 100_000
 
 @styled
 def plot_distributions(draws: "xarray.Dataset") -> Figure:
-    """Medians, quartiles and the middle nine tenths over the draws, a panel for each quantity.
+    """Plots the medians, the quartiles and the 5 and 95 % quantiles over the draws, a panel for
+    each quantity.
 
-    Draws that failed (NaN) do not count. Of a sweep with very many draws the first 100 000 that
-    are done are shown.
+    Draws that failed (NaN) are left out. Of a sweep with very many draws the first 100 000 finished
+    draws are shown.
 
     **Arguments:**
 
-    - `draws`: a data set with the dim draw, such as `Reductions.to_xarray` and `open_sweep` give.
+    - `draws`: a dataset with the dimension draw, such as `Reductions.to_xarray` and `open_sweep`
+      return.
 
     **Returns:** the figure.
 
-    **Raises:** `SimulationError` if it holds no quantity over draws.
+    **Raises:** `SimulationError` if the dataset has no quantity over draws.
     """
     names = [
         str(name)
@@ -81,7 +83,7 @@ def _columns(values: "xarray.DataArray") -> tuple[list[str], np.ndarray]:
 
 
 def _quantiles(values: np.ndarray) -> np.ndarray:
-    """5, 25, 50, 75 and 95 % of each column's numbers, NaN where it has none."""
+    """The 5, 25, 50, 75 and 95 % quantiles of each column, NaN for a column without numbers."""
     found = np.full((5, values.shape[1]), np.nan)
     for number, column in enumerate(values.T):
         there = column[np.isfinite(column)]

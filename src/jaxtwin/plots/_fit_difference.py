@@ -12,7 +12,7 @@ from ._style import palette, styled
 
 @styled
 def plot_fit_difference(difference: FitDifference, *, ax: Axes | None = None) -> Axes:
-    """The difference of each parameter in standard errors, the largest on top.
+    """Plots the difference of each parameter in standard errors, the largest on top.
 
     95 % of the differences between two matches of one rig to different recordings lie in the
     band. Parameters without a standard error are left out.

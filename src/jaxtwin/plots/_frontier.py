@@ -16,11 +16,11 @@ NEAR = 0.02
 
 @styled
 def plot_frontier(frontier: Frontier, measure: str, beside: Sequence[str]) -> Figure:
-    """A measure over other measures, with a panel for each.
+    """Plots a measure over other measures, with a panel for each.
 
-    A dot is the median over the draws of the plant, its bars extend from 5 to 95 % of the draws.
-    The numbers are the weights, those of dots that cover each other in one text, and a thin line
-    joins the dots in their order. A hollow dot is not on the frontier of its panel: another
+    A dot is the median over the draws of the plant, and its bars extend from 5 to 95 % of the
+    draws. The numbers are the weights; dots that cover each other share a text. A thin line joins
+    the dots in their order. A hollow dot is not on the frontier of its panel: another
     controller is better in both measures. A controller with a median that is not finite, such as
     the settling time of a loop that never settles, is left out.
 
@@ -70,7 +70,7 @@ def plot_frontier(frontier: Frontier, measure: str, beside: Sequence[str]) -> Fi
 
 
 def _quantiles(frontier: Frontier, name: str) -> Float[np.ndarray, "3 points"]:
-    """5, 50 and 95 % over the draws; NaN between infinite values."""
+    """The 5, 50 and 95 % quantiles over the draws; NaN between infinite values."""
     with np.errstate(invalid="ignore"):
         return np.quantile(frontier.measure(name), [0.05, 0.5, 0.95], axis=1)
 
@@ -78,7 +78,7 @@ def _quantiles(frontier: Frontier, name: str) -> Float[np.ndarray, "3 points"]:
 def _neighbours(
     x: Float[np.ndarray, " points"], y: Float[np.ndarray, " points"], order: Int[np.ndarray, " n"]
 ) -> list[list[int]]:
-    """Points whose dots cover each other, so that their numbers stand in one text."""
+    """Groups of points whose dots cover each other, so that their numbers share a text."""
     near = [NEAR * np.ptp(values[order]) if len(order) else 0.0 for values in (x, y)]
     groups: list[list[int]] = []
     for point in order:

@@ -132,7 +132,8 @@ def _draw(axes: Axes, groups: Sequence[str], row: _Row) -> None:
 
 
 def _log_ticks(low: float, high: float) -> Locator:
-    """1, 2 and 5 times powers of ten; round numbers where fewer than two of those are in view."""
+    """Ticks at 1, 2 and 5 times powers of ten, or at round numbers if fewer than two of the former
+    lie in the range."""
     powers = LogLocator(subs=(1, 2, 5))
     seen = [tick for tick in powers.tick_values(low, high) if low <= tick <= high]
     return powers if len(seen) > 1 else MaxNLocator(4)

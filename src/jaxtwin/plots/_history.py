@@ -17,10 +17,10 @@ COLUMNS = 6  # panels of parameters in a row
 
 @styled
 def plot_history(fit: Fit) -> Figure:
-    """RMSE and the free parameters over the iterations.
+    """Plots the RMSE and the free parameters over the iterations.
 
-    Steps that were tried and taken back are open dots in the first panel. Dotted lines are bounds,
-    shown where the parameter came near; a parameter that ends on one has an orange title.
+    Rejected steps are open dots in the first panel. Dotted lines are bounds, which are drawn if the
+    parameter came near them; a parameter that ends at a bound has an orange title.
 
     **Arguments:**
 
@@ -82,14 +82,14 @@ def _draw_parameter(axes: Axes, fit: Fit, parameter: FittedParameter) -> None:
             axes.axhline(bound, color=palette().ink, lw=1.2, ls=":")
     if values.min() > 0 and values.max() > 10 * values.min():
         axes.set_yscale("log")
-        # Within two decades powers of ten alone would be one or two labels.
+        # Within two decades there would be only one or two powers of ten as labels.
         few = values.max() < 100 * values.min()
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 3) if few else (1,), numticks=4))
         axes.yaxis.set_major_formatter(lambda value, _: short_number(value))
         axes.minorticks_off()
     else:
         axes.yaxis.set_major_locator(MaxNLocator(3))
-        if np.abs(values).max() < 1e-3:  # else a power of ten stands where the title does
+        if np.abs(values).max() < 1e-3:  # else matplotlib writes a power of ten over the title
             axes.yaxis.set_major_formatter(lambda value, _: short_number(value))
     axes.tick_params(labelsize=7.5, pad=2)
     color = palette().vermilion if parameter.at_bound else palette().ink

@@ -13,7 +13,7 @@ from ._style import palette, styled
 def plot_index_bars(
     sensitivity: GlobalSensitivity, output: str | None = None, *, ax: Axes | None = None
 ) -> Axes:
-    """The main index of each parameter, the strongest on top, with 95 % intervals where the method
+    """Plots the main index of each parameter, the largest on top, with 95 % intervals if the method
     has them.
 
     **Arguments:**

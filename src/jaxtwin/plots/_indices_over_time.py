@@ -11,7 +11,7 @@ from ._sensitivity_labels import INDEX_WORDS
 from ._style import palette, points, styled, symbol
 
 NAMED = 6
-"""Lines with a colour and a name; the others are grey."""
+"""The number of lines with a colour and a name; the others are grey."""
 
 
 @styled
@@ -22,15 +22,16 @@ def plot_indices_over_time(
     *,
     ax: Axes | None = None,
 ) -> Axes:
-    """An index of a channel's temperature at each time, a line for each parameter, with its 95 %
-    interval where the method has one. The six parameters that come highest have colours.
+    """Plots an index of a channel's temperature over time, a line for each parameter, with its 95 %
+    interval if the method has one. The six parameters with the highest values have colours.
 
     **Arguments:**
 
     - `sensitivity`: the result of `jaxtwin.sensitivity` by a global method, with `"temperature"`
       among its outputs.
-    - `channel`: its name; None for the first. Of several recordings, the first that has it.
-    - `index`: its name; None for the method's main index.
+    - `channel`: the name of the channel; None for the first. If several recordings have it, the
+      first of them is used.
+    - `index`: the name of the index; None for the method's main index.
     - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
@@ -79,7 +80,7 @@ def plot_indices_over_time(
 
 
 def _rows(sensitivity: GlobalSensitivity, channel: str | None) -> list[int]:
-    """The outputs of a channel at its times, of one recording."""
+    """The rows of the outputs of a channel at its times in a recording."""
     timed = [row for row, each in enumerate(sensitivity.outputs) if not np.isnan(each.time)]
     channels = dict.fromkeys(sensitivity.outputs[row].channel for row in timed)
     wanted = next(iter(channels), None) if channel is None else channel

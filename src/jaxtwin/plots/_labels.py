@@ -1,4 +1,4 @@
-"""Labels at the ends of lines, in place of a legend that the eye has to go back to."""
+"""Labels at the ends of lines, in place of a legend."""
 
 from collections.abc import Sequence
 
@@ -12,14 +12,14 @@ from ._style import points
 def label_ends(
     axes: Axes, ends: Sequence[tuple[float, str, str]], *, spacing: float = 0.055
 ) -> None:
-    """Writes a label to the right of each line's end, moved up or down where two would overlap.
+    """Writes a label to the right of each line's end, moved up or down if two would overlap.
 
     **Arguments:**
 
-    - `axes`: with the lines in it; its y limits are kept from here on.
-    - `ends`: of each line, the last value, the label, the colour; a line without a value (NaN)
-      gets no label.
-    - `spacing`: between two labels, in parts of the height of the axes.
+    - `axes`: the axes with the lines, whose y limits are fixed from then on.
+    - `ends`: the last value, the label and the colour of each line; a line without a value (NaN)
+      has no label.
+    - `spacing`: the distance between two labels, as a part of the height of the axes.
     """
     ends = [end for end in ends if not np.isnan(end[0])]
     if not ends:
@@ -42,10 +42,10 @@ def label_ends(
 
 
 def space_apart(positions: Float[np.ndarray, " n"], spacing: float) -> Float[np.ndarray, " n"]:
-    """Positions at least `spacing` apart, in order, as near to the given ones as can be.
+    """Moves positions so that they are at least `spacing` apart, as little as possible.
 
-    Least squares under an order constraint: positions less their share of the spacing must not
-    decrease, which pooling neighbours that do achieves.
+    This is isotonic regression: the positions minus multiples of the spacing must not decrease, and
+    neighbours that do are pooled.
     """
     order = np.argsort(positions, kind="stable")
     wanted = positions[order] - spacing * np.arange(len(positions))

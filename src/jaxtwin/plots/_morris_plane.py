@@ -20,8 +20,9 @@ LINE, WORD = 0.055, 0.1
 def plot_morris_plane(
     sensitivity: GlobalSensitivity, output: str | None = None, *, ax: Axes | None = None
 ) -> Axes:
-    """Mean size of each parameter's elementary effects, with its 95 % interval, and their standard
-    deviation: to the right is what acts, far up what acts nonlinearly or with others.
+    """Plots the standard deviation of each parameter's elementary effects over their mean absolute
+    value with its 95 % interval. Parameters on the right have large effects, and those far up have
+    nonlinear effects or interactions.
 
     **Arguments:**
 
@@ -64,7 +65,7 @@ def plot_morris_plane(
     for column in np.argsort(sigma, kind="stable"):
         if mu_star[column] >= NAMED * mu_star.max():
             x, y = mu_star[column] / limit, sigma[column] / top
-            # Above the name of a neighbour, where they would touch.
+            # A name is placed above that of a neighbour if the two would touch.
             above = max([y, *(other + LINE for at, other in written if abs(at - x) < WORD)])
             written.append((x, above))
             ax.annotate(

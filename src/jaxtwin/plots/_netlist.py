@@ -32,20 +32,21 @@ _THINNEST = 0.7
 def plot_netlist(
     twin: Twin, temperatures: Float[np.ndarray, " nodes"] | None = None, *, ax: Axes | None = None
 ) -> Axes:
-    """The twin's thermal network, Figs. 8 and 13a of the paper.
+    """Plots the twin's thermal network, Figs. 8 and 13a of the paper.
 
-    Plate elements are drawn at their true size. Lines between their centres are links, a stub with
-    a ring at its end stands for all links from an element to the air; both are as wide as they
-    conduct, each on a separate scale that the legend gives. A stub with a dot and a cell's name
-    is that cell's contact, one with a square and a channel's name a sensor with a lag; below the
-    plate stands what is behind each cell, with the resistances between,
-    and the bodies with what they are linked to.
+    Plate elements are drawn at their true size. Lines between their centres are links, and a stub
+    with a ring at its end stands for all links from an element to the air. The width of both is
+    proportional to the conductance, each on a separate scale that the legend shows. A stub with a
+    dot and a cell's name is the contact of that cell; a stub with a square and a channel's name is
+    a sensor with a lag. The nodes behind each cell, with the resistances between them, and the
+    bodies with their links are drawn below the plate.
 
     **Arguments:**
 
-    - `twin`: with one value for each parameter.
-    - `temperatures`: of all nodes, degC, in the order of `twin.netlist.nodes`: a row of
-      `run.states`, for example. They colour the plate. None: its heat capacities do.
+    - `twin`: a twin with one value for each parameter.
+    - `temperatures`: the temperatures of all nodes, degC, in the order of `twin.netlist.nodes`: a
+      row of `run.states`, for example. They colour the plate. With None the heat capacities of the
+      elements colour it.
     - `ax`: axes to draw into, or None for a new figure.
 
     **Returns:** the axes.
@@ -86,7 +87,7 @@ def plot_netlist(
     scale = ScalarMappable(Normalize(*_limits(on_plate)), colormap)
     written = [text.format(value) for value in on_plate]
     longest = max(map(len, (*plate.element_names, *written)))
-    narrow = (0.06 + 0.075 * longest) * layout.inch  # left of the middle, where links run
+    narrow = (0.06 + 0.075 * longest) * layout.inch  # left of the links, which run in the middle
     for element, value, color in zip(
         plate.element_names, written, scale.to_rgba(on_plate), strict=True
     ):
@@ -124,7 +125,7 @@ def _differ(values: Float[np.ndarray, " elements"]) -> bool:
 
 
 def _limits(values: Float[np.ndarray, " elements"]) -> tuple[float, float]:
-    """Lowest and highest, apart even where all are equal."""
+    """The lowest and the highest value, widened if all are equal."""
     low, high = float(values.min()), float(values.max())
     return (low, high) if _differ(values) else (0.9 * low - 0.1, 1.1 * high + 0.1)
 
@@ -136,7 +137,8 @@ def _draw_element(ax: Axes, plate: Plate, element: str, value: str, color, narro
             (left, top), right - left, bottom - top, fc=color, ec=palette().ground, lw=1.5, zorder=1
         )
     )
-    # Beside the links, which run through the middle; upright where the element is too narrow.
+    # The text stands beside the links, which run through the middle, and is rotated if the element
+    # is too narrow.
     corner = {
         "textcoords": "offset points",
         "va": "top",

@@ -34,12 +34,12 @@ def draw_bodies(
 
     **Arguments:**
 
-    - `ax`: its unit is 1 cm, the plate's top left corner is at 0, 0.
-    - `twin`: has the bodies. `values`: of its parameters, SI.
-    - `texts`: what is written into the box of each node. `layout`: of the picture.
-    - `top`: where what stands above ends, cm.
+    - `ax`: axes whose unit is 1 cm, with the plate's top left corner at 0, 0.
+    - `twin`: the twin with the bodies. `values`: the values of its parameters, SI.
+    - `texts`: the text in the box of each node. `layout`: the layout of the picture.
+    - `top`: the lower edge of the drawing above the bodies, cm.
 
-    **Returns:** where the lowest of them ends, cm.
+    **Returns:** the lower edge of the lowest body, cm.
     """
     lags = {
         sensor_name(channel.name): float(channel.lag.evaluate(values))
@@ -75,7 +75,7 @@ def draw_bodies(
 def draw_links_on_plate(ax: Axes, twin: Twin, values: Mapping[str, float]) -> None:
     """Draws the links that the file gives between two elements of the plate, such as heat pipes.
 
-    **Arguments:** as those of `draw_bodies`.
+    **Arguments:** those of `draw_bodies`.
     """
     plate = twin.rig.plate
     elements = set(plate.element_names)

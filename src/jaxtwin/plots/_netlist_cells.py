@@ -13,28 +13,28 @@ from ._netlist_layout import BOX, BOX_HEIGHT, GAP, Layout
 from ._style import INK, palette, points
 
 ABOVE = 0.62
-"""Between the plate and the first box of a cell, inches."""
+"""The distance between the plate and the first box of a cell, inches."""
 
 NAMED = 4
-"""Contacts of a cell that are named one by one."""
+"""The largest number of contacts of a cell that are named one by one."""
 
 
 def outlined(width: float) -> list[AbstractPathEffect]:
-    """A rim for a line of this width, over colours that it could be lost on."""
+    """A rim for a line of this width, so that it is visible over any colour."""
     return [withStroke(linewidth=width + 1.6, foreground=palette().ground, alpha=0.75)]
 
 
 def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Layout) -> None:
     """Draws a stub from each element to each cell that touches it, with the contact's K/W.
 
-    The stub ends in a dot with the cell's name, as a net does in a circuit diagram: wires across
-    the plate could not be told apart.
+    The stub ends in a dot with the cell's name, like a net in a circuit diagram, because wires
+    across the plate could not be distinguished.
 
     **Arguments:**
 
-    - `ax`: its unit is 1 cm, the plate's top left corner is at 0, 0.
-    - `twin`: has the cells. `values`: of its parameters, SI.
-    - `layout`: of the picture.
+    - `ax`: axes whose unit is 1 cm, with the plate's top left corner at 0, 0.
+    - `twin`: the twin with the cells. `values`: the values of its parameters, SI.
+    - `layout`: the layout of the picture.
     """
     drawn = dict.fromkeys(twin.rig.plate.element_names, 0)
     for cell in twin.netlist.cells:
@@ -82,9 +82,9 @@ def draw_cells(
     **Arguments:**
 
     - `ax`, `twin`, `values`, `layout`: as in `draw_contacts`.
-    - `texts`: what is written into the box of each node.
+    - `texts`: the text in the box of each node.
 
-    **Returns:** where the lowest of them ends, cm.
+    **Returns:** the lower edge of the lowest cell, cm.
     """
     lowest = layout.plate[3]
     top = lowest
@@ -109,7 +109,7 @@ def _draw_column(
     top: float,
     inch: float,
 ) -> float:
-    """Draws a cell from its contacts down to the surroundings, and returns where it ends, cm."""
+    """Draws a cell from its contacts down to the surroundings, and returns its lower edge, cm."""
     kinds = {cell.cold: "plate side", cell.hot: "far side"}
     own = {cell.cold, cell.hot, f"{cell.name}.SINK"}
     alpha = cell.seebeck_coefficient.evaluate(values)

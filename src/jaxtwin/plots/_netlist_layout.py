@@ -8,7 +8,7 @@ import numpy as np
 from ..rig import Plate
 
 WIDEST, HIGHEST = 11.0, 5.2
-"""The largest size of a plate whose elements can be read at this size, inches."""
+"""The largest size of a plate whose elements are readable at this size, inches."""
 
 SMALLEST_SIDE, LARGEST_SIDE = 1.15, 2.2
 """Limits of the size of a typical element, with room for its name and its links, inches."""
@@ -24,7 +24,7 @@ PITCH = 2.85
 
 IN_A_ROW = 4
 LEGEND = 6.0
-"""Width of a legend of three columns, inches."""
+"""The width of a legend of three columns, inches."""
 
 
 @final
@@ -34,10 +34,10 @@ class Layout:
 
     **Arguments:**
 
-    - `inch`: cm on the axes that make an inch of the picture.
-    - `plate`: left and right edge, top and bottom edge, cm.
-    - `width`: of the whole drawing, cm; it is centred on the plate.
-    - `columns`: how many cells stand in a row.
+    - `inch`: the length on the axes that is an inch of the picture, cm.
+    - `plate`: the left and right edge, and the top and bottom edge, of the plate, cm.
+    - `width`: the width of the whole drawing, which is centred on the plate, cm.
+    - `columns`: the number of cells in a row.
     """
 
     inch: float
@@ -63,7 +63,7 @@ def netlist_layout(plate: Plate, cells: int) -> Layout:
     width, height = 100 * plate.width, 100 * plate.height
     extents = 100 * np.array([plate.extent(element) for element in plate.element_names])
     side = float(np.median(np.minimum(*(np.diff(extents)[:, ::2].T))))
-    scale = min(WIDEST / width, HIGHEST / height)  # inches a cm
+    scale = min(WIDEST / width, HIGHEST / height)  # inches per cm
     scale = float(np.clip(scale, SMALLEST_SIDE / side, LARGEST_SIDE / side))
     inch = 1 / min(scale, LARGEST_PLATE / max(width, height))
     rows = -(-cells // IN_A_ROW)

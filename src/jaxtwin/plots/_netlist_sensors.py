@@ -20,8 +20,8 @@ def draw_sensors(ax: Axes, twin: Twin, values: Mapping[str, float]) -> None:
 
     **Arguments:**
 
-    - `ax`: its unit is 1 cm, the plate's top left corner is at 0, 0.
-    - `twin`: has the channels. `values`: of its parameters, SI.
+    - `ax`: axes whose unit is 1 cm, with the plate's top left corner at 0, 0.
+    - `twin`: the twin with the channels. `values`: the values of its parameters, SI.
     """
     rig = twin.rig
     lags = {sensor_name(c.name): (c.name, c.lag) for c in rig.channels if c.lag is not None}
@@ -32,7 +32,8 @@ def draw_sensors(ax: Axes, twin: Twin, values: Mapping[str, float]) -> None:
         channel, lag = lags[link.b]
         left, right, top, bottom = (100 * edge for edge in rig.plate.extent(link.a))
         x, y = (left + right) / 2, (top + bottom) / 2
-        # Down to the left, where neither cells nor the air are; then straight down, then left.
+        # The first stub points down to the left, where neither cells nor the air are drawn; the
+        # second straight down, the third to the left.
         reach = 0.22 * min(right - left, bottom - top)
         right_by, down_by = DIRECTIONS[drawn[link.a] % len(DIRECTIONS)]
         drawn[link.a] += 1

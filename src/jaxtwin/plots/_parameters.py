@@ -1,4 +1,4 @@
-"""The matched parameters beside where they started and what was published, Table 4 of the paper."""
+"""The matched parameters beside their initial and published values, Table 4 of the paper."""
 
 import math
 
@@ -14,12 +14,12 @@ from ._style import palette, points, styled, symbol
 
 @styled
 def plot_parameters(fit: Fit) -> Figure:
-    """The free parameters as a table, and where each lies between its bounds.
+    """Draws the free parameters as a table, and the position of each between its bounds.
 
     A line through a matched value is its 95 % interval, as far as the bounds reach; the darker part
-    of the bar holds 95 % of its prior. The scale is logarithmic for parameters above 0. Where each
-    recording has its own value, their mean is shown.
-    The warnings of the match stand behind each value.
+    of the bar contains 95 % of its prior. The scale is logarithmic for parameters above 0. For a
+    parameter with a value for each recording, their mean is shown. The warnings of the match follow
+    each value.
 
     **Arguments:**
 
@@ -125,7 +125,7 @@ def _write(axes: Axes, x: float, y: int, text: str, ha: str = "right", **look) -
 
 
 def _prior_interval(parameter: FittedParameter) -> tuple[float, float]:
-    """Holds 95 % of what was known about a single value beforehand."""
+    """The interval that contains 95 % of the prior of a single value."""
     assert parameter.prior_value is not None
     assert parameter.prior_spread is not None
     deviation = math.hypot(parameter.prior_spread, parameter.group_spread or 0.0)
@@ -133,7 +133,8 @@ def _prior_interval(parameter: FittedParameter) -> tuple[float, float]:
 
 
 def _position(value: float, parameter: FittedParameter) -> float:
-    """0 at the lower bound, 1 at the upper one; what lies outside is there too."""
+    """The position of a value between its bounds: 0 at the lower bound or below, 1 at the upper
+    bound or above."""
     lower, upper = parameter.lower, parameter.upper
     if not (math.isfinite(lower) and math.isfinite(upper)):
         ends = (parameter.initial, parameter.value)

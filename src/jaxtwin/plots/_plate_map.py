@@ -17,7 +17,7 @@ from .._errors import ParameterError
 from ..rig import Cell, Channel, Plate, Rig
 from ._style import INK, PALE, palette, points, styled
 
-_MAP_WIDTH, _ROOM_ABOVE = 4.3, 0.42  # of a panel, inches
+_MAP_WIDTH, _ROOM_ABOVE = 4.3, 0.42  # width of a panel and room above it, inches
 
 HEAT = ListedColormap(colormaps["inferno"](np.linspace(0.18, 1.0, 256)))
 """The colours of temperatures. The coldest is a dark violet, because black shows no differences."""
@@ -53,22 +53,23 @@ def plot_plate_map(
     columns: int = 2,
     ax: Axes | None = None,
 ) -> Figure | Axes:
-    """Temperatures over the plate, one panel for each time, and a panel that names the channels.
+    """Plots temperatures over the plate, a panel for each time, and a panel that names the
+    channels.
 
-    Every element is drawn at its true size in one colour, as the twin has one temperature for it.
-    A dashed line runs around the elements that a cell touches.
+    Every element is drawn at its true size in one colour, because the twin has one temperature for
+    it. A dashed line surrounds the elements that a cell touches.
 
     **Arguments:**
 
-    - `rig`: its plate, cells and channels.
-    - `temperatures`: of the plate elements, degC, in the order of `rig.plate.element_names`:
-      `run.states[[100, 300, 500], :elements]`, for example.
-    - `titles`: of the maps, such as `"100 s"`.
-    - `columns`: of the figure.
+    - `rig`: the rig, whose plate, cells and channels are drawn.
+    - `temperatures`: the temperatures of the plate elements, degC, in the order of
+      `rig.plate.element_names`: `run.states[[100, 300, 500], :elements]`, for example.
+    - `titles`: the titles of the maps, such as `"100 s"`.
+    - `columns`: the number of columns of the figure.
     - `ax`: axes to draw a single map into, without the panel that names the channels; None for a
       new figure.
 
-    **Returns:** the figure; or the axes, where they are given.
+    **Returns:** the figure; or the axes, if they are given.
 
     **Raises:** `ParameterError` if there is not one temperature for each element and one title
     for each map, or if several maps are to go into given axes.
@@ -118,7 +119,7 @@ def _draw_map(
 ) -> None:
     frame(axes, rig.plate)
     for element, color in zip(rig.plate.element_names, scale.to_rgba(values), strict=True):
-        # A rim of the same colour closes the hairline between neighbours.
+        # A rim of the same colour covers the thin gap between neighbours.
         axes.add_patch(rectangle(rig.plate.extent(element), fc=color, ec=color, lw=0.3))
     draw_cells(axes, rig)
     axes.set_title(title)
@@ -129,7 +130,7 @@ def _draw_map(
 
 
 def draw_cells(axes: Axes, rig: Rig) -> None:
-    """A dashed line around the elements that each cell touches, and its name."""
+    """Draws a dashed line around the elements that each cell touches, and its name."""
     for cell in rig.cells:
         rim = [withStroke(linewidth=2.6, foreground=INK, alpha=0.7)]
         look = {"fc": "none", "ec": PALE, "lw": 1.2, "ls": (0, (4, 2)), "path_effects": rim}
@@ -153,7 +154,8 @@ def _draw_channels(axes: Axes, rig: Rig) -> None:
 
 
 def _name_channel(axes: Axes, plate: Plate, channel: Channel) -> None:
-    """In its middle, upright where it is narrow, or below it where it is small all round."""
+    """Writes the name of a channel in its middle, rotated if the channel is narrow, or below it if
+    it is small in both directions."""
     extents = np.array(places(channel, plate))
     x, y = extents[:, :2].mean(), extents[:, 2:].mean()
     narrow = np.ptp(extents[:, :2]) < 0.07 * plate.width
@@ -168,14 +170,14 @@ def _name_channel(axes: Axes, plate: Plate, channel: Channel) -> None:
 
 
 def frame(axes: Axes, plate: Plate) -> None:
-    """Axes in cm with the plate's proportions, y from the top."""
+    """Sets the axes to cm with the plate's proportions, y from the top."""
     axes.set_aspect("equal")
     axes.set_xlim(-0.3, 100 * plate.width + 0.3)
     axes.set_ylim(100 * plate.height + 0.3, -0.3)
 
 
 def _draw_cell(axes: Axes, plate: Plate, cell: Cell, color: str, rim: str, **look) -> None:
-    """The elements that a cell touches, and its name in their corner."""
+    """Draws the outline of the elements that a cell touches, and its name in their corner."""
     extents = np.array([plate.extent(element) for element, _ in cell.contacts])
     left, right = extents[:, 0].min(), extents[:, 1].max()
     top, bottom = extents[:, 2].min(), extents[:, 3].max()

@@ -12,13 +12,13 @@ def to_png(drawn: Figure | Axes, dpi: int = 150) -> bytes:
 
     **Arguments:**
 
-    - `drawn`: what one of the functions here returned.
-    - `dpi`: pixels per inch.
+    - `drawn`: a figure or axes that a plot function returned.
+    - `dpi`: the resolution in pixels per inch.
 
     **Returns:** the bytes of the file.
     """
     figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
-    assert figure is not None  # what a function here drew into stays on its figure
+    assert figure is not None  # axes that a plot function returns belong to a figure
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=dpi, facecolor="auto")
     pyplot.close(figure)

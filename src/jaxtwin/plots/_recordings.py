@@ -63,7 +63,7 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
 
 
 def _cells_by_drive(experiment: Experiment) -> list[tuple[float, str, str]]:
-    """The label of each different drive: the cells that are driven so."""
+    """The label of each different drive: the cells that it drives."""
     drives: dict[bytes, list[int]] = {}
     for cell, duty in enumerate(experiment.duty.T):
         drives.setdefault(duty.tobytes(), []).append(cell)

@@ -1,4 +1,4 @@
-"""Are the residuals noise? Over time, against themselves, against a normal distribution."""
+"""Tests whether residuals are noise: over time, their autocorrelation, and their distribution."""
 
 from collections.abc import Sequence
 
@@ -15,26 +15,26 @@ from ._samples import means_of_last_samples
 from ._style import palette, points, styled
 
 LONGEST = 300
-"""Lags of the autocorrelation that are shown, samples."""
+"""The largest lag of the autocorrelation that is shown, samples."""
 
 LEAST = 10
-"""Samples of a channel that a test of whiteness takes."""
+"""The smallest number of samples of a channel for a test of whiteness."""
 
 
 @styled
 def plot_residual_tests(runs: Sequence[Run]) -> Figure:
-    """Residuals of each recording over time, their autocorrelation, and their quantiles.
+    """Plots the residuals of each recording over time, their autocorrelation, and their quantiles.
 
     Missing samples are gaps over time and left out of the tests.
 
-    In the middle the grey band holds 95 % of the autocorrelations of white noise; on the right
-    normal residuals lie on the line. The p-value is that of Ljung and Box's test, the least of all
-    channels.
+    In the middle panel the grey band contains 95 % of the autocorrelations of white noise. In the
+    right panel normal residuals lie on the line. The p-value is that of Ljung and Box's test, the
+    smallest of all channels.
 
     **Arguments:**
 
-    - `runs`: one row each, of experiments that hold recorded temperatures; those of a validation
-      are `list(validation.runs.values())`.
+    - `runs`: runs of experiments that have recorded temperatures, one row each; those of a
+      validation are `list(validation.runs.values())`.
 
     **Returns:** the figure.
 

@@ -11,7 +11,7 @@ from ._sobol_bars import plot_sobol_bars
 def plot_sensitivity_indices(
     sensitivity: GlobalSensitivity, output: str | None = None, *, ax: Axes | None = None
 ) -> Axes:
-    """Sobol's indices by `plot_sobol_bars`, Morris's by `plot_morris_plane`, any others by
+    """Plots Sobol's indices by `plot_sobol_bars`, Morris's by `plot_morris_plane`, any others by
     `plot_index_bars`.
 
     **Arguments:**

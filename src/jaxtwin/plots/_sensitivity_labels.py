@@ -1,4 +1,4 @@
-"""What the pictures of global sensitivity indices have alike: the parameters' rows, the titles."""
+"""The labels of all plots of global sensitivity indices: the parameters' rows, and the titles."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ INDEX_WORDS = {
     "dgsm": "bound of the total index",
     "Sh": "Shapley effect, part of the variance",
 }
-"""Name of an index -> what an axis calls it."""
+"""Name of an index -> its name on an axis."""
 
 
 def label_rows(axes: Axes, names: Sequence[str], places: Float[ndarray, " parameters"]) -> None:
@@ -33,7 +33,7 @@ def label_rows(axes: Axes, names: Sequence[str], places: Float[ndarray, " parame
 
 
 def title_output(axes: Axes, sensitivity: GlobalSensitivity, row: int) -> None:
-    """Writes which output it is, and from how many runs."""
+    """Writes the name of the output and the number of runs."""
     axes.set_title(sensitivity.labels[row])
     runs = f"{len(sensitivity.failed):,} runs".replace(",", " ")
     axes.set_title(

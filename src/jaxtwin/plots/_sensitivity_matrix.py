@@ -1,4 +1,4 @@
-"""Which parameters matter, for all channels at a glance."""
+"""The correlations of all parameters with the costs of all channels, as a matrix."""
 
 import numpy as np
 from matplotlib import pyplot
@@ -11,10 +11,10 @@ from ._style import styled, symbol
 
 @styled
 def plot_sensitivity_matrix(sensitivity: Sensitivity, *, ax: Axes | None = None) -> Axes:
-    """Correlation of each parameter (columns) with each channel's cost (rows).
+    """Plots the correlation of each parameter (columns) with each channel's cost (rows).
 
-    Parameters are sorted by their mean absolute correlation. A number stands where the 95 %
-    interval leaves 0 out.
+    Parameters are sorted by their mean absolute correlation. A cell has a number if its 95 %
+    interval does not contain 0.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""Sobol's indices of one output."""
+"""Sobol's indices of an output, for all parameters."""
 
 import numpy as np
 from matplotlib import pyplot
@@ -13,8 +13,8 @@ from ._style import palette, styled
 def plot_sobol_bars(
     sensitivity: GlobalSensitivity, output: str | None = None, *, ax: Axes | None = None
 ) -> Axes:
-    """Total (light) and first order (dark) indices, the strongest on top: what is light alone is
-    interaction. Lines are 95 % intervals, where the method has them.
+    """Plots total (light) and first order (dark) indices, the largest on top; their difference is
+    the part of interactions. Lines are 95 % intervals, if the method has them.
 
     **Arguments:**
 

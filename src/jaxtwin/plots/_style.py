@@ -1,7 +1,7 @@
-"""The look of all pictures, valid while a picture is drawn and not a moment longer.
+"""The style of all plots, which is in effect only while a plot is drawn.
 
 The colours are those of Okabe and Ito (https://jfly.uni-koeln.de/color), which people with any
-colour vision can tell apart. `style` exchanges them, and the size of letters, for a block of code.
+colour vision can distinguish. `style` replaces them, and the size of letters, in a block of code.
 """
 
 import functools
@@ -25,16 +25,16 @@ from .._errors import ParameterError
 StyleName = Literal["paper", "grey", "dark"]
 
 COLUMN = 3.5
-"""Width of a column of a two-column journal, inches."""
+"""The width of a column of a two-column journal, inches."""
 
 PAPER_SCALE = 0.8
-"""The scale of text and lines in a column: 8 points where the screen has 10."""
+"""The scale of text and lines in a column: 8 points in place of the 10 on a screen."""
 
 INK, PALE = "#1f2933", "white"
-"""Letters on maps and matrices, whose ground does not change with the style."""
+"""The colours of letters on maps and matrices, whose background does not change with the style."""
 
 OF_FIXED_SIZE = "of fixed size"
-"""The gid of a figure whose letters are placed to the inch, and which no style makes narrower."""
+"""The gid of a figure in which texts have fixed places, so that no style makes it narrower."""
 
 Dashes = tuple[float, tuple[float, ...]]
 
@@ -44,10 +44,10 @@ Dashes = tuple[float, tuple[float, ...]]
 class Palette:
     """The colours of a style.
 
-    - `ground`: behind everything. `ink`: text. `muted`: what stands back: axes, notes, what was
-      recorded. `faint`: grid lines, empty bars.
-    - The others have the names that they have in the usual style.
-    - `dashes`: of solid lines in a colour that is not distinct enough by itself.
+    - `ground`: the background. `ink`: text. `muted`: axes, notes and recorded data. `faint`: grid
+      lines and empty bars.
+    - The other colours are named as they look in the usual style.
+    - `dashes`: the dashes of solid lines in a colour that is not distinct enough by itself.
     """
 
     ground: str = "#ffffff"
@@ -132,11 +132,11 @@ def style(name: StyleName, *, width: float | int | None = None) -> Iterator[None
     - `name`: `"paper"` for a journal, with letters of 8 points in figures no wider than a column;
       `"grey"` for print without colours: solid and dashed lines (maps and densities keep their
       colours, whose brightness grows with the value); `"dark"` for a dark notebook.
-    - `width`: of the widest figure of `"paper"`, inches: 3.5 by default, a column. Figures of
-      several panels need two columns, about 7.2. A thermal network, and a figure into whose axes
-      you draw, keep their size.
+    - `width`: the width of the widest figure of `"paper"`, inches: 3.5 by default, a column.
+      Figures of several panels need two columns, about 7.2. A thermal network, and a figure into
+      whose axes you draw, keep their size.
 
-    **Raises:** `ParameterError` for another name, or a width beside another style than "paper".
+    **Raises:** `ParameterError` for another name, or a width with a style other than "paper".
     """
     if name not in get_args(StyleName):
         raise ParameterError(f"style: expected paper, grey or dark, got {name!r}")
@@ -159,12 +159,12 @@ def style(name: StyleName, *, width: float | int | None = None) -> Iterator[None
 
 
 def palette() -> Palette:
-    """The colours of the style in which is drawn now."""
+    """The colours of the present style."""
     return _look.get().palette
 
 
 def points(size: float | int) -> float:
-    """The size of letters that have this size on a screen, in the style in which is drawn now."""
+    """Converts a size of letters on a screen to that of the present style."""
     return size * _look.get().scale
 
 
@@ -204,13 +204,13 @@ def _settings(look: _Look) -> dict[str, Any]:
 
 
 def styled(plot: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
-    """Draws in our style, and leaves matplotlib's settings as they were.
+    """Makes a function draw in jaxtwin's style, without a change of matplotlib's settings.
 
     **Arguments:**
 
     - `plot`: a function that draws something and returns its figure or axes.
 
-    **Returns:** the function, in our style.
+    **Returns:** the function that draws in jaxtwin's style.
     """
 
     @functools.wraps(plot)
@@ -219,7 +219,7 @@ def styled(plot: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
         there = pyplot.get_fignums()
         with matplotlib.style.context(["default", _settings(look)]):
             drawn = plot(*args, **options)
-            # Ticks are made when they are first drawn, in the style of that moment.
+            # Ticks are made when they are first drawn, with the settings at that time.
             figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
             if figure is not None:
                 if getattr(figure, "number", there) not in (there, *there):
@@ -232,7 +232,8 @@ def styled(plot: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
 
 
 def _narrow(figure: Figure, look: _Look) -> None:
-    """Makes a figure no wider than the style's widest; it gets lower as far as letters allow."""
+    """Makes a figure no wider than the style allows, and reduces its height as far as the letters
+    allow."""
     width, height = figure.get_size_inches()
     is_free = figure.get_gid() != OF_FIXED_SIZE
     if look.width is not None and width > look.width and is_free:
@@ -240,7 +241,7 @@ def _narrow(figure: Figure, look: _Look) -> None:
 
 
 def _dash(figure: Figure, dashes: Mapping[str, Dashes]) -> None:
-    """Dashes the solid lines of some colours, those of legends too."""
+    """Dashes the solid lines of some colours, also in legends."""
     if not dashes:
         return
     for line in figure.findobj(Line2D):
@@ -251,7 +252,7 @@ def _dash(figure: Figure, dashes: Mapping[str, Dashes]) -> None:
 
 
 def symbol(name: str) -> str:
-    """A parameter's name as it stands in an equation: `R_E` with E below, `alpha` as the letter."""
+    """A parameter's name as in an equation: `R_E` with the index E, `alpha` as the Greek letter."""
     base, _, below = name.partition("_")
     letter = rf"\{base}" if base in {"alpha", "beta", "gamma", "epsilon", "sigma", "tau"} else base
     if not below:

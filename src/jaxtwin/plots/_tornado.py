@@ -1,4 +1,4 @@
-"""Which parameters matter for one channel, Fig. 16 of the paper."""
+"""The correlations of all parameters with the cost of a channel, Fig. 16 of the paper."""
 
 import numpy as np
 from matplotlib import pyplot
@@ -12,9 +12,9 @@ from ._style import palette, points, styled, symbol
 def plot_tornado(
     sensitivity: Sensitivity, channel: str = "mean", *, ax: Axes | None = None
 ) -> Axes:
-    """Correlation of each parameter with a channel's cost, the strongest on top.
+    """Plots the correlation of each parameter with a channel's cost, the strongest on top.
 
-    Lines span the 95 % interval: what reaches over 0 may be chance.
+    Lines are the 95 % intervals: a correlation whose interval contains 0 may be chance.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""How a controller was tuned."""
+"""The course of the tuning of a controller, and its result."""
 
 import numpy as np
 from matplotlib import pyplot
@@ -12,16 +12,16 @@ from ._style import palette, points, styled
 
 @styled
 def plot_tuning(tuning: Tuning) -> Figure:
-    """The objective over the rounds, the sensitivity over frequency, and the measures.
+    """Plots the objective over the rounds, the sensitivity over frequency, and the measures.
 
-    In the first panel each line is a descent; controllers that were looked at and not taken are
-    open dots. The band of the second goes over all draws of the plant. In the third the measures
-    stand beside their median before: a dot is the median over the draws, a bar goes from 5 to
-    95 % of them, and bold names have a weight in the objective.
+    In the first panel each line is a descent; controllers that were evaluated and rejected are open
+    dots. The band in the second panel contains all draws of the plant. The third panel shows the
+    measures relative to their median before the tuning: a dot is the median over the draws, a bar
+    extends from 5 to 95 % of them, and bold names have a weight in the objective.
 
     **Arguments:**
 
-    - `tuning`: of `jaxtwin.tune`.
+    - `tuning`: the result of `jaxtwin.tune`.
 
     **Returns:** the figure.
     """

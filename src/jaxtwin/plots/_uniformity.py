@@ -1,4 +1,4 @@
-"""How even the plate is: recorded beside simulated, over time and over the plate."""
+"""The uniformity of the plate: recorded beside simulated, over time and over the plate."""
 
 from collections.abc import Sequence
 
@@ -17,18 +17,18 @@ from ..simulation import Run
 from ._plate_map import HEAT, draw_cells, frame, places, rectangle
 from ._style import palette, points, styled
 
-MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # of a panel, inches
+MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # width of a panel and room above it, inches
 
 
 @styled
 def plot_uniformity(runs: Sequence[Run]) -> Figure:
-    """Range (highest less lowest) and standard deviation over the channels at each time.
+    """Plots range (highest minus lowest) and standard deviation over the channels at each time.
 
-    A time at which a channel's sample is missing is a gap in what was recorded.
+    A time at which a channel's sample is missing is a gap in the recorded line.
 
     **Arguments:**
 
-    - `runs`: one column each, of experiments that hold recorded temperatures.
+    - `runs`: runs of experiments that have recorded temperatures, one column each.
 
     **Returns:** the figure.
 
@@ -56,7 +56,7 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
         column[0].set_title(run.experiment.name or "recording")
         column[1].set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
     for axes in grid[:, 0]:
-        axes.set_ylim(bottom=0)  # of the whole row, which no longer follows what is drawn
+        axes.set_ylim(bottom=0)  # fixes the limits of the whole row
     grid[0, 0].set_ylabel("highest − lowest, K")
     grid[1, 0].set_ylabel("standard deviation, K")
     figure.legend(
@@ -72,17 +72,19 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
 
 @styled
 def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> Figure:
-    """The plate at several times: as the twin has it, as its camera reads it, as it was recorded.
+    """Plots the plate at several times, in rows: the simulated temperatures, the simulated readings
+    of the camera, and the recorded readings.
 
-    The last row is recorded less read, on a separate scale about 0. Places whose sample is
-    missing stay empty.
+    The last row is the difference of recorded and simulated readings, on a separate scale about 0.
+    Places whose sample is missing stay empty.
 
     **Arguments:**
 
-    - `rig`: of the runs.
-    - `runs`: of experiments that hold recorded temperatures. Where several with the same drive look
-      at different zones, together they fill the plate; the plate itself is the first run's.
-    - `times`: one column each, s; the nearest sample is shown.
+    - `rig`: the rig of the runs.
+    - `runs`: runs of experiments that have recorded temperatures. If several with the same drive
+      show different zones, their readings are drawn on one plate, whose simulated temperatures are
+      those of the first run.
+    - `times`: the times of the columns, s; the nearest sample is shown.
 
     **Returns:** the figure.
 
@@ -108,7 +110,7 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
     height = ROOM_ABOVE + MAP_WIDTH * rig.plate.height / rig.plate.width
     figure = pyplot.figure(figsize=(MAP_WIDTH * len(times) + 1.4, height * 4), layout="constrained")
     grid = figure.subplots(4, len(times), squeeze=False)
-    # Small places last: taps lie inside of zones.
+    # Small places are drawn last, because taps lie inside of zones.
     order = sorted(range(len(channels)), key=lambda n: -_area(channels[n], rig))
     for number, (panels, (label, values)) in enumerate(zip(grid, rows.items(), strict=True)):
         colors, rim, unit = (

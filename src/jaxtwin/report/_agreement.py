@@ -20,11 +20,11 @@ from ._blocks import Block, Picture, Section, Table, Text
 from ._recordings import recorded
 
 LEAST_SAMPLES = 10
-"""Samples of a channel that a test of its residuals takes."""
+"""The smallest number of samples of a channel for a test of its residuals."""
 
 
 def agreement_section(fit: Fit, title: str) -> Section:
-    """The matched twin beside its recordings."""
+    """The section that compares the matched twin with its recordings."""
     return Section(
         title,
         (

@@ -9,16 +9,16 @@ from ..simulation import Run
 from ._recordings import recorded
 
 SAWTOOTH = 3
-"""Corrections in a recording that make a sawtooth; one jump may be anything."""
+"""The number of corrections that make a sawtooth; a single jump may have another cause."""
 
 
 def shows_sawtooth(runs: Iterable[Run]) -> bool:
-    """Whether in one of the recordings all channels jump together again and again, which a plate
-    cannot do: an infrared camera that corrects itself does.
+    """Whether in one of the recordings all channels jump together repeatedly. A plate cannot do so,
+    but an infrared camera that corrects itself does.
 
     **Arguments:**
 
-    - `runs`: of recordings, by a twin that repeats them well.
+    - `runs`: the runs of recordings by a twin with small residuals.
     """
     return any(len(_corrections(run)) >= SAWTOOTH for run in runs)
 

@@ -51,14 +51,15 @@ def write_demo(
 
     **Arguments:**
 
-    - `out`: the report's folder; an older report there is replaced, anything else is left alone.
-    - `recordings`: the folder of the authors' recordings; None: looked for in the usual places, and
-      where they are not found the bundled synthetic ones are taken.
-    - `draws`: of the larger of two sensitivity analyses.
+    - `out`: the folder of the report. An older report there is replaced; a folder with other
+      contents is refused.
+    - `recordings`: the folder of the authors' recordings. With None they are looked for in the
+      usual places, and the bundled synthetic ones are used if they are not found.
+    - `draws`: the number of draws of the larger of two sensitivity analyses.
     - `progress`: called with each step.
 
-    **Returns:** the path of the page, `index.html`, with everything inside it. Beside it lie the
-    pictures, the matched parameters and all numbers.
+    **Returns:** the path of the page, `index.html`, which needs no other file. The pictures, the
+    matched parameters and all numbers are files beside it.
 
     **Raises:** `JaxtwinError` if the folder holds something else or cannot be written;
     `RecordingError` if `recordings` does not hold them. Then nothing is written.

@@ -24,7 +24,7 @@ def check_table(numbers: dict[str, float | int], real: bool) -> Table:
 
     **Arguments:**
 
-    - `numbers`: of the demo.
+    - `numbers`: the numbers of the demo.
     - `real`: whether the recordings are the paper's; otherwise there is less to compare with.
     """
     expected = EXPECTED | (EXPECTED_OF_RECORDINGS if real else {})

@@ -25,14 +25,15 @@ STARTS = 3
 AMBIENT, START = "T_amb", "T_start"
 
 EDGES = ("R_Tey", "R_Tex1", "R_Tey1", "R_Tey2", "R_Tey3")
-"""Edges of the plate to the air: in the synthetic truth 6 % of what the faces lose, and partly in
-parallel with them, so that noise of 0.1 K hides them."""
+"""The links from the edges of the plate to the air. In the synthetic truth their heat loss is 6 %
+of that of the faces and partly in parallel with it, so that noise of 0.1 K hides them."""
 
 
 def match_fixed(
     rig: Rig, source: Source, published: list[Run], progress: Progress
 ) -> tuple[Section, Fit]:
-    """The paper's own terms: its sixteen parameters and bounds, ambient fixed at 15 degC.
+    """Matches under the conditions of the paper: its sixteen parameters and bounds, and the ambient
+    temperature fixed at 15 degC.
 
     **Returns:** the section and the fit.
     """
@@ -138,7 +139,7 @@ def match_ambient_per_recording(
 
 
 def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]]:
-    """A match where the truth is known: the synthetic recordings.
+    """Matches the synthetic recordings, of which the true parameters are known.
 
     **Returns:** the section, and its numbers.
     """

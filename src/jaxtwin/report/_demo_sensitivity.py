@@ -1,4 +1,4 @@
-"""Step 4 of the paper, its second half: which parameters matter, with few draws and with many."""
+"""Step 4 of the paper, second half: the sensitivity analysis, with few draws and with many."""
 
 from collections.abc import Sequence
 
@@ -20,11 +20,12 @@ from ._sensitivity import (
 )
 
 FEW = 50
-"""Draws in the paper."""
+"""The number of draws in the paper."""
 
 
 def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitivity, Sensitivity]:
-    """Draws around the matched values: as many as in the paper, and many.
+    """Analyses the sensitivity around the matched values, with as many draws as in the paper, and
+    with many.
 
     **Returns:** the section, the small analysis and the large one.
     """

@@ -16,11 +16,11 @@ from ._blocks import Numbers, Picture, Section, Text
 from ._demo_source import Source
 
 REPORTED = 69.2
-"""Mean fit that the paper's values reach on its own circuit, %, by an independent implementation
+"""The mean fit of the paper's values on the paper's circuit, %, by an independent implementation
 (scipy's LSODA); the paper reports "an average accuracy of 70 %"."""
 
 MAP_TIMES = (100.0, 300.0, 500.0, 600.0, 1000.0)
-"""The first three are those of the paper's Fig. 5, s."""
+"""The times of the maps, s; the first three are those of the paper's Fig. 5."""
 
 
 MODULES = ("CP10-127-05", "TEC1-12706")
@@ -28,7 +28,7 @@ MODULES = ("CP10-127-05", "TEC1-12706")
 
 
 def dc_sweeps() -> Section:
-    """The modules on their own."""
+    """The section on the modules without a rig."""
     pictures = []
     for name in MODULES:
         sheet = load_module(name)
@@ -111,7 +111,7 @@ def simulate_published(twin: Twin, source: Source) -> tuple[Section, list[Run], 
 
 
 def plate_map(fit: Fit) -> Section:
-    """The plate over time, as the matched twin has it."""
+    """The section with the plate's temperatures over time, simulated by the matched twin."""
     run = next(iter(fit.runs.values()))
     rig = fit.twin.rig
     samples = np.clip(np.searchsorted(run.time, MAP_TIMES), 0, len(run.time) - 1)

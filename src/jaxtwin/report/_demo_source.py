@@ -1,4 +1,4 @@
-"""The recordings that the demo works on: the authors', or the bundled synthetic ones."""
+"""The recordings that the demo uses: those of the authors, or the bundled synthetic ones."""
 
 import os
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ VARIABLE = "JAXTWIN_RECORDINGS"
 @final
 @dataclass(frozen=True)
 class Source:
-    """Recordings and where they come from.
+    """Recordings and their origin.
 
     **Arguments:**
 
     - `experiments`: the recordings.
-    - `real`: whether a rig was measured.
-    - `note`: one sentence for the report.
+    - `real`: whether they were measured on a rig.
+    - `note`: a sentence for the report.
     """
 
     experiments: tuple[Experiment, ...]
@@ -30,14 +30,14 @@ class Source:
 
 
 def find_source(folder: Path | None) -> Source:
-    """The authors' recordings where they are found, else the synthetic ones.
+    """Returns the authors' recordings if they are found, else the synthetic ones.
 
     **Arguments:**
 
-    - `folder`: where they lie; None: looked for in the usual places.
+    - `folder`: the folder of the recordings; None to look for them in the usual places.
 
-    **Raises:** `RecordingError` if a folder was asked for, here or by `JAXTWIN_RECORDINGS`, and
-    does not hold them: what was asked for is never silently replaced.
+    **Raises:** `RecordingError` if a folder was given, here or by `JAXTWIN_RECORDINGS`, and does
+    not contain them: recordings that were asked for are never silently replaced.
     """
     try:
         paths = find_recordings(folder)

@@ -19,7 +19,7 @@ def environment_section(wall_time: float) -> Section:
 
     **Arguments:**
 
-    - `wall_time`: of the whole report so far, s.
+    - `wall_time`: the computing time of the whole report so far, s.
     """
     tables = tuple(
         Table(section[0].upper() + section[1:] + ".", ("", ""), list(entries.items()))

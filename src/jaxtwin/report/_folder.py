@@ -19,7 +19,8 @@ PAGE = "index.html"
 def check_folder(folder: Path) -> None:
     """Refuses a folder that a report must not replace, or that cannot be made.
 
-    **Raises:** `JaxtwinError` if something else lies there, or its parent cannot be written to.
+    **Raises:** `JaxtwinError` if the folder contains something else, or its parent cannot be
+    written to.
     """
     if folder.exists() and not _replaceable(folder):
         raise JaxtwinError(
@@ -36,13 +37,13 @@ def check_folder(folder: Path) -> None:
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """A folder to fill, which takes its place when the block ends without an error.
+    """Yields a temporary folder, which becomes `folder` when the block ends without an error.
 
     **Arguments:**
 
-    - `folder`: its place; an older report there is replaced.
+    - `folder`: the folder of the report. An older report there is replaced.
 
-    **Raises:** `JaxtwinError` as `check_folder`.
+    **Raises:** the errors of `check_folder`.
     """
     check_folder(folder)
     place = folder.absolute()
@@ -51,7 +52,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
     try:
         part.mkdir()
         yield part
-        check_folder(folder)  # a while has passed
+        check_folder(folder)  # it may have changed in the meantime
         if place.exists():
             place.rename(old)
         part.rename(place)
@@ -71,10 +72,10 @@ def write_page(
 
     **Arguments:**
 
-    - `folder`: exists.
-    - `page`: HTML.
-    - `sections`: of the page.
-    - `numbers`: in plain types; infinite and missing numbers are None.
+    - `folder`: an existing folder.
+    - `page`: the page as HTML.
+    - `sections`: the sections of the page.
+    - `numbers`: the numbers in plain types; infinite and missing numbers are None.
     """
     (folder / PAGE).write_text(page, encoding="utf-8")
     text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False)

@@ -1,4 +1,4 @@
-"""A report as one HTML page that needs nothing but itself."""
+"""A report as a single HTML page that needs no other file."""
 
 import base64
 import re
@@ -10,22 +10,22 @@ from importlib import resources
 from ._blocks import Block, Numbers, Picture, Section, Table, Text
 
 GENERATOR = '<meta name="generator" content="jaxtwin">'
-"""Stands in every page, by which a report of ours is known."""
+"""A line in every page, by which a report of jaxtwin is recognised."""
 
-SHORT = 16  # characters of a cell that is not broken into lines
+SHORT = 16  # the most characters of a cell that is not broken into lines
 
 _ONE = r"[-+−]?[\d  ]*\.?\d+(e[-+]?\d+)?( ?[%KsW])?"
 _NUMBER = re.compile(rf"!?{_ONE}|{_ONE} to {_ONE}|unknown|!?-|")
 
 
 def page_html(title: str, lead: Sequence[Block], sections: Sequence[Section], foot: str) -> str:
-    """The page.
+    """Returns the page as HTML.
 
     **Arguments:**
 
-    - `title`: of the page.
+    - `title`: the title of the page.
     - `lead`: the text above the list of contents.
-    - `sections`: in their order.
+    - `sections`: the sections in their order.
     - `foot`: the last line.
 
     **Returns:** HTML with style and pictures inside.
@@ -75,9 +75,10 @@ def _block(block: Block) -> str:
 
 
 def _picture(picture: Picture) -> str:
-    """A figure that a click shows over the whole window at its true size, and another hides.
+    """A figure that a click shows at its true size over the whole window, and another click hides.
 
-    The style does that by `:target`: the page has no script, and each picture is in it once.
+    The style sheet does this by `:target`, so that the page needs no script and contains each
+    picture once.
     """
     data = base64.b64encode(picture.png).decode()
     width, height = struct.unpack(">II", picture.png[16:24])  # of the PNG's first chunk
@@ -92,7 +93,7 @@ def _picture(picture: Picture) -> str:
 
 
 def _table(table: Table) -> str:
-    # A column of numbers is set to the right, its head too.
+    # A column of numbers and its heading are aligned to the right.
     right = [
         all(_NUMBER.fullmatch(row[column]) for row in table.rows)
         for column in range(len(table.head))

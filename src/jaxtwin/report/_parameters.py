@@ -17,7 +17,7 @@ MEANINGS = {
     "no effect": "no sample of the recordings depends on the parameter",
     "correlated": "another parameter can replace it",
 }
-"""What the warnings of a match mean."""
+"""The meanings of the warnings of a match."""
 
 
 def parameters_section(fit: Fit, title: str) -> Section:
@@ -41,7 +41,7 @@ def parameters_section(fit: Fit, title: str) -> Section:
 
 
 def fit_numbers(fit: Fit, label: str = "mean fit") -> Numbers:
-    """The numbers of a match that are asked for first."""
+    """The most important numbers of a match."""
     free = [row for row in fit.parameters.values() if row.free]
     steps = sum(end.iterations for end in fit.optima)
     return Numbers(
@@ -55,12 +55,12 @@ def fit_numbers(fit: Fit, label: str = "mean fit") -> Numbers:
 
 
 def parameter_table(fit: Fit, caption: str) -> Table:
-    """The parameters that all recordings share; published values and priors where there are any.
+    """The parameters that all recordings share, with published values and priors if there are any.
 
     **Arguments:**
 
     - `fit`: the match.
-    - `caption`: a sentence, which the meanings of the warnings follow.
+    - `caption`: a sentence before the meanings of the warnings.
     """
     rows = [row for row in fit.parameters.values() if row.free and row.scope != "recording"]
     has_published = any(row.published is not None for row in rows)

@@ -23,7 +23,7 @@ def recordings_blocks(
     **Arguments:**
 
     - `experiments`: the recordings.
-    - `caption`: of the picture.
+    - `caption`: the caption of the picture.
     """
     return (
         Picture("recordings", to_png(plot_recordings(experiments)), caption),
@@ -39,7 +39,7 @@ def recordings_blocks(
 def recorded(experiment: Experiment) -> Float[np.ndarray, "times channels"]:
     """The temperatures of a recording, degC.
 
-    **Raises:** `RecordingError` if it holds none.
+    **Raises:** `RecordingError` if it has none.
     """
     if experiment.temperatures is None:
         raise RecordingError(
@@ -68,7 +68,7 @@ def _levels(experiment: Experiment) -> str:
 
 
 def _range(temperatures: Float[np.ndarray, "times channels"]) -> str:
-    """The lowest and the highest mean of a channel; `-` where all samples are missing."""
+    """The lowest and the highest mean of a channel; `-` if all samples are missing."""
     there = ~np.isnan(temperatures).all(axis=0)
     if not there.any():
         return "-"

@@ -40,8 +40,8 @@ def write_report(
 
     - `fit`: a match with its recordings.
     - `path`: the folder of the report. An older report there is replaced.
-    - `draws`: of a sensitivity analysis; 0 leaves it out.
-    - `progress`: shows what is being done.
+    - `draws`: the number of draws of a sensitivity analysis; 0 leaves it out.
+    - `progress`: shows the progress.
 
     **Returns:** the path of the page, `index.html`, with its pictures inside. The fit, the pictures
     and all numbers are files beside it.

@@ -13,10 +13,10 @@ def rig_section(
 
     **Arguments:**
 
-    - `twin`: of the rig.
-    - `title`: of the section.
+    - `twin`: a twin of the rig.
+    - `title`: the title of the section.
     - `note`: a paragraph that follows the description.
-    - `caption`: of the picture.
+    - `caption`: the caption of the picture.
 
     **Returns:** the section, and the network's numbers.
     """

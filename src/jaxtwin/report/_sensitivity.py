@@ -10,7 +10,7 @@ from ._blocks import Numbers, Picture, Section, Table, Text
 
 
 def sensitivity_section(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitivity]:
-    """Draws of the parameters around their matched values.
+    """The section on draws of the parameters around their matched values.
 
     **Returns:** the section, and the analysis.
     """
@@ -69,7 +69,7 @@ def drawing_numbers(analysis: Sensitivity, fit: Fit) -> Numbers:
 
 
 def matrix_picture(analysis: Sensitivity) -> Picture:
-    """All channels and all parameters."""
+    """The matrix of the correlations of all channels with all parameters."""
     return Picture(
         "sensitivity-matrix",
         to_png(plot_sensitivity_matrix(analysis)),
@@ -79,7 +79,7 @@ def matrix_picture(analysis: Sensitivity) -> Picture:
 
 
 def strongest_table(analysis: Sensitivity) -> Table:
-    """The parameters that each channel depends on most."""
+    """The parameters on which each channel depends most."""
     return Table(
         "The strongest three parameters of each channel, with their correlation.",
         ("channel", "first", "second", "third"),

@@ -9,7 +9,7 @@ from ._blocks import Picture, Section, Table, Text
 from ._corrections import shows_sawtooth
 
 MAP_PARTS = (0.1, 0.5, 1.0)
-"""Times of the maps, as parts of a recording."""
+"""The times of the maps, as parts of a recording."""
 
 
 def uniformity_section(fit: Fit, *, level: int = 2) -> tuple[Section, dict[str, dict[str, float]]]:
@@ -17,8 +17,8 @@ def uniformity_section(fit: Fit, *, level: int = 2) -> tuple[Section, dict[str, 
 
     **Arguments:**
 
-    - `fit`: of a rig with two channels or more.
-    - `level`: of the section.
+    - `fit`: a fit of a rig with two channels or more.
+    - `level`: the level of the section.
 
     **Returns:** the section, and its numbers for each recording.
     """
