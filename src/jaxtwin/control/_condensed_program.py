@@ -26,7 +26,7 @@ class Condensed(NamedTuple):
 
 
 class Deviations(NamedTuple):
-    """The accepted deviations: of the outputs, K, of the duty, and of its change."""
+    """The accepted deviations of the outputs, K, of the duty, and of its change."""
 
     output: Float[Array | np.ndarray, " outputs"]
     duty: Float[Array | np.ndarray, " cells"]
@@ -39,7 +39,7 @@ class SoftLimits(NamedTuple):
     limits.
 
     - `rest_gain`: the temperatures of the channels at rest, K per unit of duty.
-    - `C`, `outputs`: of the channels, and what they read at the operating point, degC.
+    - `C`, `outputs`: the matrix of the channels, and their readings at the operating point, degC.
     - `excess`: the accepted excess, K.
     """
 

@@ -314,7 +314,7 @@ def checked_deviations(
 
 
 def _in_order(parts: Any) -> tuple[Any, ...]:
-    """Returns the parts of what has several in an order; none of anything else."""
+    """Returns the parts of an ordered value; no parts of any other value."""
     if not is_ordered(parts):
         return ()
     # Names of NumPy and pandas are texts of their own kinds.

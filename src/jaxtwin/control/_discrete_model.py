@@ -43,7 +43,7 @@ class DiscreteModel(eqx.Module):
     - `operating_point`: the point from which deviations are counted.
     - `sample_time_s`: the sample time, s.
     - `state_names`, `input_names`, `output_names`: names of states, inputs and outputs.
-    - `offset`: $b$, by what the states change in a sample at the operating point, K; None at rest.
+    - `offset`: $b$, the change of the states in a sample at the operating point, K; None at rest.
     """
 
     A: Float[Array | np.ndarray, "state state"]

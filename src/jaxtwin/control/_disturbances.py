@@ -81,7 +81,7 @@ def disturbance_tables(
             raise ControlError(
                 f"{at}.end_s: expected a time after the start at {start:g} s, got {end:g} s"
             )
-        # A sample is the begin of a step: it counts where the step begins.
+        # A disturbance acts during a step if it acts at the sample at which the step begins.
         during = (times >= start - 1e-9) & (times < end - 1e-9)
         for element in elements:
             if isinstance(disturbance, HeatInput):

@@ -62,18 +62,19 @@ class Frontier:
         measure: str | None = None,
         beside: Sequence[str] = ("energy", "settling_time"),
     ) -> "Figure":
-        """A measure over other measures, with a panel for each: `jaxtwin.plots.plot_frontier`.
+        """Plots a measure over other measures, with a panel for each
+        (`jaxtwin.plots.plot_frontier`).
 
         **Arguments:**
 
-        - `measure`: on the vertical axis; None: the measure whose weight changes.
-        - `beside`: on the horizontal axes.
+        - `measure`: the measure on the vertical axis; by default the one whose weight changes.
+        - `beside`: the measures on the horizontal axes.
         """
         return picture("plot_frontier", self, measure or self.against, beside)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A row for each weight: parameters, sensitivity peak, and the median of each measure over
-        the draws."""
+        """A table with a row for each weight: parameters, sensitivity peak, and the median of each
+        measure over the draws."""
         import pandas
 
         rows = []

@@ -71,8 +71,8 @@ def kalman_filter(
 
     **Arguments:**
 
-    - `drift`: of the disturbances, K at rest per square root of a second.
-    - `reading_noise`: standard deviation of a reading of each output, K.
+    - `drift`: the drift of the disturbances, K at rest per square root of a second.
+    - `reading_noise`: the standard deviation of a reading of each output, K.
 
     **Raises:** `ControlError` if no such filter exists.
     """

@@ -18,11 +18,11 @@ class ClosedLoop(eqx.Module):
     - `reference`, `output`: reference and true value of the controlled temperatures, degC.
     - `measurement`: the controlled temperatures as the controller gets them, with noise, delay and
       lost messages, degC.
-    - `temperatures`: of the channels, without noise, degC.
-    - `nodes`: of the twin's nodes, degC.
+    - `temperatures`: the temperatures of the channels, without noise, degC.
+    - `nodes`: the temperatures of the twin's nodes, degC.
     - `duty`: the duty commanded from this time on, -1 to 1.
     - `power`: the power that each cell's bridge draws from the supply, W.
-    - `energy`: what all bridges together have drawn from the supply up to this time, J.
+    - `energy`: the energy that all bridges together have drawn from the supply up to this time, J.
     - `peak_power`: the largest power of all bridges together at any time, also within steps, W.
     - `elements`: the number of elements of the plate, which are the first nodes.
     - `sides`: the nodes that are sides of the cells.

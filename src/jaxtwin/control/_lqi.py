@@ -65,7 +65,7 @@ class LQI(AbstractChannelGroupController):
       errors.
     - `drift`: the rate at which unknown heat moves the outputs at rest, K per square root of a
       second.
-    - `reading_noise`: standard deviation of a reading of each output, K. The ratio of drift and
+    - `reading_noise`: the standard deviation of a reading of each output, K. The ratio of drift and
       reading noise determines how much the filter trusts the model.
     - `setpoint_weight`: b, the part of the duty for a new reference that is applied at once. With 0
       the integral provides all of it, which overshoots least.

@@ -19,11 +19,11 @@ from ._linearize import linearize
 from ._operating_point import OperatingPoint
 
 OF_MEAN = 10.0
-"""What a kelvin of the mean beside its value counts beside a kelvin of range. Far less would do:
-the range changes by a fraction of a kelvin with each kelvin of the mean."""
+"""The weight of an error of the mean relative to that of the range. A far smaller one would do: the
+range changes by a fraction of a kelvin with each kelvin of the mean."""
 
 FIRST_REACH = 0.25
-"""By which the duty of a cell changes in a step at most."""
+"""The largest change of the duty of a cell in a step."""
 
 SHORTEST_STEP = 1e-6
 
@@ -98,9 +98,9 @@ def most_even_point(
 class _Plate(NamedTuple):
     """A steady state, and how it changes with the duty.
 
-    - `point`: the steady state. `duty`: of the cells.
-    - `elements`: temperatures, degC, with their slopes `by_duty`.
-    - `error`: of the mean, K, with its slopes `error_by_duty`.
+    - `point`: the steady state. `duty`: the duty of the cells.
+    - `elements`: the temperatures of the elements, degC, with their derivatives `by_duty`.
+    - `error`: the error of the mean, K, with its derivatives `error_by_duty`.
     """
 
     point: OperatingPoint

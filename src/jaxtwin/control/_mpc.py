@@ -77,8 +77,8 @@ class MPC(AbstractChannelGroupController):
     - `duty_change_deviation`: the accepted change of the duty from sample to sample.
     - `horizon`: the number of samples that are planned.
     - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none.
-    - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC. They may be
-      exceeded where the duty cannot do otherwise.
+    - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC. They are
+      exceeded if no duty can keep them.
     - `excess_deviation`: the accepted excess over a temperature limit, K. With a smaller value the
       limit is stricter.
     - `preview`: whether closed loops, simulated or on a rig, give it the references of the whole

@@ -23,7 +23,7 @@ TAIL = 0.05
 """The share of the draws that count as the worst ones."""
 
 OWN = "objective"
-"""The name of a function by the user."""
+"""The name of an objective that is a function of the user."""
 
 
 class Objective(NamedTuple):

@@ -19,7 +19,7 @@ LARGEST_CONDITION = 1e6
 class Plant(NamedTuple):
     """The plant $x_{k+1} = A x_k + B u_k$, $y_k = C x_k$, as deviations from `duty` and `outputs`.
 
-    - `watched`, `watched_outputs`: C of some channels, and what they read at the operating point.
+    - `watched`, `watched_outputs`: C of some channels, and their readings at the operating point.
     - `rest_states`: the states at rest per unit of duty; `gain`: the outputs at rest, K per unit of
       duty; `inverse`: the smallest duty that changes the outputs at rest by 1 K.
     """

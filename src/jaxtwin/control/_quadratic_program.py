@@ -32,9 +32,9 @@ TO_BOUNDARY = 0.99
 
 
 class QuadraticProgram(NamedTuple):
-    """A quadratic program whose limits leave room: `lowest` is below `highest`.
+    """A quadratic program in which `lowest` is below `highest` for each limit.
 
-    - `softness`: of each limit; a single 0 where all are hard.
+    - `softness`: the softness of each limit; a single 0 if all are hard.
     """
 
     hessian: Float[Array, "n n"]

@@ -68,7 +68,7 @@ def reading_errors(
         error += random.normal(size=error.shape) @ _noise_factor(rig).T
     interval = times[1] - times[0] if len(times) > 1 else 1.0
     frames = 1 if rig.camera is None else max(1, int(interval * FRAMES_PER_SECOND))
-    # The newest of several frames counts: nothing arrives where all of them are lost.
+    # The newest of several frames counts, so that a reading is missing only if all are lost.
     arrives = random.random(len(times)) >= faults.drop**frames
     if faults.stall:
         every, length = faults.stall
