@@ -75,7 +75,7 @@ def checked_duty(
 def duty_from_counts(
     pwm: Float[np.ndarray, "times cells"], counts: int, polarity: int
 ) -> Float[np.ndarray, "times cells"]:
-    """Duty cycles, positive where the plate is heated.
+    """Duty cycles, positive if the plate is heated.
 
     **Arguments:**
 

@@ -156,7 +156,7 @@ class Experiment:
         **Arguments:**
 
         - `frame`: a row for each sample. A missing temperature is NaN, None or NA.
-        - `time`: the column of the times. By default the index where it holds durations or time
+        - `time`: the column of the times. By default the index if it holds durations or time
             stamps, otherwise a column of these or `time_s`, otherwise the index, in s. Times are
             numbers in s, durations (timedelta) or time stamps (datetime), counted from the first.
         - `counts`, `polarity`: those of `pwm_P1`, as in `read_recording`.
@@ -327,7 +327,7 @@ class Experiment:
     def to_dataframe(self) -> "pandas.DataFrame":
         """The experiment as a table with the columns of a .csv recording, which `from_dataframe`
         reads back: a row for each sample, its index `time_s`; `duty_P1`, ..., `T11_degC`, ... and,
-        where it is known, `ambient_degC`. A missing temperature is NaN."""
+        if it is known, `ambient_degC`. A missing temperature is NaN."""
         import pandas
 
         columns = {f"duty_P{cell + 1}": duty for cell, duty in enumerate(self.duty.T)}

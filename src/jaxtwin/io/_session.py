@@ -169,7 +169,7 @@ class Session:
         return Series(counts.time, counts.values * factor, cells, counts.run)
 
     def ambient(self, clocks: list[DeviceClock] | None = None) -> Series:
-        """Ambient temperature where the controller measures it, degC."""
+        """Ambient temperature if the controller measures it, degC."""
         where = "WHERE ambient_degC IS NOT NULL"
         return self._series("samples", ("ambient_degC",), where, clocks)
 

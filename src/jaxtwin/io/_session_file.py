@@ -38,7 +38,7 @@ _APPLICATION_BYTES = slice(68, 72)  # where the file's header holds the `applica
 
 
 def is_session(file: Path) -> bool:
-    """Whether a recorder made this file; `False` also where it cannot be read.
+    """Whether a recorder made this file; `False` also if it cannot be read.
 
     The file's first bytes are read without SQLite, which may leave files beside it.
     """

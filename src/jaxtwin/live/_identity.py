@@ -31,7 +31,7 @@ class Identity:
     **Arguments:**
 
     - `rig`, `cells`, `channels`: the names of the rig, its cells and its channels.
-    - `camera`: width and height of its frames, pixels; `None` where sensors read the channels.
+    - `camera`: width and height of its frames, pixels; `None` if sensors read the channels.
     - `counts`: the PWM counts of full duty.
     - `weights`: share of each pixel in each channel, `(channels, pixels)`; rows sum to 1. Without
       a camera there are no pixels.
@@ -63,7 +63,7 @@ class Identity:
         )
 
     def refusal(self, hello: Hello) -> str | None:
-        """Why a device does not belong to this rig, or `None` where it does."""
+        """Why a device does not belong to this rig, or `None` if it does."""
         if hello.version != VERSION:
             return f"expected version {VERSION} of the protocol, got {hello.version}"
         pairs = (

@@ -30,7 +30,7 @@ class Hello:
     - `camera`: width and height of its frames, pixels, or `None`.
     - `counts`: PWM counts of full duty.
     - `watchdog`: time without a duty command after which it switches the cells off, s of real
-        time; `None` where it drives no cells.
+        time; `None` if it drives no cells.
     - `rate`: the seconds of device time in a second; 1 except for a virtual or replayed rig.
     """
 

@@ -45,7 +45,7 @@ class Greeting:
 @final
 @dataclass(frozen=True)
 class Sample:
-    """A controller's sample: the counts on the cells, and ambient (degC) where it is measured.
+    """A controller's sample: the counts on the cells, and ambient (degC) if it is measured.
 
     `owner` is the host that commands the cells, `number` that of its last command that was applied,
     and `trip` says why the device refuses every duty (`""`: it has not tripped); see `OutputStage`.
@@ -69,8 +69,8 @@ class Reading:
     """Temperatures of the rig's channels `(channels,)`, degC, from a camera frame or a line.
 
     `recalibrating` is true while the camera's shutter is closed. `pixels` `(height, width)` are
-    those of the frame, 0.01 K, or `None` where the controller measured the channels. A channel that
-    has failed is NaN; `faults` says why, by its number, where the device does.
+    those of the frame, 0.01 K, or `None` if the controller measured the channels. A channel that
+    has failed is NaN; `faults` gives the reason by its number, if the device gives one.
     """
 
     link: str

@@ -26,7 +26,7 @@ class Clock(Protocol):
         ...
 
     def is_synchronised(self) -> bool | None:
-        """Whether NTP keeps the system's clock; `None` where the system does not say."""
+        """Whether NTP keeps the system's clock; `None` if the system does not say."""
         ...
 
     def wait(self, event: threading.Event, seconds: float) -> bool:

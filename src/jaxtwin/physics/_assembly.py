@@ -12,7 +12,7 @@ from ._sensors import lagging_sensors
 def build_netlist(rig: Rig) -> Netlist:
     """Builds the network of a whole rig: plate elements first, then the nodes of each cell.
 
-    A cell adds a plate side `<cell>.TC`, a far side `<cell>.TH` and, where the rig gives one, a
+    A cell adds a plate side `<cell>.TC`, a far side `<cell>.TH` and, if the rig gives one, a
     sink `<cell>.SINK`, with the links plate - TC - TH - (SINK -) ambient of Fig. 9b and 13a. The
     bodies that have a heat capacity follow. A body at a fixed temperature becomes a reservoir. A
     channel whose sensor has a lag adds the sensor, `<channel>.SENSOR`.

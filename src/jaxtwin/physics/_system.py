@@ -205,7 +205,7 @@ class System(eqx.Module):
         ambient_deviation: Float[Array, "*times 1"] | float = 0.0,
     ) -> Float[Array, "*times channels"]:
         """The readings of the channels as deviations from the reference: ambient + gain (T -
-        ambient), and the ambient where a channel looks beside the plate.
+        ambient), and the ambient if a channel looks beside the plate.
 
         `zone_deviation` is the mean over the zone of each channel, weighted by
         `channel_weights`."""

@@ -43,7 +43,7 @@ class Wiring:
       over the links from each node to the first reservoir, then to the second, and so on; both None
       without reservoirs.
     - `cold`, `hot` (cells,): the nodes of the cells' two sides.
-    - `channel_weights` (channels, nodes), and the `zones` that move them where the rig's camera has
+    - `channel_weights` (channels, nodes), and the `zones` that move them if the rig's camera has
       a registration, else None.
     - `elements`: the number of nodes of the plate, which are the first nodes.
     - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_sums`:

@@ -56,7 +56,7 @@ def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitiv
 
 def significance_text(few: Sensitivity, many: Sensitivity) -> str:
     """The parameters with a significant correlation with the mean cost, by name and sign, with few
-    draws and with many, and where the two disagree."""
+    draws and with many, and the parameters on which the two disagree."""
     early, late = few.significant(), many.significant()
     changed = [name for name in early if name not in late or late[name] != early[name]]
     first = (

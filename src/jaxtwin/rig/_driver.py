@@ -20,7 +20,7 @@ class Driver:
       s; None for no lag.
     - `delay`: the delay of that duty cycle, s; only with a lag.
     - `counts`: the PWM command that means full duty.
-    - `polarity`: +1 where positive commands heat the plate, -1 where they cool it.
+    - `polarity`: +1 if positive commands heat the plate, -1 if they cool it.
     - `averaging`: `"voltage"` puts the mean voltage on the cell, `"on-off"` averages the heat flows
       of the connected and the disconnected part of a PWM period.
     - `current_limit`: the largest current that the controller allows through a connected cell, A;

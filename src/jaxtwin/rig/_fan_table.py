@@ -12,8 +12,8 @@ def blown(resistance: Value, fan: FanTable | None, at: str, fields: Fields) -> V
 
     The fan's speed $n$ is relative to the speed for which the resistance $R$ is stated. The
     velocity of the air is proportional to it, and heat transfer to air that flows along a surface
-    rises with its velocity to the power of $m$ = 1/2 where the flow is laminar (Pohlhausen), of 4/5
-    where it is turbulent.
+    rises with its velocity to the power of $m$ = 1/2 if the flow is laminar (Pohlhausen), of 4/5
+    if it is turbulent.
 
     **Arguments:**
 

@@ -111,7 +111,7 @@ def read_parameters(
 
     **Raises:** `ParameterError` if the file cannot be read, a parameter is not the rig's, its
     unit measures something else, or its value is no finite number or outside its bounds: those in
-    the file where it has some (matching may have widened them), else those of the rig.
+    the file if it has some (matching may have widened them), else those of the rig.
     """
     of_kind("read_parameters: rig", rig, Rig, "a Rig, as load_rig reads it", ParameterError)
     data, source = read_toml(path, ParameterError)

@@ -37,7 +37,7 @@ class Plate:
     - `emissivity`: the emissivity of the uncovered faces and edges, for radiation in addition to
       the film; None for no radiation.
 
-    Density, specific heat, conductivity, film coefficient and emissivity are None where the rig
+    Density, specific heat, conductivity, film coefficient and emissivity are None if the rig
     gives its circuit link by link; the sizes then only serve maps and pictures.
     """
 

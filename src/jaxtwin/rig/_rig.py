@@ -77,7 +77,7 @@ class Rig:
 
     @property
     def maximum_temperature(self) -> float | None:
-        """Highest allowed temperature of a channel, K; `None` where the file states no limits."""
+        """Highest allowed temperature of a channel, K; `None` if the file states no limits."""
         return None if self.limits is None else self.limits.temperature
 
     @cached_property

@@ -43,7 +43,7 @@ def pearson_interval(
 ) -> Float[np.ndarray, "outputs parameters 2"]:
     """Computes the 95 % confidence interval of each Pearson correlation.
 
-    **Returns:** lower and upper end; -1 and 1 below four draws, or where an output or a parameter
+    **Returns:** lower and upper end; -1 and 1 below four draws, or if an output or a parameter
     is constant.
     """
     y, x = standardised(outputs), standardised(samples)
@@ -63,7 +63,7 @@ def spearman_interval(
     The influence of a draw includes the shift that it causes in the ranks of the others (Croux and
     Dehon 2010, "Influence functions of the Spearman and Kendall correlation measures").
 
-    **Returns:** lower and upper end; -1 and 1 below four draws, or where an output or a parameter
+    **Returns:** lower and upper end; -1 and 1 below four draws, or if an output or a parameter
     is constant.
     """
     y, x = standardised(ranks(outputs)), standardised(ranks(samples))

@@ -95,7 +95,7 @@ class GlobalSensitivity:
 
         **Arguments:**
 
-        - `output`: one of `labels`; None for the mean cost, or the first output where there is
+        - `output`: one of `labels`; None for the mean cost, or the first output if there is
           none.
 
         **Raises:** `ParameterError` if there is no such output.
@@ -284,7 +284,7 @@ class GlobalSensitivity:
 
 
 def _plain(values: Any) -> Any:
-    """Numbers and lists of them, None where they are not finite."""
+    """Numbers and lists of them, None if they are not finite."""
     if np.ndim(values):
         return [_plain(value) for value in values]
     return float(values) if np.isfinite(values) else None

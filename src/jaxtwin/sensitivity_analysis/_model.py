@@ -14,7 +14,7 @@ Model: TypeAlias = Callable[
     [dict[str, Float[np.ndarray, " runs"]]], Mapping[str, ArrayLike] | Reductions
 ]
 """From parameter -> values `(runs,)`, in the unit of the rig's table, to output -> values
-`(runs,)` or `(runs, ...)`, NaN where a run failed; or to `Reductions`."""
+`(runs,)` or `(runs, ...)`, NaN if a run failed; or to `Reductions`."""
 
 
 def run_model(model: Model, draws: dict[str, Float[np.ndarray, " runs"]]) -> list[Column]:

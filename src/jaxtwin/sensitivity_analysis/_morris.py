@@ -25,7 +25,7 @@ from ._unit_samples import SampleKind
 @dataclass(frozen=True)
 class Morris(AbstractMethod):
     """Elementary effects: their mean `mu`, mean size `mu_star` with `mu_star_conf`, half of its
-    95 % bootstrap interval over trajectories, and standard deviation `sigma`, which is 0 where a
+    95 % bootstrap interval over trajectories, and standard deviation `sigma`, which is 0 if a
     parameter acts linearly and alone.
 
     **Arguments:**

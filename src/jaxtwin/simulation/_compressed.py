@@ -41,7 +41,7 @@ class CompressedRecording(eqx.Module):
 
 
 def compress(grid: TimeGrid, recorded: Float[np.ndarray, "times channels"]) -> CompressedRecording:
-    """The recording of an experiment on its grid, filled up or not, degC; NaN where a sample is
+    """The recording of an experiment on its grid, padded or not, degC; NaN if a sample is
     missing."""
     count = len(recorded)
     there = ~np.isnan(recorded)

@@ -42,8 +42,8 @@ def stability_number(system: System, modes: Modes, inputs: InputSummary) -> Floa
 
     is well below 1, here over the smallest and the largest duty cycles $u$ of the run.
 
-    **Returns:** the number. Infinite where the modes cannot be trusted although float64 can carry
-    the network; NaN where it cannot, see `_resolution`.
+    **Returns:** the number. Infinite if the modes cannot be trusted although float64 can carry
+    the network; NaN if it cannot, see `_resolution`.
     """
     dtype = modes.rates.dtype
     levels = jnp.stack([jnp.asarray(duty, dtype) for duty in (inputs.lowest, inputs.highest)])

@@ -97,7 +97,7 @@ class Run:
     @property
     def power(self) -> Float[np.ndarray, "times cells"]:
         """The power that each cell's bridge draws from the supply from each time on, W. It is
-        negative where a cell feeds current back. The first access computes it.
+        negative if a cell feeds current back. The first access computes it.
 
         **Raises:** `SimulationError` if the run has no twin.
         """

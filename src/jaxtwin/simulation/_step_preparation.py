@@ -83,7 +83,7 @@ def check_stable(where: str, step_size: float, stability: Float[Array, ""]) -> N
 
 
 def is_multiple(delay: Float[Array | np.ndarray, ""] | float | None, step_size: float) -> bool:
-    """Whether a driver's delay is a whole number of steps; False where JAX traces it."""
+    """Whether a driver's delay is a whole number of steps; False if JAX traces it."""
     if delay is None:
         return True
     if is_traced(delay):
