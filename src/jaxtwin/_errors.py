@@ -31,7 +31,7 @@ class MatchError(JaxtwinError):
 
 
 class ControlError(JaxtwinError):
-    """A linear model, a controller or a closed loop that cannot be made from what was given."""
+    """A linear model, a controller or a closed loop that cannot be made from its arguments."""
 
 
 class LinkError(JaxtwinError):

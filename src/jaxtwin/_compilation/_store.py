@@ -67,7 +67,7 @@ def load(folder: Path, name: str) -> bytes | None:
 
 def save(folder: Path, name: str, program: bytes) -> None:
     """Keeps a program if that is possible. Other processes see it as a whole or not at all."""
-    # A cache is a convenience: a full disk or a folder of somebody else's stops nobody.
+    # A cache is optional: a full disk or a folder of another user is not an error.
     with contextlib.suppress(OSError, JaxtwinError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         _make_room(folder, len(program))

@@ -10,8 +10,8 @@ class Decision(NamedTuple):
     """A sample of a controller on a live rig.
 
     - `time`: the time since the run began, in that of the rig, s.
-    - `reference`, `measurement`: of each output, degC.
-    - `duty`: of each cell until the next sample, -1 to 1.
+    - `reference`, `measurement`: reference and measurement of each output, degC.
+    - `duty`: the duty of each cell until the next sample, -1 to 1.
     """
 
     time: float

@@ -79,8 +79,8 @@ def simulate_many_loops(
     dtype = jnp.float32 if precision == "float32" else jnp.float64
     whole = is_whole_delay(twin, draws, scenario.step_s)
     if not draws:
-        # Loops that share a plant also get one each: products of matrices that lie draw by draw
-        # take three quarters of the time of those with one matrix.
+        # Loops that share a plant also get a copy each: products with a matrix for each draw take
+        # three quarters of the time of products with a single matrix.
         name, value = next(iter(twin.values.items()))
         draws = {name: np.full(count, float(value))}
     rows = {f"plant {name}": np.asarray(values) for name, values in draws.items()}

@@ -36,7 +36,7 @@ KINK = 1e-9
 class OperatingPoint(eqx.Module):
     """A steady state of a rig.
 
-    - `duty`: of the cells, -1 to 1.
+    - `duty`: the duty of the cells, -1 to 1.
     - `nodes`: temperatures of the nodes, degC, in the order of `twin.netlist.nodes`.
     - `outputs`: readings of the channels, degC.
     - `ambient`: temperature of the surroundings, degC.

@@ -55,7 +55,7 @@ class PriorInformation:
 
     @classmethod
     def of_twin(cls, twin: Twin) -> "PriorInformation":
-        """The priors of the rig file alone."""
+        """The information in the priors of the rig file."""
         unknowns = choose_unknowns(twin, (0,))
         prior = np.diag(unknowns.prior_weights() ** 2)
         places = np.arange(unknowns.size)

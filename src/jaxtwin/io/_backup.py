@@ -35,7 +35,7 @@ def backup_session(file: str | Path, copy: str | Path) -> str:
     partial = target.with_name(target.name + ".part")
     try:
         with Session(file) as session:
-            # The copy is one file: what the journal of the source holds is in it.
+            # The copy is a single file, which includes the journal of the source.
             database = sqlite3.connect(partial)
             try:
                 session.database.backup(database, pages=PAGES)

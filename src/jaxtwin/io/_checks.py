@@ -114,7 +114,7 @@ def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:
             f"got {channels!r}"
         )
     names = (channels,) if isinstance(channels, str) else tuple(channels)
-    # NumPy's and pandas' own kinds of text print in another way.
+    # Subclasses of text by NumPy and pandas print in another way.
     names = tuple(str(name) if isinstance(name, str) else name for name in names)
     for name in names:
         if not isinstance(name, str) or not is_channel_name(name):
@@ -194,7 +194,7 @@ def checked_ambient(
 def _numbers(values: object, field: str, may_lack: bool = False) -> np.ndarray:
     """Converts a field to real numbers. Values that are masked, None or NA become NaN if the field
     `may_lack` some."""
-    if np.ma.is_masked(values):  # the mask would be lost and what it hides come to light
+    if np.ma.is_masked(values):  # a conversion would lose the mask
         if not may_lack:
             raise RecordingError(f"{field}: expected finite numbers, got masked values")
         values = np.ma.filled(np.ma.asarray(values, np.float64), np.nan)

@@ -59,7 +59,7 @@ class ClockMap:
         offset = host - device / rate
         span = float(host[-1]) or 1.0
         length = np.clip(span / BLOCKS, SHORTEST_BLOCK, LONGEST_BLOCK)
-        # Whole blocks only: a short one at the end may hold no fast arrival.
+        # All blocks have the full length: a short one at the end may contain no fast arrival.
         blocks = max(1, int(span / length))
         block = np.minimum((host / span * blocks).astype(np.int64), blocks - 1)
 

@@ -75,7 +75,7 @@ def experiment_of_columns(
             f"columns: expected drives of the cells P1, P2, ... without a gap, got {found}"
         )
     ambient = temperatures.pop("ambient", None)
-    # Blank in every line: named for what a simulation shall return, but not recorded.
+    # Channels that are blank in every line are not recorded; they select what a simulation returns.
     recorded = any(not column.is_blank for column in temperatures.values())
     return Experiment(
         times[0],

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import final
 
-# Each at one commit: what is fetched cannot change behind the checksums.
+# Each address names a commit, so that the files agree with the checksums.
 _TWO_CELL_URL = (
     "https://raw.githubusercontent.com/tartanus/digital-twin-MIMO-peltier/"
     "e9e1f150f0ee3d278e11738eb07f0759c6317ef4/"

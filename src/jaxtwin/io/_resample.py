@@ -38,7 +38,7 @@ def bin_means(
         np.stack([np.bincount(place, column, minlength=len(grid)) for column in table.T], axis=1)
         for table in (there.astype(np.float64), np.where(there, values, 0.0))
     )
-    sums = sums.astype(np.float64)  # of nothing, bincount makes whole numbers
+    sums = sums.astype(np.float64)  # for empty input bincount returns integers
     return np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0)
 
 

@@ -301,7 +301,7 @@ def _open(file: Path) -> sqlite3.Connection:
         # The index needs room beside the file. A full disk denies that: it is kept in memory then.
         attempts = [("mode=rw", "NORMAL"), ("mode=rw", "EXCLUSIVE")]
         if not file.with_name(file.name + "-wal").exists():
-            # Nor is any needed where nothing waits in a journal: on a disk that is write-protected.
+            # Without a journal no index is needed, as on a write-protected disk.
             attempts.append(("mode=ro&immutable=1", "NORMAL"))
     problem = ""
     for access, locking in attempts:

@@ -106,7 +106,7 @@ class Bench:
         try:
             self.close()
         except JaxtwinError:
-            if kind is None:  # else what went wrong first is what must be read
+            if kind is None:  # otherwise the first error is the one to show
                 raise
 
     def __iter__(self) -> Iterator[Record]:
@@ -228,7 +228,7 @@ class Bench:
     def _look_after(self, name: str, receiver: Receiver, now: int) -> None:
         link = self._links[name]
         if receiver.verdict is not None:
-            if name not in self._dropped:  # once: the next connection is another one
+            if name not in self._dropped:  # once for each connection
                 self._dropped.add(name)
                 link.drop(receiver.verdict)
             return
@@ -257,7 +257,7 @@ def connect(
     - `rig`: which rig must be at the other end.
     - `urls`: `socket://host:port`, `/dev/ttyACM0`, `rfc2217://host:port`, `mqtt://host/topic`, ...
     - `journal`: the journal, for example a `Recorder`.
-    - `baud`: of serial ports.
+    - `baud`: the baud rate of serial ports.
     - `clock`: host time.
 
     **Raises:** `LinkError` for an address of no known kind. If a device is not connected yet, the

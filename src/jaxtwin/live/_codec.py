@@ -147,7 +147,7 @@ def _message(kind: str, fields: dict[str, str]) -> Message:
         case "hello" if "rig" in fields:
             return _hello(fields)
         case "hello":
-            # What a later version adds to its greeting must not hide which version it is.
+            # Unknown keys of a later version must not prevent that its version is read.
             version = read_integer(fields.pop("version"), 0, 999)
             if version != VERSION:
                 fields.clear()

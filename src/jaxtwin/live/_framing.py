@@ -31,8 +31,8 @@ _ZERO, _NEWLINE = b"\x00", b"\n"
 class Deframed(NamedTuple):
     """The frames that were found in bytes of a link.
 
-    - `frames`: in their order; a line without its checksum is a `str`, a packet without its
-        checksum is `bytes`.
+    - `frames`: the frames in their order, without their checksums: a line as `str`, a packet as
+        `bytes`.
     - `remainder`: the bytes of a frame that has not ended yet, at most `PACKET_BYTES` + 2.
     - `discarded`: the number of bytes that belonged to no valid frame.
     """
@@ -77,7 +77,7 @@ def delines(remainder: bytes, data: bytes) -> tuple[list[str], bytes]:
     **Returns:** the lines, and the remainder for the next call, at most `LINE_BYTES`.
     """
     *lines, remainder = (remainder + data).split(_NEWLINE)
-    # What stands before a byte that no line holds belongs to another one.
+    # A line begins only after the last byte that is not allowed in a line.
     ends = [_NO_TEXT.split(line)[-1][-LINE_BYTES:] for line in lines]
     found = [_line(end + _NEWLINE, 0) for end in ends]
     texts = [item[0] for item in found if item is not None]
@@ -135,7 +135,7 @@ def _packet(buffer: bytes, start: int) -> _Found:
         # noise, and the lines behind them are good.
         return None, start + 2, 2
     payload = _decoded(buffer[first:end])
-    # The closing zero stays: it may be the opening one of the next packet.
+    # The closing zero remains in the buffer, because it may open the next packet.
     return payload, end, 0 if payload is not None else end - start
 
 

@@ -97,7 +97,7 @@ class LiveTwin:
             state, temperatures = _stepped(
                 self._stepper, self._state, self._command, np.float64(self.ambient), steps
             )
-        # On the host, where they are read between two steps.
+        # The state is stored as NumPy arrays, because it is read between two steps.
         self._state: StepperState = jax.tree.map(np.asarray, state)
         return np.asarray(temperatures)
 

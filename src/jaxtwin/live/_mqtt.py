@@ -64,7 +64,7 @@ class MqttTransport:
             if message.retain:
                 log.warning("%s: a retained message is passed over", message.topic)
                 return
-            # Full: what is lost here shows in the sequence numbers.
+            # If the queue is full the message is lost, which the sequence numbers show.
             if self._waiting + len(message.payload) <= MOST_WAITING:
                 with contextlib.suppress(queue.Full):
                     self._inbox.put_nowait(message.payload)
@@ -151,7 +151,7 @@ class Publisher:
     def _message(self, record: Record) -> tuple[str, dict[str, Any]]:
         match record:
             case Reading():
-                # JSON has no word for what a channel that has failed reads.
+                # JSON has no NaN, which is the reading of a channel that has failed.
                 values = [
                     None if math.isnan(value) else round(value, 3)
                     for value in record.temperatures.tolist()

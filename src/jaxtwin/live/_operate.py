@@ -99,7 +99,7 @@ def operate(
             status = "tripped" if isinstance(raised, SafetyStop) else "failed"
     if status == "tripped" and run.commanding:
         bench.send_order("stop")  # the device refuses to go on until somebody resets it
-    # Also where nothing was commanded yet: who commanded before may have left the cells on.
+    # This is done even before the first command: an earlier host may have left the cells on.
     off = switch_off(bench, len(twin.rig.cells))
     bench.send_order("release")
     kind = error.kind if isinstance(error, SafetyStop) else type(error).__name__ if error else ""
@@ -184,7 +184,7 @@ class _Run:
             passed = bench.clock.now() - begin
             if stop is not None and stop.is_set():
                 return "stopped"
-            # Counted from the beginning: what each command is late must not delay the next ones.
+            # Commands are counted from the begin, so that a late one does not delay the next ones.
             number = passed // round(INTERVAL * 1e9)
             if number == commanded:
                 continue

@@ -25,7 +25,7 @@ than the rig file says."""
 PROBE_SECONDS = 120
 """Time for which the twin is driven to find its fastest change, s."""
 
-_ROOM = 20.0  # K by which a room may be colder than the rig file says
+_ROOM = 20.0  # how much colder than in the rig file a room may be, K
 _CAMERA_JUMP = 4.0  # K; a recalibration moves all of an uncooled camera's readings by up to 2 K
 _COMMAND_DELAY = 1.0
 _DEVIATION = 10.0

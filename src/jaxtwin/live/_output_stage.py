@@ -58,7 +58,7 @@ class OutputStage:
         if self.trip_reason:
             return "refused", "tripped"
         if len(command.pwm) != len(self.pwm) or max(map(abs, command.pwm)) > self._counts:
-            # Not cut to what is possible: who asks for that is not in his right mind.
+            # The command is not clipped: a host that sends such a command has a defect.
             return "refused", "range"
         self.pwm, self.owner, self.number = command.pwm, command.owner, command.number
         self._commanded = now
@@ -76,7 +76,7 @@ class OutputStage:
     def trip(self, reason: str) -> Answer:
         """Switches the cells off until a reset."""
         self._switch_off()
-        self.trip_reason = self.trip_reason or reason  # the first one says what to look for
+        self.trip_reason = self.trip_reason or reason  # the first reason is kept
         return "trip", reason
 
     def _switch_off(self) -> None:

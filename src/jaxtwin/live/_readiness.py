@@ -105,7 +105,7 @@ def _is_fresh(record: Sample | Reading | None, bench: Bench) -> bool:
 
 
 def _missing(bench: Bench, sample: Sample | None, reading: Reading | None) -> str:
-    """Describes what a rig that did not become ready lacks."""
+    """Describes what is missing from a rig that did not become ready."""
     words = [", ".join(f"{name} {state}" for name, state in bench.states.items())]
     words += [f"{name}: {why}" for name, why in bench.refusals.items()]
     words += [] if reading is not None else ["no temperatures"]

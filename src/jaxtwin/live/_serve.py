@@ -197,7 +197,7 @@ class PtyServer:
                 device.receive(os.read(self._near, 4096))
 
     def hang_up(self) -> None:
-        """Discards what has not been sent: a terminal has no connection to cut."""
+        """Discards the messages that have not been sent: a terminal has no connection to close."""
         self._unsent.clear()
 
     def close(self) -> None:

@@ -109,7 +109,7 @@ def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> Non
                 f"CREATE TRIGGER {table}_{action.lower()} BEFORE {action} ON {table} {condition}"
                 "BEGIN SELECT RAISE(ABORT, 'a recording is append-only'); END"
             )
-        # Or else INSERT OR REPLACE deletes, and no trigger of DELETE hears of it.
+        # Without this, INSERT OR REPLACE would delete a row and not call the trigger of DELETE.
         key = {"frames": "reading", "session": "key"}.get(table, "id")
         database.execute(
             f"CREATE TRIGGER {table}_insert BEFORE INSERT ON {table} "

@@ -81,11 +81,11 @@ class SerialTransport:
         )
 
     def read(self) -> bytes:
-        # One byte is waited for, the rest is there already: no waiting for a full buffer.
+        # This waits for one byte and reads the bytes that have arrived, not a full buffer.
         try:
             first = self._port.read(1)
             return first + self._port.read(min(self._port.in_waiting, _MOST)) if first else b""
-        except TypeError:  # pyserial 3.5 where the port vanished during the call
+        except TypeError:  # pyserial 3.5, if the port vanished during the call
             raise OSError("the port is gone") from None
 
     def write(self, data: bytes) -> None:

@@ -31,7 +31,7 @@ class TwinWatch:
         self._cells = tuple(cell.name for cell in twin.rig.cells)
         self._channels = twin.channels
         self._sides = np.array([twin.wiring.cold, twin.wiring.hot])
-        self._unknown: float | None = None  # how far the room may be from what the twin believes
+        self._unknown: float | None = None  # largest error of the twin's room temperature
         self._room_measured = False
 
     def see(self, record: Record) -> Trip | None:

@@ -76,7 +76,7 @@ class VirtualRig:
         rig = twin.rig
         self.faults = faults or Faults()
         self.faults.check_cells(tuple(cell.name for cell in rig.cells))
-        # Times of the stage are the host's: a watchdog's second is one on the wall.
+        # The output stage runs in real time, because a watchdog counts real seconds.
         self.stage = OutputStage(len(rig.cells), rig.driver.counts, float(watchdog))
         self.twin = LiveTwin(twin)
         self._cells = [cell.name for cell in rig.cells]
@@ -140,7 +140,7 @@ class VirtualRig:
 
         **Returns:** whether there was a message among them.
         """
-        # Each host for itself: half a line of one must not spoil the next of another.
+        # Each host has a separate remainder, so that its incomplete line does not mix with others.
         lines, self._rests[client] = delines(self._rests.get(client, b""), data)
         heard = False
         for frame in lines:

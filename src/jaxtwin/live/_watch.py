@@ -157,7 +157,7 @@ def _labels(where: np.ndarray, texts: Sequence[str]) -> dict[tuple[int, int], st
         rows, columns = np.nonzero(where == number)
         if not len(rows):
             continue
-        # In its middle row, or the next one where another channel leaves room.
+        # The name is in the middle row of the channel, or in the nearest row with enough room.
         middle = (rows.min() + rows.max()) / 2
         for row in sorted(set(rows.tolist()), key=lambda row: abs(row - middle)):
             first = int(np.median(columns[rows == row])) - len(text) // 2

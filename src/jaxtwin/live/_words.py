@@ -17,7 +17,7 @@ _NUMBER = re.compile(r"-?[0-9]{1,6}(\.[0-9]{1,6})?")
 
 def read_integer(text: str, least: int, most: int) -> int:
     """A whole number. **Raises:** `ValueError` if it is none or out of its bounds."""
-    # `int` alone also takes blanks, underscores and any length.
+    # `int` by itself would accept blanks, underscores and any length.
     if not _INTEGER.fullmatch(text) or not least <= int(text) <= most:
         raise ValueError(f"expected a whole number from {least} to {most}, got {text[:24]!r}")
     return int(text)

@@ -104,7 +104,7 @@ def make_match_problem(
     - `recordings`: as returned by `named_recordings`.
     - `unknowns`: as returned by `choose_unknowns`.
     - `groups`: the names of the recordings' groups, as returned by `named_groups`.
-    - `options`: how the samples count.
+    - `options`: the options of the samples' weights.
 
     **Raises:** `MatchError` if there are fewer samples than unknowns, if nothing changes in any
     recording, or if events, masks or the loss are invalid.

@@ -58,7 +58,7 @@ class Uncertainty:
     - `correlation`: the correlations of the same values.
     - `prior_to_data_ratio`: for each value, the prior's standard deviation divided by the one that
       the recordings alone would give if all other values were known; 0 for insensitive parameters.
-    - `singular_values`: of the recordings' sensitivity matrix with each column scaled by the
+    - `singular_values`: those of the recordings' sensitivity matrix with each column scaled by the
       prior's standard deviation, largest first. Below 1 a direction is determined by the prior.
     - `unidentifiable`: the directions with a singular value below 1.
     - `insensitive`: labels of values on which no sample depends.

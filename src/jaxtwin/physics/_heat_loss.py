@@ -49,7 +49,7 @@ class NonlinearLoss(eqx.Module):
 
         **Arguments:**
 
-        - `rise`: of each plate node above the surroundings, K.
+        - `rise`: the rise of each plate node above the surroundings, K.
         - `ambient`: absolute temperature of the surroundings, K.
         """
         square = (rise**2 + CALM**2) / (FILM_REFERENCE**2 + CALM**2)

@@ -74,7 +74,7 @@ def _equal_nodes(netlist: Netlist) -> list[int]:
     resistances = _numbered([link.resistances for link in netlist.links])
     ends = np.array([(index[x.a], (index if x.b in index else held)[x.b]) for x in netlist.links]).T
     inner = ends[1] < len(index)
-    # Each link is seen from both of its ends; what is held at a temperature from one.
+    # Each link is listed for both of its ends, except ends at a fixed temperature.
     of_link = np.concatenate([resistances, np.array(resistances, dtype=int)[inner]])
     node = np.concatenate([ends[0], ends[1][inner]])
     other = np.concatenate([ends[1], ends[0][inner]])
@@ -95,7 +95,7 @@ def _equal_nodes(netlist: Netlist) -> list[int]:
         ]
     )
     while True:
-        # A number for each pair of a resistance and what is behind it, in the nodes' order.
+        # A number for each pair of a resistance and the class of the node behind it.
         behind = np.append(colours, list(held.values()))[other]
         pairs = of_link * (len(colours) + len(held)) + behind
         seen = pairs[np.lexsort((pairs, node))]

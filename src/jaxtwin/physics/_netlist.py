@@ -23,7 +23,7 @@ class Node:
     - `kind`: the part of the rig to which it belongs: the plate, a side of a cell, a sink, a body,
       or a sensor with a lag.
     - `capacitance`: J/K.
-    - `initial_temperature`: at the start of a run, K.
+    - `initial_temperature`: the temperature at the start of a run, K.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Link:
     **Arguments:**
 
     - `a`, `b`: names of nodes; `b` may be `"ambient"` or a reservoir.
-    - `resistances`: in series, K/W; conduction and convection of eq. (6), for example.
+    - `resistances`: the resistances in series, K/W, such as conduction and convection of eq. (6).
     - `role`: the part that it represents: `"conduction"`, `"film"`, `"contact"`, `"module"`,
       `"sink"`, `"body"` or `"sensor"`.
     """
@@ -78,7 +78,7 @@ class ThermoelectricElement:
 
     **Arguments:**
 
-    - `name`: of the cell.
+    - `name`: the name of the cell.
     - `cold`, `hot`: nodes of the cold and the hot side, named as in eqs. (7)-(9). The cold side is
       the one at the plate; a drive that heats the plate reverses the current.
     - `seebeck_coefficient`: V/K.
@@ -119,7 +119,7 @@ class Netlist:
 
     **Arguments:**
 
-    - `nodes`, `links`, `cells`: in the order in which all arrays hold them.
+    - `nodes`, `links`, `cells`: the parts of the network, in the order of all arrays.
     - `loss`: the nonlinear part of the losses; None if they are linear.
     - `reservoirs`: the bodies at a fixed temperature, without the surroundings.
     """
@@ -171,7 +171,7 @@ class Netlist:
 
 
 def network_counts(netlist: Netlist, rig: Rig) -> dict[str, float | int]:
-    """Counts and sums of a network, with the values of the rig's own parameter table."""
+    """Counts and sums of a network, with the values of the rig's parameter table."""
     values = {name: row.to_si(row.value) for name, row in rig.parameters.items()}
     return {
         "states": len(netlist.nodes),

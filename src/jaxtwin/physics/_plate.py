@@ -23,7 +23,7 @@ def finite_volume_links(plate: Plate, covered: dict[str, float]) -> list[Link]:
 
     **Arguments:**
 
-    - `plate`: with density, specific heat, conductivity and film coefficient.
+    - `plate`: a plate with density, specific heat, conductivity and film coefficient.
     - `covered`: element -> the part of its two faces that cells cover, 0 to 1; heat leaves through
       the rest.
     """

@@ -13,7 +13,7 @@ from ..rig import Rig
 class PlateMap(NamedTuple):
     """Interpolated temperatures over the plate.
 
-    - `x`, `y`: of the columns and rows of points, from the top left corner, m.
+    - `x`, `y`: the positions of the columns and rows of points, from the top left corner, m.
     - `temperatures`: `(..., y, x)`, in the unit that was given.
     """
 
@@ -34,7 +34,7 @@ def plate_map(
     **Arguments:**
 
     - `rig`: its plate.
-    - `temperatures`: of the elements, in the order of `rig.plate.element_names`; those of a run are
+    - `temperatures`: those of the elements, in the order of `rig.plate.element_names`; in a run,
       `run.states[:, :elements]`.
     - `points`: the number of points along the length of the plate. Along its height the points have
       the same distance.

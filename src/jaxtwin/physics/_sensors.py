@@ -30,9 +30,9 @@ def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[L
 
     **Arguments:**
 
-    - `rig`: has the channels.
-    - `nodes`: of the plate, the cells and the bodies. A sensor starts at the temperature of the
-      first one that it touches.
+    - `rig`: the rig with the channels.
+    - `nodes`: the nodes of the plate, the cells and the bodies. A sensor starts at the temperature
+      of the first node that it touches.
     """
     sensors, links = [], []
     if all(channel.lag is None for channel in rig.channels):

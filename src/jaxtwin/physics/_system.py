@@ -50,19 +50,20 @@ class System(eqx.Module):
 
     **Arguments:**
 
-    - `capacitance`: of the nodes, J/K.
+    - `capacitance`: the heat capacities of the nodes, J/K.
     - `conductance`: $G$, symmetric, with the links to the surroundings and to reservoirs on its
       diagonal, W/K.
-    - `ambient_conductance`: of each node to the surroundings, W/K.
+    - `ambient_conductance`: the conductance of each node to the surroundings, W/K.
     - `module`: constants of the cells.
     - `bridge`: supply and switches.
     - `ambient_temperature` (at the start), `initial_temperature` of the nodes: absolute, K.
-    - `ambient_drift`: how fast the ambient changes from there, K/s, or None.
-    - `gain`: of the channels. `moved_weights`: of the nodes in the channels, where the camera's
-      registration says; None where they are the wiring's.
-    - `loss`: what the plate loses beyond the network's links, None for nothing.
-    - `reservoirs`: what is held at fixed temperatures, None for nothing.
-    - `lag`, `delay`: of the duty cycle that reaches the cells behind the command, s, or None.
+    - `ambient_drift`: the rate at which the ambient changes from there, K/s, or None.
+    - `gain`: the gains of the channels. `moved_weights`: the weights of the nodes in the channels
+      after the camera's registration; None if those of the wiring apply.
+    - `loss`: the heat loss of the plate beyond the network's links, None for none.
+    - `reservoirs`: the bodies that are held at fixed temperatures, None for none.
+    - `lag`, `delay`: the lag and the delay between the command and the duty cycle that reaches the
+      cells, s, or None.
     - `is_valid`: whether all resistances and capacitances are above 0.
     """
 
@@ -164,7 +165,7 @@ class System(eqx.Module):
     def steady_state(
         self, duty: Float[Array, " cells"], reference: Float[Array, ""]
     ) -> Float[Array, " nodes"]:
-        """The deviation at which nothing changes any more under a constant duty.
+        """The deviation at rest under a constant duty.
 
         The reference is the ambient temperature here, so that the surroundings deviate by 0.
         Newton's method from the linear network's state; with one or two cells a handful of
@@ -182,7 +183,7 @@ class System(eqx.Module):
 
     @property
     def channel_weights(self) -> Float[Array | np.ndarray, "channels nodes"]:
-        """The weight of each node in what each channel looks at."""
+        """The weight of each node in the temperature that each channel reads."""
         return self.wiring.channel_weights if self.moved_weights is None else self.moved_weights
 
     @property

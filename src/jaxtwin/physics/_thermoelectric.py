@@ -33,7 +33,7 @@ class ThermoelectricModule(eqx.Module):
 
     **Arguments:**
 
-    - `seebeck_coefficient`: of the whole module, V/K.
+    - `seebeck_coefficient`: the Seebeck coefficient of the whole module, V/K.
     - `electrical_resistance`: ohm.
     - `thermal_resistance`: between the two sides, K/W.
     """

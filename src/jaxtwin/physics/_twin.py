@@ -37,7 +37,7 @@ class Twin(eqx.Module):
 
     **Arguments:**
 
-    - `rig`: a `Rig`, or what `load_rig` takes.
+    - `rig`: a `Rig`, or the argument of `load_rig`.
     - `values`: values that replace those of the rig's table, name -> value in the table's unit;
       one of `rig.parameter_sets`, for example. Or the path of a parameter file, such as a saved
       fit, which is read by `read_parameters`.
@@ -151,13 +151,13 @@ class Twin(eqx.Module):
 
         - `experiment`: an experiment, or a duty schedule in words such as `"0:0.5,500:0.78"`: see
           `Experiment.schedule`.
-        - `duration`: of that schedule, s.
+        - `duration`: the duration of that schedule, s.
         - `initial`, `solver`, `stepsize_controller`, `dt0`: those of `jaxtwin.simulate`.
 
         **Raises:** `SimulationError` for a schedule without a duration, or a duration beside an
         experiment; what `Experiment.schedule` and `jaxtwin.simulate` raise.
         """
-        # The twin knows nothing of solvers; this is a convenience for people at a prompt.
+        # A twin does not depend on solvers; this method is a convenience at a prompt.
         from ..io import Experiment
         from ..simulation import simulate
 

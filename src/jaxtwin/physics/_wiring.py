@@ -48,7 +48,7 @@ class Wiring:
     - `elements`: the number of nodes of the plate, which are the first nodes.
     - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_sums`:
       sums over the links of each element's film; all None if losses are linear.
-    - `gain_names`: names of parameters that act on gains of channels alone.
+    - `gain_names`: names of parameters that act only on gains of channels.
     - `lag` and `delay` of the command, the cells' `current_limit` and `ambient_drift` as
       `Expressions`, or None.
     - `position` (nodes of the rig,): the index of the node that represents each node of the rig,

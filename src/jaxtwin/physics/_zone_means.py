@@ -31,7 +31,7 @@ def mean_weights(
 
     - `edges`: the edges of the elements along the axis, ascending, m.
     - `low`, `high`: the ranges, m; NumPy arrays, or JAX arrays under a transformation.
-    - `blur`: the width, m, None for none. It acts on the step at the outline alone; elsewhere the
+    - `blur`: the width, m, None for none. It acts only on the step at the outline; elsewhere the
       temperature is nearly linear over a pixel, and a mean does not change it.
     """
     xp = low.__array_namespace__()  # numpy, or jax.numpy

@@ -14,10 +14,11 @@ class Cell:
     **Arguments:**
 
     - `name`: unique in the rig.
-    - `seebeck_coefficient`: of the whole module, V/K; 0 for a resistive heater.
+    - `seebeck_coefficient`: the Seebeck coefficient of the whole module, V/K; 0 for a resistive
+      heater.
     - `electrical_resistance`: ohm.
     - `thermal_resistance`: between the two sides, K/W.
-    - `side_capacitance`: of each side, J/K.
+    - `side_capacitance`: the heat capacity of each side, J/K.
     - `contacts`: pairs (plate element, contact resistance to the plate side in K/W).
     - `sink_resistance`: the resistance from the far side to the surroundings, or to the sink's mass
       if it has one, K/W.

@@ -31,7 +31,7 @@ class Circuit:
 
     **Arguments:**
 
-    - `capacitance`: of every plate element, J/K.
+    - `capacitance`: the heat capacity of every plate element, J/K.
     - `links`: groups of links that share a resistance.
     """
 

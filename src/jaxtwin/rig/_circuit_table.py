@@ -38,7 +38,8 @@ def build_circuit(
         )
         links.append(CircuitLink(resistance, link.factor, pairs))
     capacitance = fields.value("circuit.capacitance", table.capacitance, HEAT_CAPACITY)
-    # A cell is a path to the surroundings, through its sink; what is held is as good as they are.
+    # A cell is a path to the surroundings, through its sink. A body at a fixed temperature counts
+    # as the surroundings.
     held = {body.name: AMBIENT for body in bodies if body.temperature is not None}
     paths = [
         (element, cell.sink or AMBIENT)

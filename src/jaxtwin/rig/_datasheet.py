@@ -25,7 +25,7 @@ class Datasheet:
     - `ac_resistance`: the resistance measured with alternating current, without a temperature
       difference, ohm; None if not known.
     - `mass`: kg; None if not known.
-    - `width`, `height`: of its faces, m; None if not known.
+    - `width`, `height`: width and height of its faces, m; None if not known.
 
     The constants follow from eq. (10) of the paper.
     """

@@ -14,8 +14,8 @@ class Driver:
     **Arguments:**
 
     - `supply_voltage`: V.
-    - `supply_resistance`: in series with each cell while it is connected, ohm.
-    - `on_resistance`: of the bridge, ohm.
+    - `supply_resistance`: the resistance in series with each cell while it is connected, ohm.
+    - `on_resistance`: the resistance of the bridge while it is on, ohm.
     - `lag`: the time constant with which the duty cycle that reaches the cells follows the command,
       s; None for no lag.
     - `delay`: the delay of that duty cycle, s; only with a lag.

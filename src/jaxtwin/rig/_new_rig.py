@@ -58,13 +58,13 @@ def new_rig_text(
 
     **Arguments:**
 
-    - `name`: of the rig.
-    - `width`, `height`, `thickness`: of the plate, such as `"8 cm"`.
-    - `material`: of the plate, one of `bundled_materials()`.
+    - `name`: the name of the rig.
+    - `width`, `height`, `thickness`: the sizes of the plate, such as `"8 cm"`.
+    - `material`: the material of the plate, one of `bundled_materials()`.
     - `module`: the datasheet of its cells, one of `bundled_modules()`.
-    - `places`: of the cells' centres on the plate.
+    - `places`: the positions of the cells' centres on the plate.
     - `zones`: columns and rows of zones into which the plate is divided; each is a channel.
-    - `supply_voltage`: of the driver.
+    - `supply_voltage`: the supply voltage of the driver.
     - `limit`: the temperature at which `jaxtwin drive` switches the cells off.
     - `reader`: `"camera"` for the means of the zones, `"sensors"` for points in their middle.
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, final
 
 Scope = Literal["shared", "group", "recording"]
-"""Whether all recordings share a value, each group of them has its own, or each recording."""
+"""Whether there is one value for all recordings, one for each group, or one for each recording."""
 
 
 @final
@@ -17,7 +17,7 @@ class Parameter:
 
     - `name`: a Python identifier, unique in the rig.
     - `value`, `lower`, `upper`: the value and its bounds in `unit`; a missing bound is infinite.
-    - `unit`: as written in the rig file, for example `"K/W"` or `"degC"`.
+    - `unit`: the unit as in the rig file, for example `"K/W"` or `"degC"`.
     - `free`: whether matching may change it.
     - `scope`: `"shared"` by all recordings, or one value per `"group"` of them, such as a day, or
       per `"recording"`.
@@ -25,8 +25,9 @@ class Parameter:
     - `prior_spread`: the standard deviation of the prior: relative (that of the logarithm) if the
       lower bound is above 0 and the unit is not degC, otherwise in `unit`. None without a prior.
     - `prior_value`: the centre of the prior; by default the `value` in the rig file.
-    - `group_spread`: of scope `"group"`, standard deviation of a group's value about the one that
-      all groups share, measured as `prior_spread` is, which is then that of the shared one.
+    - `group_spread`: for the scope `"group"`, the standard deviation of a group's value about the
+      value that all groups share, measured as `prior_spread` is. `prior_spread` is then that of the
+      shared value.
     - `scale`, `offset`: SI value = scale * value + offset; the offset is 0 except for degC.
     """
 

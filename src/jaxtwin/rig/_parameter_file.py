@@ -5,7 +5,7 @@
 R_E = { value = 2.2, unit = "ohm", bounds = [1.0, 4.0], free = true }
 T_amb = { value = 16.0, unit = "degC", scope = "recording" }
 
-[recordings.zone-A]         # what differs between recordings, in the units above
+[recordings.zone-A]         # values that differ between recordings, in the units above
 T_amb = 16.4
 ```
 """
@@ -80,7 +80,7 @@ def parameters_toml(parameters: Iterable[Parameter]) -> str:
         if math.isfinite(p.lower) or math.isfinite(p.upper):
             entries.append(f"bounds = [{float(p.lower)!r}, {float(p.upper)!r}]")
         if p.prior_spread is not None:
-            # The value may have been matched since; the prior stays where it was.
+            # The value may have been matched since; the prior keeps its centre.
             prior = {
                 "value": p.prior_value,
                 "spread": p.prior_spread,

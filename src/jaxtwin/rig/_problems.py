@@ -1,4 +1,4 @@
-"""Messages about mistakes in rig files: file, field, what was expected, what was found."""
+"""Messages about errors in rig files: the file, the field, the expected and the actual value."""
 
 from typing import NoReturn
 
@@ -8,7 +8,7 @@ from .._errors import JaxtwinError, RigError
 def refuse(source: str, field: str, message: str, error: type[JaxtwinError] = RigError) -> NoReturn:
     """Raises the error for a field of a file."""
     text = f"{field}: {message}" if field else message
-    # Keys come from outside; a message is one line that any terminal shows.
+    # Keys come from a file and may contain anything; the message must be one printable line.
     shown = "".join(c if c.isprintable() else "?" for c in text)
     raise error(f"{source}: {shown}") from None
 

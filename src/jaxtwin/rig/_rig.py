@@ -31,7 +31,8 @@ class Rig:
     - `circuit`: the plate's circuit if it is stated link by link, otherwise None.
     - `cells`, `driver`, `channels`: the other parts.
     - `camera`: the camera that reads the channels; `None` if `sensors` read them.
-    - `ambient_temperature`, `initial_temperature`: of the surroundings and of the plate, K.
+    - `ambient_temperature`, `initial_temperature`: the temperature of the surroundings, and that of
+      the plate at the start, K.
     - `parameters`: the parameter table, name -> `Parameter`, in the order of the file.
     - `parameter_sets`: named sets of values, set -> name -> value in the parameter's unit.
     - `source`: the file that it was read from.
@@ -86,7 +87,7 @@ class Rig:
         parameters, as hexadecimal digits."""
         words = ("name", "title", "description", "references", "source", "parameters")
         parts = {field.name: getattr(self, field.name) for field in fields(self)}
-        # Of the limits, one stands in the fingerprints of fits that were saved before.
+        # Fingerprints in earlier saved fits contain only this one of the limits.
         parts = {
             "maximum_temperature" if name == "limits" else name: part
             for name, part in parts.items()
@@ -106,7 +107,7 @@ class Rig:
         return hashlib.sha256(text.encode()).hexdigest()
 
     def __hash__(self) -> int:
-        # Dictionaries have no hash; the parts that can differ between rigs of one name have.
+        # Dictionaries cannot be hashed. The parts below can, and they distinguish rigs of one name.
         return hash((self.name, self.source, self.plate, self.circuit, self.cells))
 
     def __repr__(self) -> str:

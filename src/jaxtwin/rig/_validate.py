@@ -33,7 +33,7 @@ def _path(data: Any, location: tuple[int | str, ...]) -> str:
     for key in location:
         try:
             data = data[key]
-        except (KeyError, TypeError):  # a missing key, or a table where something else stands
+        except (KeyError, TypeError):  # the key is missing, or its parent is not a table
             data = None
         path += f"[{label(data, key)}]" if isinstance(key, int) else f".{key}"
     return path.removeprefix(".")

@@ -53,7 +53,7 @@ class Value:
         - `values_si`: name -> value in SI units, a float or an array; only plain arithmetic
           is done with it, so JAX arrays and tracers work and gradients flow.
 
-        **Returns:** a float if the value is constant, else what the arithmetic gives.
+        **Returns:** a float if the value is constant, else the result of the arithmetic.
 
         **Raises:** `KeyError` if a parameter is missing.
         """

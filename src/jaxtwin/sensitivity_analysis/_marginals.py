@@ -162,7 +162,7 @@ class LogNormal(AbstractMarginal):
         return self.median * np.exp(self.spread * ndtri(_open(probability)))
 
     def poincare_weight(self, values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        # That of the logarithm, which is normal.
+        # This is the weight of the logarithm, which is normal.
         return self.spread * values
 
     def to_salib(self) -> SALibDistribution:

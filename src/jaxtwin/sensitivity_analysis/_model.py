@@ -1,4 +1,4 @@
-"""A user's own model: any function from draws to outputs, such as a simulation of closed loops."""
+"""A model of the user: any function from draws to outputs, such as a simulation of closed loops."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias, cast

@@ -1,4 +1,4 @@
-"""Morris's elementary effects: which parameters act at all, and which act alone.
+"""Morris's elementary effects: which parameters have an effect, and which without interactions.
 
 The runs are random trajectories through a grid of levels, along which every parameter changes once
 (Morris, Technometrics 33 (1991) 161-174; mu_star by Campolongo and others, Environmental Modelling
@@ -26,7 +26,7 @@ from ._unit_samples import SampleKind
 class Morris(AbstractMethod):
     """Elementary effects: their mean `mu`, mean size `mu_star` with `mu_star_conf`, half of its
     95 % bootstrap interval over trajectories, and standard deviation `sigma`, which is 0 if a
-    parameter acts linearly and alone.
+    parameter has a linear effect without interactions.
 
     **Arguments:**
 
@@ -76,7 +76,7 @@ class Morris(AbstractMethod):
         count = design.unit.shape[1]
         unit = design.unit.reshape(design.blocks, design.block, count)
         changes = np.diff(outputs.reshape(design.blocks, design.block, -1), axis=1)
-        # Of each parameter in its own order.
+        # Sorts the changes of each trajectory by parameter.
         place = np.argsort(design.order, axis=1)
         effects = np.take_along_axis(changes, place[:, :, None], axis=1)
         effects *= np.sign(unit[:, -1] - unit[:, 0])[:, :, None] / self.step

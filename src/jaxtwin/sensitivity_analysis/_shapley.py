@@ -78,7 +78,7 @@ class Shapley(AbstractMethod):
         ) -> Float[np.ndarray, "resamples parameters outputs"]:
             variance = np.maximum(weights @ squares - (weights @ means) ** 2, 0.0)
             variance = np.where(variance > 0, variance, np.nan)[:, None]
-            # The last to enter gains what is left of the whole variance.
+            # The last parameter of an order gains the rest of the whole variance.
             return np.tensordot(weights, gains, axes=1) / variance + (weights @ is_last)[:, :, None]
 
         once = effects(np.full((1, blocks), 1 / blocks))[0]

@@ -81,14 +81,14 @@ def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
     first = duty[:1] if grid.steady_start else jnp.zeros_like(duty[:1])
     wait = jnp.asarray(step_polynomials([BEFORE, np.ones(1)])[:before], dtype)
     polynomials = jnp.asarray(grid.polynomials, dtype)
-    # Slopes, the odd ones, are per second.
+    # The odd rows are slopes, per second.
     scale = jnp.stack([jnp.ones_like(delay), delay] * 3)
     steps = sizes[size]
     ends = jnp.cumsum(steps)
     starts = ends - steps
     times = jnp.asarray(grid.times, dtype)
     step_of = jnp.clip(jnp.searchsorted(ends, times), 0, size.size - 1)
-    # Some steps have no length (`_padding`): what is divided by it must not be 0 / 0.
+    # Some steps have no length (`_padding`); their division must not be 0 / 0.
     lengths = jnp.where(steps > 0, steps, 1.0)
     part = (times - starts[step_of]) / lengths[step_of]
     # One table for all draws, whatever their delay.

@@ -78,7 +78,7 @@ class DrawSolver:
 
         **Arguments:**
 
-        - `refinement`: how many times the steps are halved; see `solve_refined`.
+        - `refinement`: the number of times that the steps are halved; see `solve_refined`.
         - `on_progress`: called with the number of draws in each finished chunk.
         - `total`: the number of all draws if `draws` is a part of them; see `work_in_chunks`.
         """
@@ -99,7 +99,8 @@ class DrawSolver:
                     prepared, grid, self.columns, self._reads("plate_end"), self._reads_power()
                 )
                 reduced = self._reduced(prepared, stepped, grid, compressed)
-            # Neither shorter steps nor another solver help an invalid draw. NumPy compiles nothing.
+            # Neither shorter steps nor another solver help an invalid draw. NumPy needs no
+            # compilation.
             is_valid = np.asarray(prepared.system.is_valid)
             return {
                 "stability_number": np.where(is_valid, prepared.stability_number, 0.0),
@@ -167,7 +168,7 @@ class DrawSolver:
 
     def _compressed(self, grid: TimeGrid) -> CompressedRecording | None:
         """The compressed recording for the cost; None if the ambient temperature changes, because
-        the readings then do not follow from the nodes alone."""
+        the readings then do not follow from the nodes."""
         if self.reductions is None or "cost" not in self.reductions:
             return None
         drifts = grid.ambient_at is not None or self.twin.wiring.ambient_drift is not None
@@ -189,7 +190,7 @@ class DrawSolver:
         grid: TimeGrid,
         compressed: CompressedRecording | None,
     ) -> dict[str, Array | np.ndarray]:
-        """The trajectories or the reductions of a chunk. Only what they need is computed."""
+        """The trajectories or the reductions of a chunk. Nothing else is computed."""
         count = len(self.experiment.time)
         if self.reductions is None:
             temperatures = sample_chunk(prepared, stepped, grid, self.columns)

@@ -123,7 +123,8 @@ def integrate(
     amplitudes, forces, errors = jax.tree.map(
         lambda a, b: jnp.append(a[None], b, axis=0), state, after
     )
-    # An error in a mode is one in its slope, times its rate: samples between the ends have both.
+    # An error of a mode is also an error of its slope, times its rate. Samples inside a step are
+    # interpolated from both.
     lengths = jnp.asarray(grid.sizes, dtype)[grid.size]
     errors = errors[1:] * (1 + SLOPE_WEIGHT * modes.rates * lengths[:, None])
     channel_shapes = (jnp.asarray(system.channel_weights, dtype) @ modes.shapes).T

@@ -71,7 +71,7 @@ def _polynomials(before: float | None, slope_at_end: bool) -> Float[np.ndarray, 
     nodes += [(3, 1.0, 1)] if slope_at_end else []
     nodes += [] if before is None else [(4, -before, 0), (5, -before, 1)]
     powers = np.arange(len(nodes))
-    # Each row: what the powers contribute to one value or slope.
+    # Each row contains the contributions of the powers to a value or a slope.
     rows = [
         at**powers if order == 0 else powers * at ** np.maximum(powers - 1, 0)
         for _, at, order in nodes

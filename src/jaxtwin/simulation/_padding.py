@@ -67,7 +67,7 @@ def _padded_time_grid(
     experiment: Experiment, steps: tuple[float, float, float, float, int]
 ) -> TimeGrid:
     grid = build_time_grid(experiment, *steps)
-    # A temperature within a step of no length is the one at its start.
+    # The temperature within a step of no length is that at its start.
     standing = np.zeros((POWERS, POWERS))
     standing[0, 0] = 1.0
     ambient, ambient_at = grid.ambient, grid.ambient_at

@@ -44,7 +44,7 @@ def supply_power(
     **Arguments:**
 
     - `sides`: all cold sides, then all hot sides at the samples; absolute, K.
-    - `times`: of the samples, s.
+    - `times`: the times of the samples, s.
     - `commands`: held from each sample on, -1 to 1.
     - `steady_start`: whether the first command was always held before the start; otherwise the
       command was 0.

@@ -114,7 +114,7 @@ def _basis(
     uniform: Float[np.ndarray, " modes"],
     count: int,
 ) -> Float[np.ndarray, "modes kept"]:
-    """Returns the uniform rise and the principal components of what the states are beside it."""
+    """Returns the uniform rise and the principal components of the rest of the states."""
     first = uniform / np.linalg.norm(uniform)
     beside = states - np.outer(states @ first, first)
     _, sizes, components = np.linalg.svd(beside, full_matrices=False)

@@ -29,7 +29,7 @@ over. Halving them once is not tried: it would suffice for half of the draws tha
 steps, and compiling it takes longer than thousands of draws."""
 
 Results: TypeAlias = dict[str, Shaped[np.ndarray, "draws ..."]]
-"""Name -> what is kept of each draw."""
+"""Name -> the results of the draws."""
 
 
 def stability_number(system: System, modes: Modes, inputs: InputSummary) -> Float[Array, ""]:

@@ -37,7 +37,7 @@ def spanned(
 ) -> Float[Array, ""]:
     """The fastest rate (1/s) times the duration of a run or the longest time constant, whichever is
     shorter (s)."""
-    # A slowest rate of nothing, or below it, is rounding.
+    # A slowest rate of 0 or below is a rounding error.
     remembered = 1 / jnp.maximum(jnp.abs(slowest), 1 / duration)
     return fastest * jnp.where(jnp.isfinite(remembered), remembered, duration)
 

@@ -186,8 +186,8 @@ class Run:
             variables["ambient"] = ("time", ambient, celsius)
         cells = [f"P{cell + 1}" for cell in range(duty.shape[1])]
         names = {"channel": self.channels, "node": self.nodes, "cell": cells}
-        # As indices of pandas: to make them of other sequences, XArray imports pint where that is
-        # installed, which takes 0.3 s.
+        # The coordinates are indices of pandas. To convert other sequences, xarray imports pint if
+        # it is installed, which takes 0.3 s.
         indices = {name: pandas.Index(labels) for name, labels in names.items()}
         return xarray.Dataset(
             variables,

@@ -156,7 +156,7 @@ def simulate(
 
 
 def prepare_simulation(twin: Twin, experiment: Experiment) -> None:
-    """Compiles or loads what `simulate` runs first for such a twin and experiment.
+    """Compiles or loads the programs that `simulate` runs first for such a twin and experiment.
 
     A thread can do this while another estimates the values with which the twin is simulated.
     """

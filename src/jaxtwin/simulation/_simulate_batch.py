@@ -103,7 +103,7 @@ def simulate_batch(
       experiment's own values, see `Fit.twin_for`.
     - `experiment`: the inputs; with recorded temperatures for the reduction "cost".
     - `draws`: parameter -> draws `(draws,)` in the unit of the rig's table.
-    - `reductions`: what to keep instead of the trajectories, computed where the draws are: some of
+    - `reductions`: the results to keep instead of the trajectories, computed for each draw: some of
       "cost", "final", "minimum", "maximum", "plate_range", "plate_std", "energy", "peak_power"
       (see `Reductions`), or a mapping from names to pure JAX functions of a trajectory
       `(times, channels)` in degC, such as `{"hottest": lambda trajectory: trajectory.max()}`. Such
@@ -213,7 +213,7 @@ def checked_draws(
             )
         try:
             array = np.asarray(values)
-            if array.dtype.kind in "bcSU":  # conversion would take them, and say nothing
+            if array.dtype.kind in "bcSU":  # conversion would accept them without an error
                 raise TypeError
             array = array.astype(float)
         except (TypeError, ValueError):

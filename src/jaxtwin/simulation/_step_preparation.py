@@ -47,7 +47,7 @@ def prepare_steps(
     elif is_whole_delay:
         whole, sizes = jnp.round(system.delay / step_size).astype(int), step_size[None]
     else:
-        # Rounding must not make n - 1 steps and a whole one of a delay of n steps.
+        # Rounding must not split a delay of n steps into n - 1 steps and a remainder of a step.
         whole = jnp.floor(system.delay / step_size * (1 + WHOLE)).astype(int)
         rest = jnp.maximum(system.delay - whole * step_size, 0.0)
         sizes = jnp.stack([rest, step_size - rest])
@@ -57,7 +57,7 @@ def prepare_steps(
 def steps_in_modes(
     system: System, modes: Modes, step_size: Float[Array, ""], sizes: Float[Array, " parts"]
 ) -> ModalSteps:
-    """Computes what the steps of a network need in these modes."""
+    """Computes the arrays that the steps of a network need in these modes."""
     reference = jnp.asarray(system.ambient_temperature)
     idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
     levels = jnp.stack([idle - 1, idle, idle + 1])

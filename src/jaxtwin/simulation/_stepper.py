@@ -207,7 +207,7 @@ class Stepper(eqx.Module):
             if heat is not None:
                 heat = jnp.asarray(heat, dtype)
             if isinstance(steps, int) and is_traced(self.reference, state, command, ambient):
-                # As a number it is a loop of known length, through which gradients pass.
+                # With a Python number of steps the loop has a known length and gradients exist.
                 return _take_steps(stepper, state, command, ambient, steps, heat)
             return _steps(stepper, state, command, ambient, jnp.asarray(steps), heat)
 
@@ -266,7 +266,7 @@ def advance(
 
     **Arguments:**
 
-    - `loss_dtype`: in which the losses that are not linear are computed, None for that of the
+    - `loss_dtype`: the precision of the losses that are not linear, None for that of the
       state. They are a small part of the heat flows: in float32 they cost a third of what they
       cost in float64, and channels change by microkelvins.
     """

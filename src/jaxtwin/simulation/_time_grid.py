@@ -41,10 +41,11 @@ REVERSED_PARTS = 4
 
 @final
 class InputSummary(eqx.Module):
-    """What the modes of a run depend on: arrays of the same shape for all runs of a rig.
+    """The inputs of a run on which its modes depend: arrays of one shape for all runs of a rig.
 
-    - `first`, `mean`, `lowest`, `highest`: of the commanded duty cycles, -1 to 1.
-    - `duration`: of the run, s. `longest_step`: of its steps, s.
+    - `first`, `mean`, `lowest`, `highest`: the first, the mean, the lowest and the highest of the
+      commanded duty cycles, -1 to 1.
+    - `duration`: the duration of the run, s. `longest_step`: its longest step, s.
     - `ambient`: the recorded ambient temperature at the start, K; None if it is not recorded.
     """
 
@@ -94,7 +95,7 @@ class TimeGrid(eqx.Module):
 
     def summary(self) -> InputSummary:
         """The summary of the run's inputs and steps."""
-        # NumPy's where the grid is NumPy's: nothing is compiled for it.
+        # A grid of NumPy arrays gives NumPy arrays, so that nothing is compiled.
         as_array = np.asarray if isinstance(self.size, np.ndarray) else jnp.asarray
         lengths = self.sizes[self.size]
         duration = lengths.sum()
@@ -185,7 +186,7 @@ def build_time_grid(
         for (start, stop), n in zip(pairwise(marks), few, strict=True)
     ]
     held = np.repeat(marks[:-1], [len(span) for span in spans])
-    # Sums of steps and sample times differ by rounding; sizes that differ by no more are one.
+    # Sums of steps and sample times differ by rounding errors, so sizes are rounded and merged.
     sizes, size = np.unique(np.round(np.concatenate(spans), 9), return_inverse=True)
     lengths = sizes[size]
     edges = time[0] + np.concatenate([[0.0], np.cumsum(lengths)])

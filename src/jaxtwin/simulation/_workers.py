@@ -68,7 +68,7 @@ def work_in_chunks(
     threads = workers or (len(devices) if is_accelerated() else _cores())
     pool = ThreadPoolExecutor(max_workers=threads)
     try:
-        # Exceptions come out where the results are asked for.
+        # Reading the results raises the exceptions of the workers.
         for _ in pool.map(work_on, range(-(-count // size))):
             pass
     finally:
