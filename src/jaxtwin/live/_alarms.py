@@ -28,7 +28,7 @@ class Alarms:
     **Arguments:**
 
     - `channels`: names of the temperatures.
-    - `hottest`: the temperature above which a reading raises an alarm, degC; None: no reading does.
+    - `hottest`: the temperature above which a reading raises an alarm, degC; None for no alarm.
     - `silence`: the longest time without data or temperatures, s.
     - `file`: the recording; its disk is watched.
     - `now`: host time at the start, ns.

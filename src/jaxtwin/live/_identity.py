@@ -63,7 +63,7 @@ class Identity:
         )
 
     def refusal(self, hello: Hello) -> str | None:
-        """Why a device does not belong to this rig, or `None` if it does."""
+        """The reason why a device does not belong to this rig; `None` if it does."""
         if hello.version != VERSION:
             return f"expected version {VERSION} of the protocol, got {hello.version}"
         pairs = (

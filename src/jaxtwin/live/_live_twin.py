@@ -16,7 +16,7 @@ little."""
 
 @final
 class LiveTwin:
-    """A twin that is driven by what a rig reports, on the rig's time.
+    """A twin that is driven by the reports of a rig, in the time of the rig.
 
     A command takes effect at the next step of 0.1 s, and then passes through the driver's delay and
     lag. The ambient temperature remains that of the start, without the rig's drift, until it is
@@ -35,7 +35,7 @@ class LiveTwin:
         """The temperature of the surroundings, degC."""
         self._command = np.zeros(len(twin.netlist.cells))
         self._temperatures: Float[np.ndarray, " channels"] | None = None
-        # Also compiles the steps now, not when the first data wait for them.
+        # This also compiles the steps before the first data arrive.
         self.start(0.0)
 
     @property

@@ -61,7 +61,8 @@ class Data:
     - `faults`: number of a channel -> reason of its failure, a single word.
     - `owner`, `number`: the host that commands the cells, and the number of its last command that
         was applied; `""` and `None` if there is none.
-    - `trip`: why the device refuses every duty until it is reset; `""` if it has not tripped.
+    - `trip`: the reason why the device refuses every duty until it is reset; `""` if it has not
+        tripped.
     """
 
     seq: int

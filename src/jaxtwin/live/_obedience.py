@@ -52,7 +52,7 @@ class Obedience:
         return self._disobedience(record) or self._unacknowledged(record)
 
     def check(self, now: int) -> Trip | None:
-        # What was in force at the beginning of the delay is still needed.
+        # The command that was in force at the beginning of the delay is still needed.
         while len(self._sent) > 1 and self._sent[1].time <= now - 2 * self._delay:
             self._sent.popleft()
         return None

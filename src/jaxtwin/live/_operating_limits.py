@@ -78,7 +78,7 @@ class OperatingLimits:
         live = LiveTwin(twin)
         room = live.ambient
         lowest = _lowest(twin, room) if given.lowest is None else given.lowest - 273.15
-        # A reading without any noise may well stand still.
+        # A reading without any noise may stay the same.
         frozen = _FROZEN_CAMERA if rig.camera is not None else _FROZEN_SENSOR
         frozen = frozen if rig.noise > 0 else math.inf
         return cls(
@@ -98,7 +98,8 @@ def _lowest(twin: Twin, room: float) -> float:
     r"""The lowest temperature of a cell's cold side, $T_h - \frac12 Z T_c^2$, in a room that is
     colder than the rig file says.
 
-    A resistive heater, with a figure of merit $Z$ of 0, cools nothing: its lowest is the room's.
+    A resistive heater, with a figure of merit $Z$ of 0, does not cool: the result is the
+    temperature of the room.
     """
     hot = room - _ROOM + 273.15
     coldest = math.inf

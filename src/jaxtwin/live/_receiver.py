@@ -72,9 +72,9 @@ class Receiver:
         self.state = LinkState.DOWN
         self.hello: Hello | None = None
         self.verdict: str | None = None
-        """Why the device should be disconnected; `None` if it should not."""
+        """The reason why the device should be disconnected; `None` if it should not."""
         self.refused: str | None = None
-        """Why the last greeting was refused; `None` once a greeting was accepted."""
+        """The reason why the last greeting was refused; `None` once a greeting was accepted."""
         self.last_valid = 0
         self._link = link
         self._identity = identity

@@ -43,7 +43,7 @@ class Server(Protocol):
         ...
 
     def close(self) -> None:
-        """Ends."""
+        """Ends the server."""
         ...
 
 

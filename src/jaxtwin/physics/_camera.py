@@ -34,7 +34,7 @@ def frame_to_channels(
 
     **Arguments:**
 
-    - `rig`: its camera says which pixels show the plate.
+    - `rig`: the rig, whose camera states which pixels show the plate.
     - `frames`: a frame `(height, width)` or many frames `(..., height, width)`, in any unit of
       temperature; row 0 is the top.
 

@@ -42,7 +42,7 @@ class DCSweep:
         return self.heat_flow / power
 
     def plot(self) -> "Figure":
-        """The curves over the current: `jaxtwin.plots.plot_dc_curves`."""
+        """Plots the curves over the current: `jaxtwin.plots.plot_dc_curves`."""
         return picture("plot_dc_curves", self)
 
     def to_dataframe(self) -> "pandas.DataFrame":

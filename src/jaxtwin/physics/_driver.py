@@ -34,8 +34,8 @@ class Bridge(eqx.Module):
     `averaging = "voltage"` puts the mean voltage on the cell:
     $I (R_E + R_{on} + |d| R_s) = -d V_s - \alpha (T_h - T_c)$.
 
-    `averaging = "on-off"` follows the two parts of a PWM period, during which temperatures stand
-    still, and averages current and Joule heat. For the fraction $|d|$ the cell is connected,
+    `averaging = "on-off"` follows the two parts of a PWM period, during which temperatures are
+    constant, and averages current and Joule heat. For the fraction $|d|$ the cell is connected,
     $I (R_E + R_{on} + R_s) = \mp V_s - \alpha (T_h - T_c)$; for the rest of the period it is
     shorted by the bridge, $I (R_E + R_{on}) = - \alpha (T_h - T_c)$, or open, $I = 0$. The two
     differ: at half duty the mean voltage causes a quarter of the full Joule heat, and on/off

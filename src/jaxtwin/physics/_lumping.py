@@ -80,7 +80,7 @@ def _equal_nodes(netlist: Netlist) -> list[int]:
     other = np.concatenate([ends[1], ends[0][inner]])
     starts = np.searchsorted(np.sort(node), np.arange(len(netlist.nodes) + 1))
     radiating = dict(netlist.loss.radiators) if netlist.loss is not None else {}
-    # The sides of the cells are driven apart.
+    # The sides of the cells are not combined, because each cell has its drive.
     sides = {side for cell in netlist.cells for side in (cell.cold, cell.hot)}
     colours = _numbered(
         [

@@ -60,8 +60,8 @@ def finite_volume_links(plate: Plate, covered: dict[str, float]) -> list[Link]:
 
 
 def exposed_area(plate: Plate, element: str, covered: float) -> tuple[Value, ...]:
-    """The surface of an element that is exposed to the room, m^2: both faces without what cells
-    cover, and the outer edges, as terms of a sum.
+    """The surface of an element that is exposed to the room, m^2: both faces without the parts that
+    cells cover, and the outer edges, as terms of a sum.
 
     **Arguments:**
 

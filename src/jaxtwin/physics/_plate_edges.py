@@ -48,7 +48,7 @@ def measure_registration(rig: Rig, frame: Shaped[np.ndarray, "..."]) -> Measured
 
     **Arguments:**
 
-    - `rig`: its camera states the plate's approximate place.
+    - `rig`: the rig, whose camera states the plate's approximate place.
     - `frame`: `(height, width)`, in K or degC; row 0 is the top. A mean of several has less noise.
 
     **Returns:** the registration for the rig file, with which its zones lie where this camera sees

@@ -33,7 +33,7 @@ def plate_map(
 
     **Arguments:**
 
-    - `rig`: its plate.
+    - `rig`: the rig, whose plate is used.
     - `temperatures`: those of the elements, in the order of `rig.plate.element_names`; in a run,
       `run.states[:, :elements]`.
     - `points`: the number of points along the length of the plate. Along its height the points have

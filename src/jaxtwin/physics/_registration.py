@@ -10,8 +10,8 @@ with the plate's centre $c$ and the shift $d$, scale $s$ and rotation $\varphi$ 
 
 Zones often end at the plate's outline, where the picture steps from the plate to the surroundings.
 Optics and pixels spread this step over about a pixel (at wavelengths of 10 um the optics of small
-cameras resolve no less). With a sharp step, the cost of a match would have a kink exactly where the
-zones lie as the rig file says, and matches would stop there.
+cameras resolve no less). With a sharp step, the cost of a match would have a kink at exactly the
+registration at which the zones lie as in the rig file, and matches would stop there.
 """
 
 from collections.abc import Mapping

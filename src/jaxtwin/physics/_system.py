@@ -5,9 +5,9 @@ ambient temperature at the start), $u$ the duty cycles and $a$ the ambient's own
 
 $$C \dot x = -G x + g_{amb} a + q(x, u, a)$$
 
-$G$ is the conductance matrix of the network, $q$ the heat that the cells move (eq. 9 of the
-paper), which acts on the two sides of each cell alone, what the plate loses beyond $G$ where the
-rig's losses are nonlinear, and the constant heat of what is held at a fixed temperature.
+$G$ is the conductance matrix of the network. $q$ has three parts: the heat that the cells move (eq.
+9 of the paper), which acts only on the two sides of each cell; the losses of the plate beyond $G$,
+if the rig's losses are nonlinear; and the constant heat of bodies at a fixed temperature.
 Deviations instead of temperatures near 300 K keep float32 usable.
 """
 
@@ -168,8 +168,8 @@ class System(eqx.Module):
         """The deviation at rest under a constant duty.
 
         The reference is the ambient temperature here, so that the surroundings deviate by 0.
-        Newton's method from the linear network's state; with one or two cells a handful of
-        iterations reach rounding.
+        Newton's method starts at the state of the linear network; with one or two cells a few
+        iterations reach the limit of rounding.
         """
 
         def residual(deviation: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
@@ -218,7 +218,7 @@ def conductance_entries(
     wiring: Wiring, values_si: dict[str, Float[Array, ""]]
 ) -> tuple[Float[Array, " pairs"], Float[Array, " nodes"]]:
     """The entries of the conductance matrix of a large network that are not 0: those beside the
-    diagonal, with their sign turned, for `wiring.pairs`, and the diagonal, W/K."""
+    diagonal, with the opposite sign, for `wiring.pairs`, and the diagonal, W/K."""
     conductances = 1 / wiring.resistances(values_si)
     pairs, (a, b) = wiring.pair_sums(conductances), wiring.pairs
     return pairs, _to_held(wiring, conductances).at[a].add(pairs).at[b].add(pairs)
@@ -237,7 +237,7 @@ def _conductance_matrix(
     (a, b), nodes = wiring.pairs, np.arange(diagonal.size)
     rows, columns = np.concatenate([a, b, nodes]), np.concatenate([b, a, nodes])
     matrix = jnp.zeros((nodes.size, nodes.size), pairs.dtype)
-    # At once: each assignment may copy the matrix.
+    # A single assignment is used, because each one may copy the matrix.
     return matrix.at[rows, columns].set(jnp.concatenate([-pairs, -pairs, diagonal]))
 
 

@@ -34,8 +34,8 @@ class ThermoelectricModule(eqx.Module):
     **Arguments:**
 
     - `seebeck_coefficient`: the Seebeck coefficient of the whole module, V/K.
-    - `electrical_resistance`: ohm.
-    - `thermal_resistance`: between the two sides, K/W.
+    - `electrical_resistance`: the electrical resistance of the whole module, ohm.
+    - `thermal_resistance`: the thermal resistance between the two sides, K/W.
     """
 
     seebeck_coefficient: Float[ArrayLike, "*cells"]
@@ -120,7 +120,7 @@ class ThermoelectricModule(eqx.Module):
     ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
         """Computes the mean `heat_flows` of a current that changes faster than temperatures do.
 
-        **Arguments:** as those of `heat_flows`, with the means of the current, A, which carries the
+        **Arguments:** those of `heat_flows`, with the means of the current, A, which carries the
         Peltier heat, and of its square, A^2, which makes the Joule heat.
         """
         peltier = jnp.asarray(self.seebeck_coefficient) * jnp.asarray(current)

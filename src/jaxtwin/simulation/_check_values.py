@@ -17,7 +17,7 @@ def check_values(twin: Twin, where: str | None = None) -> None:
 
     **Arguments:**
 
-    - `where`: whose values these are, for the message; None for the name of the rig.
+    - `where`: the origin of the values, for the message; None for the name of the rig.
 
     **Raises:** `ParameterError` that names the quantity.
     """

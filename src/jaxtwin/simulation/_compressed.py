@@ -41,8 +41,8 @@ class CompressedRecording(eqx.Module):
 
 
 def compress(grid: TimeGrid, recorded: Float[np.ndarray, "times channels"]) -> CompressedRecording:
-    """The recording of an experiment on its grid, padded or not, degC; NaN if a sample is
-    missing."""
+    """Compresses the recording of an experiment on its grid, padded or not, degC. Missing samples
+    are NaN."""
     count = len(recorded)
     there = ~np.isnan(recorded)
     used = there.any(axis=1)

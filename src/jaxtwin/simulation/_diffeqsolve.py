@@ -91,7 +91,7 @@ def checked_method(
 
 def stiff_method(experiment: Experiment) -> DiffraxMethod:
     """The method for draws for which no steps of the default solver are short enough."""
-    # Temperatures without a bound would keep it at ever shorter steps.
+    # With unbounded temperatures it would take shorter and shorter steps without end.
     most = RESCUE_STEPS * (1 + len(_input_changes(experiment)))
     return DiffraxMethod(diffrax.Kvaerno5(), max_steps=most)
 
@@ -171,13 +171,13 @@ def _clipped(
             return controller
         jumps = jnp.asarray(time[changes])
         if delay is not None:
-            # Commands arrive late, the ambient does not.
+            # The driver delays commands, but not the ambient temperature.
             jumps = jnp.sort(jnp.concatenate([jumps, delay + jnp.append(jumps, 0.0)]))
         return diffrax.ClipStepSizeController(controller, jump_ts=jumps)
     # Without an error estimate: the steps of the default solver, known before anything is traced.
     grid = time_grid(system, experiment)
     sizes = np.asarray(grid.sizes)[np.asarray(grid.size)]
-    changes = changes[changes < len(time) - 1]  # a change at the last sample is never felt
+    changes = changes[changes < len(time) - 1]  # a change at the last sample has no effect
     ends = np.append(np.cumsum(sizes)[:-1], time[-1])
     nearest = np.abs(ends[:, None] - time[changes][None, :]).min(axis=1, initial=np.inf)
     around = [np.nextafter(time[changes], -np.inf), np.nextafter(time[changes], np.inf)]

@@ -45,7 +45,7 @@ def supply_power(
 
     - `sides`: all cold sides, then all hot sides at the samples; absolute, K.
     - `times`: the times of the samples, s.
-    - `commands`: held from each sample on, -1 to 1.
+    - `commands`: the commands that are held from each sample on, -1 to 1.
     - `steady_start`: whether the first command was always held before the start; otherwise the
       command was 0.
     """
@@ -95,7 +95,7 @@ def power_of_states(
 ) -> SupplyPower:
     """Power and energy of a twin's run.
 
-    **Arguments:** as those of `supply_power`, with the absolute temperatures of all nodes, K.
+    **Arguments:** those of `supply_power`, with the absolute temperatures of all nodes, K.
     """
     system = twin.system()
     sides = jnp.asarray(states)[:, np.concatenate([system.wiring.cold, system.wiring.hot])]

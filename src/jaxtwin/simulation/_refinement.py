@@ -75,7 +75,7 @@ def remainder_gain(
     """
     x = modes.rates * step
     phi_1 = jnp.where(jnp.abs(x) < 1e-6, 1.0, -jnp.expm1(-x) / jnp.where(x == 0, 1.0, x))
-    # What a heat flow at the sides does to their temperatures in a step.
+    # The response of the sides' temperatures in a step to heat flows at the sides.
     response = jnp.abs(modes.sides * (phi_1 * step) @ modes.sides.T)
 
     def row_sum(duty: Float[Array, " cells"]) -> Float[Array, ""]:

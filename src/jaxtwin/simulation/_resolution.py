@@ -1,16 +1,17 @@
 r"""The range of rates that float64 can resolve in a network.
 
 Conductances are summed, and rates found, to a part of about $\varepsilon = 2.2 \cdot 10^{-16}$ of
-the largest. Every rate is off by about $\varepsilon \lambda_{max}$ then, and a temperature that
-has followed a slow one for a time $\tau$ by about $\varepsilon \lambda_{max} \tau$ of itself:
+the largest. Every rate then has an error of about $\varepsilon \lambda_{max}$, and a temperature
+that has followed a slow mode for a time $\tau$ a relative error of about
+$\varepsilon \lambda_{max} \tau$:
 
 $$\lambda_{max} \, \min(t_{run}, 1 / \lambda_{min}) \le 2 \cdot 10^{11}$$
 
 leaves errors below 1e-3 K. Measured with contacts and conductances of 1e-7 to 1e-13 K/W in
 `paper-2024`, `dual-cell` and `single-cell`, the error is at most 11 K times
-$\varepsilon \lambda_{max} \tau$, half a millikelvin at the limit; a circuit
-whose nodes are made one beforehand says the same. A contact of 1e-10 K/W in a rig of a common size
-is inside, one of 1e-12 K/W is not.
+$\varepsilon \lambda_{max} \tau$, half a millikelvin at the limit; a circuit whose nodes are merged
+beforehand gives the same result. In a rig of a common size a contact of 1e-10 K/W is inside the
+limit, and one of 1e-12 K/W is outside.
 """
 
 import jax.numpy as jnp

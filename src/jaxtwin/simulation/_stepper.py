@@ -136,8 +136,8 @@ class Stepper(eqx.Module):
         check_stable("Stepper", size, stability)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickles and copies the numbers as arrays of NumPy: those of JAX lose their float64 where
-        another process reads them."""
+        """Pickles and copies the numbers as arrays of NumPy, because arrays of JAX lose their
+        float64 when another process reads them."""
         return _as_numpy(self)
 
     @property
@@ -223,7 +223,7 @@ class Stepper(eqx.Module):
 
 
 def _in_precision_of_caller(stepper: Stepper, state: StepperState) -> tuple[Stepper, StepperState]:
-    """Stepper and state in float32 inside a transformation of a caller who computes in that."""
+    """Converts stepper and state to float32 inside a transformation of a caller in float32."""
     is_float64 = jax.config.read("jax_enable_x64")
     return (stepper, state) if is_float64 else in_precision((stepper, state), jnp.float32)
 
