@@ -1,8 +1,8 @@
 r"""The program of a model predictive controller, condensed to the duty of the horizon.
 
 The states of the next $n$ samples are linear functions of the present states and of the planned
-duty, the moves. Eliminating the states leaves a quadratic program in the moves alone. Its matrices
-are computed once, when a controller is designed.
+duty, the moves. Eliminating the states leaves a quadratic program whose only unknowns are the
+moves. Its matrices are computed once, when a controller is designed.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from ._riccati import regulator
 
 
 class Condensed(NamedTuple):
-    """The cost as a function of the moves alone, `(samples, cells)` in a row: its Hessian, and the
+    """The cost as a function of only the moves, `(samples, cells)` in a row: its Hessian, and the
     matrices by which states, last duty and targets enter its gradient."""
 
     hessian: Float[Array | np.ndarray, "moves moves"]

@@ -55,7 +55,7 @@ class AbstractController(eqx.Module):
     @classmethod
     def check_parameters(cls, **values: Any) -> None:
         """Refuses values of parameters with which the controller has no meaning, in its constructor
-        and in draws. A controller that does not say otherwise accepts all values.
+        and in draws. By default a controller accepts all values.
 
         **Arguments:**
 
@@ -317,7 +317,7 @@ def _in_order(parts: Any) -> tuple[Any, ...]:
     """Returns the parts of an ordered value; no parts of any other value."""
     if not is_ordered(parts):
         return ()
-    # Names of NumPy and pandas are texts of their own kinds.
+    # Names of NumPy and pandas are subclasses of text, and are converted.
     return tuple(str(part) if isinstance(part, str) else part for part in parts)
 
 

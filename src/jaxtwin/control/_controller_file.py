@@ -214,7 +214,7 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
         if kind in FIELDS:
             # Overflows warn here; they are refused at the end as numbers that are not finite.
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # LinAlgWarning is one
+                warnings.simplefilter("ignore", RuntimeWarning)  # includes LinAlgWarning
                 return model_controller(kind, data, arguments, rig, no)
         return _law(kind, data, arguments, rig, channels, no)
     except (ArithmeticError, LinAlgError, TypeError, ValueError) as error:

@@ -40,7 +40,7 @@ class HeatInput:
 
     - `elements`: elements of the plate, which share the heat equally.
     - `start_s`, `end_s`: start and end, s.
-    - `heat`: W, negative for cooling.
+    - `heat`: the heat flow, W, negative for cooling.
     """
 
     elements: tuple[str, ...]

@@ -43,7 +43,7 @@ def traced_response(
     right = jnp.concatenate([B, jnp.zeros_like(B)])
 
     def at(frequency: Float[Array, ""]) -> Complex[Array, "output input"]:
-        # Real and imaginary parts of one complex system.
+        # A complex system is solved as a real one of twice the size.
         blocks = jnp.block([[-A, -frequency * unit], [frequency * unit, -A]])
         real, imaginary = jnp.split(solve(blocks, right), 2)
         response = C @ real + D + 1j * (C @ imaginary)

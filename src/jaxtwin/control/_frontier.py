@@ -86,7 +86,8 @@ class Frontier:
         return pandas.DataFrame(rows, index=pandas.Index(self.weights, name="weight"))
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Measures (weight, draw), parameters (weight, parameter), sensitivity peaks (weight)."""
+        """A dataset of measures (weight, draw), parameters (weight, parameter) and sensitivity
+        peaks (weight)."""
         import xarray
 
         first = self.tunings[0]

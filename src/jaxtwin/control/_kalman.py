@@ -30,7 +30,7 @@ class KalmanFilter(eqx.Module):
 
     - `A`, `B`, `C`: matrices of these states.
     - `L`: the filter gain.
-    - `by_duty`, `by_disturbance`: the states at rest, per duty and per K.
+    - `by_duty`, `by_disturbance`: the states at rest per unit of duty, and per K of a disturbance.
     """
 
     A: Float[Array | np.ndarray, "state state"]

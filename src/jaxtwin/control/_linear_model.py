@@ -40,7 +40,7 @@ class LinearModel(eqx.Module):
 
     $$\tau \dot v(t) = u(t - \theta) - v(t)$$
 
-    $u$ is the commanded duty. The driver's delay $\theta$ and lag $\tau$ are kept apart from the
+    $u$ is the commanded duty. The driver's delay $\theta$ and lag $\tau$ are not part of the
     matrices.
 
     A model is a PyTree whose leaves are its numbers. It can pass through `jax.jit`, `jax.vmap` and
@@ -53,8 +53,8 @@ class LinearModel(eqx.Module):
     - `state_names`, `input_names`, `output_names`: names; None for numbers.
     - `delay_s`, `lag_s`: delay and lag between the command and the duty that reaches the cells, s;
       0 for none.
-    - `rates`: $r$, how fast the states change at the operating point, K/s; None for a point at
-      rest. Frequency response, poles and margins do not depend on it.
+    - `rates`: $r$, the rates of change of the states at the operating point, K/s; None for a point
+      at rest. Frequency response, poles and margins do not depend on it.
     - `is_delayed`, `is_lagged`: whether there are any, which determines the number of states of a
       discrete model. None: yes if they are positive or traced by JAX.
 
@@ -356,7 +356,7 @@ class LinearModel(eqx.Module):
         longest = checked_longest_delay(
             "discretise: longest_delay_s", longest_delay_s, self.delay_s, ControlError
         )
-        # Rounding must not make n and a rest of a delay of n steps.
+        # Rounding must not make n + 1 commands of a delay of n steps.
         return int(np.ceil(longest / sample_time * (1 - 1e-9)))
 
     def __repr__(self) -> str:

@@ -101,7 +101,7 @@ def check_cells(where: str, controller: AbstractController, cells: int, outputs:
     try:
         shape = jax.eval_shape(commanded).shape
     except (TypeError, ValueError) as problem:
-        # In a function of the user's the problem may be any other.
+        # The error may come from a function of the user and have any cause.
         if not isinstance(controller, AbstractChannelGroupController):
             raise
         raise ControlError(

@@ -14,7 +14,7 @@ class ClosedLoop(eqx.Module):
 
     **Arguments:**
 
-    - `time`: s.
+    - `time`: the times, s.
     - `reference`, `output`: reference and true value of the controlled temperatures, degC.
     - `measurement`: the controlled temperatures as the controller gets them, with noise, delay and
       lost messages, degC.
@@ -53,5 +53,5 @@ class ClosedLoop(eqx.Module):
 
     @property
     def stays_finite(self) -> Bool[Array, ""]:
-        """Whether a single loop has finite temperatures at its end and a finite duty always."""
+        """Whether a single loop has finite temperatures at its end and always a finite duty."""
         return jnp.all(jnp.isfinite(self.nodes[-1])) & jnp.all(jnp.isfinite(self.duty))

@@ -43,8 +43,7 @@ def plant_of(
     measured: Sequence[Sequence[str]] | None,
     watched: Sequence[str] = (),
 ) -> Plant:
-    """The plant from the duty to means over some channels; a plant that is made already counts as
-    it is.
+    """Makes the plant from the duty to means over some channels. A `Plant` is returned unchanged.
 
     A model of reduced order has fast states that are always at rest: its outputs follow the command
     at once. A reading that is taken just before a new command still follows the last command, which
@@ -95,14 +94,14 @@ def checked_plant(
     watched: tuple[np.ndarray, np.ndarray],
     sample_time_s: float,
 ) -> Plant:
-    """The plant of these matrices.
+    """Makes a plant from its matrices.
 
     **Arguments:**
 
     - `matrices`: A, B and C. `point`: duty and outputs of the operating point. `watched`: C and
       outputs of the watched channels.
 
-    **Raises:** as `plant_of`.
+    **Raises:** the errors of `plant_of`.
     """
     A, B, C = matrices
     inputs, outputs = B.shape[1], len(C)

@@ -17,9 +17,9 @@ from ._operating_point import ZERO_CELSIUS
 class PointOfRun(NamedTuple):
     """A state of a rig, not at rest.
 
-    - `nodes`: temperatures of the nodes, degC.
-    - `duty`: that reaches the cells, -1 to 1.
-    - `ambient`: temperature of the surroundings, degC.
+    - `nodes`: the temperatures of the nodes, degC.
+    - `duty`: the duty that reaches the cells, -1 to 1.
+    - `ambient`: the temperature of the surroundings, degC.
     """
 
     nodes: Float[Array | np.ndarray, " nodes"]
@@ -32,7 +32,7 @@ def point_of_run(twin: Twin, run: Run, time: Any, ambient: float | int | None) -
 
     **Arguments:**
 
-    - `ambient`: degC; None: that of the run.
+    - `ambient`: the ambient temperature, degC; None for that of the run.
 
     **Raises:** `ControlError` if the run has other nodes than the twin, or the time is outside
     of it.

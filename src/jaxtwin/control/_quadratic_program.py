@@ -4,8 +4,8 @@ $$\min_{z, e} \tfrac12 z^T H z + f^T z + \tfrac12 \sum_i e_i^2 / s_i, \quad
 a - e \le M z \le b + e$$
 
 A limit with a softness $s_i$ of 0 is hard; beyond a soft limit the cost grows with the square of
-the excess $e_i$, which is $s_i$ times the multiplier of the limit and therefore no unknown of its
-own.
+the excess $e_i$, which is $s_i$ times the multiplier of the limit and therefore not an additional
+unknown.
 
 The method is a primal-dual interior point method with a single factorisation in each step (Nocedal
 and Wright, *Numerical Optimization*, 2006, chapter 16.6). It needs 8 to 20 steps. First-order

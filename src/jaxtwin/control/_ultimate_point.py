@@ -163,7 +163,7 @@ def ultimate_point(
     wave = np.exp(-1j * omega * time[whole])
 
     def fundamental(values: Float[np.ndarray, " times"]) -> complex:
-        # Without the mean, because steps that differ let a little of it into each wave.
+        # The mean is subtracted, because with unequal steps it would contribute to each wave.
         swing = values[whole] - np.average(values[whole], weights=steps)
         return complex(2 * np.average(swing * wave, weights=steps))
 

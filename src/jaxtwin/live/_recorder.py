@@ -42,7 +42,7 @@ WAL_BYTES = 64 * 2**20  # to which the journal shrinks again after a long reader
 
 _NTP = {True: ", kept by NTP", False: ", not kept by NTP", None: ""}
 
-# A number that no reader can hold back: SQLite's default is 1000 pages, 4 MB.
+# The size of the journal at which it is copied into the file: SQLite's default, 1000 pages (4 MB).
 _CHECKPOINT_PAGES = 1000
 
 

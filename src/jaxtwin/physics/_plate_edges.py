@@ -66,8 +66,8 @@ def measure_registration(rig: Rig, frame: Shaped[np.ndarray, "..."]) -> Measured
             f"frame: expected a single frame (height, width), got an array of shape {pixels.shape}"
         )
     sizes = (rig.plate.width, rig.plate.height)
-    # Places in the picture are counted in metres of the plate from its middle, as the rig file has
-    # it. The left and the right edge first, then those that columns run across.
+    # Places in the picture are in metres of the plate from its middle, by the view of the rig file.
+    # The left and the right edge come first, then the top and the bottom edge.
     view_x, view_y, (width, height) = camera.view_x, camera.view_y, sizes
     edges = [
         _edges(pixels, view_x, view_y, width, height, camera.noise),

@@ -155,7 +155,7 @@ class Twin(eqx.Module):
         - `initial`, `solver`, `stepsize_controller`, `dt0`: those of `jaxtwin.simulate`.
 
         **Raises:** `SimulationError` for a schedule without a duration, or a duration beside an
-        experiment; what `Experiment.schedule` and `jaxtwin.simulate` raise.
+        experiment; the errors of `Experiment.schedule` and `jaxtwin.simulate`.
         """
         # A twin does not depend on solvers; this method is a convenience at a prompt.
         from ..io import Experiment

@@ -34,7 +34,7 @@ class Wiring:
 
     - `netlist`, and `capacitances` of its nodes, `resistances` of its links, `initial` node
       temperatures, `ambient` temperature, `gains` of the channels, as `Expressions`;
-      `module_constants` and `bridge_constants` likewise, one row a constant.
+      `module_constants` and `bridge_constants` likewise, with a row for each constant.
     - `pair_sums`: sums over the links that connect each pair of neighbouring nodes, and `pairs` (2,
       pairs), these nodes. `pair_of` (nodes, nodes): the index of the pair of two nodes, or the
       number of pairs if they are not neighbours; None in a large network.
@@ -74,7 +74,8 @@ class Wiring:
         self._place_channels(rig, weights)
         self.gain_names = self.gains.names - self._names_beside_gains()
 
-        # Sizes too: a circuit given link by link does not show them, the channels' weights do.
+        # The sizes are included, because the channels' weights depend on them and the netlist of a
+        # circuit that is given link by link does not contain them.
         sizes = (rig.plate.columns, rig.plate.rows)
         ambient = (rig.ambient_temperature, rig.ambient_drift)
         registration = None if rig.camera is None else rig.camera.registration
@@ -186,8 +187,8 @@ class Wiring:
     def moved_weights(
         self, values_si: Mapping[str, Float[Array, ""]]
     ) -> Float[Array, "channels nodes"] | None:
-        """The weights of the nodes in the channels where the camera's registration says; None for
-        a rig without one, whose `channel_weights` never change."""
+        """The weights of the nodes in the channels after the camera's registration; None for a rig
+        without a registration, whose `channel_weights` never change."""
         if self.zones is None:
             return None
         weights = self.zones.element_weights(values_si)

@@ -1,7 +1,8 @@
 """Means of the plate's temperature over zones.
 
 Between the centres of the elements the temperature is interpolated linearly in each direction;
-beyond the outermost centres it is constant, for little heat leaves through the edge of the plate.
+beyond the outermost centres it is constant, because little heat leaves through the edge of the
+plate.
 The mean over a zone is the integral of this temperature. It has a continuous derivative as the zone
 moves over the plate. With temperatures that are constant in each element, the cost of a match would
 have a kink, and often a local minimum, wherever an edge of a zone meets one of an element.
