@@ -1,4 +1,4 @@
-"""How a long piece of work reports its progress."""
+"""The interface by which a long piece of work reports its progress."""
 
 from typing import Protocol, final, runtime_checkable
 
@@ -12,7 +12,7 @@ class Progress(Protocol):
         ...
 
     def update(self, text: str) -> None:
-        """Says how far the step under way has come."""
+        """Reports the progress of the step under way."""
         ...
 
 

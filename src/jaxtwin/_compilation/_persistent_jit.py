@@ -75,7 +75,7 @@ def persistent_jit_unoptimised(function: Callable[P, T]) -> "PersistentJit[P, T]
 @final
 @dataclass(frozen=True)
 class _ArrayAt:
-    """Stands in a PyTree for the array with this number."""
+    """The placeholder in a PyTree for the array with this number."""
 
     number: int
 
@@ -129,7 +129,7 @@ _functions: "list[PersistentJit[..., Any]]" = []
 
 @final
 class _Traced:
-    """Stands among the static arguments where an array was."""
+    """The placeholder among the static arguments for an array."""
 
 
 @final

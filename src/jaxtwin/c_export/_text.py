@@ -42,7 +42,7 @@ def table(name: str, values: np.ndarray, comment: str, precision: str) -> str:
 
 
 def tables_c(tables: Mapping[str, tuple[np.ndarray, str]], precision: str) -> tuple[str, int]:
-    """Constant arrays as C, from name -> values and comment, and how many numbers they have.
+    """Constant arrays as C, from name -> values and comment, and the number of their values.
 
     **Raises:** `ControlError` if a number is not finite in this precision.
     """

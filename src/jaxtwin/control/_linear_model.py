@@ -233,7 +233,7 @@ class LinearModel(eqx.Module):
 
     @property
     def hankel_singular_values(self) -> Float[np.ndarray, " kept"]:
-        """The Hankel singular values, largest first: how much each balanced state matters between
+        """The Hankel singular values, largest first: the importance of each balanced state between
         inputs and outputs.
 
         Values that are rounding are left out.

@@ -114,7 +114,7 @@ def simulate_many_loops(
 
 
 def numbers_per_step(twin: Twin, scenario: Scenario) -> int:
-    """Returns how many numbers a `ClosedLoop` has at each step of the plant."""
+    """Returns the number of values of a `ClosedLoop` at each step of the plant."""
     outputs, cells = len(scenario.output_weights), len(twin.netlist.cells)
     return 2 + len(twin.netlist.nodes) + len(twin.channels) + 3 * outputs + 2 * cells
 

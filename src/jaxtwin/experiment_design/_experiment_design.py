@@ -26,8 +26,8 @@ class DesignStep(NamedTuple):
 
     - `start`: the number of the search. `number`: the number of its pass; 0 is its start.
     - `evaluations`: the number of schedules that all searches have evaluated so far.
-    - `mean_error`: the mean of the predicted standard errors as the criterion has it, divided by
-      that of today.
+    - `mean_error`: the mean of the predicted standard errors by the criterion, divided by that of
+      today.
     """
 
     start: int
@@ -54,7 +54,7 @@ class PlannedSchedule:
     - `counts`: PWM counts of each step and cell.
     - `standard_errors`: parameter -> predicted standard error in its unit, of a match of today's
       recordings together with this one.
-    - `mean_error`: the mean of these errors as the criterion has it, divided by that of today.
+    - `mean_error`: the mean of these errors by the criterion, divided by that of today.
     - `highest_reading`, `highest_side`: the highest temperatures of a channel and of a cell's side
       in the simulation, degC.
     - `is_allowed`: whether they stay below the limits of the rig.

@@ -116,7 +116,7 @@ class Link:
             self._logged = None
 
     def drop(self, reason: str) -> None:
-        """Has the connection closed by the thread, because no other thread may close a connection
+        """Makes the thread close the connection, because no other thread may close a connection
         that it reads."""
         self._drop = reason
 

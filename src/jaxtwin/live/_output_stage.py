@@ -1,4 +1,5 @@
-"""How a device handles commands: which host it obeys, which commands it refuses, and when it trips.
+"""The handling of commands by a device: the host that it obeys, the commands that it refuses, and
+its trips.
 
 A single host commands, the owner. It is the first host that sends a duty while there is no owner,
 and remains the owner as long as it keeps sending. A trip switches the cells off and lasts until a

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class Trip(NamedTuple):
-    """Why an interlock stops a rig.
+    """The reason why an interlock stops a rig.
 
     - `kind`: the reason in a single word, for programs.
     - `detail`: the reason as a sentence, for people.

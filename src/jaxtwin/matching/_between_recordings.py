@@ -1,4 +1,4 @@
-r"""How much the rig itself differs between recordings.
+r"""Estimates the differences of the rig itself between recordings.
 
 Between recordings a contact may be remounted, a camera moved, or a sink collect dust. The shared
 parameters of recording $i$ are modelled as $\theta + b_i$ with $b_i \sim N(0, \tau^2 S)$, where $S$
