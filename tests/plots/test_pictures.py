@@ -334,6 +334,15 @@ def test_a_picture_becomes_a_png_of_the_size_asked_for():
     assert not pyplot.get_fignums()
 
 
+def test_a_figure_that_was_changed_after_it_was_drawn_is_arranged_again():
+    figure = plots.plot_recordings(recordings())
+    axes = figure.axes[0]
+    axes.set_ylabel("a label\nof several\nlines,\nwhich takes\nspace")
+    before = axes.get_position().x0
+    plots.to_png(figure, dpi=50)
+    assert axes.get_position().x0 > before + 0.01
+
+
 def test_drawing_leaves_matplotlibs_settings_alone():
     before = dict(matplotlib.rcParams)
     plots.plot_tornado(analysis())

@@ -19,6 +19,8 @@ def to_png(drawn: Figure | Axes, dpi: int = 150) -> bytes:
     """
     figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
     assert figure is not None  # axes that a plot function returns belong to a figure
+    if not figure.stale:  # its parts are still as the plot function has arranged them
+        figure.set_layout_engine(None)
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=dpi, facecolor="auto")
     pyplot.close(figure)
