@@ -125,6 +125,13 @@ def test_margins_are_those_of_python_control_also_where_they_are_negative(gain: 
     np.testing.assert_allclose(found, expected, rtol=1e-8)
 
 
+def test_margins_at_one_of_the_given_frequencies_are_found():
+    """1 / s has a gain of 1 at 1 rad/s. The second loop is -1/2 at 2 rad/s."""
+    omega = np.array([0.5, 1.0, 2.0, 4.0])
+    assert margins(lambda w: 1 / (1j * w), omega=omega)[1::2] == (90.0, 1.0)
+    assert margins(lambda w: -0.5 + 1j * (w - 2), omega=omega)[::2] == (2.0, 2.0)
+
+
 def test_a_loop_without_crossings_has_no_limits():
     gm, pm, wcg, wcp = margins(first_order(gain=0.5))
     assert (gm, pm) == (np.inf, np.inf)

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from jaxtwin.matching._camera_error import camera_shapes, detect_events
 from jaxtwin.matching._noise import estimate_noise
-from jaxtwin.matching._robust_loss import huber_weights
+from jaxtwin.matching._robust_loss import huber_weights, limited_variance
 from jaxtwin.rig import CommonError
 
 ERROR = CommonError(
@@ -44,6 +45,13 @@ def test_samples_that_do_not_count_do_not_set_the_scale_of_those_that_do():
     assert np.all(weights[100:] < 0.1)
     alone = huber_weights(residuals[:100], 3.0, np.ones(100, dtype=bool))
     np.testing.assert_array_equal(weights[:100], alone)
+
+
+@pytest.mark.parametrize("threshold", [0.5, 1.345, 3.0])
+def test_limited_variance_is_that_of_limited_normal_numbers(threshold: float):
+    integrand = lambda z: min(z**2, threshold**2) * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)  # noqa: E731
+    expected = quad(integrand, -12, 12, points=[-threshold, threshold])[0]
+    assert limited_variance(threshold) == pytest.approx(expected)
 
 
 def test_residuals_that_are_nothing_all_count():

@@ -228,6 +228,31 @@ def test_hubers_loss_forgives_what_plain_squares_do_not(start: Twin):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("size", [8.0, 5000.0])
+def test_an_outlier_is_worth_no_more_than_a_missing_sample(start: Twin, size: float):
+    """A reading that is wrong by 8 K, or by the 5000 K of a broken line."""
+    clean = recording(2, False, "day 1")
+    assert clean.temperatures is not None
+    spoiled, missing = clean.temperatures.copy(), clean.temperatures.copy()
+    spoiled[140, 1] += size
+    missing[140, 1] = np.nan
+    found, expected = (
+        match(
+            start,
+            [Experiment(clean.time, clean.duty, channels=CHANNELS, temperatures=t, name="day 1")],
+            free=FREE,
+            events="none",
+            robust=robust,
+        )
+        for t, robust in ((spoiled, 3.0), (missing, None))
+    )
+    for name in FREE:
+        row, other = found[name], expected[name]
+        assert row.standard_error == pytest.approx(other.standard_error, rel=0.15)
+        assert abs(row.value - other.value) < 0.3 * other.standard_error
+
+
+@pytest.mark.slow
 def test_a_hand_before_the_camera_is_found_and_shaded(start: Twin):
     # Ten seconds in which all channels read a hand, each another part of it.
     clean = recording(2, True, "day 1")

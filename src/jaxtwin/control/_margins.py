@@ -82,14 +82,8 @@ def margins(
     response, omega = _scalar(loop), _frequencies(omega)
     values = response(omega)
     gains = np.log(np.maximum(np.abs(values), 1e-300))
-    crossings = [
-        _crossing(lambda w: float(np.log(np.abs(response(np.array([w]))[0]))), *pair)
-        for pair in _changes(omega, gains)
-    ]
-    reversals = [
-        _crossing(lambda w: float(response(np.array([w]))[0].imag), *pair)
-        for pair in _changes(omega, np.imag(values))
-    ]
+    crossings = _zeros(lambda w: np.log(np.abs(response(w))), omega, gains)
+    reversals = _zeros(lambda w: np.imag(response(w)), omega, np.imag(values))
     at_unity = response(np.array(crossings)) if crossings else np.zeros(0, complex)
     at_reversal = response(np.array(reversals)) if reversals else np.zeros(0, complex)
     gm, pm, wcg, wcp = np.inf, np.inf, np.nan, np.nan
@@ -168,14 +162,20 @@ def _peak(response: Loop, omega: np.ndarray, shift: float) -> tuple[float, float
     return float(found[top]), float(omega[top])
 
 
-def _crossing(function: Callable[[float], float], low: float, high: float) -> float:
-    return float(brentq(function, low, high, xtol=1e-300, rtol=1e-13))  # pyright: ignore
-
-
-def _changes(omega: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
-    """Pairs of neighbouring frequencies between which the values change their sign."""
-    at = np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0)
-    return [(float(omega[n]), float(omega[n + 1])) for n in at]
+def _zeros(
+    function: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]],
+    omega: Float[np.ndarray, " frequency"],
+    values: Float[np.ndarray, " frequency"],
+) -> list[float]:
+    """The frequencies at which a function is 0: those among `omega`, and one between each two
+    neighbours at which its values have different signs."""
+    between = np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0)
+    pairs = ((omega[n], omega[n + 1]) for n in between)
+    found = [
+        brentq(lambda w: function(np.array([w]))[0], low, high, xtol=1e-300, rtol=1e-13)
+        for low, high in pairs
+    ]
+    return sorted([*omega[values == 0].tolist(), *found])
 
 
 def _frequencies(omega: Float[np.ndarray, " frequency"] | None) -> Float[np.ndarray, " frequency"]:

@@ -12,6 +12,7 @@ from ._noise import Noise
 from ._noise_model import beside_others
 from ._problem import MatchProblem
 from ._reweighted_least_squares import Estimate
+from ._robust_loss import limited_variance
 from ._uncertainty import Uncertainty, VectorEntries, inverse_of_normal, uncertainty
 from ._unknowns import Unknowns
 
@@ -28,17 +29,21 @@ def estimate_uncertainty(
     unknowns, (result, noise_model) = problem.unknowns, estimate
     vector, precision = result.vector, problem.prior_precision
     inside = (vector > unknowns.lower() + 1e-9) & (vector < unknowns.upper() - 1e-9)
-    all_series, lift = _series(estimate, inside)
+    all_series, lift = _series(problem, estimate, inside)
     count, values = lift.shape
     camera = np.diag((np.arange(count) >= values).astype(float))
     normal = camera.copy()
     for series in all_series:
         at = np.ix_(series.entries, series.entries)
-        normal[at] += np.tensordot(series.slopes, series.slopes, ([0, 1], [0, 1]))
+        normal[at] += np.tensordot(series.inlier_slopes, series.slopes, ([0, 1], [0, 1]))
     prior = np.zeros((count, count))
     prior[:values, :values] = precision[np.ix_(inside, inside)]
     mixtures, meat = fit_noise(all_series, inverse_of_normal(normal + prior)[0], camera + prior)
-    scales = (noise_model.channel.effective, noise_model.common_mode.effective)
+    limited = 1.0 if problem.robust is None else limited_variance(problem.robust) ** 0.5
+    scales = (
+        noise_model.channel.effective / limited,
+        noise_model.common_mode.effective / limited,
+    )
     noise = [mixture.noise(scale) for mixture, scale in zip(mixtures, scales, strict=True)]
     if all(series.kind == 1 for series in all_series):
         # A recording of one channel has only a common mode.
@@ -56,11 +61,16 @@ def estimate_uncertainty(
 
 
 def _series(
-    estimate: Estimate, inside: Bool[np.ndarray, " unknowns"]
+    problem: MatchProblem, estimate: Estimate, inside: Bool[np.ndarray, " unknowns"]
 ) -> tuple[list[Series], Float[np.ndarray, "all_unknowns values"]]:
     """The weighted residuals of all recordings in units of their standard deviations, with their
     derivatives with respect to the values and to the amplitudes of the camera's shapes, and the
-    matrix by which all of these follow from the values."""
+    matrix by which all of these follow from the values.
+
+    The match multiplies residuals and derivatives by the square roots of Huber's weights. Here the
+    residuals have the whole weights, which makes them Huber's function of the residuals, and the
+    derivatives none.
+    """
     result, noise_model = estimate
     errors = result.recording_errors()
     jacobian = result.jacobian()[:, inside]
@@ -73,12 +83,13 @@ def _series(
             blocks.append(rows.reshape(*np.shape(part), jacobian.shape[1]))
             row += len(rows)
         for number, position in enumerate(group.positions):
-            counted = noise_model.channel_weights[position]
+            counted = problem.sample_weights[position]
             times = slice(len(counted))  # without the samples that fill up their number
             weights = jax.tree.map(lambda leaf, at=number: np.asarray(leaf[at]), group.weights)
             d_channel, d_common_mode, d_sizes = (block[number] for block in blocks)
             d_channel, d_common_mode = d_channel[times], d_common_mode[times]
             if (beside := beside_others(counted)).any():
+                huber = _ratio(noise_model.channel_weights[position], counted)
                 of_channels = weights.channel[times] * errors[position].channel
                 # Subtracting the mean of the channels leaves one independent channel less.
                 channels = float(beside.sum() / np.count_nonzero(beside.any(axis=1)))
@@ -86,9 +97,10 @@ def _series(
                 series = Series(
                     kind=0,
                     recording=position,
-                    residuals=of_channels,
-                    slopes=d_channel,
+                    residuals=np.sqrt(huber) * of_channels,
+                    slopes=d_channel / np.sqrt(huber)[..., None],
                     entries=np.arange(d_channel.shape[-1]),
+                    inliers=(huber == 1).astype(float),
                     roots=roots,
                     channels=channels,
                     independent=channels - 1,
@@ -101,15 +113,16 @@ def _series(
             slopes = np.zeros((len(shapes), 1, count + int(used.sum())))
             slopes[:, 0, : jacobian.shape[1]] = d_common_mode + shapes @ d_sizes
             slopes[:, 0, count:] = -shapes[:, used]
-            moments = np.sqrt(noise_model.common_mode_weights[position]) * counted.any(axis=1)
+            huber = noise_model.common_mode_weights[position][:, None]
             shared = (common_mode * errors[position].common_mode)[:, None]
             series = Series(
                 kind=1,
                 recording=position,
-                residuals=shared,
-                slopes=slopes,
+                residuals=np.sqrt(huber) * shared,
+                slopes=slopes / np.sqrt(huber)[..., None],
                 entries=np.arange(slopes.shape[-1]),
-                roots=moments[:, None],
+                inliers=(huber == 1).astype(float),
+                roots=counted.any(axis=1)[:, None].astype(float),
                 channels=1.0,
                 independent=1.0,
             )
@@ -117,6 +130,13 @@ def _series(
             lift.append(d_sizes[used])
             count += int(used.sum())
     return all_series, np.concatenate(lift)
+
+
+def _ratio(
+    weights: Float[np.ndarray, "times channels"], samples: Float[np.ndarray, "times channels"]
+) -> Float[np.ndarray, "times channels"]:
+    """The part of Huber's loss in the weights of samples; 1 for samples without weight."""
+    return np.divide(weights, samples, out=np.ones_like(samples), where=samples > 0)
 
 
 def _between_recordings(
@@ -137,7 +157,7 @@ def _between_recordings(
     for series in all_series:
         of, at = scores[series.recording], np.ix_(series.entries, series.entries)
         of.score[series.entries] += np.tensordot(series.slopes, series.residuals, ([0, 1], [0, 1]))
-        of.information[at] += np.tensordot(series.slopes, series.slopes, ([0, 1], [0, 1]))
+        of.information[at] += np.tensordot(series.inlier_slopes, series.slopes, ([0, 1], [0, 1]))
         of.noise[at] += noise_in_unknowns(series, mixtures[series.kind])
     values = int(inside.sum())
     behind = unknowns.size - len(unknowns.per_recording) * unknowns.recordings

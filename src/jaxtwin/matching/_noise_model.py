@@ -11,10 +11,13 @@ from ._camera_error import detect_events
 from ._noise import Noise, estimate_noise
 from ._problem import MatchProblem
 from ._recording_errors import RecordingErrors
-from ._robust_loss import huber_weights
+from ._robust_loss import huber_weights, limited_variance
 
 INITIAL_NOISE = Noise(0.25, 64.0)
 """The noise before the first round: 0.25 K, correlated over a minute."""
+
+SETTLED = 0.1
+"""The relative change of Huber's weights below which they are final."""
 
 
 @final
@@ -71,28 +74,37 @@ def update_noise_model(
                 problem.experiments, errors, problem.sample_weights, strict=True
             )
         )
-    channel_weights = problem.sample_weights
-    common_mode_weights = tuple(np.ones(len(of_recording.common_mode)) for of_recording in errors)
+    channel_huber = tuple(np.ones(of_recording.channel.shape) for of_recording in errors)
+    common_mode_huber = tuple(np.ones(len(of_recording.common_mode)) for of_recording in errors)
     if problem.robust is not None:
         pairs = list(zip(problem.sample_weights, errors, strict=True))
-        channel_weights = tuple(
-            weights * huber_weights(of_recording.channel, problem.robust, beside_others(weights))
+        channel_huber = tuple(
+            huber_weights(of_recording.channel, problem.robust, beside_others(weights))
             if weights.shape[1] > 1  # a single channel is its own common mode
-            else weights
+            else np.ones(weights.shape)
             for weights, of_recording in pairs
         )
-        common_mode_weights = tuple(
+        common_mode_huber = tuple(
             huber_weights(of_recording.common_mode, problem.robust, weights.sum(axis=1) > 0)
             for weights, of_recording in pairs
         )
-    channel, common_mode = _residual_noise(errors, channel_weights, common_mode_weights)
+    channel, common_mode = _residual_noise(problem, errors, channel_huber, common_mode_huber)
     return NoiseModel(
         channel=channel if channel.standard_deviation > 0 else noise_model.channel,
         common_mode=common_mode if common_mode.standard_deviation > 0 else noise_model.common_mode,
         events=events,
-        channel_weights=channel_weights,
-        common_mode_weights=common_mode_weights,
+        channel_weights=tuple(map(np.multiply, problem.sample_weights, channel_huber)),
+        common_mode_weights=common_mode_huber,
     )
+
+
+def has_settled(before: NoiseModel, after: NoiseModel) -> bool:
+    """Whether an update changed the limits of outliers little."""
+    pairs = [
+        *zip(before.channel_weights, after.channel_weights, strict=True),
+        *zip(before.common_mode_weights, after.common_mode_weights, strict=True),
+    ]
+    return all(np.allclose(old, new, rtol=SETTLED, atol=0.0) for old, new in pairs)
 
 
 def beside_others(
@@ -105,28 +117,38 @@ def beside_others(
 
 
 def _residual_noise(
+    problem: MatchProblem,
     errors: Sequence[RecordingErrors],
-    channel_weights: Sequence[Float[np.ndarray, "_times _channels"]],
-    common_mode_weights: Sequence[Float[np.ndarray, " _times"]],
+    channel_huber: Sequence[Float[np.ndarray, "_times _channels"]],
+    common_mode_huber: Sequence[Float[np.ndarray, " _times"]],
 ) -> tuple[Noise, Noise]:
     """The noise of the channels and of the common mode. If no two channels count at the same time,
-    both have the noise of the common mode."""
+    both have the noise of the common mode.
+
+    Huber's loss limits the residuals. The standard deviations are those of normally distributed
+    residuals before they are limited (Huber's proposal 2)."""
+    scale = 1.0 if problem.robust is None else limited_variance(problem.robust) ** -0.5
     several, counted = [], 0.0
-    for of_recording, weights in zip(errors, channel_weights, strict=True):
-        beside = beside_others(weights)
+    for of_recording, samples, huber in zip(
+        errors, problem.sample_weights, channel_huber, strict=True
+    ):
+        beside = beside_others(samples)
         if beside.any():
             # Deviations from a mean of n channels vary less than the channels do, by (n - 1) / n.
             n = np.maximum(beside.sum(axis=1, keepdims=True), 2)
-            several.append(of_recording.channel * np.sqrt(weights * beside * n / (n - 1)))
-            counted += float(np.sum(weights * beside))
+            roots = np.sqrt(samples * beside * n / (n - 1))
+            several.append(scale * of_recording.channel * huber * roots)
+            counted += float(np.sum(samples * beside))
     common_modes = [
-        (of_recording.common_mode * np.sqrt(moments * weights.sum(axis=1)))[:, None]
-        for of_recording, moments, weights in zip(
-            errors, common_mode_weights, channel_weights, strict=True
+        (scale * of_recording.common_mode * moments * np.sqrt((samples * huber).sum(axis=1)))[
+            :, None
+        ]
+        for of_recording, samples, huber, moments in zip(
+            errors, problem.sample_weights, channel_huber, common_mode_huber, strict=True
         )
     ]
     # Samples without weight are left out.
-    times = [weights.sum(axis=1) > 0 for weights in channel_weights]
+    times = [samples.sum(axis=1) > 0 for samples in problem.sample_weights]
     of_common_mode = estimate_noise(common_modes, float(sum(part.sum() for part in times)))
     if not several:
         return of_common_mode, of_common_mode

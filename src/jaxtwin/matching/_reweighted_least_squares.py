@@ -14,7 +14,7 @@ from ..simulation._simulate import prepare_simulation
 from ._descent import descend
 from ._descent_result import Callbacks, DescentResult, OnStep, Start
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
-from ._noise_model import NoiseModel, initial_noise_model, update_noise_model
+from ._noise_model import NoiseModel, has_settled, initial_noise_model, update_noise_model
 from ._objective import Objective, make_objective, shapes_needed
 from ._problem import MatchProblem
 
@@ -23,6 +23,10 @@ LOOSE = (3e-2, 1e-2)
 as many as it takes until the weights no longer change: part of the errors of a twin that is not
 exact is then taken for parameters, the noise becomes too small, and the predictions of `dual-cell`
 for another day become worse (docs/two-cell-rig.md)."""
+
+MORE_ROUNDS = 10
+"""The largest number of rounds after the third. Each brings the weight of a gross outlier nearer to
+its limit; without one, none is needed."""
 
 
 @final
@@ -41,7 +45,8 @@ def reweighted_least_squares(
     on_step: OnStep | None = None,
 ) -> list[Estimate]:
     """Matches in three rounds, whose weights follow from the residuals of the round before; in a
-    single round if the weights do not depend on the noise.
+    single round if the weights do not depend on the noise. With a robust loss, there are as many
+    more as the weights of gross outliers need.
 
     **Arguments:**
 
@@ -60,6 +65,12 @@ def reweighted_least_squares(
     estimates = _descend(problems, noise_models, first, starts, max_iterations, on_step)
     for of_round in (second, solver):
         estimates = another_round(problems, of_round, estimates, max_iterations, on_step)
+    for _ in range(MORE_ROUNDS * (problems[0].robust is not None)):
+        updated = _updated_noise_models(problems, estimates)
+        before = [estimate.noise_model for estimate in estimates]
+        if all(map(has_settled, before, updated)):
+            break
+        estimates = another_round(problems, solver, estimates, max_iterations, on_step)
     return estimates
 
 
@@ -72,14 +83,20 @@ def another_round(
 ) -> list[Estimate]:
     """Continues matches with the weights that follow from their residuals. The arguments are those
     of `reweighted_least_squares`."""
-    noise_models = [
+    noise_models = _updated_noise_models(problems, estimates)
+    results = [estimate.result for estimate in estimates]
+    return _descend(problems, noise_models, solver, results, max_iterations, on_step)
+
+
+def _updated_noise_models(
+    problems: Sequence[MatchProblem], estimates: Sequence[Estimate]
+) -> list[NoiseModel]:
+    return [
         update_noise_model(problem, noise_model, result.recording_errors())
         if np.isfinite(result.cost)
         else noise_model
         for problem, (result, noise_model) in zip(problems, estimates, strict=True)
     ]
-    results = [estimate.result for estimate in estimates]
-    return _descend(problems, noise_models, solver, results, max_iterations, on_step)
 
 
 def _descend(

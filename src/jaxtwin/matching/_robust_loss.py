@@ -1,5 +1,7 @@
 """Huber's robust loss, as weights of the residuals."""
 
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -18,3 +20,11 @@ def huber_weights(
     if scale == 0:
         return np.ones_like(size)
     return np.minimum(1.0, threshold * scale / np.maximum(size, 1e-300))
+
+
+def limited_variance(threshold: float) -> float:
+    """The variance of a normally distributed number with a standard deviation of 1 that is limited
+    to plus and minus `threshold`."""
+    tail = 0.5 * math.erfc(threshold / math.sqrt(2))
+    density = math.exp(-(threshold**2) / 2) / math.sqrt(2 * math.pi)
+    return 1 - 2 * (threshold * density + tail) + 2 * threshold**2 * tail

@@ -22,7 +22,7 @@ from ..simulation._reductions import checked_reductions
 from ..simulation._simulate import checked_channels
 from ..simulation._simulate_batch import checked_precision
 
-FORMAT = 1
+FORMAT = 2
 """The format of the store. It changes with the arrays and with the order of draws."""
 
 ROLES = {"failed": ("", "")} | {
@@ -39,7 +39,8 @@ class Plan:
     **Arguments:**
 
     - `twins`, `experiments`: the experiments, and a twin for each.
-    - `values`: name -> value around which the parameter is drawn, in the rig's unit.
+    - `values`: name -> value around which the parameter is drawn, in the rig's unit. They have the
+      order of the rig's parameters, which is that of the random numbers.
     - `draws`, `spread`, `seed`: as in `normal_draws`.
     - `reductions`, `precision`: as in `simulate_batch`.
     - `chunk_size`: the number of draws that are written at a time.
@@ -157,14 +158,15 @@ def plan_sweep(
         recorded = all(recording.temperatures is not None for recording in recordings)
         reductions = ("cost", "final") if recorded else ("final",)
     asked = checked_reductions(reductions, recordings)
+    central = central_values(twins[0], names)
     plan = Plan(
         twins=tuple(twins),
         experiments=tuple(recordings),
-        values=central_values(twins[0], names),
+        values={name: central[name] for name in twins[0].rig.parameters if name in central},
         draws=int(draws),
         spread=checked_spread("sweep: spread", spread),
         seed=checked_seed("sweep: seed", seed),
-        # They are sorted, so that the sweep does not depend on the order in which they were given.
+        # Sorted like the names, so that the order in which they were given changes nothing.
         reductions=tuple(name for name in REDUCTIONS if name in asked),
         precision=checked_precision(precision),
         chunk_size=int(chunk_size),
