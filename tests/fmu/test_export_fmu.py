@@ -130,6 +130,33 @@ def test_steps_of_the_simulator_need_not_be_those_of_the_twin(twin: Twin, fmu: F
     np.testing.assert_allclose(coarse["T11"][::4], fine["T11"], rtol=0, atol=1e-12)
 
 
+def test_inputs_are_held_from_the_beginning_of_each_step_of_the_twin(fmu: FMU):
+    """Duty cycles and a room that change four times in each step, under a simulator that takes four
+    steps in it."""
+    from fmpy import simulate_fmu
+
+    names = ["duty.P1", "duty.P2", "ambient"]
+    rows = np.zeros(81, dtype=[("time", float), *((name, float) for name in names)])
+    rows["time"] = 0.25 * np.arange(81)
+    rng = np.random.default_rng(2)
+    rows["duty.P1"], rows["duty.P2"] = rng.uniform(-1, 1, (2, 81))
+    rows["ambient"] = rng.uniform(10, 30, 81)
+    output = ["node.V11", "node.P1.TC"]
+    fine, held = (
+        simulate_fmu(
+            str(fmu.path),
+            input=table,
+            step_size=step,
+            output_interval=step,
+            stop_time=20.0,
+            output=output,
+        )
+        for table, step in ((rows, 0.25), (rows[::4], 1.0))
+    )
+    for name in output:
+        np.testing.assert_allclose(fine[name][::4], held[name], rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("name", "value"), [("duty.P1", 1.5), ("duty.P1", np.nan), ("ambient", np.inf)]
 )

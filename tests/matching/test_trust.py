@@ -260,13 +260,17 @@ def test_a_hand_before_the_camera_is_found_and_shaded(start: Twin):
     spoiled = clean.temperatures.copy()
     spoiled[120:130] += [8.0, 12.0, 4.0]
     hand = Experiment(clean.time, clean.duty, channels=CHANNELS, temperatures=spoiled, name="day 1")
-    fit = match(start, [hand, recording(3, False, "day 2")], free=FREE, robust=3.0)
+    day_2 = recording(3, False, "day 2")
+    fit = match(start, [hand, day_2], free=FREE, robust=3.0)
+    masked = match(start, [hand, day_2], free=FREE, masks={"day 1": [(120.0, 129.0)]})
     weights = fit.weights["day 1"]
     assert weights[120:130].max() < 0.5
     assert np.mean(np.delete(weights, np.arange(120, 130), axis=0) == 1.0) > 0.98
     for name, value in TRUTH.items():
-        row = fit[name]
-        assert abs(row.value - value) < row.standard_error
+        row, other = fit[name], masked[name]
+        assert abs(row.value - value) < 3 * row.standard_error
+        assert abs(row.value - other.value) < 2 * other.standard_error
+        assert row.standard_error < 1.6 * other.standard_error
     axes = plots.plot_camera_error(fit).axes[0]
     shades = [part for part in axes.patches if part.get_gid() == "masked"]
     pyplot.close("all")

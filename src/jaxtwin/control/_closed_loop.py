@@ -63,6 +63,7 @@ def run_loop(
         references_ahead(jnp.asarray(scenario.reference), controller.preview_samples),
         scenario.error,
         scenario.arrives,
+        scenario.silence,
         _StepInputs(jnp.asarray(scenario.ambient), scenario.heat, scenario.conductance),
     )
     _, recorded = jax.lax.scan(loop.sample, loop.start(), inputs)
@@ -80,19 +81,20 @@ class _StepInputs(NamedTuple):
 
 class _SampleInputs(NamedTuple):
     """The part of a scenario that belongs to one sample: references, errors of the readings,
-    whether the reading arrives, and the inputs of the plant in each step until the next sample."""
+    whether the reading arrives, the longest time without one since the sample before, s, and the
+    inputs of the plant in each step until the next sample."""
 
     reference: Float[Array | np.ndarray, "*preview outputs"]
     error: Float[Array | np.ndarray, " channels"]
     arrives: Bool[Array | np.ndarray, ""]
+    silence: Float[Array | np.ndarray, ""]
     steps: _StepInputs
 
 
 class _LoopState(NamedTuple):
     """The state of a loop between two samples.
 
-    - `measurement`: the last measurement that the controller got, degC. `missing_s`: the time
-      since then.
+    - `measurement`: the last measurement that the controller got, degC.
     - `is_off`: whether the cells have been switched off for good.
     - `late`: outputs on their way through the delay of the readings, the newest first.
     """
@@ -100,7 +102,6 @@ class _LoopState(NamedTuple):
     plant: ModalState
     controller: PyTree
     measurement: Float[Array, " outputs"]
-    missing_s: Float[Array, ""]
     is_off: Bool[Array, ""]
     late: Float[Array, "delay outputs"]
 
@@ -169,7 +170,6 @@ class _Loop(NamedTuple):
             plant,
             self.controller.init(idle, measurement),
             measurement,
-            jnp.zeros((), dtype),
             jnp.zeros((), bool),
             jnp.broadcast_to(first, (scenario.sensor_delay_steps, len(first))),
         )
@@ -211,12 +211,9 @@ class _Loop(NamedTuple):
         output = true + self.outputs.weights @ inputs.error
         is_finite = jnp.all(jnp.isfinite(inputs.error)) & jnp.all(jnp.isfinite(output))
         is_new = inputs.arrives & is_finite
-        missing = jnp.where(is_new, 0.0, state.missing_s + self.controller.sample_time_s)
-        missing = missing.astype(state.missing_s.dtype)
         return state._replace(
             measurement=jnp.where(is_new, output, state.measurement),
-            missing_s=missing,
-            is_off=state.is_off | (missing > self.scenario.silence_s),
+            is_off=state.is_off | (inputs.silence > self.scenario.silence_s),
         )
 
 

@@ -10,9 +10,10 @@ from .._arguments import finite_number, mapping_of
 from .._errors import ControlError
 from .._name_suggestions import unknown_name
 from ..live import Faults
-from ..live._recalibration import Recalibrations
+from ..live._recalibration import SHUTTER_SECONDS, Recalibrations
 from ..physics import pixel_weights
 from ..rig import Rig
+from ._outages import is_within, longest_silence, periodic_spans
 
 FRAMES_PER_SECOND = 9.0
 """The frame rate of the camera, as in the virtual rig."""
@@ -23,10 +24,13 @@ class ReadingErrors(NamedTuple):
 
     - `error`: `(samples, channels)`, K; NaN after a channel has failed.
     - `arrives`: whether a new reading arrives, `(samples,)`.
+    - `silence`: the longest time between two complete frames since the sample before, or until now
+      if none has arrived, `(samples,)`, s.
     """
 
     error: Float[np.ndarray, "samples channels"]
     arrives: Bool[np.ndarray, " samples"]
+    silence: Float[np.ndarray, " samples"]
 
 
 def reading_errors(
@@ -69,22 +73,31 @@ def reading_errors(
     interval = times[1] - times[0] if len(times) > 1 else 1.0
     frames = 1 if rig.camera is None else max(1, int(interval * FRAMES_PER_SECOND))
     # The newest of several frames counts, so that a reading is missing only if all are lost.
-    arrives = random.random(len(times)) >= faults.drop**frames
-    if faults.stall:
-        every, length = faults.stall
-        arrives &= ~((times >= every) & (times % every < length))
+    lost = random.random(len(times)) < faults.drop**frames
     recalibrations = Recalibrations(faults.jumps, seed, rig.common_error)
     for sample, time in enumerate(times.tolist()):
         recalibrations.advance(time)
         error[sample] += recalibrations.offset(time)
-        arrives[sample] &= not recalibrations.is_closed(time)
     mapping_of(f"{where}: failed_channels", failed_channels, "channel -> time", ControlError)
     for name, start in failed_channels.items():
         if name not in names:
             raise ControlError(f"{where}: failed_channels: {unknown_name('channel', name, names)}")
         begin = finite_number(f"{where}: failed_channels: {name}", start, ControlError)
         error[times >= begin, names.index(name)] = np.nan
-    return ReadingErrors(error, arrives)
+    stalls = periodic_spans(*(faults.stall or (0.0, 0.0)), times[-1])
+    closings = periodic_spans(faults.jumps, SHUTTER_SECONDS, times[-1])
+    silent = np.concatenate([stalls, closings])
+    # The frames between the sample before and a sample whose frames are all lost, and all after the
+    # failure of a channel.
+    period = 1 / FRAMES_PER_SECOND
+    missed = np.column_stack([np.append(0.0, times[:-1]), times])[lost] + period
+    failed = np.array([[float(start), np.inf] for start in failed_channels.values()])
+    incomplete = np.concatenate([silent, missed, failed.reshape(-1, 2)])
+    return ReadingErrors(
+        error=error,
+        arrives=~lost & ~is_within(times, silent),
+        silence=longest_silence(times, incomplete, period),
+    )
 
 
 def _noise_factor(rig: Rig) -> Float[np.ndarray, "channels channels"]:

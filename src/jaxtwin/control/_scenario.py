@@ -42,7 +42,8 @@ class Scenario(eqx.Module):
     - `initial`: initial temperatures of the nodes, degC.
     - `ambient`: ambient temperature, degC. `heat`, `conductance`: heat (W) and additional
       conductance (W/K) of disturbances; None for none.
-    - `error`, `arrives`: errors of the readings, K, and whether a reading arrives.
+    - `error`, `arrives`: errors of the readings, K, and whether a reading arrives. `silence`: the
+      longest time without one since the sample before, s.
     - `step_s`: step of the plant, s. `longest_delay_s`: the longest delay of the driver, s.
     - `sensor_delay_steps`: the delay of the readings in steps.
     - `counts`: full duty in counts; None for a duty that is not quantised.
@@ -58,6 +59,7 @@ class Scenario(eqx.Module):
     conductance: Float[Array | np.ndarray, "samples substeps nodes"] | None
     error: Float[Array | np.ndarray, "samples channels"]
     arrives: Bool[Array | np.ndarray, " samples"]
+    silence: Float[Array | np.ndarray, " samples"]
     step_s: float = eqx.field(static=True)
     longest_delay_s: float = eqx.field(static=True)
     sensor_delay_steps: int = eqx.field(static=True)
@@ -170,6 +172,7 @@ def scenario(
         conductance=conductance,
         error=errors.error,
         arrives=errors.arrives,
+        silence=errors.silence,
         step_s=step,
         longest_delay_s=delay,
         sensor_delay_steps=late_steps,

@@ -56,6 +56,9 @@ typedef struct {{
     double duty[{upper}_CELLS], nodes[{upper}_NODES];
     double lagged[{upper}_CELLS]; /* duty behind the lag */
     double steps; /* that have been taken */
+    /* Inputs of the step that has begun, if one has. */
+    double held_duty[{upper}_CELLS], held_ambient;
+    int is_held;
     int is_running, is_exchange;
     /* Of model exchange: the last command, that which has arrived, and those between. */
     double seen[{upper}_CELLS], arrived[{upper}_CELLS];
@@ -185,21 +188,33 @@ static int set(instance_t *self, const uint32_t *numbers, size_t count, const do
     return 1;
 }}
 
-/* Takes the twin's own steps that end until then, under the inputs of now. */
+static void hold_inputs(instance_t *self)
+{{
+    memcpy(self->held_duty, self->duty, sizeof self->held_duty);
+    self->held_ambient = self->ambient;
+}}
+
+/* Takes the twin's own steps that end until then, each under the inputs with which it began. */
 static int advance(instance_t *self, double time, double size)
 {{
-    double until;
+    double begun, until;
     if (!self->is_running || self->is_exchange) {{
         return 0;
     }}
     if (!isfinite(time) || !isfinite(size) || size < 0.0) {{
         return 0;
     }}
-    until = floor((time + size - self->start) / {upper}_SAMPLE_TIME_S + 1e-6);
-    while (self->steps < until) {{
-        {name}_step(&self->state, self->duty, self->ambient);
-        self->steps += 1.0;
+    begun = (time + size - self->start) / {upper}_SAMPLE_TIME_S;
+    until = floor(begun + 1e-6);
+    if (!self->is_held) {{
+        hold_inputs(self);
     }}
+    while (self->steps < until) {{
+        {name}_step(&self->state, self->held_duty, self->held_ambient);
+        self->steps += 1.0;
+        hold_inputs(self);
+    }}
+    self->is_held = begun > until + 1e-6;
     self->time = time + size;
     return 1;
 }}
