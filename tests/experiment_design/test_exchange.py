@@ -172,6 +172,14 @@ def test_a_binary_sequence_of_the_longest_period_is_balanced():
     assert set(found.binary_sequence(0.5).ravel().tolist()) == {-51, 51}
 
 
+@pytest.mark.parametrize(
+    ("bounds", "expected"),
+    [((0.2, 0.8), {51, 127}), ((-0.8, -0.2), {-51, -127}), ((0.0, 1.0), {0, 127})],
+)
+def test_a_smaller_binary_sequence_stays_within_the_bounds(bounds, expected):
+    assert set(schedules(bounds=bounds).binary_sequence(0.5).ravel().tolist()) == expected
+
+
 def planned(name: str, error: float, is_allowed: bool = True) -> PlannedSchedule:
     drive = Experiment([0.0, 10.0, 20.0], [[0.1], [0.2], [0.2]], channels=("T",))
     return PlannedSchedule(

@@ -45,6 +45,16 @@ def test_a_screen_shows_values_duty_links_and_losses_within_80_by_24(twin: Twin)
     assert len(text.splitlines()) <= 24
 
 
+def test_duty_is_positive_where_it_heats() -> None:
+    """Positive counts cool the mirror."""
+    screen = Screen(Twin("dew-point-mirror"))
+    counts = screen._rig.driver.counts
+    screen.update([Sample("link", "b", START, 0, 0, (-counts // 2,), 20.0)])
+    assert "duty 50 %" in shown(screen)
+    screen.update([Sample("link", "b", START, 1, 0, (0,), 20.0)])
+    assert "duty 0 %" in shown(screen)
+
+
 def test_a_channel_that_has_failed_is_shown_as_failed(twin: Twin) -> None:
     screen = Screen(twin)
     values = np.full(15, 30.0)

@@ -67,8 +67,8 @@ def run_on_live_rig(
         progress.step(f"{doing} {loaded.name} for {duration:g} s")
 
         def show(time: float, pwm: tuple[int, ...]) -> None:
-            parts = ", ".join(f"{100 * count / loaded.driver.counts:.0f} %" for count in pwm)
-            progress.update(f"{time:.0f} s, duty {parts}")
+            duty = ", ".join(f"{100 * part:.0f} %" for part in loaded.driver.duty(pwm))
+            progress.update(f"{time:.0f} s, duty {duty}")
 
         outcome = run(
             bench,

@@ -74,7 +74,8 @@ class Schedules:
         return np.clip(rounded, self.levels[0], self.levels[-1])
 
     def binary_sequence(self, amplitude: float = 1.0) -> Counts:
-        """A pseudo-random binary sequence between the bounds times the amplitude.
+        """A pseudo-random binary sequence between the bounds. With an amplitude below 1, both are
+        moved towards the duty between them that is nearest to 0.
 
         It is the sequence of the longest period of a linear feedback shift register with as few
         bits as the number of steps needs (Godfrey, Perturbation Signals for System Identification,
@@ -83,7 +84,10 @@ class Schedules:
         from scipy.signal import max_len_seq  # which takes a third of a second to import
 
         sequence, _ = max_len_seq(max(2, self.steps.bit_length()))
-        low, high = (int(amplitude * level) for level in (self.levels[0], self.levels[-1]))
+        least = min(max(0, self.levels[0]), self.levels[-1])
+        low, high = (
+            least + int(amplitude * (level - least)) for level in (self.levels[0], self.levels[-1])
+        )
         shift = len(sequence) // self.cells
         columns = [np.resize(np.roll(sequence, -shift * c), self.steps) for c in range(self.cells)]
         return np.where(np.stack(columns, axis=1) > 0, high, low)

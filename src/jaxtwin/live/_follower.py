@@ -52,8 +52,7 @@ class Follower:
                 case Sample() if record.pwm:
                     if self._begin is not None:
                         self._twin.advance(self._time(record.arrival))
-                    duty = np.array(record.pwm) * self._driver.polarity / self._driver.counts
-                    self._twin.drive(duty, record.ambient)
+                    self._twin.drive(self._driver.duty(record.pwm), record.ambient)
                 case Reading() if not record.recalibrating:
                     self.measured = record.temperatures
                     if self._begin is None:

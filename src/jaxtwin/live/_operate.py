@@ -209,11 +209,10 @@ class _Run:
 
     def _moment(self, time: float) -> Moment:
         assert self._reading is not None, "a rig is ready once it has sent temperatures"
-        driver, sample = self._rig.driver, self._sample
+        sample = self._sample
         pwm = sample.pwm if sample is not None else (0,) * len(self._rig.cells)
-        duty = np.array(pwm) * driver.polarity / driver.counts
         ambient = sample.ambient if sample is not None else None
-        return Moment(time, self._reading.temperatures, duty, ambient)
+        return Moment(time, self._reading.temperatures, self._rig.driver.duty(pwm), ambient)
 
 
 def _checked(duty: Sequence[float] | np.ndarray, cells: int) -> np.ndarray:

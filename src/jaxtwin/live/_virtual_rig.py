@@ -80,7 +80,7 @@ class VirtualRig:
         self.stage = OutputStage(len(rig.cells), rig.driver.counts, float(watchdog))
         self.twin = LiveTwin(twin)
         self._cells = [cell.name for cell in rig.cells]
-        self._polarity = rig.driver.polarity
+        self._driver = rig.driver
         self._random = np.random.default_rng(seed)
         self._noise = rig.noise
         camera, self._picture = rig.camera, None
@@ -217,7 +217,7 @@ class VirtualRig:
         """Applies the counts of the output stage to the cells."""
         if self.stage.pwm != self._driven:
             self._driven = self.stage.pwm
-            self.twin.drive(np.array(self._driven) * self._polarity / self.hello.counts)
+            self.twin.drive(self._driver.duty(self._driven))
 
     def _message(self, stream: str, time: float) -> bytes:
         seq = self._count(stream)

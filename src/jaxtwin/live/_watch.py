@@ -117,8 +117,8 @@ class Screen:
         text = Text()
         for link, state in self._links.items():
             text.append(f"{link} {state}  ", _LINK.get(state, "red"))
-        counts = self._rig.driver.counts
-        duty = ", ".join(f"{100 * count / counts:.0f} %" for count in self._pwm) or "-"
+        parts = self._rig.driver.duty(self._pwm)
+        duty = ", ".join(f"{100 * part:.0f} %" for part in parts) or "-"
         ambient = "" if self._ambient is None else f", ambient {self._ambient:.1f} degC"
         text.append(f"\nduty {duty}{ambient}\n")
         for what, arrivals in self._arrivals.items():

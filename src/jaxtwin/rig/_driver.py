@@ -1,7 +1,11 @@
 """The power driver: one pulse-width modulated H-bridge for each cell."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, final
+
+import numpy as np
+from jaxtyping import Float
 
 from ._value import Value
 
@@ -39,3 +43,7 @@ class Driver:
     lag: Value | None = None
     delay: Value | None = None
     current_limit: Value | None = None
+
+    def duty(self, pwm: Sequence[int]) -> Float[np.ndarray, " cells"]:
+        """Returns the duty cycles of PWM commands in counts, -1 to 1; positive heats the plate."""
+        return np.array(pwm) * self.polarity / self.counts
