@@ -95,7 +95,7 @@ def test_a_number_that_other_tests_replace_is_this_for_users(path):
 
 
 FORMATS = {
-    "jaxtwin.sweeps._plan.FORMAT": 1,
+    "jaxtwin.sweeps._plan.FORMAT": 2,
     "jaxtwin.matching._fit_file.FORMAT": 1,
     "jaxtwin.live._messages.VERSION": 2,
 }

@@ -52,6 +52,7 @@ thermal_resistance = "1.9 K/W"
 side_mass = "13 g"
 side_specific_heat = "1200 J/(kg K)"
 contacts = { V11 = "0.6 K/W" }
+area = "16 cm^2"
 sink_resistance = "0.5 K/W"
 sink_capacitance = "200 J/K"
 sink_air_resistance = "0.3 K/W"

@@ -8,10 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from small_rigs import small_rig_file
 
 from jaxtwin.physics import Netlist, Twin, build_netlist
 from jaxtwin.physics._plate import finite_volume_links
-from jaxtwin.rig import Plate, Value
+from jaxtwin.rig import Plate, Value, load_rig
 
 FORMULAS = json.loads(Path(__file__).with_name("circuit_facts.json").read_text())["formulas"]
 
@@ -113,6 +114,21 @@ def test_cell_that_touches_three_elements_covers_a_third_of_each_from_one_side(m
     rim = 2 * (0.03 + 0.03) * 0.002
     found = build_netlist(many).ambient_conductance({}, "plate")
     assert found == pytest.approx(10 * (faces + rim), rel=1e-6)
+
+
+def test_a_cell_covers_the_area_that_it_states_of_one_face(tmp_path):
+    """Half of three elements of 2, 2 and 4 cm^2, the same part of each."""
+    contacts = {"V11": "1 K/W", "V12": "1 K/W", "V13": "1 K/W"}
+    file = small_rig_file(
+        tmp_path, ["1 cm", "1 cm", "2 cm"], ["2 cm"], [contacts], conductivity="1e9 W/(m K)"
+    )
+    file.write_text(file.read_text().replace("contacts =", 'area = "4 cm^2"\n        contacts ='))
+    netlist = build_netlist(load_rig(file))
+    faces, rim = 2 * 8e-4 - 4e-4, 2 * (0.04 + 0.02) * 0.002
+    assert netlist.ambient_conductance({}, "plate") == pytest.approx(10 * (faces + rim), rel=1e-6)
+    film = [link for link in netlist.links if link.role == "film" and link.a == "V13"]
+    largest = max(1 / link.resistance({}) for link in film)
+    assert largest == pytest.approx(10 * (2 * 4e-4 - 2e-4), rel=1e-6)
 
 
 def fin_error(elements: int, network) -> float:

@@ -45,6 +45,10 @@ def test_cells_touch_the_elements_under_them(tmp_path: Path):
         f"V{row}{column}" for row in (1, 2, 3, 4) for column in (1, 2, 3, 4)
     }
     assert rig.parameters["R_pc_1"].value == pytest.approx(0.5)
+    # They cover one of the two faces: the upper one and the rim lose heat.
+    values = {name: row.value for name, row in rig.parameters.items()}
+    lost = build_netlist(rig).ambient_conductance(values, "plate")
+    assert lost == pytest.approx(15.0 * (0.08 * 0.04 + 2 * 0.12 * 0.002), rel=0.01)
     sheet = load_module("TEC1-12706")
     assert rig.parameters["R_E"].value == pytest.approx(sheet.electrical_resistance, rel=1e-3)
     assert [channel.name for channel in rig.channels] == ["T11", "T12", "T13", "T21", "T22", "T23"]

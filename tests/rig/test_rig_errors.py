@@ -57,6 +57,8 @@ MISTAKES = {
     "a link to itself": ("paper", '"V11-V12"', '"V11-V11"', "circuit.links[R_Tfx1].between", "'V11-V11'", "two different nodes"),
     "a link with one end": ("paper", '"V11-V12"', '"V11"', "circuit.links[R_Tfx1].between", "'V11'", '"V11-V12"'),
     "a cell on no element": ("paper", "contacts = { V23", "contacts = { V43", "cells[P1].contacts", "'V43'", "V11 to V38"),
+    "a cell larger than its elements": ("dual", 'contacts = { V12', 'area = "65 cm^2"\ncontacts = { V12', "cells[P1].area", "at most 64 cm^2"),
+    "an area beside a circuit": ("paper", 'contacts = { V23 = "R_pc" }', 'contacts = { V23 = "R_pc" }\narea = "16 cm^2"', "cells[P1].area", "none beside a [circuit]"),
     "a cell without contact": ("paper", 'contacts = { V23 = "R_pc" }', "contacts = {}", "cells[P1].contacts", "at least 1"),
     "two cells of one name": ("paper", 'name = "P2"', 'name = "P1"', "cells", "'P1' twice"),
     "a channel that no recording can hold": ("paper", 'name = "T12"', 'name = "T,12"', "channels[T,12].name", "'T,12'", "letters, digits"),

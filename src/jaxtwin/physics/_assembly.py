@@ -97,13 +97,15 @@ def _loss(rig: Rig) -> Loss | None:
 def _covered_faces(rig: Rig) -> dict[str, float]:
     """Returns the part of the two faces of each element that cells cover.
 
-    A cell is taken to be as large as one element ("the area of these elements is selected to be
-    equal or proportional to the Peltier device area", section 3.2.1 of the paper), spread evenly
-    over the elements that it touches.
+    A cell covers the same part of all elements that it touches. If the rig does not state its area,
+    it is taken to be as large as one element ("the area of these elements is selected to be equal
+    or proportional to the Peltier device area", section 3.2.1 of the paper).
     """
     covered: dict[str, float] = {}
     for cell in rig.cells:
+        share = 1 / len(cell.contacts)
+        if cell.area is not None:
+            share = cell.area / sum(rig.plate.area(element) for element, _ in cell.contacts)
         for element, _ in cell.contacts:
-            share = 1 / len(cell.contacts)
             covered[element] = min(1.0, covered.get(element, 0.0) + share / 2)
     return covered

@@ -30,6 +30,8 @@ class Cell:
       starts at the temperature of the plate or of the sink, which it touches.
     - `sink_initial_temperature`: the initial temperature of the sink, K; None means that of the
       plate.
+    - `area`: the area of the plate that the cell covers, m^2; None for that of one of the elements
+      that it touches, on average.
     """
 
     name: str
@@ -44,3 +46,4 @@ class Cell:
     initial_temperature: Value | None = None
     sink_initial_temperature: Value | None = None
     sink: str | None = None
+    area: float | None = None

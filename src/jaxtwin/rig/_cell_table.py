@@ -11,6 +11,7 @@ from ._fields import Fields
 from ._plate import Plate
 from ._schema import CellTable
 from ._units import (
+    AREA,
     ELECTRICAL_RESISTANCE,
     HEAT_CAPACITY,
     MASS,
@@ -85,7 +86,25 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
         initial_temperature=optional("initial_temperature", TEMPERATURE),
         sink_initial_temperature=optional("sink_initial_temperature", TEMPERATURE),
         sink=table.sink,
+        area=_area(table, plate, fields),
     )
+
+
+def _area(table: CellTable, plate: Plate, fields: Fields) -> float | None:
+    if table.area is None:
+        return None
+    at = f"cells[{table.name}].area"
+    if plate.film_coefficient is None:
+        fields.refuse(at, "expected none beside a [circuit], whose links are the plate's losses")
+    area = fields.constant(at, table.area, AREA)
+    touched = sum(plate.area(element) for element in table.contacts)
+    if area > touched * (1 + 1e-6):
+        fields.refuse(
+            at,
+            f"expected at most {1e4 * touched:g} cm^2, the area of the elements in contacts, got "
+            f"{table.area!r}",
+        )
+    return min(area, touched)
 
 
 def _side_capacitance(table: CellTable, fields: Fields) -> Value:

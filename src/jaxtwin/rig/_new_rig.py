@@ -121,7 +121,10 @@ def new_rig_text(
         "supply_voltage": supply_voltage,
         "limit": limit,
         "reader": _reader(reader, sizes["width"], sizes["height"]),
-        "cells": "\n".join(_cell_table(number, cell) for number, cell in enumerate(cells, 1)),
+        "cells": "\n".join(
+            _cell_table(number, cell, min(face, len(cell) * columns[1] * rows[1]))
+            for number, cell in enumerate(cells, 1)
+        ),
         "channels": "\n".join(_channel_tables(reader, zones, columns, rows)),
         "contacts": "\n".join(
             _contact_parameter(number, GREASE / (columns[1] * rows[1]))
@@ -205,7 +208,7 @@ def _reader(reader: str, width: float, height: float) -> str:
     )
 
 
-def _cell_table(number: int, elements: list[str]) -> str:
+def _cell_table(number: int, elements: list[str], area: float) -> str:
     contacts = ", ".join(f'{element} = "R_pc_{number}"' for element in elements)
     return f"""[[cells]]
 name = "P{number}"
@@ -214,6 +217,7 @@ electrical_resistance = "R_E"
 thermal_resistance = "R_Th"
 side_capacitance = "C_side"
 contacts = {{ {contacts} }}
+area = "{1e4 * area:.9g} cm^2"
 sink_resistance = "R_sink"
 """
 
@@ -273,7 +277,7 @@ film_coefficient = "h"
 # Natural convection grows with the temperature difference, about to this power.
 film_exponent = "0.25"
 
-# The cells, and the elements that each of them touches.
+# The cells, the elements that each of them touches, and the area that it covers.
 # {module}: {module_source}.
 {cells}
 # Where positive commands cool the plate, set polarity = -1.

@@ -88,6 +88,14 @@ class Plate:
         """
         return self._extents[element]
 
+    def area(self, element: str) -> float:
+        """The area of a face of an element, m^2.
+
+        **Raises:** `KeyError` if the plate has no such element.
+        """
+        left, right, top, bottom = self._extents[element]
+        return (right - left) * (bottom - top)
+
     @cached_property
     def _extents(self) -> dict[str, tuple[float, float, float, float]]:
         x, y = self.column_edges, self.row_edges

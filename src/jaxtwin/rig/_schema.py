@@ -122,6 +122,7 @@ class CellTable(Table):
     side_specific_heat: Quantity | None = None
     side_capacitance: Quantity | None = None
     contacts: Annotated[dict[str, Quantity], Field(min_length=1)]
+    area: Quantity | None = None
     sink_resistance: Quantity
     sink: Text | None = None
     sink_capacitance: Quantity | None = None

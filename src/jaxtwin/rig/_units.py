@@ -42,6 +42,7 @@ class Kind:
 LENGTH = Kind("a length", "m", "4 cm")
 COORDINATE = Kind("a length", "m", "4 cm", least="zero")
 SHIFT = Kind("a length", "m", "2 mm", least="any")
+AREA = Kind("an area", "m^2", "16 cm^2")
 ANGLE = Kind("an angle", "rad", "1 deg", least="any")
 DENSITY = Kind("a density", "kg/m^3", "8960 kg/m^3")
 SPECIFIC_HEAT = Kind("a specific heat", "J/(kg K)", "390 J/(kg K)")
