@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import interp1d
 
-from jaxtwin import Experiment, SimulationError, Twin, simulate_batch
+from jaxtwin import Experiment, SimulationError, Twin, simulate, simulate_batch
 from jaxtwin.simulation import NetworkExponential, TimeGrid, build_time_grid, solve_network
 from jaxtwin.simulation._interpolation import step_polynomials
 from jaxtwin.simulation._refinement import ERROR_TOLERANCE, needs_shorter_steps
@@ -244,3 +244,49 @@ def test_samples_between_the_ends_of_long_steps_follow_fast_modes():
     drive = Experiment.schedule("0:0.5,500:0.78", duration=1000, cells=1)
     exact = twin.simulate(drive, solver=diffrax.Kvaerno5()).temperatures
     assert np.abs(twin.simulate(drive).temperatures - exact).max() < 5e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", ["single-cell", "pcr-block", "dual-cell"])
+@pytest.mark.parametrize("hold", [0.2, 1.0, 3.0])
+def test_samples_between_two_changes_of_the_duty_are_as_exact_as_those_at_them(
+    rig: str, hold: float
+):
+    """Ten samples a second, and a duty that is held for a fifth of a second to three seconds,
+    beside Kvaerno5 at 1e-9."""
+    twin = Twin(rig)
+    time = 0.1 * np.arange(101)
+    number = np.floor((time + 1e-9) / hold).astype(int)
+    rng = np.random.default_rng(0)
+    duty = rng.uniform(0.2, 0.8, (number.max() + 1, len(twin.rig.cells)))[number]
+    drive = Experiment(time, duty, channels=twin.channels)
+    exact = simulate(
+        twin,
+        drive,
+        solver=diffrax.Kvaerno5(),
+        stepsize_controller=diffrax.PIDController(rtol=1e-9, atol=1e-9),
+    )
+    np.testing.assert_allclose(
+        simulate(twin, drive).temperatures, exact.temperatures, rtol=0, atol=1e-3
+    )
+
+
+def test_a_draw_that_does_not_stay_finite_is_solved_with_shorter_steps():
+    """Two draws whose first solution overflows, among sixty that are solved at once. XLA's largest
+    of several NaN is not NaN in a chunk of this size."""
+    twin = Twin("single-cell")
+    drive = Experiment.schedule("0:0.5,500:0.78", duration=1000, cells=1, channels=twin.channels)
+    odd = {
+        "C_load": 5.587906953688283, "R_loss": 0.20900559584369316, "n_film": 0.937910481158186,
+        "alpha": 0.05690241706441305, "R_E": 9.752725982993043, "R_Th": 3.6179001685692738,
+        "C_side": 34.02378842686504, "R_pc": 0.49176480432200953, "R_ph": 0.012386471183787336,
+        "C_sink": 9020.2185939587, "R_sink": 5.376701108533904, "R_supply": 0.036994348207002786,
+        "g_T": 0.6378794934366826, "T_amb": 10.905613322882607, "T_start": 62.19059473430268,
+        "T_sink": 39.24878922687994,
+    }  # fmt: skip
+    draws = {name: np.full(64, twin.values[name]) for name in odd}
+    for name, value in odd.items():
+        draws[name][[5, 40]] = value
+    found = simulate_batch(twin, drive, draws)
+    alone = simulate(twin.with_values(odd), drive).temperatures
+    np.testing.assert_allclose(found[[5, 40]], np.stack([alone] * 2), rtol=0, atol=1e-4)

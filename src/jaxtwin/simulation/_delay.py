@@ -23,11 +23,12 @@ from ._interpolation import sample_weights, step_polynomials
 from ._time_grid import TimeGrid
 
 FINEST, FIRST, GROWN = 2.0**-9, 2.0**-5, 16
-BEFORE = np.diff([0.0, *np.geomspace(FINEST, FIRST, 5), *np.geomspace(FIRST, 1.0, GROWN + 1)[1:]])
+GROWING = np.diff([0.0, *np.geomspace(FINEST, FIRST, 5), *np.geomspace(FIRST, 1.0, GROWN + 1)[1:]])
+BEFORE = np.append(GROWING, 0.0)
 """Steps before the first command arrives, as fractions of the delay. They are short at first,
 because a plate that does not start in a steady state changes fastest then, and grow by a quarter
 each. With fewer steps, the error between their ends is a tenth of a kelvin for a delay of a
-minute."""
+minute. The step of no length at the end is that of `step_polynomials`."""
 
 
 def checked_longest_delay(
@@ -99,6 +100,8 @@ def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
         held = jnp.asarray(grid.ambient_at, dtype)
         summed = jnp.append(0.0, jnp.cumsum(held[:-1] * jnp.diff(times)))
         ambient = (jnp.interp(ends, times, summed) - jnp.interp(starts, times, summed)) / lengths
+        # A step of no length has the inputs of the step before it.
+        ambient = jnp.where(steps > 0, ambient, jnp.roll(ambient, 1))
         # Steps that end behind the last sample.
         ambient = jnp.where(ends > times[-1], held[-1], ambient)
     return TimeGrid(

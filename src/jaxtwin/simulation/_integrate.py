@@ -128,7 +128,9 @@ def integrate(
     lengths = jnp.asarray(grid.sizes, dtype)[grid.size]
     errors = errors[1:] * (1 + SLOPE_WEIGHT * modes.rates * lengths[:, None])
     channel_shapes = (jnp.asarray(system.channel_weights, dtype) @ modes.shapes).T
-    error_estimate = jnp.abs(errors @ channel_shapes).max()
+    estimates = jnp.abs(errors @ channel_shapes)
+    # XLA's maximum of several NaN is -inf in some vectorised loops (jax 0.10.2).
+    error_estimate = jnp.where(jnp.all(jnp.isfinite(estimates)), estimates.max(), jnp.nan)
     slopes = forces - modes.rates * amplitudes
     if readout is None:
         return StepReadings(amplitudes, slopes, error_estimate)

@@ -16,6 +16,9 @@ POWERS = 6
 SLOPE_AT_END = 3
 """The row of a step's polynomials that belongs to the slope at its end."""
 
+STANDING = np.diag([1.0, *[0.0] * (POWERS - 1)])
+"""The polynomials of a step of no length: the value at its start."""
+
 
 def step_polynomials(
     spans: Sequence[np.ndarray],
@@ -25,7 +28,8 @@ def step_polynomials(
     A span is a time during which the inputs are held. A step of a span has up to six values and
     slopes: those at its start, at its end, and at the start of the previous step. The first step of
     a span has no previous step. The slope at the end of a span has no weight, because it is that
-    under the following inputs.
+    under the following inputs. A step of no length at the end of a span gives the step before it a
+    slope under its own inputs.
 
     **Arguments:**
 
@@ -39,6 +43,9 @@ def step_polynomials(
     last = len(spans) - 1
     for number, steps in enumerate(spans):
         for k, step in enumerate(steps):
+            if step == 0:
+                rows.append(STANDING)
+                continue
             before = steps[k - 1] / step if k else None
             ends = k == len(steps) - 1 and number != last
             rows.append(_polynomials(before, not ends) * np.array([1, step] * 3)[:, None])

@@ -14,7 +14,7 @@ from jaxtyping import Shaped
 
 from ..io import Experiment
 from ..physics import System, Twin
-from ._interpolation import POWERS
+from ._interpolation import STANDING
 from ._time_grid import TimeGrid, build_time_grid, twin_steps
 
 PARTS = 8
@@ -67,9 +67,6 @@ def _padded_time_grid(
     experiment: Experiment, steps: tuple[float, float, float, float, int]
 ) -> TimeGrid:
     grid = build_time_grid(experiment, *steps)
-    # The temperature within a step of no length is that at its start.
-    standing = np.zeros((POWERS, POWERS))
-    standing[0, 0] = 1.0
     ambient, ambient_at = grid.ambient, grid.ambient_at
     return TimeGrid(
         times=padded(np.asarray(grid.times)),
@@ -77,7 +74,7 @@ def _padded_time_grid(
         size=padded(np.asarray(grid.size), len(grid.sizes), STEPS),
         duty=padded(np.asarray(grid.duty), least=STEPS),
         ambient=None if ambient is None else padded(np.asarray(ambient), least=STEPS),
-        polynomials=padded(np.asarray(grid.polynomials), standing, STEPS),
+        polynomials=padded(np.asarray(grid.polynomials), STANDING, STEPS),
         step_of=padded(np.asarray(grid.step_of)),
         weights=padded(np.asarray(grid.weights)),
         ambient_at=None if ambient_at is None else padded(np.asarray(ambient_at)),
