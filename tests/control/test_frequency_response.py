@@ -191,3 +191,9 @@ def test_responses_of_many_models_are_those_of_each():
         batch = jax.vmap(lambda model: model.frequency_response(OMEGA))(models(np.array([1.0, 2])))
     expected = 1 / (1j * OMEGA + 1)
     np.testing.assert_allclose(batch[..., 0, 0], [expected, 2 * expected], rtol=1e-12)
+
+
+def test_the_relative_gain_of_one_channel_and_two_cells_sums_to_one():
+    """By hand: gains of 1 and 2 have parts of 1/5 and 4/5."""
+    model = LinearModel([[-1.0]], [[1.0, 2.0]], [[1.0]], [[0.0, 0.0]])
+    np.testing.assert_allclose(model.relative_gain_array, [[0.2, 0.8]], rtol=1e-12)

@@ -63,6 +63,15 @@ def test_a_channel_that_fails_and_a_lost_sample_are_silences():
     assert not lost.arrives.all()
 
 
+def test_ambient_and_reference_may_have_a_value_for_each_sample():
+    """A sample each 2 s has two steps of the plant."""
+    twin, pid = Twin("single-cell"), PID(Kp=0.02, sample_time_s=2.0, limits=(0, 1))
+    room, target = np.linspace(15, 25, 11), np.linspace(25, 27, 11)
+    found = scenario(twin, pid, target, duration_s=20, ambient=room)
+    np.testing.assert_array_equal(found.ambient, np.column_stack([room, room]))
+    np.testing.assert_array_equal(found.reference, target[:, None])
+
+
 def test_spans_without_an_interval_are_none():
     assert len(periodic_spans(0.0, 1.0, 100.0)) == 0
     np.testing.assert_array_equal(periodic_spans(30.0, 5.0, 60.0), [[30, 35], [60, 65]])

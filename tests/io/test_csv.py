@@ -107,6 +107,14 @@ def test_the_example_of_the_page_is_read(read):
     np.testing.assert_array_equal(found.ambient, [20.1, 20.1, 20.2])
 
 
+def test_time_stamps_with_a_comma_stand_beside_numbers_with_a_point(read):
+    """As Python's logging writes them."""
+    rows = ["2024-03-05 14:03:21,500;0.5;20.5", "2024-03-05 14:03:22,500;0.5;21.5"]
+    found = read("\n".join(["time;duty_P1;T11_degC", *rows, ""]))
+    np.testing.assert_array_equal(found.time, [0, 1])
+    np.testing.assert_array_equal(found.temperatures, [[20.5], [21.5]])
+
+
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_a_line_that_names_the_separator_is_passed_over(read, separator):
     text = f"sep={separator}\n{GOOD.replace(',', separator)}"

@@ -222,7 +222,8 @@ class LinearModel(eqx.Module):
     @property
     def relative_gain_array(self) -> Float[np.ndarray, "output input"]:
         r"""$G \circ (G^+)^T$ of the gain at rest (Bristol 1966). It shows by which channel each
-        cell is best controlled, if each has its own loop. The columns sum to 1."""
+        cell is best controlled, if each has its own loop. The rows sum to 1, or with more channels
+        than cells the columns."""
         gain = np.asarray(self.dcgain)
         return gain * np.linalg.pinv(gain).T
 

@@ -20,7 +20,7 @@ def reference_samples(
     - `where`: the name of the argument, for error messages.
     - `references`: a number for all outputs; a text such as `"0:35,600:45"` or `"0:35/37"` (times
       in s, a value for all outputs or one for each, held until the next time); or an array
-      `(outputs,)` or `(samples, outputs)`.
+      `(outputs,)` or `(samples, outputs)`, for a single output also `(samples,)`.
     - `times`: times of the samples, s.
 
     **Raises:** `ControlError` that quotes the invalid part.
@@ -29,6 +29,8 @@ def reference_samples(
         return _scheduled(where, references, times, outputs)
     try:
         values = np.asarray(references, float)
+        if outputs == 1 and values.shape == times.shape:
+            values = values[:, None]
         shaped = np.broadcast_to(values, (len(times), outputs))
     except (TypeError, ValueError):
         raise ControlError(

@@ -135,9 +135,13 @@ def scenario(
         room = float(system.ambient_temperature) - 273.15
         delay = 0.0 if system.delay is None else float(system.delay)
         rows = (times[:, None] + step * np.arange(substeps)).reshape(-1)
-        surroundings = reference_samples(
-            f"{where}: ambient", room if ambient is None else ambient, rows, 1
-        ).reshape(len(times), substeps)
+        if isinstance(ambient, str):  # its times need not be those of the samples
+            surroundings = reference_samples(f"{where}: ambient", ambient, rows, 1)
+        else:
+            held = room if ambient is None else ambient
+            at_samples = reference_samples(f"{where}: ambient", held, times, 1)
+            surroundings = np.repeat(at_samples, substeps, axis=0)
+        surroundings = surroundings.reshape(len(times), substeps)
         _check_above_absolute_zero(f"{where}: ambient", surroundings)
         check_cells(where, chosen, len(plant.netlist.cells), len(weights))
         check_sample_time(plant, interval)

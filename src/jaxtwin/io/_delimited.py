@@ -15,6 +15,7 @@ import csv
 import io
 import re
 from dataclasses import dataclass
+from itertools import compress
 from typing import final
 
 import numpy as np
@@ -112,7 +113,10 @@ def read_columns(content: bytes, expected: str) -> tuple[list[Column], list[int]
     if not rows:
         raise RecordingError("is empty: expected at least 2 samples, got none")
     columns = []
-    comma = separator != "," and any("," in field for row in rows for field in row)
+    # Loggers write fractions of seconds with a comma, whatever they do in numbers.
+    is_number = [not is_timestamp_title(title) for title in titles]
+    numbers = (field for row in rows for field in compress(row, is_number))
+    comma = separator != "," and any("," in field for field in numbers)
     for number, (title, fields) in enumerate(zip(titles, zip(*rows, strict=True), strict=True)):
         if not title and (number == 0 or not any(fields)):
             continue

@@ -9,6 +9,7 @@ from urllib.parse import quote
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._arguments import finite_number
 from .._errors import RecordingError
 from ._clock_map import ClockMap
 from ._experiment import Experiment
@@ -194,6 +195,11 @@ class Session:
 
         **Raises:** `RecordingError` if duty or temperatures are missing altogether.
         """
+        step = finite_number("step", step, RecordingError)
+        start, end = (
+            None if at is None else finite_number(name, at, RecordingError)
+            for name, at in (("start", start), ("end", end))
+        )
         with damage_as_recording_error(self.file):
             # One moment of a file that may be growing.
             self.database.execute("BEGIN")

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 def write_recording(experiment: Experiment, path: str | Path) -> Path:
     """Writes an experiment as .csv or netCDF (.nc), as the ending of the path says.
 
-    `read_recording` reads back an equal experiment, with every number equal to the last bit. Only
-    the name is not kept: a recording has the name of its file.
+    `read_recording` reads back an equal experiment, with every number equal to the last bit. Name
+    and group are not kept: a recording has the name of its file, and no group.
 
     **Arguments:**
 

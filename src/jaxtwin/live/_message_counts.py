@@ -40,9 +40,11 @@ class MessageCounts:
 
     def begin(self, boot: str, rate: float) -> str:
         """Registers a greeting. Returns the name under which its device is counted."""
-        name = self._names.setdefault(boot, boot)
-        self._counts.setdefault(name, {})
-        self._times.setdefault(name, DeviceTime(rate, _steps(name, boot)))
+        # The latest greeting is the last entry: the first ones are forgotten.
+        self._names[boot] = name = self._names.pop(boot, boot)
+        self._counts[name] = self._counts.pop(name, {})
+        clock = self._times.pop(name, None)
+        self._times[name] = DeviceTime(rate, _steps(name, boot)) if clock is None else clock
         for known in (self._counts, self._times, self._names):
             while len(known) > BOOTS:
                 del known[next(iter(known))]
