@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from .._errors import SimulationError
 from ._style import palette, points, styled
+from ._units import unit_text
 
 if TYPE_CHECKING:
     import xarray
@@ -58,8 +59,7 @@ def plot_distributions(draws: "xarray.Dataset") -> Figure:
         axes.plot(median, places, "o", color=palette().ink, ms=4)
         axes.set_yticks(places, labels)
         axes.set_ylim(len(labels) - 0.4, -0.6)
-        unit = str(draws[name].attrs.get("units", ""))
-        unit = unit.replace("degC", "°C").replace("K2", "K²")
+        unit = unit_text(str(draws[name].attrs.get("units", "")))
         axes.set(title=name, xlabel=unit)
     figure.supxlabel(
         f"{first.sizes['draw']} draws: median, quartiles, 5 to 95 %", fontsize=points(9),
