@@ -351,6 +351,13 @@ def test_own_results_have_units_where_they_are_known():
     assert [axes.get_xlabel() for axes in made.plot().axes] == ["K² s", ""]
 
 
+def test_quantiles_of_infinite_results_are_those_of_draws():
+    """Three of four loops never settle."""
+    times = np.array([80.0, np.inf, np.inf, np.inf])
+    html = Reductions(("T",), np.zeros(4, bool), custom={"settling_time": times})._repr_html_()
+    assert "<th>settling_time</th><td>80</td><td>inf</td><td>inf</td>" in html
+
+
 def test_the_table_of_a_validation_is_named_by_it():
     run = fit().runs["synthetic-A"]
     made = Prediction("synthetic-A", run, fit().twin, {}, (), fit())

@@ -237,7 +237,9 @@ class Reductions:
         rows = []
         for name, values in self.to_xarray().data_vars.items():
             if name != "failed" and np.isfinite(values).any():
-                quantiles = np.nanquantile(values, (0.05, 0.5, 0.95))
+                # Between two infinite values, such as settling times, nothing can be interpolated.
+                method = "nearest" if np.isinf(values).any() else "linear"
+                quantiles = np.nanquantile(values, (0.05, 0.5, 0.95), method=method)
                 unit = str(values.attrs.get("units", ""))
                 rows.append((str(name), *(f"{value:.4g}" for value in quantiles), unit))
         return html_table(repr(self), ("", "5 %", "median", "95 %", "unit"), rows)
