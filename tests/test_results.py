@@ -341,6 +341,23 @@ def test_distributions_of_a_number_for_each_draw_have_a_single_row():
     np.testing.assert_array_equal(axes.lines[0].get_xdata(), [2.0])
 
 
+def test_own_results_have_units_where_they_are_known():
+    """In the dataset, in the table of a notebook and below the picture."""
+    own = {"area": np.array([1.0, 2.0]), "index": np.array([3.0, 4.0])}
+    made = Reductions(("T",), np.zeros(2, bool), custom=own, custom_units={"area": "K^2 s"})
+    assert made.to_xarray()["area"].attrs == {"units": "K^2 s"}
+    assert made.to_xarray()["index"].attrs == {}
+    assert "<td>1.95</td><td>K^2 s</td>" in made._repr_html_()
+    assert [axes.get_xlabel() for axes in made.plot().axes] == ["K² s", ""]
+
+
+def test_quantiles_of_infinite_results_are_those_of_draws():
+    """Three of four loops never settle."""
+    times = np.array([80.0, np.inf, np.inf, np.inf])
+    html = Reductions(("T",), np.zeros(4, bool), custom={"settling_time": times})._repr_html_()
+    assert "<th>settling_time</th><td>80</td><td>inf</td><td>inf</td>" in html
+
+
 def test_the_table_of_a_validation_is_named_by_it():
     run = fit().runs["synthetic-A"]
     made = Prediction("synthetic-A", run, fit().twin, {}, (), fit())

@@ -21,6 +21,7 @@ from jaxtwin.control import (
     simulate_closed_loop,
 )
 from jaxtwin.control._many_loops import twin_at_medians
+from jaxtwin.control._measures import units_of
 
 DURATION = 120.0
 """Of all loops, s: the same shapes compile nothing anew."""
@@ -109,6 +110,35 @@ def test_draws_are_loops_side_by_side(twin: Twin, pid: PID):
     )
     assert fast["hottest"].shape == (2,)
     assert fast["hottest"][0] < fast["hottest"][1]
+
+
+@pytest.mark.slow
+def test_measures_of_many_loops_have_the_units_of_single_ones(twin: Twin, pid: PID):
+    """In the dataset, in the table of a notebook and below the picture, under whatever name; the
+    unit of a function of one's own is not known."""
+    measures = {
+        "hottest_cell_side": MEASURES["hottest_cell_side"][0],
+        "squared": MEASURES["integral_squared_error"][0],
+        "own": lambda loop: loop.plate.max(),
+    }
+    found = simulate_closed_loop(
+        twin, pid, 35, duration_s=DURATION, draws={"R_E": [1.9, 2.1]}, measures=measures
+    )
+    data = found.to_xarray()
+    assert {name: data[name].attrs.get("units") for name in measures} == {
+        "hottest_cell_side": "degC",
+        "squared": "K^2 s",
+        "own": None,
+    }
+    assert found._repr_html_().count("<td>degC</td>") == 1
+    assert [axes.get_xlabel() for axes in found.plot().axes] == ["°C", "K² s", ""]
+    plt.close("all")
+
+
+def test_every_measure_is_known_by_its_function():
+    assert units_of({name: function for name, (function, _) in MEASURES.items()}) == {
+        name: unit for name, (_, unit) in MEASURES.items()
+    }
 
 
 def test_a_stall_and_a_failed_channel_end_with_the_cells_off(twin: Twin, pid: PID):

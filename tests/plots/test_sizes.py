@@ -93,3 +93,12 @@ def test_distributions_have_3_2_inches_for_each_quantity_and_0_24_for_each_chann
         {"channel": list("abcde")},
     )
     assert inches(plots.plot_distributions(draws)) == (7.4, 2.5)
+
+
+@pytest.mark.parametrize(
+    ("quantities", "size"),
+    [(1, (4.2, 1.54)), (3, (10.6, 1.54)), (4, (7.4, 2.78)), (5, (10.6, 2.78)), (12, (10.6, 5.26))],
+)
+def test_distributions_have_at_most_three_panels_side_by_side(quantities, size):
+    draws = xarray.Dataset({f"{n}": ("draw", np.arange(3.0)) for n in range(quantities)})
+    assert inches(plots.plot_distributions(draws)) == size

@@ -62,6 +62,7 @@ def test_measures_of_closed_loops_are_outputs():
 
     found = jt.sensitivity(twin, method="pearson", model=loops, draws=8, names=["R_E", "C_load"])
     assert found.labels == ("settling_time", "energy")  # as they were asked for
+    assert [output.unit for output in found.outputs] == ["s", "J"]
     assert not found.failed.any()
     assert len(set(found.values[:, 0])) > 3
     for number, row in enumerate(found.samples):

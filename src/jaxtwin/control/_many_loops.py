@@ -17,7 +17,7 @@ from ..simulation._workers import work_in_chunks
 from ._closed_loop import run_loop
 from ._controller import AbstractController, with_values
 from ._loop_signals import ClosedLoop
-from ._measures import Measure
+from ._measures import Measure, units_of
 from ._scenario import Scenario
 
 LARGEST_CHUNK = 256
@@ -110,7 +110,9 @@ def simulate_many_loops(
     results = work_in_chunks(rows, work, chunk_size=chunk_size, workers=workers)
     # Energy and peak power are measures of the loop here, computed at every step of the plant.
     custom = {name: results[name] for name in measures}
-    return Reductions(twin.channels, results["failed"], custom=custom)
+    return Reductions(
+        twin.channels, results["failed"], custom=custom, custom_units=units_of(measures)
+    )
 
 
 def numbers_per_step(twin: Twin, scenario: Scenario) -> int:

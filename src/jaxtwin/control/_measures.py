@@ -1,6 +1,6 @@
 """Measures of a closed loop: pure JAX functions of a `ClosedLoop`, each a single number."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 import jax.numpy as jnp
@@ -112,6 +112,17 @@ MEASURES: dict[str, tuple[Measure, str]] = {
     "total_variation": (total_variation, ""),
 }
 """Name -> function and unit."""
+
+
+def units_of(measures: Mapping[str, Measure]) -> dict[str, str]:
+    """Returns the units of those measures that are in `MEASURES`, whatever their names; the unit of
+    a user's own function is not known."""
+    return {
+        name: unit
+        for name, function in measures.items()
+        for known, unit in MEASURES.values()
+        if function is known
+    }
 
 
 def _error(loop: ClosedLoop) -> Float[Array, "times outputs"]:

@@ -111,7 +111,8 @@ def simulate_closed_loop(
     - `settings`: the further keywords of `jaxtwin.control.scenario`: disturbances, noise, faults,
       delays.
 
-    **Returns:** a `ClosedLoopRun`; or, for many loops, `Reductions` with the measures.
+    **Returns:** a `ClosedLoopRun`; or, for many loops, `Reductions` with the measures, those of
+    `MEASURES` with their units.
 
     **Raises:** `ControlError` if twin, controller, references and settings do not fit each other,
     or if a reference is out of reach; `ParameterError` for an invalid parameter of the twin;

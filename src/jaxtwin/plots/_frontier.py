@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from ..control import MEASURES, Frontier
 from ._style import palette, points, styled
+from ._units import unit_text
 
 NEAR = 0.02
 """The part of the range of a panel within which dots cover each other."""
@@ -62,7 +63,8 @@ def plot_frontier(frontier: Frontier, measure: str, beside: Sequence[str]) -> Fi
         axes.margins(x=0.1)
         axes.set_xlabel(_label(name))
     panels[0].set_ylabel(_label(measure))
-    unit = MEASURES[frontier.against][1]
+    unit = unit_text(MEASURES[frontier.against][1])
+    unit = f"({unit})" if " " in unit else unit
     panels[0].set_title(
         f"weight of {frontier.against.replace('_', ' ')}" + (f", 1/{unit}" if unit else "")
     )
@@ -93,5 +95,5 @@ def _neighbours(
 
 
 def _label(name: str) -> str:
-    unit = MEASURES[name][1]
+    unit = unit_text(MEASURES[name][1])
     return name.replace("_", " ") + (f", {unit}" if unit else "")

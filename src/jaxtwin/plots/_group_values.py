@@ -16,6 +16,7 @@ from ..matching._fit import solution_of
 from ..matching._fitted_parameters import interval_95
 from ..rig import Parameter
 from ._style import palette, styled, symbol
+from ._units import unit_text
 
 COLUMNS = 4
 
@@ -127,7 +128,7 @@ def _draw(axes: Axes, groups: Sequence[str], row: _Row) -> None:
         axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xticks(places, groups, rotation=30, ha="right")
     axes.set_xlim(-0.5, len(groups) - 0.5)
-    unit = row.parameter.unit.replace("degC", "°C").replace("ohm", "Ω")
+    unit = unit_text(row.parameter.unit)
     axes.set_title(symbol(row.parameter.name) + (f", {unit}" if unit else ""))
 
 

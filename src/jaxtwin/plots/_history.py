@@ -11,6 +11,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from .._number_text import short_number
 from ..matching import Fit, FittedParameter
 from ._style import palette, points, styled, symbol
+from ._units import unit_text
 
 COLUMNS = 6  # panels of parameters in a row
 
@@ -94,7 +95,7 @@ def _draw_parameter(axes: Axes, fit: Fit, parameter: FittedParameter) -> None:
     axes.tick_params(labelsize=7.5, pad=2)
     color = palette().vermilion if parameter.at_bound else palette().ink
     axes.set_title(symbol(parameter.name), fontsize=points(10), color=color, pad=3)
-    unit = parameter.unit.replace("degC", "°C").replace("ohm", "Ω")
+    unit = unit_text(parameter.unit)
     axes.set_title(
         unit, loc="right", fontsize=points(7.5), color=palette().muted, fontweight="normal", pad=3
     )

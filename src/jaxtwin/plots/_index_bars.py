@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from ..sensitivity_analysis import GlobalSensitivity
 from ._sensitivity_labels import INDEX_WORDS, label_rows, title_output
 from ._style import palette, styled
+from ._units import unit_text
 
 
 @styled
@@ -45,7 +46,7 @@ def plot_index_bars(
         ax.hlines(places, low, high, color=palette().ink, lw=1.3)
     label_rows(ax, names, places)
     ax.set(xlabel=INDEX_WORDS[main])
-    unit = sensitivity.outputs[row].unit.replace("K2", "K²")
+    unit = unit_text(sensitivity.outputs[row].unit)
     if main == "swing" and unit:
         ax.set_xlabel(f"{INDEX_WORDS[main]}, {unit}")
     title_output(ax, sensitivity, row)

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from ..sensitivity_analysis import GlobalSensitivity
 from ._sensitivity_labels import title_output
 from ._style import palette, points, styled, symbol
+from ._units import unit_text
 
 NAMED = 0.05
 """The part of the largest effect from which on a parameter has its name beside its point."""
@@ -58,7 +59,7 @@ def plot_morris_plane(
         textcoords="offset points", ha="right", va="center", fontsize=points(8),
         color=palette().muted,
     )  # fmt: skip
-    unit = sensitivity.outputs[row].unit.replace("K2", "K²")
+    unit = unit_text(sensitivity.outputs[row].unit)
     ends = f", {unit}" if unit else ""
     ax.set(xlim=(0, limit), ylim=(-0.02 * top, top))
     written: list[tuple[float, float]] = []

@@ -10,6 +10,7 @@ from .._number_text import interval_text, short_number
 from ..matching import Fit, FittedParameter
 from ..matching._fitted_parameters import interval_95
 from ._style import palette, points, styled, symbol
+from ._units import unit_text
 
 
 @styled
@@ -113,7 +114,7 @@ def _write_table(axes: Axes, free: list[FittedParameter]) -> None:
             axes, columns["matched"], place, short_number(parameter.value),
             color=palette().vermilion, fontweight="bold",
         )  # fmt: skip
-        unit = parameter.unit.replace("degC", "°C").replace("ohm", "Ω")
+        unit = unit_text(parameter.unit)
         _write(axes, 0.62, place, unit, ha="left", color=palette().muted, fontsize=points(8.5))
         _write(axes, columns["95 % interval"], place, interval_text(parameter.interval))
     axes.set_xlim(0, 1)

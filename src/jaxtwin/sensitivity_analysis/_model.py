@@ -24,10 +24,11 @@ def run_model(model: Model, draws: dict[str, Float[np.ndarray, " runs"]]) -> lis
     """
     runs = len(next(iter(draws.values())))
     results: Any = model(draws)
-    failed = np.zeros(runs, bool)
+    failed, units = np.zeros(runs, bool), {}
     if isinstance(results, Reductions):
         failed = results.failed
         present = [name for name in REDUCTIONS if getattr(results, name) is not None]
+        units = {name: REDUCTIONS[name].unit for name in present} | dict(results.custom_units)
         results = {name: results[name] for name in (*present, *results.custom)}
     if not isinstance(results, Mapping) or not results:
         raise SimulationError(
@@ -42,6 +43,7 @@ def run_model(model: Model, draws: dict[str, Float[np.ndarray, " runs"]]) -> lis
                 f"sensitivity: model: output {name!r}: expected a number for each of {runs} draws, "
                 f"got {array.dtype} of shape {array.shape}"
             )
-        for output, column in columns_of_values(Output(name), array.astype(float)):
+        named = Output(name, unit=units.get(name, ""))
+        for output, column in columns_of_values(named, array.astype(float)):
             columns.append((output, np.where(failed, np.nan, column)))
     return columns

@@ -149,6 +149,8 @@ class Reductions:
     - `peak_power`: the largest power that they draw together at any time, `(draws,)`, W.
     - `custom`: the results of the user's functions by name, `(draws, ...)`. A function receives a
       trajectory of NaN for a failed draw.
+    - `custom_units`: the unit of a result in `custom`, by its name, where it is known: those of the
+      measures of `simulate_closed_loop`.
     """
 
     channels: tuple[str, ...]
@@ -162,6 +164,7 @@ class Reductions:
     energy: Float[np.ndarray, " draws"] | None = None
     peak_power: Float[np.ndarray, " draws"] | None = None
     custom: Mapping[str, Shaped[np.ndarray, "draws ..."]] = field(default_factory=dict)
+    custom_units: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, channels: tuple[str, ...], results: Mapping[str, np.ndarray]) -> "Reductions":
@@ -191,8 +194,8 @@ class Reductions:
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset: failed (draw), and each result (draw, channel) or (draw),
-        with its unit in the attributes. The result of a user's function has the dimension draw and
-        further dimensions with its name."""
+        with its unit in the attributes if it is known. The result of a user's function has the
+        dimension draw and further dimensions with its name."""
         import xarray
 
         variables: dict[str, Any] = {"failed": ("draw", self.failed)}
@@ -202,7 +205,8 @@ class Reductions:
                 variables[name] = (dims, values, {"units": reduction.unit})
         for name, values in self.custom.items():
             dims = ("draw", *(f"{name}_{axis}" for axis in range(1, values.ndim)))
-            variables[name] = (dims, values)
+            known = {"units": self.custom_units[name]} if name in self.custom_units else {}
+            variables[name] = (dims, values, known)
         draws = np.arange(len(self.failed))
         return xarray.Dataset(variables, coords={"draw": draws, "channel": list(self.channels)})
 
@@ -233,7 +237,9 @@ class Reductions:
         rows = []
         for name, values in self.to_xarray().data_vars.items():
             if name != "failed" and np.isfinite(values).any():
-                quantiles = np.nanquantile(values, (0.05, 0.5, 0.95))
+                # Between two infinite values, such as settling times, nothing can be interpolated.
+                method = "nearest" if np.isinf(values).any() else "linear"
+                quantiles = np.nanquantile(values, (0.05, 0.5, 0.95), method=method)
                 unit = str(values.attrs.get("units", ""))
                 rows.append((str(name), *(f"{value:.4g}" for value in quantiles), unit))
         return html_table(repr(self), ("", "5 %", "median", "95 %", "unit"), rows)

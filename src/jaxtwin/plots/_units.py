@@ -1,0 +1,11 @@
+"""Units as pictures show them."""
+
+SIGNS = {"degC": "°C", "ohm": "Ω", "^2": "²", "K2": "K²"}
+"""What a unit of a rig file or a dataset has, and what is shown for it."""
+
+
+def unit_text(unit: str) -> str:
+    """A unit with the usual signs: `Ω`, `°C`, `K²`, `W/(m² K)`."""
+    for written, sign in SIGNS.items():
+        unit = unit.replace(written, sign)
+    return unit
