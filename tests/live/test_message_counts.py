@@ -1,12 +1,12 @@
 """Numbers of messages over many starts of a device."""
 
-from jaxtwin.live._counted import Counted
+from jaxtwin.live._counted import Counted, Counters
 from jaxtwin.live._message_counts import BOOTS, MessageCounts
 
 
 def test_a_start_that_greets_again_after_many_others_goes_on_counting():
     """The oldest of all starts in a recording is the one that its appending begins with."""
-    earlier = {f"b{k}": {"data": Counted(20, 2_000_000)} for k in range(BOOTS + 1)}
+    earlier: Counters = {f"b{k}": {"data": Counted(20, 2_000_000)} for k in range(BOOTS + 1)}
     counts = MessageCounts(earlier)
     assert counts.begin("b0", 1.0) == "b0"
     place = counts.place("b0", "data", 60, 6_000_000, 10**18)

@@ -94,16 +94,20 @@ def test_standard_errors_with_hubers_loss_are_the_scatter_of_its_estimates(outli
     by Huber's loss are found by Newton's method, for 200 draws of the noise."""
     slopes, limit = slow_and_fast()[:, :1], 2.0
     flat, estimates, variances = slopes[:, 0], [], []
+
+    def hubers(residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        inlying = np.abs(residuals) < limit
+        return np.clip(residuals, -limit, limit), inlying, flat[inlying].T @ flat[inlying]
+
     for seed in range(200):
         rng = np.random.default_rng(seed)
         is_outlier = rng.random(TIMES) < 0.04
         noise = rng.standard_normal(TIMES) + outlier * is_outlier * rng.choice([-1.0, 1.0], TIMES)
         b = np.zeros(3)
+        left, inlying, normal = hubers(noise - flat @ b)
         for _ in range(50):
-            left = np.clip(noise - flat @ b, -limit, limit)
-            inlying = np.abs(left) < limit
-            normal = flat[inlying].T @ flat[inlying]
             b += np.linalg.solve(normal, flat.T @ left)
+            left, inlying, normal = hubers(noise - flat @ b)
         series = Series(
             kind=0,
             recording=0,

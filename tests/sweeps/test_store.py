@@ -175,11 +175,12 @@ def test_other_values_rigs_recordings_and_formats_are_refused(
 
 def test_the_order_of_names_does_not_count(stored, tmp_path, twin, experiment, engine):
     """A sweep that goes on with the same names in another order keeps its draws."""
-    asked = ASKED | {"names": ["R_E", "R_pc"]}
+    asked: dict[str, Any] = ASKED | {"names": ["R_E", "R_pc"]}
     sweep(twin, experiment, tmp_path, **asked)
     before = stored(tmp_path)
     (tmp_path / "done" / "1").unlink()
-    assert sweep(twin, experiment, tmp_path, **asked | {"names": ["R_pc", "R_E"]}).new > 0
+    asked["names"] = ["R_pc", "R_E"]
+    assert sweep(twin, experiment, tmp_path, **asked).new > 0
     assert stored(tmp_path) == before
 
 

@@ -170,12 +170,14 @@ def _zeros(
     """The frequencies at which a function is 0: those among `omega`, and one between each two
     neighbours at which its values have different signs."""
     between = np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0)
-    pairs = ((omega[n], omega[n + 1]) for n in between)
     found = [
-        brentq(lambda w: function(np.array([w]))[0], low, high, xtol=1e-300, rtol=1e-13)
-        for low, high in pairs
+        _zero(lambda w: float(function(np.array([w]))[0]), omega[n], omega[n + 1]) for n in between
     ]
     return sorted([*omega[values == 0].tolist(), *found])
+
+
+def _zero(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(brentq(function, low, high, xtol=1e-300, rtol=1e-13))  # pyright: ignore
 
 
 def _frequencies(omega: Float[np.ndarray, " frequency"] | None) -> Float[np.ndarray, " frequency"]:

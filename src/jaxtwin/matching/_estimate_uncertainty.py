@@ -122,7 +122,7 @@ def _series(
                 slopes=slopes / np.sqrt(huber)[..., None],
                 entries=np.arange(slopes.shape[-1]),
                 inliers=(huber == 1).astype(float),
-                roots=counted.any(axis=1)[:, None].astype(float),
+                roots=(counted.max(axis=1, keepdims=True) > 0).astype(float),
                 channels=1.0,
                 independent=1.0,
             )

@@ -27,8 +27,9 @@ def run_model(model: Model, draws: dict[str, Float[np.ndarray, " runs"]]) -> lis
     failed, units = np.zeros(runs, bool), {}
     if isinstance(results, Reductions):
         failed = results.failed
-        present = [name for name in REDUCTIONS if getattr(results, name) is not None]
-        units = {name: REDUCTIONS[name].unit for name in present} | dict(results.custom_units)
+        known = {name: reduction.unit for name, reduction in REDUCTIONS.items()}
+        present = [name for name in known if getattr(results, name) is not None]
+        units = {name: known[name] for name in present} | dict(results.custom_units)
         results = {name: results[name] for name in (*present, *results.custom)}
     if not isinstance(results, Mapping) or not results:
         raise SimulationError(

@@ -171,7 +171,7 @@ class Reductions:
         """Makes the result from the arrays of `reduce_readings`, with `failed` among them."""
         named = {name: values for name, values in results.items() if name in REDUCTIONS}
         custom = {name: v for name, v in results.items() if name not in {"failed", *REDUCTIONS}}
-        return cls(channels, results["failed"], **named, custom=custom)
+        return cls(channels, results["failed"], **named, custom=custom, custom_units={})
 
     def __getitem__(self, name: str) -> Shaped[np.ndarray, "draws ..."]:
         """The result of this name.
