@@ -31,6 +31,7 @@ def control(
     *,
     duration_s: float | int,
     silence: float | int = 3.0,
+    ambient: float | int | None = None,
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
@@ -51,7 +52,7 @@ def control(
     - `controller`: the controller that commands the cells.
     - `references`: as in `simulate_closed_loop`.
     - `duration_s`: the duration in the time of the rig, s, a multiple of the sample time.
-    - `silence`, `reset`, `about`, `stop`, `on_progress`: as in `jaxtwin.live.operate`.
+    - `silence`, `ambient`, `reset`, `about`, `stop`, `on_progress`: as in `jaxtwin.live.operate`.
     - `on_decision`: called with each decision, while the rig waits for its command.
 
     **Returns:** `"completed"` at the end of the duration, `"stopped"` if `stop` was set before.
@@ -77,6 +78,7 @@ def control(
         twin,
         loop,
         silence=silence,
+        ambient=ambient,
         reset=reset,
         about={"control": plan, **(about or {})},
         stop=stop,
