@@ -67,7 +67,7 @@ def control(
         from ..control._control import checked_loop
 
         chosen = read_controller(controller, twin.rig)
-        checked_loop(twin, chosen, reference, duration)
+        checked_loop(twin, chosen, reference, duration, ambient)
         run = partial(
             run_controller,
             twin=twin,
