@@ -4,9 +4,12 @@
     python benchmarks/live_hazards.py --seeds 25 --control
 
 Each hazard of `tests/hazards.py` meets a driven virtual rig once a seed, which chooses noise, duty,
-the moment, and the pace of the host. `drive` commands it by a schedule, or `control` by a PID from
-a controller file, behind the same interlocks. The clock is simulated. Healthy runs with noise,
-jumps of the camera, lost and damaged messages say how often a drive is stopped for nothing. Prints
+the moment, the pace of the host, the room (5 to 40 degC), whether it is measured, and how warm the
+rig is at the start. The twin of the interlocks is that of a match to the paper's recordings of
+steps, the virtual rig is a draw from its posterior for another day. `drive` commands it by a
+schedule, or `control` by a PID from a controller file, behind the same interlocks. The clock is
+simulated. Healthy runs with noise, jumps of the camera, lost and damaged messages say how often a
+drive is stopped for nothing. Prints
 one line a hazard: runs, off in time, the longest time, its bound, and the reasons.
 """
 
@@ -22,19 +25,23 @@ from unittest.mock import patch
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
+import numpy as np
 from hand_clock import HandClock, virtual_bench
 from hazards import HAZARDS, run_hazard, save_pid
 
 import jaxtwin as jt
 from jaxtwin._errors import SafetyStop
 from jaxtwin.live import Faults, OperatingLimits, VirtualRig, drive
+from jaxtwin.matching import posterior_draws
 from jaxtwin.rig import Sensors
 
 
-def healthy(twin: jt.Twin, seed: int) -> str:
+def healthy(twin: jt.Twin, truth: dict[str, float], seed: int) -> str:
     """Five minutes of a rig on which nothing is wrong that a bench does not have; how it ended."""
     faults = Faults.parse("drop=0.02,corrupt=0.01,jumps=30")
-    device, clock = VirtualRig(twin, seed=seed, faults=faults), HandClock()
+    room = float(np.random.default_rng(seed).uniform(5, 40))
+    real = jt.Twin(twin.rig, {**twin.values, **truth, "T_amb": room, "T_start": room})
+    device, clock = VirtualRig(real, seed=seed, faults=faults), HandClock()
     plan = jt.Experiment.schedule("0:0.8,100:-0.5/0.6,200:0.3", duration=300, cells=2)
     try:
         return drive(virtual_bench(twin.rig, device, clock), twin, plan)
@@ -58,14 +65,24 @@ def main() -> None:
 def compute(options: argparse.Namespace, folder: Path) -> None:
     """All runs; `folder` is for the controller's file."""
     rig = jt.load_rig("dual-cell")
-    twins = jt.Twin(rig), jt.Twin(replace(rig, camera=None, sensors=Sensors(0.1)))
+    fit = jt.match(jt.Twin(rig), [jt.read_recording(path) for path in jt.find_recordings()])
+    values = dict(fit.mean_twin.values)
+    twins = jt.Twin(rig, values), jt.Twin(replace(rig, camera=None, sensors=Sensors(0.1)), values)
+    drawn = posterior_draws(fit, max(options.seeds, options.healthy))
+    truths = [
+        {name: float(column[seed]) for name, column in drawn.items()}
+        for seed in range(max(options.seeds, options.healthy))
+    ]
     controller = save_pid(folder / "pid.toml", twins[0]) if options.control else None
     # Half of the time of a run; they are the same in all runs of a twin.
     known = {id(twin): OperatingLimits.of(twin) for twin in twins}
     of = OperatingLimits.of
     for hazard in HAZARDS[options.first : options.last]:
         with patch.object(OperatingLimits, "of", lambda twin: known.get(id(twin)) or of(twin)):
-            runs = [run_hazard(hazard, twins, seed, controller) for seed in range(options.seeds)]
+            runs = [
+                run_hazard(hazard, twins, seed, controller, truths[seed])
+                for seed in range(options.seeds)
+            ]
         unexplained = [ran.detail or ran.reason for ran in runs if ran.reason not in hazard.kinds]
         result = {
             "hazard": hazard.name,
@@ -78,7 +95,7 @@ def compute(options: argparse.Namespace, folder: Path) -> None:
         }
         print(json.dumps(result), flush=True)
     if options.healthy:
-        ended = Counter(healthy(twins[0], seed) for seed in range(options.healthy))
+        ended = Counter(healthy(twins[0], truths[seed], seed) for seed in range(options.healthy))
         print(json.dumps({"healthy": options.healthy, "ended": ended}))
 
 

@@ -4,9 +4,10 @@ Each hazard says what must stop the rig, and within what time the cells must be 
 own pins, not by what it reports. Time is the clock's of the test; nothing waits.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, final
 from unittest.mock import patch
 
@@ -47,6 +48,8 @@ class Scene:
     clock: HandClock
     random: np.random.Generator
     onset: float
+    room: float
+    is_measured: bool
     bench: Bench | None = None
     memory: dict[str, Any] = field(default_factory=dict)
 
@@ -54,6 +57,12 @@ class Scene:
     def time(self) -> float:
         """Since the beginning, s."""
         return (self.clock.now() - START) * 1e-9
+
+    @property
+    def given(self) -> float | None:
+        """What the operator says of a room that the rig does not measure: nothing if it is near
+        the 16 degC of the rig file, with or without a warm plate."""
+        return self.room if not self.is_measured and not 11 < self.room < 16 else None
 
     @property
     def on(self) -> bool:
@@ -76,8 +85,9 @@ class Hazard:
     - `spoken`: changes what the device says; `heard`: what it hears.
     - `happens`: called with each read, for what is neither.
     - `sensors`: on the rig without a camera.
-    - `limits`: of the rig file, changed.
+    - `limits`: of the rig file, changed; rises above the room, K.
     - `begins`: when the danger is there, where that is not the onset.
+    - `heats`: whether the duty must heat for long enough to warm the plate.
     """
 
     name: str
@@ -89,6 +99,7 @@ class Hazard:
     sensors: bool = False
     limits: dict[str, float] = field(default_factory=dict)
     begins: Callable[[Scene], bool] | None = None
+    heats: bool = False
 
 
 class Ran(NamedTuple):
@@ -115,10 +126,15 @@ class FaultyTransport:
         if hazard.begins is not None and "begin" not in scene.memory and hazard.begins(scene):
             scene.memory["begin"] = scene.time
         data = self._inner.read()
-        if hazard.spoken is None or not scene.on:
+        spoken = hazard.spoken if scene.on else None
+        if spoken is None and scene.is_measured:
             return data
         frames, self._rest, _ = deframe(self._rest, data)
-        said = hazard.spoken(scene, [parse(frame) for frame in frames])
+        said: Messages = [parse(frame) for frame in frames]
+        if not scene.is_measured:
+            said = [replace(m, ambient=None) if isinstance(m, Data) else m for m in said]
+        if spoken is not None:
+            said = spoken(scene, said)
         return b"".join(part if isinstance(part, bytes) else encode(part) for part in said)
 
     def write(self, data: bytes) -> None:
@@ -140,9 +156,14 @@ class FaultyTransport:
 
 
 def run_hazard(
-    hazard: Hazard, twins: Sequence[Twin], seed: int, controller: Path | None = None
+    hazard: Hazard,
+    twins: Sequence[Twin],
+    seed: int,
+    controller: Path | None = None,
+    truth: Mapping[str, float] = MappingProxyType({}),
 ) -> Ran:
-    """Drives or controls a virtual rig until it is stopped, with everything that chance may choose.
+    """Drives or controls a virtual rig until it is stopped, with everything that chance may choose:
+    the room, whether the rig measures it, and how warm the rig is at the start among them.
 
     **Arguments:**
 
@@ -150,16 +171,23 @@ def run_hazard(
     - `twins`: of the rig with a camera, and of the one without.
     - `seed`: of noise, duty or references, onset and the pace of the host.
     - `controller`: a file of `save_pid`, for `control`; None: `drive` commands, by a schedule.
+    - `truth`: values of the rig that its twin does not know.
     """
     random = np.random.default_rng(seed)
+    room, warm = random.uniform(5, 40), random.choice([0.0, random.uniform(-5, 10)])
     twin = twins[hazard.sensors]
     if hazard.limits:
         assert twin.rig.limits is not None
-        rig = replace(twin.rig, limits=replace(twin.rig.limits, **hazard.limits))
+        limits = {name: rise + room + 273.15 for name, rise in hazard.limits.items()}
+        rig = replace(twin.rig, limits=replace(twin.rig.limits, **limits))
         twin = Twin(rig, dict(twin.values))
     clock = HandClock()
-    device = VirtualRig(twin, seed=seed, camera_hz=random.uniform(4, 9))
-    scene = Scene(device, clock, random, onset=random.uniform(4, 12))
+    real = Twin(twin.rig, {**twin.values, **truth, "T_amb": room})
+    device = VirtualRig(real, seed=seed, camera_hz=random.uniform(4, 9))
+    nodes = np.full(len(device.twin.nodes), room)
+    nodes[: twin.wiring.elements] += warm
+    device.twin.start(0.0, nodes)
+    scene = Scene(device, clock, random, random.uniform(4, 12), room, random.random() < 0.5)
     _watch_the_cells(scene)
     opener = lambda: FaultyTransport(scene, hazard)  # noqa: E731
     bench = stepped_bench(twin.rig, {"rig": opener}, clock, step=random.uniform(0.02, 0.1))
@@ -167,7 +195,7 @@ def run_hazard(
     reason, detail = "completed", ""
     try:
         command = driven if controller is None else controlled(controller)
-        reason = command(scene, bench, twin)
+        reason = command(scene, bench, twin, hazard.heats)
     except SafetyStop as stop:
         reason, detail = stop.kind, str(stop)
     except JaxtwinError as error:
@@ -183,13 +211,14 @@ def run_hazard(
     return Ran(max(0.0, off_at - begin), reason, detail)
 
 
-def driven(scene: Scene, bench: Bench, twin: Twin) -> str:
+def driven(scene: Scene, bench: Bench, twin: Twin, heats: bool) -> str:
     """`drive`: two duties for each cell, which change 0.7 s after the onset."""
-    duty = scene.random.uniform(0.4, 0.9, 4)
-    schedule = f"0:{duty[0]:.2f}/{duty[1]:.2f},{scene.onset + 0.7:.2f}:{duty[2]:.2f}/-{duty[3]:.2f}"
+    duty = scene.random.uniform(0.7 if heats else 0.4, 0.9, 4)
+    duty[3] *= 1 if heats else -1
+    schedule = f"0:{duty[0]:.2f}/{duty[1]:.2f},{scene.onset + 0.7:.2f}:{duty[2]:.2f}/{duty[3]:.2f}"
     plan = Experiment.schedule(schedule, duration=120, cells=2)
     with _failing("jaxtwin.live._drive.operate", scene, lambda source: None):
-        return drive(bench, twin, plan)
+        return drive(bench, twin, plan, ambient=scene.given)
 
 
 def save_pid(file: Path, twin: Twin) -> Path:
@@ -201,14 +230,16 @@ def save_pid(file: Path, twin: Twin) -> Path:
     return file
 
 
-def controlled(controller: Path) -> Callable[[Scene, Bench, Twin], str]:
+def controlled(controller: Path) -> Callable[[Scene, Bench, Twin, bool], str]:
     """`control` by a file: two references for each end of the plate, which change 0.4 s after the
     onset. The duty follows at the next sample."""
 
-    def command(scene: Scene, bench: Bench, twin: Twin) -> str:
-        hot = scene.random.uniform(30, 40, 2)
+    def command(scene: Scene, bench: Bench, twin: Twin, heats: bool) -> str:
+        hot = scene.room + scene.random.uniform(14, 24, 2)
         # Both ends reach these at the same time: cell 2 cools against what cell 1 heats.
-        warm, cool = scene.random.uniform(30, 33), scene.random.uniform(16, 18)
+        warm, cool = scene.room + scene.random.uniform([14, 0], [17, 2])
+        if heats:
+            (warm, cool) = hot = scene.room + scene.random.uniform(35, 40, 2)
         references = f"0:{hot[0]:.1f}/{hot[1]:.1f},{scene.onset + 0.4:.2f}:{warm:.1f}/{cool:.1f}"
 
         def spoil(loop: Any) -> None:
@@ -217,7 +248,8 @@ def controlled(controller: Path) -> Callable[[Scene, Bench, Twin], str]:
 
         with _failing("jaxtwin.control._control.operate", scene, spoil):
             pid = read_controller(controller, twin.rig)
-            return control(bench, twin, pid, references, duration_s=120)
+            # What can be reached depends on the room.
+            return control(bench, twin, pid, references, duration_s=120, ambient=scene.room)
 
     return command
 
@@ -314,6 +346,20 @@ def channel(value: Callable[[Scene, float], float | str]):
                 m = replace(m, temperatures=tuple(values), faults=faults)
             changed.append(m)
         return changed
+
+    return spoken
+
+
+def every_channel(value: Callable[[Scene], float]):
+    """Sensors all of which say something else from the beginning of the run on."""
+
+    def spoken(scene: Scene, said: Messages) -> Messages:
+        return [
+            replace(m, temperatures=tuple(value(scene) for _ in m.temperatures))
+            if isinstance(m, Data)
+            else m
+            for m in said
+        ]
 
     return spoken
 
@@ -421,12 +467,13 @@ def dies(scene: Scene) -> None:
 
 
 def hotter(scene: Scene) -> bool:
-    return float(scene.device.twin.temperatures.max()) > 24.0
+    return float(scene.device.twin.temperatures.max()) > scene.room + 12.0
 
 
 def hotter_inside(scene: Scene) -> bool:
     twin = scene.device.twin.system.wiring
-    return float(scene.device.twin.nodes[np.array([twin.cold, twin.hot])].max()) > 35.0
+    sides = np.array([twin.cold, twin.hot])
+    return float(scene.device.twin.nodes[sides].max()) > scene.room + 19.0
 
 
 def stopped_by_another(scene: Scene) -> None:
@@ -437,12 +484,19 @@ def too_hot_by_itself(scene: Scene) -> None:
     scene.device.stage.trip("over-temperature")
 
 
+def begins_to_heat(scene: Scene) -> bool:
+    return any(scene.device.pwm)
+
+
 def frozen_value(scene: Scene, value: float) -> float:
     return scene.memory.setdefault("value", value)
 
 
 NEXT = 0.6
 """With the next frame, at four a second, and two turns of a slow host, s."""
+
+BENCH = 100.0
+"""Twice the time in which 70 % of full duty warms the plate by 28 K, s."""
 
 SILENCE = 3.6
 CHANGE = 2.4
@@ -465,8 +519,8 @@ HAZARDS = (
     Hazard("camera: noise of 20 K", ODD, 2.0, kelvin(lambda s: 20 * s.random.normal())),
     Hazard("camera: a zone at 0 K", WRONG, NEXT, a_zone(lambda s: -273.15)),
     Hazard("camera: a zone at 300 degC", HOT, NEXT, a_zone(lambda s: 300.0)),
-    Hazard("camera: a zone at 60 degC", ODD, NEXT, a_zone(lambda s: 60.0)),
-    Hazard("camera: a zone flickers", ODD, 2.0, a_zone(lambda s: 20 + 40 * s.random.random())),
+    Hazard("camera: a zone 44 K above the room", ODD, NEXT, a_zone(lambda s: s.room + 44)),
+    Hazard("camera: a zone flickers", ODD, 2.0, a_zone(lambda s: s.room + 40 * s.random.random())),
     Hazard("camera: recalibrates for ever", ("silence",), SILENCE, flags),
     Hazard("camera: silent", ("silence",), SILENCE, without(Image)),
     # What a sensor does.
@@ -478,13 +532,31 @@ HAZARDS = (
     Hazard(
         "sensor: stands still", ("frozen", "deviation"), 31.0, channel(frozen_value), sensors=True
     ),
-    # What the rig does.
-    Hazard("plate above 24 degC", HOT, NEXT, limits={"temperature": 297.15}, begins=hotter),
     Hazard(
-        "cell above 35 degC inside",
+        "sensor: on the bench",
+        ("unresponsive", "deviation"),
+        BENCH,
+        channel(lambda s, v: s.room + s.random.normal(0, 0.1)),
+        sensors=True,
+        heats=True,
+        begins=begins_to_heat,
+    ),
+    Hazard(
+        "sensors: all on the bench",
+        ("unresponsive", "deviation"),
+        BENCH,
+        every_channel(lambda s: s.room + s.random.normal(0, 0.1)),
+        sensors=True,
+        heats=True,
+        begins=begins_to_heat,
+    ),
+    # What the rig does.
+    Hazard("plate 12 K above the room", HOT, NEXT, limits={"temperature": 12}, begins=hotter),
+    Hazard(
+        "cell 19 K above the room inside",
         ("cell-temperature",),
         1.0,
-        limits={"cell_temperature": 308.15},
+        limits={"cell_temperature": 19},
         begins=hotter_inside,
     ),
     Hazard("bridge: full duty", ("disobedience",), NEXT, happens=runs_away),

@@ -223,12 +223,12 @@ def test_every_option_of_a_design_arrives_and_its_table_is_shown(noted, capsys):
 
 
 LIVE = (
-    "--link socket://a:1 --link socket://b:2 --out run.db --silence 4 --reset --operator me "
-    "--set published --baud 9600"
+    "--link socket://a:1 --link socket://b:2 --out run.db --silence 4 --ambient 21.5 --reset "
+    "--operator me --set published --baud 9600"
 )
 ARRIVED = {
     "rig": "paper-2024", "link": ["socket://a:1", "socket://b:2"], "out": Path("run.db"),
-    "silence": 4.0, "reset": True, "operator": "me", "parameter_file": None,
+    "silence": 4.0, "ambient": 21.5, "reset": True, "operator": "me", "parameter_file": None,
     "set_name": "published", "baud": 9600,
 }  # fmt: skip
 
@@ -277,7 +277,7 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
     assert float(command.keywords["controller"].Kp) == 0.02
     assert command.keywords["references"] == "0:35,20:40"
     assert command.keywords["duration_s"] == 30.0
-    assert checked == [(twin, command.keywords["controller"], "0:35,20:40", 30.0)]
+    assert checked == [(twin, command.keywords["controller"], "0:35,20:40", 30.0, 21.5)]
     assert about == {
         "plan": {"reference": "0:35,20:40", "duration_s": 30.0},
         "controller": Path("pid.toml").read_text(encoding="utf-8"),

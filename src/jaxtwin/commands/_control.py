@@ -9,6 +9,7 @@ import typer
 
 from ._live_run import Run, run_on_live_rig
 from ._options import (
+    AmbientOption,
     BaudOption,
     DatabaseOption,
     LinkOption,
@@ -43,6 +44,7 @@ def control(
     duration: Annotated[float, typer.Option(metavar="S", help="In the time of the rig.")] = 1000.0,
     out: DatabaseOption = None,
     silence: SilenceOption = 3.0,
+    ambient: AmbientOption = None,
     reset: ResetOption = False,
     operator: OperatorOption = None,
     parameter_file: ParameterFileOption = None,
@@ -65,7 +67,7 @@ def control(
         from ..control._control import checked_loop
 
         chosen = read_controller(controller, twin.rig)
-        checked_loop(twin, chosen, reference, duration)
+        checked_loop(twin, chosen, reference, duration, ambient)
         run = partial(
             run_controller,
             twin=twin,
@@ -88,6 +90,7 @@ def control(
         link=link,
         out=out,
         silence=silence,
+        ambient=ambient,
         reset=reset,
         operator=operator,
         parameter_file=parameter_file,

@@ -8,6 +8,7 @@ import typer
 
 from ._live_run import Run, run_on_live_rig
 from ._options import (
+    AmbientOption,
     BaudOption,
     DatabaseOption,
     LinkOption,
@@ -47,6 +48,7 @@ def drive(
     ] = None,
     out: DatabaseOption = None,
     silence: SilenceOption = 3.0,
+    ambient: AmbientOption = None,
     reset: ResetOption = False,
     operator: OperatorOption = None,
     parameter_file: ParameterFileOption = None,
@@ -86,6 +88,7 @@ def drive(
         link=link,
         out=out,
         silence=silence,
+        ambient=ambient,
         reset=reset,
         operator=operator,
         parameter_file=parameter_file,

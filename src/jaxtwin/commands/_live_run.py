@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Run = Callable[..., Literal["completed", "stopped"]]
 """A function that commands a bench. Its arguments are the bench and the keywords `silence`,
-`reset`, `about`, `stop` and `on_progress`."""
+`ambient`, `reset`, `about`, `stop` and `on_progress`."""
 
 
 def run_on_live_rig(
@@ -30,6 +30,7 @@ def run_on_live_rig(
     duration: float,
     out: Path | None,
     silence: float,
+    ambient: float | None,
     reset: bool,
     operator: str | None,
     parameter_file: Path | None,
@@ -59,7 +60,7 @@ def run_on_live_rig(
         twin = open_twin(loaded, set_name, parameter_file)
         run, about = prepare(twin)
         # This compiles before the rig is connected, because nothing would read what it sends.
-        Guard(twin, "", silence=silence)
+        Guard(twin, "", silence=silence, ambient=ambient)
         for url in link:  # an invalid link is refused before a file is created
             opener(url, baud=baud)
         recorder = stack.enter_context(Recorder(out, loaded)) if out else None
@@ -73,6 +74,7 @@ def run_on_live_rig(
         outcome = run(
             bench,
             silence=silence,
+            ambient=ambient,
             reset=reset,
             about={
                 **about,

@@ -48,6 +48,14 @@ DatabaseOption = Annotated[
 SilenceOption = Annotated[
     float, typer.Option(min=0.1, metavar="S", help="Stop after so long without data.")
 ]
+AmbientOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEGC",
+        help="The temperature of the room, for a rig that does not measure it. Needed if the rig "
+        "starts more than 10 K from the temperature of the rig file.",
+    ),
+]
 ResetOption = Annotated[
     bool, typer.Option("--reset", help="End a trip of the device first. Look why it tripped.")
 ]

@@ -31,6 +31,7 @@ def control(
     *,
     duration_s: float | int,
     silence: float | int = 3.0,
+    ambient: float | int | None = None,
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
@@ -51,7 +52,7 @@ def control(
     - `controller`: the controller that commands the cells.
     - `references`: as in `simulate_closed_loop`.
     - `duration_s`: the duration in the time of the rig, s, a multiple of the sample time.
-    - `silence`, `reset`, `about`, `stop`, `on_progress`: as in `jaxtwin.live.operate`.
+    - `silence`, `ambient`, `reset`, `about`, `stop`, `on_progress`: as in `jaxtwin.live.operate`.
     - `on_decision`: called with each decision, while the rig waits for its command.
 
     **Returns:** `"completed"` at the end of the duration, `"stopped"` if `stop` was set before.
@@ -69,6 +70,7 @@ def control(
         references,
         duration_s=duration_s,
         silence_s=float(silence),
+        ambient=ambient,
         on_decision=on_decision,
     )
     plan = {"references": loop.text, "duration_s": float(duration_s)}
@@ -77,6 +79,7 @@ def control(
         twin,
         loop,
         silence=silence,
+        ambient=ambient,
         reset=reset,
         about={"control": plan, **(about or {})},
         stop=stop,
@@ -85,9 +88,15 @@ def control(
 
 
 def checked_loop(
-    twin: Twin, controller: AbstractController, references: Any, duration_s: float | int
+    twin: Twin,
+    controller: AbstractController,
+    references: Any,
+    duration_s: float | int,
+    ambient: float | int | None = None,
 ) -> Float[np.ndarray, "samples outputs"]:
     """Checks a loop before it runs on a rig, and returns the references at its samples, degC.
+
+    `ambient` is the temperature of the room, degC; None: that of the rig file.
 
     **Raises:** `ControlError` for a controller of another number of cells, invalid references,
     references out of reach, a sample time above the time constants of the rig, a duration that is
@@ -98,7 +107,7 @@ def checked_loop(
     samples = reference_samples("control: references", references, times, len(weights))
     with own_settings():
         system = twin.system()
-        room = float(system.ambient_temperature) - 273.15
+        room = float(system.ambient_temperature) - 273.15 if ambient is None else float(ambient)
         check_cells("control", controller, len(twin.rig.cells), len(weights))
         check_sample_time(twin, controller.sample_time_s)
         surroundings = np.full((1, 1), room)
@@ -120,6 +129,7 @@ class LiveLoop:
     **Arguments:** those of `control`, and
 
     - `silence_s`: the longest time without a reading, in the time of the rig, s.
+    - `ambient`: the temperature of the room, degC; None: that of the rig file.
     - `on_decision`: called with each decision.
     """
 
@@ -132,13 +142,14 @@ class LiveLoop:
         *,
         duration_s: float | int,
         silence_s: float = 3.0,
+        ambient: float | int | None = None,
         on_decision: Callable[[Decision], None] | None = None,
     ):
         self.text = references if isinstance(references, str) else np.asarray(references).tolist()
         self._bench, self._controller = bench, controller
         self._duration = float(duration_s)
         self._weights = np.asarray(controller.output_weights(twin.channels), float)
-        self._references = checked_loop(twin, controller, references, duration_s)
+        self._references = checked_loop(twin, controller, references, duration_s, ambient)
         self._ahead = references_ahead(self._references, controller.preview_samples)
         with own_settings():
             # Compiled here, because messages of a connected rig would wait during a compilation.

@@ -20,6 +20,7 @@ def drive(
     plan: Experiment,
     *,
     silence: float | int = 3.0,
+    ambient: float | int | None = None,
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
@@ -34,7 +35,7 @@ def drive(
       parameters of a fit, for the interlocks that use the twin.
     - `plan`: the experiment whose duty is applied, in the time of the rig: a recording, or a
       schedule (`Experiment.schedule`).
-    - `silence`, `reset`, `about`, `stop`, `on_progress`: as in `operate`.
+    - `silence`, `ambient`, `reset`, `about`, `stop`, `on_progress`: as in `operate`.
 
     **Returns:** `"completed"`, or `"stopped"` if `stop` ended it.
 
@@ -52,6 +53,7 @@ def drive(
         twin,
         follow(plan),
         silence=silence,
+        ambient=ambient,
         reset=reset,
         about=about,
         stop=stop,

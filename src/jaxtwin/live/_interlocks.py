@@ -10,7 +10,7 @@ from typing import Protocol, final, runtime_checkable
 from ..physics import Twin
 from ._obedience import Obedience
 from ._operating_limits import OperatingLimits
-from ._plausibility import Plausibility
+from ._plausibility import Plausibility, check_ambient
 from ._presence import Presence
 from ._records import Record
 from ._trip import Trip
@@ -39,19 +39,29 @@ class Guard:
     - `twin`: the twin of the rig, whose file must state `limits.temperature`.
     - `owner`: the name under which the rig is commanded (`Bench.owner`).
     - `silence`: the longest time without a controller sample, or without valid temperatures, s.
+    - `ambient`: the ambient temperature of a rig that does not measure it, degC; None: unknown.
 
-    **Raises:** `JaxtwinError` if the rig file states no limit.
+    **Raises:** `JaxtwinError` if the rig file states no limit, or for an ambient temperature that
+    no room has.
     """
 
-    def __init__(self, twin: Twin, owner: str, *, silence: float | int = 3.0):
+    def __init__(
+        self,
+        twin: Twin,
+        owner: str,
+        *,
+        silence: float | int = 3.0,
+        ambient: float | int | None = None,
+    ):
         self.limits = OperatingLimits.of(twin)
+        given = check_ambient(ambient, self.limits)
         rig = twin.rig
         channels = tuple(channel.name for channel in rig.channels)
         cells = tuple(cell.name for cell in rig.cells)
         self._presence = Presence(float(silence))
         self._obedience = Obedience(owner, cells, self.limits.command_delay)
-        self._readings = Plausibility(channels, self.limits)
-        self._twin = TwinWatch(twin, self.limits)
+        self._readings = Plausibility(channels, self.limits, rig.driver)
+        self._twin = TwinWatch(twin, self.limits, given)
         # The plainest reason first, because only the first is reported.
         self._interlocks: tuple[Interlock, ...] = (
             self._readings,
@@ -63,6 +73,10 @@ class Guard:
     def wait(self, records: Sequence[Record]) -> Trip | None:
         """Checks before the first command: links may be lost, readings must be plausible."""
         return _first(lock.see(r) for r in records for lock in (self._readings, self._twin))
+
+    def ready(self) -> Trip | None:
+        """Checks at the first command, after samples and readings, that the room is known."""
+        return self._twin.strange_room()
 
     def begin(self, now: int, boots: Mapping[str, str]) -> None:
         """Begins to check all interlocks; `boots` are the present starts of the devices by link."""

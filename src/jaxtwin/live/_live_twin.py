@@ -56,14 +56,19 @@ class LiveTwin:
         return self._stepper.system
 
     def start(
-        self, time: float | int, nodes: Float[np.ndarray, " nodes"] | float | int | None = None
+        self,
+        time: float | int,
+        nodes: Float[np.ndarray, " nodes"] | float | int | None = None,
+        ambient: float | int | None = None,
     ) -> None:
-        """Sets the time (s) and the temperatures of the nodes (degC; a single temperature for all;
-        `None`: those of the rig file).
+        """Sets the time (s), the temperatures of the nodes (degC; a single temperature for all;
+        `None`: those of the rig file) and the ambient temperature (degC; `None`: as it was).
 
         A driver with a lag is assumed to have reached its last command.
         """
         self.time = time
+        if ambient is not None:
+            self.ambient = float(ambient)
         self._state = self._stepper.start(nodes, self._command)
         self._temperatures = self._step(0)
 

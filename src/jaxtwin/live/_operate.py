@@ -61,6 +61,7 @@ def operate(
     duty: DutySource,
     *,
     silence: float | int = 3.0,
+    ambient: float | int | None = None,
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
@@ -74,6 +75,8 @@ def operate(
     - `twin`: the twin of the rig, whose file must state `limits.temperature`.
     - `duty`: the source of the duty, which is called every quarter of a second.
     - `silence`: the longest time without data, s.
+    - `ambient`: the ambient temperature of a rig that does not measure it, degC. None: unknown;
+      the rig is then only started near the temperature of the rig file.
     - `reset`: whether a trip of the device is ended first, on purpose.
     - `about`: details that are recorded at the start of the run, such as a plan or a command line.
     - `stop`: an event that ends the run early when it is set.
@@ -85,10 +88,11 @@ def operate(
     if the rig file states no limit, or for an invalid argument.
     """
     true_or_false("operate: reset", reset, JaxtwinError)
-    guard = Guard(twin, bench.owner, silence=silence)
+    guard = Guard(twin, bench.owner, silence=silence, ambient=ambient)
     run = _Run(bench, twin.rig, guard)
     uid = secrets.token_hex(8)
     content = {"rig": twin.rig.name, "owner": bench.owner, "limits": asdict(guard.limits)}
+    content |= {} if ambient is None else {"ambient_degC": float(ambient)}
     bench.note(Document(bench.clock.now(), "start", uid, {**(about or {}), **content}))
     status, error, off = "completed", None, False
     try:

@@ -29,8 +29,8 @@ _ROOM = 20.0  # how much colder than in the rig file a room may be, K
 _CAMERA_JUMP = 4.0  # K; a recalibration moves all of an uncooled camera's readings by up to 2 K
 _COMMAND_DELAY = 1.0
 _DEVIATION = 10.0
-_FROZEN_CAMERA = 10.0  # s; a mean of many noisy pixels is never twice the same
-_FROZEN_SENSOR = 30.0  # s; a sensor's steps may be as coarse as 0.25 K
+_FROZEN_CAMERA = 5.0  # s at full duty; a mean of many noisy pixels is never twice the same
+_FROZEN_SENSOR = 15.0  # s at full duty; a sensor's steps may be as coarse as 0.25 K
 
 
 @final
@@ -44,8 +44,8 @@ class OperatingLimits:
     - `cell`: the limit of a cell's sides in the twin.
     - `rate`: the fastest change of a reading, K/s in the time of the rig.
     - `jump`: largest change at once, by noise and recalibrations of a camera, K.
-    - `frozen`: longest time for which a reading may stay the same while the cells are driven, s of
-        the rig.
+    - `frozen`: longest time at full duty, or its multiple at a lower one, for which a reading may
+      stay the same, s of the rig.
     - `deviation`: the largest deviation of a reading from the twin, in addition to half of its
       rise, K.
     - `command_delay`: longest time until a command is applied, s.

@@ -5,6 +5,9 @@ from typing import final
 
 import numpy as np
 
+from .._arguments import finite_number
+from .._errors import JaxtwinError
+from ..rig import Driver
 from ._operating_limits import OperatingLimits
 from ._records import Greeting, Reading, Record, Sample
 from ._trip import Trip
@@ -24,15 +27,18 @@ class Plausibility:
 
     - `channels`: the names of the channels.
     - `limits`: the limits of the rig.
+    - `driver`: the driver of the cells.
     """
 
-    def __init__(self, channels: tuple[str, ...], limits: OperatingLimits):
+    def __init__(self, channels: tuple[str, ...], limits: OperatingLimits, driver: Driver):
         self._channels = channels
+        self._driver = driver
         self._limits = limits
         self._rate = 1.0
         self._recent: deque[Reading] = deque()
-        self._driven_since: int | None = None
-        self._changed = np.zeros(len(channels), np.int64)  # when, host time in ns
+        self._duty = 0.0  # the largest of all cells, 0 to 1
+        self._sampled: int | None = None  # when, host time in ns
+        self._still = np.zeros(len(channels))  # driven time without a change, s at full duty
         self._last: np.ndarray | None = None
 
     def see(self, record: Record) -> Trip | None:
@@ -40,10 +46,7 @@ class Plausibility:
             case Greeting():
                 self._rate = record.hello.rate
             case Sample():
-                if record.pwm and not any(record.pwm):
-                    self._driven_since = None
-                elif record.pwm and self._driven_since is None:
-                    self._driven_since = record.arrival
+                self._count_heat(record)
                 return self._another_room(record)
             case Reading() if not record.recalibrating:
                 return (
@@ -62,6 +65,17 @@ class Plausibility:
             why = reading.faults.get(int(place), "no number")
             return Trip("channel-fault", f"{self._channels[place]} has failed: {why}")
         return None
+
+    def _count_heat(self, sample: Sample) -> None:
+        """Adds the duty since the last sample. It is counted over all pauses: a heater that pulses
+        heats as well."""
+        if not sample.pwm:
+            return
+        if self._sampled is not None:
+            passed = (sample.arrival - self._sampled) * 1e-9 * self._rate
+            self._still += self._duty * passed
+        self._sampled = sample.arrival
+        self._duty = float(np.abs(self._driver.duty(sample.pwm)).max())
 
     def _another_room(self, sample: Sample) -> Trip | None:
         """Checks the measured ambient temperature. The twin relies on it: a wrong one would hide
@@ -114,19 +128,31 @@ class Plausibility:
         values = reading.temperatures
         moved = np.ones(len(values), bool) if self._last is None else values != self._last
         self._last = values
-        self._changed[moved] = reading.arrival
-        if self._driven_since is None:
-            return None
-        still = reading.arrival - np.maximum(self._changed, self._driven_since)
-        worst = int(np.argmax(still))
-        stood = float(still[worst]) * 1e-9 * self._rate
-        if stood <= self._limits.frozen:
+        self._still[moved] = 0.0
+        worst = int(np.argmax(self._still))
+        if self._still[worst] <= self._limits.frozen:
             return None
         return Trip(
             "frozen",
-            f"{self._channels[worst]} has read {values[worst]:.2f} degC for {stood:.0f} s, "
-            "though the cells are driven",
+            f"{self._channels[worst]} has read {values[worst]:.2f} degC while the cells got the "
+            f"heat of {self._still[worst]:.0f} s at full duty",
         )
+
+
+def check_ambient(ambient: float | int | None, limits: OperatingLimits) -> float | None:
+    """Checks an ambient temperature that a person gives, degC.
+
+    **Raises:** `JaxtwinError` if it is not a number, or too far from that of the rig file.
+    """
+    if ambient is None:
+        return None
+    value = finite_number("ambient", ambient, JaxtwinError)
+    if abs(value - limits.room) > ROOM_KELVIN:
+        raise JaxtwinError(
+            f"ambient: expected a temperature within {ROOM_KELVIN:g} K of that of the rig file, "
+            f"{limits.room:.0f} degC, got {value:g}"
+        )
+    return value
 
 
 def _seconds(earlier: Reading, later: Reading) -> float:

@@ -77,6 +77,9 @@ def wait_until_ready(
             assert sample is not None
             assert reading is not None
             if not sample.trip and sample.owner in ("", bench.owner):
+                trip = guard.ready()
+                if trip is not None:
+                    raise SafetyStop(f"not started: {trip.detail}", trip.kind)
                 return Ready(rate, boots, [sample, reading])
             if sample.owner not in ("", bench.owner):
                 raise SafetyStop(

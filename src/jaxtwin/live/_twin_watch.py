@@ -5,48 +5,72 @@ from typing import final
 import numpy as np
 
 from ..physics import Twin
-from ._follower import Follower
+from ._duty_response import DutyResponse
 from ._operating_limits import OperatingLimits
 from ._records import Reading, Record, Sample
+from ._responsiveness import Responsiveness
 from ._trip import Trip
 
 SHARE = 0.5
 """The part of the predicted rise by which a reading may differ from it: a rig may be driven before
 its twin is matched."""
 
+STRANGE_ROOM_KELVIN = 10.0
+"""The largest difference between the first readings and the room of the rig file with which a rig
+is started whose ambient temperature nobody knows, K. A warm rig in a cool room and a sensor that
+lies beside a cold plate cannot be told apart by their first readings."""
+
 
 @final
 class TwinWatch:
-    """Runs the twin beside the rig. Trips if its cells are too hot, or a reading deviates from it.
+    """Runs the twin beside the rig. Trips if its cells are too hot, or if a reading deviates from
+    the twin or does not follow the duty.
+
+    A reading may deviate by half of the predicted rise, since a twin may not have been matched yet,
+    and by three standard deviations of everything else that is not known: the twin
+    (`limits.deviation`), the room and the temperatures at the start (`DutyResponse.unknown`).
 
     **Arguments:**
 
     - `twin`: the twin of the rig.
     - `limits`: the limits of the rig.
+    - `ambient`: the ambient temperature of a rig that does not measure it, degC; None: unknown.
     """
 
-    def __init__(self, twin: Twin, limits: OperatingLimits):
-        self._follower = Follower(twin)
+    def __init__(self, twin: Twin, limits: OperatingLimits, ambient: float | None = None):
+        self._response = DutyResponse(twin, ambient)
         self._limits = limits
         self._cells = tuple(cell.name for cell in twin.rig.cells)
         self._channels = twin.channels
         self._sides = np.array([twin.wiring.cold, twin.wiring.hot])
-        self._unknown: float | None = None  # largest error of the twin's room temperature
-        self._room_measured = False
+        self._following = Responsiveness(len(self._channels), limits)
 
     def see(self, record: Record) -> Trip | None:
-        self._follower.update([record])
-        if isinstance(record, Sample) and record.ambient is not None:
-            self._room_measured = True
-        return self._deviation(record) or self._cell_too_hot(record)
+        self._response.update(record)
+        if not self._response.has_begun:
+            return None
+        if isinstance(record, Reading) and not record.recalibrating:
+            trip = self._deviation(record) or self._unresponsive(record)
+            if trip is not None:
+                return trip
+        return self._cell_too_hot() if isinstance(record, Reading | Sample) else None
 
     def check(self, now: int) -> Trip | None:
         return None
 
-    def _cell_too_hot(self, record: Record) -> Trip | None:
-        if self._follower.predicted is None or not isinstance(record, Reading | Sample):
+    def strange_room(self) -> Trip | None:
+        """Checks before the first command that the room is known well enough."""
+        apart, room = self._response.surprise, self._limits.room
+        if apart <= STRANGE_ROOM_KELVIN:
             return None
-        hottest = self._follower.nodes[self._sides].max(axis=0)
+        return Trip(
+            "ambient-unknown",
+            f"the first readings are {apart:.0f} K from the room of the rig file, {room:.0f} degC, "
+            "and the device does not measure the ambient temperature; give it (--ambient)",
+        )
+
+    def _cell_too_hot(self) -> Trip | None:
+        hottest = self._response.nodes[self._sides].max(axis=0)
         worst = int(np.argmax(hottest))
         if hottest[worst] <= self._limits.cell:
             return None
@@ -56,21 +80,28 @@ class TwinWatch:
             f"limit is {self._limits.cell:g}",
         )
 
-    def _deviation(self, record: Record) -> Trip | None:
-        predicted = self._follower.predicted
-        if predicted is None or not isinstance(record, Reading) or record.recalibrating:
-            return None
-        room = self._follower.ambient
-        if self._unknown is None:
-            self._unknown = abs(float(record.temperatures.mean()) - room)
-        limit = self._limits.deviation + SHARE * float(np.abs(predicted - room).max())
-        limit += 0.0 if self._room_measured else self._unknown
-        apart = record.temperatures - predicted
-        worst = int(np.argmax(np.abs(apart)))
-        if abs(apart[worst]) <= limit:
+    def _deviation(self, reading: Reading) -> Trip | None:
+        predicted = self._response.predicted
+        unknown = np.hypot(self._limits.deviation, self._response.unknown)
+        limit = SHARE * self._response.rise + unknown
+        apart = reading.temperatures - predicted
+        worst = int(np.argmax(np.abs(apart) - limit))
+        if abs(apart[worst]) <= limit[worst]:
             return None
         return Trip(
             "deviation",
-            f"{self._channels[worst]} reads {record.temperatures[worst]:.1f} degC where the twin "
-            f"has {predicted[worst]:.1f}, more than {limit:.0f} K apart",
+            f"{self._channels[worst]} reads {reading.temperatures[worst]:.1f} degC where the twin "
+            f"has {predicted[worst]:.1f}, more than {limit[worst]:.0f} K apart",
+        )
+
+    def _unresponsive(self, reading: Reading) -> Trip | None:
+        still = self._following.see(reading, self._response)
+        if still is None:
+            return None
+        changed = reading.temperatures[still] - self._response.first[still]
+        return Trip(
+            "unresponsive",
+            f"{self._channels[still]} does not follow the duty: it has changed by {changed:+.1f} K "
+            f"where the duty alone makes {self._response.by_duty[still]:+.0f} K, says the twin; is "
+            "the sensor on the plate?",
         )

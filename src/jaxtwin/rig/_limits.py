@@ -16,8 +16,8 @@ class Limits:
       them, K.
     - `lowest`: the temperature below which a reading is implausible, K.
     - `rate`: the rate above which the change of a reading is implausible, K/s.
-    - `frozen`: the time after which a reading that does not change while the cells are driven is
-      implausible, s.
+    - `frozen`: the time at full duty after which a reading that does not change is implausible, s.
+      At a lower duty the time is longer by the same factor.
     - `deviation`: the largest deviation of a reading from the twin's prediction, in addition to
       half of its rise, K.
     - `command_delay`: the longest time until the driver has applied a command, including its ramp,
