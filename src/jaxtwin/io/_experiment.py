@@ -26,6 +26,7 @@ from ._schedule import schedule_samples
 
 if TYPE_CHECKING:
     import pandas
+    import polars  # pyright: ignore[reportMissingImports]
     import xarray
     from matplotlib.figure import Figure
 
@@ -141,14 +142,14 @@ class Experiment:
     @classmethod
     def from_dataframe(
         cls,
-        frame: "pandas.DataFrame",
+        frame: "pandas.DataFrame | polars.DataFrame",
         *,
         time: str | None = None,
-        counts: int = 255,
+        counts: int | None = None,
         polarity: Literal[1, -1] = 1,
         name: str = "",
     ) -> "Experiment":
-        """An experiment from a table of pandas, whose columns are named as those of a .csv
+        """An experiment from a table of pandas or polars, whose columns are named as those of a .csv
         recording: `duty_P1` or `pwm_P1` for each cell, `NAME_degC` or `NAME_K` for each channel,
         and `ambient_degC`; units may stand in brackets. `frame.rename(columns=...)` gives other
         columns these names, and `frame[[...]]` leaves some out.
@@ -157,8 +158,9 @@ class Experiment:
 
         - `frame`: a row for each sample. A missing temperature is NaN, None or NA.
         - `time`: the column of the times. By default the index if it holds durations or time
-            stamps, otherwise a column of these or `time_s`, otherwise the index, in s. Times are
-            numbers in s, durations (timedelta) or time stamps (datetime), counted from the first.
+            stamps, otherwise a column of these or `time_s`, otherwise the index, in s, unless it
+            only numbers the rows. Times are numbers in s, durations (timedelta) or time stamps
+            (datetime), counted from the first.
         - `counts`, `polarity`: those of `pwm_P1`, as in `read_recording`.
         - `name`: as in `Experiment`.
 
@@ -175,6 +177,28 @@ class Experiment:
         return experiment_of_dataframe(
             frame, time=time, counts=counts, polarity=polarity, name=name
         )
+
+    @classmethod
+    def from_xarray(cls, dataset: "xarray.Dataset", *, name: str | None = None) -> "Experiment":
+        """An experiment from a labelled data set, as `to_xarray` gives it.
+
+        **Arguments:**
+
+        - `dataset`: `duty` (time, cell) and, if they are known, `temperature` (time, channel) and
+          `ambient`, with their units as attributes. Other variables are ignored.
+        - `name`: as in `Experiment`; None: the attribute `name` of the data set.
+
+        **Returns:**
+
+        The `Experiment`.
+
+        **Raises:**
+
+        `RecordingError` that names the variable, its dimensions or its unit.
+        """
+        from ._netcdf import experiment_of_dataset
+
+        return experiment_of_dataset(dataset, name=name)
 
     @property
     def n_cells(self) -> int:
