@@ -133,7 +133,9 @@ def _align(
     """
     for channel, column in stamps.items():
         if channel not in temperatures or not origin:
-            known = ", ".join(temperatures) if origin else "a column of time stamps for all channels"
+            known = (
+                ", ".join(temperatures) if origin else "a column of time stamps for all channels"
+            )
             raise RecordingError(
                 f"column {column.title}: expected the times of one of {known}, got {channel!r}"
             )

@@ -1,11 +1,13 @@
 """An experiment on a rig: its inputs, and the temperatures that were recorded."""
 
 import hashlib
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Any, Literal, final
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,6 +17,7 @@ from .._arguments import finite_number, of_kind
 from .._display import picture
 from .._errors import JaxtwinError, RecordingError
 from .._name_suggestions import did_you_mean
+from ..rig import Rig
 from ._checks import (
     checked_ambient,
     checked_channels,
@@ -29,6 +32,11 @@ if TYPE_CHECKING:
     import polars  # pyright: ignore[reportMissingImports]
     import xarray
     from matplotlib.figure import Figure
+
+Recordings: TypeAlias = (
+    "Experiment | str | os.PathLike[str] | Sequence[Experiment | str | os.PathLike[str]]"
+)
+"""One recording or several, or their files."""
 
 EXPERIMENT = "an Experiment, as read_recording and Experiment.schedule make it"
 """The name of an experiment in error messages."""
@@ -110,8 +118,8 @@ class Experiment:
         cls,
         text: str,
         *,
-        duration: float | int,
-        step: float | int = 1.0,
+        duration: Any,
+        step: Any = 1.0,
         cells: int = 1,
         channels: Iterable[str] = (),
         ambient: float | int | None = None,
@@ -123,8 +131,9 @@ class Experiment:
 
         - `text`: `"0:0.5,500:0.78"` is a duty cycle of 0.5 in every cell from 0 s and 0.78 from 500
           s on; `"0:0.5/0.3"` states a duty for each cell. Before the first time the duty is 0.
-        - `duration`, `step`: the samples are 0, step, 2 step, ... up to the duration, s. A switch
-            between two of them gets a separate sample.
+        - `duration`, `step`: the samples are 0, step, 2 step, ... up to the duration: numbers in
+            s, text such as `"10 min"`, or quantities of pint. A switch between two samples gets
+            one of its own.
         - `cells`: number of cells.
         - `channels`, `ambient`, `name`: as in `Experiment`.
 
@@ -149,8 +158,8 @@ class Experiment:
         polarity: Literal[1, -1] = 1,
         name: str = "",
     ) -> "Experiment":
-        """An experiment from a table of pandas or polars, whose columns are named as those of a .csv
-        recording: `duty_P1` or `pwm_P1` for each cell, `NAME_degC` or `NAME_K` for each channel,
+        """An experiment from a table of pandas or polars with the columns of a .csv recording:
+        `duty_P1` or `pwm_P1` for each cell, `NAME_degC` or `NAME_K` for each channel,
         and `ambient_degC`; units may stand in brackets. `frame.rename(columns=...)` gives other
         columns these names, and `frame[[...]]` leaves some out.
 
@@ -238,6 +247,23 @@ class Experiment:
         (before,) = np.nonzero(steps > GAP_FACTOR * np.median(steps))
         return np.stack([self.time[before], self.time[before + 1]], axis=1)
 
+    @property
+    def parts(self) -> "tuple[Experiment, ...]":
+        """The parts between gaps that have at least two samples, at their own times, named after
+        the experiment with their number; the experiment itself if it has no gap."""
+        if not len(self.gaps):
+            return (self,)
+        starts = np.concatenate([[-np.inf], self.gaps[:, 1], [np.inf]])
+        spans = [
+            (begin, end)
+            for begin, end in pairwise(starts)
+            if np.count_nonzero((self.time >= begin) & (self.time < end)) > 1
+        ]
+        return tuple(
+            self._part((self.time >= begin) & (self.time < end), f"{self.name} part {number}")
+            for number, (begin, end) in enumerate(spans, start=1)
+        )
+
     @cached_property
     def fingerprint(self) -> str:
         """SHA-256 of the contents, as hexadecimal digits; the name does not count."""
@@ -276,6 +302,10 @@ class Experiment:
                 f"between: expected at least 2 samples of {self!r} between {start:g} s and "
                 f"{end:g} s, got {np.count_nonzero(part)}"
             )
+        return self._part(part, self.name)
+
+    def _part(self, part: Bool[np.ndarray, "times"], name: str) -> "Experiment":
+        """The samples of a part, under a name."""
         ambient = self.ambient[part] if isinstance(self.ambient, np.ndarray) else self.ambient
         return Experiment(
             self.time[part],
@@ -283,7 +313,7 @@ class Experiment:
             channels=self.channels,
             temperatures=None if self.temperatures is None else self.temperatures[part],
             ambient=ambient,
-            name=self.name,
+            name=name.strip(),
             group=self.group,
         )
 
@@ -419,18 +449,26 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def as_experiments(where: str, given: Any, error: type[JaxtwinError]) -> list[Experiment]:
+def as_experiments(
+    where: str, given: Any, error: type[JaxtwinError], rig: Rig | None = None
+) -> list[Experiment]:
     """Makes a list of one experiment or of several.
 
     **Arguments:**
 
     - `where`: the function and the argument, for the message.
     - `given`: one experiment or several. The list may be empty.
+    - `rig`: the rig, if the paths of recordings of it are taken as well.
 
-    **Raises:** `error` if anything else is given.
+    **Raises:** `error` if anything else is given; `RecordingError` for a file that cannot be read.
     """
+    from ._read import read_recording  # which imports this module
+
     several = isinstance(given, Iterable) and not isinstance(given, str | bytes)
-    return [
-        of_kind(where, item, Experiment, EXPERIMENT, error)
-        for item in (given if several else [given])
-    ]
+    items = list(given) if several else [given]
+    if rig is not None:
+        items = [
+            read_recording(item, rig=rig) if isinstance(item, str | os.PathLike) else item
+            for item in items
+        ]
+    return [of_kind(where, item, Experiment, EXPERIMENT, error) for item in items]

@@ -91,6 +91,8 @@ def in_english(title: str) -> str:
     if word is None or word[0].lower() not in WORDS:
         return title
     rest = title[word.end() :]
-    return title if re.match(r"[ ]*\w", rest) and not rest.startswith("_") else (
-        WORDS[word[0].lower()] + rest
+    return (
+        title
+        if re.match(r"[ ]*\w", rest) and not rest.startswith("_")
+        else (WORDS[word[0].lower()] + rest)
     )

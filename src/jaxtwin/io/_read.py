@@ -7,7 +7,7 @@ from .._arguments import of_kind, path_of, whole_number
 from .._errors import RecordingError
 from ..rig import Rig
 from ._csv import parse_csv
-from ._experiment import GAP_FACTOR, Experiment
+from ._experiment import Experiment
 from ._mat import parse_mat
 from ._matlab5 import is_matlab5
 from ._netcdf import parse_netcdf
@@ -67,7 +67,8 @@ def read_recording(
 
     **Returns:**
 
-    An `Experiment` at the file's own times.
+    An `Experiment` at the file's own times. If samples were lost, `gaps` says where and `parts`
+    are the parts between them, which `match` takes as recordings of their own.
 
     **Raises:**
 
@@ -110,26 +111,9 @@ def read_recording(
                 names=columns,
                 ignore=ignore,
             )
-        check_no_gap(experiment)
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from None
     return experiment
-
-
-def check_no_gap(experiment: Experiment) -> None:
-    """Refuses recorded temperatures with lost samples. A schedule without temperatures may have
-    steps of any length."""
-    gaps = experiment.gaps
-    if experiment.temperatures is None or not len(gaps):
-        return
-    start, end = gaps[0]
-    number = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps, the first"
-    raise RecordingError(
-        f"expected steps of at most {GAP_FACTOR:g} times the median step, got {number} from "
-        f"{start:g} s to {end:g} s; split the recording there, or add the missing times, their "
-        "duty, and empty temperatures; of a .db file 'jaxtwin export' writes the part between "
-        "--start and --end"
-    )
 
 
 def _session_experiment(file: Path, zone: str | None) -> Experiment:
@@ -138,12 +122,7 @@ def _session_experiment(file: Path, zone: str | None) -> Experiment:
             f"{file}: zone: expected none, as only two-cell .mat recordings have one, got {zone!r}"
         )
     with Session(file) as session:
-        experiment = session.experiment()
-    try:
-        check_no_gap(experiment)
-    except RecordingError as error:
-        raise RecordingError(f"{file}: {error}") from None
-    return experiment
+        return session.experiment()
 
 
 def _content(file: Path) -> bytes:
