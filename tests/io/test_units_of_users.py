@@ -79,7 +79,7 @@ def test_a_room_in_kelvin_is_none():
 
 
 def test_times_in_nanoseconds_are_none():
-    with pytest.raises(RecordingError, match="a hundred years, got 2e.12; are they in ms or ns"):
+    with pytest.raises(RecordingError, match=r"a hundred years, got 2e.12; are they in ms or ns"):
         jt.Experiment([0, 1e12, 2e12], [0, 0, 0])
 
 
@@ -95,7 +95,7 @@ def test_a_recording_in_kelvin_is_not_matched():
         temperatures=recording.temperatures + 273.15,
     )
     with pytest.raises(
-        MatchError, match="recording 1: temperatures: expected degC, got 289.* in K"
+        MatchError, match=r"recording 1: temperatures: expected degC, got 289.* in K"
     ):
         jt.match(twin, kelvin)
 
@@ -119,7 +119,7 @@ def test_a_match_takes_files_and_the_parts_between_gaps(tmp_path):
     }
     lines = [
         ",".join(table),
-        *(",".join(map(repr, map(float, row))) for row in zip(*table.values())),
+        *(",".join(map(repr, map(float, row))) for row in zip(*table.values(), strict=True)),
     ]
     path = tmp_path / "bench.csv"
     path.write_text("\n".join(lines), encoding="utf-8")

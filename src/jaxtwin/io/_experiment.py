@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 
 import numpy as np
@@ -468,7 +469,7 @@ def as_experiments(
     items = list(given) if several else [given]
     if rig is not None:
         items = [
-            read_recording(item, rig=rig) if isinstance(item, str | os.PathLike) else item
+            read_recording(Path(item), rig=rig) if isinstance(item, str | os.PathLike) else item
             for item in items
         ]
     return [of_kind(where, item, Experiment, EXPERIMENT, error) for item in items]
