@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from ._errors import JaxtwinError
+from ._pint_quantities import is_pint
 
 Kind = TypeVar("Kind")
 Failure = type[JaxtwinError]
@@ -61,6 +62,8 @@ def finite_number(where: str, value: Any, error: Failure) -> float:
     import numpy as np  # imported here, so that the command line's help is quick
 
     expected = "a finite number"
+    if is_pint(value):  # whose unit a conversion would lose
+        _refuse(where, value, f"{expected} without a unit", error)
     if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
         _refuse(where, value, expected, error)
     number = float(value)

@@ -1,13 +1,18 @@
 """Recordings as text."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as hst
 
+import jaxtwin as jt
 from jaxtwin import RecordingError
 from jaxtwin.io import Experiment, read_recording, write_recording
+from jaxtwin.io._timestamps import microseconds_of_timestamps
 
 GOOD = "time_s,duty_P1,T11_degC\n0,0.5,20\n1,0.5,21\n2,-1,22\n"
 
@@ -40,7 +45,7 @@ def test_columns_by_name_and_unit(read):
 
 def test_counts_with_their_full_scale_and_polarity(read):
     text = "time_s,pwm_P1,duty_P2\n0,255,1\n1,-51,1\n"
-    np.testing.assert_array_equal(read(text).duty, [[1, 1], [-0.2, 1]])
+    np.testing.assert_array_equal(read(text, counts=255).duty, [[1, 1], [-0.2, 1]])
     np.testing.assert_array_equal(read(text, counts=510, polarity=-1).duty, [[-0.5, 1], [0.1, 1]])
 
 
@@ -140,7 +145,7 @@ def test_another_name_of_a_column_is_answered_with_what_it_may_mean(read, title,
 
 
 def test_a_column_of_no_known_kind_has_no_hint(read):
-    with pytest.raises(RecordingError, match=r"got '12\.5 V'$"):
+    with pytest.raises(RecordingError, match=r"got '12\.5 V'; columns= gives it a name"):
         read("time_s,duty_P1,T11_degC,12.5 V\n0,0.5,20,1\n1,0.5,20,1\n")
 
 
@@ -217,7 +222,7 @@ def test_the_header_that_is_written(tmp_path, experiment):
             GOOD.replace("2,", "1,", 1).replace("\n1,", "\n2,", 1),
             "line 4: time: expected increasing times",
         ),
-        ("time_s,pwm_P1\n0,0\n1,300\n", "line 3: PWM of cell 1: .* got 300 at sample 1"),
+        ("time_s,pwm_P1\n0,0\n1,300\n", "column pwm_P1: expected the counts of full duty, such as"),
         ("time_s,Time [s],duty_P1\n0,0,0\n1,1,0\n", "got two columns for the time"),
         ("time_s,duty_P1,\n0,0,a\n1,0,b\n", "got no name for column 3"),
         (
@@ -226,13 +231,118 @@ def test_the_header_that_is_written(tmp_path, experiment):
         ),
         ("time_s;duty_P1;T_degC\n0;0;1.002,5\n1;0;2\n", "line 2, column T_degC: .* got '1.002,5'"),
         ("time_s,duty_P1,_degC\n0,0,\n1,0,\n", "columns: expected time_s, .* got '_degC'"),
-        (GOOD + "30,0,22\n31,0,22\n", "3 times the median step, got a gap from 2 s to 30 s"),
         (b"\x00\xff\xfe binary", "no text"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(read, text, said):
     with pytest.raises(RecordingError, match=rf"run\.csv: .*{said}"):
         read(text)
+
+
+def test_counts_beyond_full_duty_are_named_with_their_line(read):
+    with pytest.raises(RecordingError, match=r"line 3: PWM of cell 1: .* got 300 at sample 1"):
+        read("time_s,pwm_P1\n0,0\n1,300\n", counts=255)
+
+
+def test_counts_are_those_of_the_rig_s_driver(read):
+    """A driver of 1023 counts that cools with positive ones; counts that are given come first."""
+    rig = jt.load_rig("dual-cell")
+    driven = replace(rig, driver=replace(rig.driver, counts=1023, polarity=-1))
+    text = "time_s,pwm_P1,pwm_P2\n0,0,1023\n1,-1023,0\n"
+    assert read(text, rig=driven).duty.tolist() == [[0, -1], [1, 0]]
+    assert read(text, rig=driven, counts=2046, polarity=1).duty.tolist() == [[0, 0.5], [-0.5, 0]]
+
+
+def test_lost_samples_divide_a_recording_into_parts(read):
+    whole = read(GOOD + "30,0,22\n31,0,22\n40,0,25\n")
+    assert whole.gaps.tolist() == [[2, 30], [31, 40]]
+    first, second = whole.parts  # a single sample is no part
+    assert (first.time.tolist(), second.time.tolist()) == ([0, 1, 2], [30, 31])
+    assert (first.name, second.name) == ("run part 1", "run part 2")
+    assert read(GOOD).parts == (read(GOOD),)
+
+
+NANOSECONDS = """time,t1,time_t1,t2,time_t2,heater_on,fan_on,elapsed
+1611326938720290000,21.312,1611326936960770000,25,1611326937840280000,False,False,2.6
+1611326941720290000,21.312,1611326940000310000,25.5,1611326940880730000,True,False,2.7
+1611326944720290000,21.375,1611326943000310000,26,1611326943880730000,True,False,2.7
+"""
+LOGGED = {"t1": "ambient", "t2": "upper", "heater_on": "duty_P1"}
+
+
+def test_a_logger_s_file_is_read_with_names_for_its_columns(read):
+    left_out = ["fan_on", "elapsed", "time_t*"]
+    found = read(NANOSECONDS, columns=LOGGED, ignore=left_out)
+    assert found.time.tolist() == [0, 3, 6]
+    assert found.duty[:, 0].tolist() == [0, 1, 1]
+    assert found.channels == ("upper",)
+    assert found.temperatures is not None
+    assert found.temperatures[:, 0].tolist() == [25, 25.5, 26]
+    assert np.asarray(found.ambient).tolist() == [21.312, 21.312, 21.375]
+    assert read(NANOSECONDS, columns=LOGGED, ignore=["*"]) == found
+    with pytest.raises(RecordingError, match=r"got 'time_t1'.*; columns= .*, ignore= leaves it"):
+        read(NANOSECONDS, columns=LOGGED)
+    with pytest.raises(RecordingError, match=r"titles of the file, .*, got t9"):
+        read(NANOSECONDS, columns={"t9": "lower"})
+    with pytest.raises(RecordingError, match="ignore: expected a list of titles, got 'fan_on'"):
+        read(NANOSECONDS, columns=LOGGED, ignore="fan_on")
+
+
+def test_a_sensor_that_was_read_at_times_of_its_own_is_interpolated(read):
+    """`upper` is read 0.88, 0.84 and 0.84 s before the samples and rises by 0.5 K in 3.04 and 3 s;
+    after the last time its last value stays."""
+    columns = LOGGED | {"time_t2": "upper_time"}
+    found = read(NANOSECONDS, columns=columns, ignore=["*"])
+    assert found.temperatures is not None
+    expected = [25 + 0.5 * 0.88001 / 3.04045, 25.5 + 0.5 * 0.83956 / 2.99958, 26]
+    np.testing.assert_allclose(found.temperatures[:, 0], expected, rtol=1e-6)
+    with pytest.raises(RecordingError, match="times of one of ambient, upper, got 'lower'"):
+        read(NANOSECONDS, columns=LOGGED | {"time_t2": "lower_time"}, ignore=["*"])
+
+
+@pytest.mark.parametrize("factor", [1, 1000, 1_000_000, 1_000_000_000])
+def test_times_since_1970_count_from_the_first(read, factor):
+    """In s, ms, us and ns; 1.5 s is a sample of each that has fractions."""
+    second = 1_608_639_796 * factor
+    stamps = [second, second + 2 * factor, second + 3 * factor]
+    text = "time,duty_P1,T_degC\n" + "".join(f"{stamp},0.5,21\n" for stamp in stamps)
+    assert read(text).time.tolist() == [0, 2, 3]
+
+
+def test_plain_numbers_are_no_time_stamps(read):
+    with pytest.raises(RecordingError, match="numbers need a unit, such as time_s"):
+        read("time,duty_P1,T_degC\n0,0.5,21\n1,0.5,21\n")
+
+
+def test_german_titles(read):
+    found = read(
+        "Zeit;duty_P1 [%];Temperatur 1 [°C];Umgebung [°C]\n"
+        "05.03.2024 14:03:20;50;21,5;20,1\n05.03.2024 14:03:21;50;21,9;20,1\n"
+    )
+    assert found.time.tolist() == [0, 1]
+    assert found.channels == ("Temperatur 1",)
+    assert found.ambient == 20.1
+    named = read(
+        "Zeit [min];Stellgrad;Temperatur 1;Umgebung [°C]\n0;0,5;21,5;20\n1;1;22;20\n",
+        columns={"Stellgrad": "duty_P1", "Temperatur 1": "T1"},
+    )
+    assert named.time.tolist() == [0, 60]
+    assert named.channels == ("T1",)
+    assert named.duty[:, 0].tolist() == [0.5, 1]
+
+
+@given(
+    hst.lists(hst.integers(0, 10**15), min_size=1, max_size=20), hst.sampled_from(["s", "us", "ns"])
+)
+def test_time_stamps_are_exact_to_a_microsecond(parts: list[int], unit: str):
+    stamps = [10**15 + part for part in parts]
+    written = {
+        "s": [f"{stamp // 10**6}.{stamp % 10**6:06d}" for stamp in stamps],
+        "us": [str(stamp) for stamp in stamps],
+        "ns": [str(stamp * 1000 + 999) for stamp in stamps],
+    }
+    found = microseconds_of_timestamps(written[unit], "time", range(len(stamps)))
+    assert found.tolist() == stamps
 
 
 def test_a_zone_belongs_to_other_files(read):

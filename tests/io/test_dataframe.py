@@ -88,7 +88,7 @@ def test_counts_with_polarity():
 @pytest.mark.parametrize(
     ("table", "options", "message"),
     [
-        ([1, 2], {}, "frame: expected a pandas.DataFrame, got list"),
+        ([1, 2], {}, "frame: expected a DataFrame of pandas or polars, got list"),
         (frame(time_s=TIMES), {"time": "clock"}, "time: expected one of time_s, duty_P1"),
         (frame(time_s=TIMES, remark=["a"] * 3), {}, "column remark: expected numbers"),
         (frame(time_s=TIMES, power=[1.0] * 3), {}, "columns: expected time_s"),

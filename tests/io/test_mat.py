@@ -181,7 +181,6 @@ def changed(simout: np.ndarray, row: int, column: int, value: float) -> np.ndarr
         (7, 6, 293.15, "temperature: .* got 293.15 degC in row 8"),
         (7, 2, np.nan, "time: .* got nan at sample 7"),
         (7, 2, 6, "time: expected increasing times, got 6 s at sample 7 after 6 s"),
-        (39, 2, 60, "a gap from 38 s to 60 s"),
     ],
 )
 def test_one_wrong_number_is_named_with_its_place(write, two_cell_simout, row, column, value, said):

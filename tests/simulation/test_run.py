@@ -142,3 +142,18 @@ def test_run_prints_what_it_is(run):
     low, high = run.temperatures.min(), run.temperatures.max()
     text = f"<Run of paper-2024: 31 times, 2 channels, {low:.2f} to {high:.2f} degC>"
     assert repr(run) == text
+
+
+def test_a_run_becomes_a_recording_with_the_noise_of_its_rig():
+    twin = Twin("dual-cell")
+    run = twin.simulate(Experiment.schedule("0:0.5", duration=400, cells=2, ambient=17))
+    recording = run.to_recording(seed=3, name="trial")
+    assert (recording.name, recording.ambient, recording.channels) == ("trial", 17, run.channels)
+    assert recording.temperatures is not None
+    noise = recording.temperatures - run.temperatures
+    assert noise.std() == pytest.approx(twin.rig.noise, rel=0.02)
+    assert run.to_recording(seed=3) == recording
+    assert run.to_recording(seed=4) != recording
+    np.testing.assert_array_equal(run.to_recording(noise=0).temperatures, run.temperatures)
+    with pytest.raises(SimulationError, match="noise: expected at least 0 K, got -1"):
+        run.to_recording(noise=-1)

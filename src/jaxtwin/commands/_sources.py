@@ -95,11 +95,7 @@ def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":
     """
     from ..io import read_recording
 
-    driver = rig.driver
-    return [
-        read_recording(find_recording(name), counts=driver.counts, polarity=driver.polarity)
-        for name in names
-    ]
+    return [read_recording(find_recording(name), rig=rig) for name in names]
 
 
 def find_recording(name: str) -> Path:

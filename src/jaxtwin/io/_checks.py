@@ -11,10 +11,17 @@ from numpy.typing import ArrayLike
 
 from .._arguments import is_ordered
 from .._errors import RecordingError
+from .._pint_quantities import in_unit
 from ..rig._camera import is_channel_name
 
 ABSOLUTE_ZERO = -273.15  # degC
 ROUNDING = 1e-9  # counts / 255 and unit conversions may leave this much above full duty
+
+LONGEST = 3.2e9
+"""The longest recording, s."""
+
+HOTTEST_ROOM = 150.0
+"""The hottest surroundings of a rig, degC: a rig inside an oven. In K every room is hotter."""
 
 
 class WrongSampleError(RecordingError):
@@ -28,7 +35,7 @@ class WrongSampleError(RecordingError):
 
 def checked_time(time: ArrayLike) -> Float[np.ndarray, "times"]:
     """Time `(times,)`, s: finite and strictly increasing, at least two samples."""
-    times = _numbers(time, "time")
+    times = _numbers(in_unit("time", time, "s", RecordingError), "time")
     if times.ndim != 1:
         raise RecordingError(f"time: expected shape (times,), got {times.shape}")
     if times.size < 2:
@@ -44,6 +51,11 @@ def checked_time(time: ArrayLike) -> Float[np.ndarray, "times"]:
             f"{times[k]:g} s",
             int(k) + 1,
         )
+    if times[-1] - times[0] > LONGEST:
+        raise RecordingError(
+            f"time: expected at most {LONGEST:g} s from the first sample to the last, a hundred "
+            f"years, got {times[-1] - times[0]:g}; are they in ms or ns?"
+        )
     return times
 
 
@@ -51,7 +63,7 @@ def checked_duty(
     duty: ArrayLike, time: Float[np.ndarray, "times"]
 ) -> Float[np.ndarray, "times cells"]:
     """Duty cycles `(times, cells)`: finite, -1 to 1, at least one cell."""
-    values = _numbers(duty, "duty")
+    values = _numbers(in_unit("duty", duty, "", RecordingError), "duty")
     if values.ndim == 1:
         values = values[:, None]
     if values.ndim != 2 or values.shape[0] != time.size or values.shape[1] == 0:
@@ -144,7 +156,9 @@ def checked_temperatures(
     """
     if temperatures is None:
         return None
-    values = _numbers(temperatures, "temperatures", may_lack=True)
+    values = _numbers(
+        in_unit("temperatures", temperatures, "degC", RecordingError), "temperatures", may_lack=True
+    )
     if values.ndim == 1:
         values = values[:, None]
     if values.shape != (time.size, len(channels)) or not channels:
@@ -173,7 +187,7 @@ def checked_ambient(
     """
     if ambient is None:
         return None
-    values = _numbers(ambient, "ambient", may_lack=True)
+    values = _numbers(in_unit("ambient", ambient, "degC", RecordingError), "ambient", may_lack=True)
     if values.shape not in ((), time.shape):
         raise RecordingError(
             f"ambient: expected one number or shape ({time.size},), got shape {values.shape}"
@@ -186,6 +200,11 @@ def checked_ambient(
     if not there.all():
         values = _held(np.interp(time, time[there], values[there]))
     _check_temperature(np.broadcast_to(values, time.shape), "ambient", time)
+    if values.max() > HOTTEST_ROOM:
+        raise RecordingError(
+            f"ambient: expected the temperature of a room in degC, at most {HOTTEST_ROOM:g}, got "
+            f"{values.max():g}; in K, that is {values.max() + ABSOLUTE_ZERO:g} degC"
+        )
     if np.all(values == values.flat[0]):
         return float(values.flat[0])
     return values

@@ -9,12 +9,15 @@ sample is an empty field. `_delimited` reads the variants that other programs wr
 import csv
 import io
 import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from .._errors import RecordingError
 from ._checks import ABSOLUTE_ZERO, WrongSampleError, duty_from_counts
-from ._delimited import TIME, Column, read_columns
+from ._delimited import STAMPS, TIME, Column, read_columns
 from ._experiment import Experiment
 
 EXPECTED = (
@@ -23,13 +26,21 @@ EXPECTED = (
 )
 """The columns of a file, for messages."""
 
-SECONDS = {"s": 1.0, "ms": 1e3, "min": 1 / 60, "h": 1 / 3600}
+SECONDS = {"s": 1.0, "ms": 1e3, "min": 1 / 60, "h": 1 / 3600, "us since 1970": 1e6}
 """The number of each unit of time in a second."""
 
 
-def parse_csv(content: bytes, *, name: str, counts: int, polarity: int) -> Experiment:
+def parse_csv(
+    content: bytes,
+    *,
+    name: str,
+    counts: int | None,
+    polarity: int,
+    names: Mapping[str, str] | None = None,
+    ignore: Sequence[str] = (),
+) -> Experiment:
     """The experiment in a .csv file; for the arguments see `read_recording`."""
-    columns, lines = read_columns(content, EXPECTED)
+    columns, lines = read_columns(content, EXPECTED, names, ignore)
     try:
         return experiment_of_columns(columns, name, counts, polarity)
     except WrongSampleError as error:
@@ -37,18 +48,25 @@ def parse_csv(content: bytes, *, name: str, counts: int, polarity: int) -> Exper
 
 
 def experiment_of_columns(
-    columns: list[Column], name: str, counts: int, polarity: int
+    columns: list[Column], name: str, counts: int | None, polarity: int
 ) -> Experiment:
     """The experiment in named columns.
 
-    **Raises:** `RecordingError` if a column is missing, is given twice or has another name.
+    **Raises:** `RecordingError` if a column is missing, is given twice or has another name, or if
+    PWM counts of a driver are not known.
     """
     times: list[np.ndarray] = []
     duty: dict[int, np.ndarray] = {}
     temperatures: dict[str, Column] = {}
+    stamps: dict[str, Column] = {}
+    origin = 0.0
     for column in columns:
         if unit := TIME.fullmatch(column.name):
-            times.append(column.complete() / SECONDS[unit[1]])
+            values = column.complete()
+            origin = values[0] if column.name == STAMPS else 0.0
+            times.append((values - origin) / SECONDS[unit[1]])
+        elif column.name.endswith(STAMPS):
+            stamps[column.name[: -len(STAMPS) - 1]] = column
         elif cell := re.fullmatch(r"(duty|pwm)_P([1-9]\d{0,3})(_%)?", column.name):
             kind, number = cell[1], int(cell[2])
             if number in duty:
@@ -57,6 +75,11 @@ def experiment_of_columns(
                 )
             values = column.complete()
             if kind == "pwm":
+                if counts is None:
+                    raise RecordingError(
+                        f"column {column.title}: expected the counts of full duty, such as "
+                        "counts=255, or the rig with its driver, rig=..., got neither"
+                    )
                 values = duty_from_counts(values[:, None], counts, polarity)[:, 0]
             duty[number] = values / 100 if cell[3] else values
         elif channel := re.fullmatch(r"(.+)_(degC|K)", column.name):
@@ -65,7 +88,10 @@ def experiment_of_columns(
                 raise RecordingError(f"columns: expected one for the temperature {label}, got two")
             temperatures[label] = column
         else:
-            raise RecordingError(f"columns: {EXPECTED}, got {column.title!r}{_hint(column.name)}")
+            raise RecordingError(
+                f"columns: {EXPECTED}, got {column.title!r}{_hint(column.name)}; columns= gives "
+                "it a name, ignore= leaves it out"
+            )
     if len(times) != 1:
         found = "no column time_s" if not times else "two columns for the time"
         raise RecordingError(f"columns: {EXPECTED}, got {found}")
@@ -74,6 +100,7 @@ def experiment_of_columns(
         raise RecordingError(
             f"columns: expected drives of the cells P1, P2, ... without a gap, got {found}"
         )
+    _align(temperatures, stamps, times[0], origin)
     ambient = temperatures.pop("ambient", None)
     # Channels that are blank in every line are not recorded; they select what a simulation returns.
     recorded = any(not column.is_blank for column in temperatures.values())
@@ -87,6 +114,41 @@ def experiment_of_columns(
         ambient=None if ambient is None or ambient.is_blank else _celsius(ambient),
         name=name,
     )
+
+
+def _align(
+    temperatures: dict[str, Column],
+    stamps: dict[str, Column],
+    time: Float[np.ndarray, " samples"],
+    origin: float,
+) -> None:
+    """Interpolates temperatures that were read at times of their own at those of the samples.
+
+    **Arguments:**
+
+    - `temperatures`: the columns by their names, which are changed.
+    - `stamps`: the times at which some of them were read, us since 1970.
+    - `time`: the times of the samples, s.
+    - `origin`: their zero, us since 1970; 0 if it is not known.
+    """
+    for channel, column in stamps.items():
+        if channel not in temperatures or not origin:
+            known = (
+                ", ".join(temperatures) if origin else "a column of time stamps for all channels"
+            )
+            raise RecordingError(
+                f"column {column.title}: expected the times of one of {known}, got {channel!r}"
+            )
+        own = (column.complete() - origin) / SECONDS["us since 1970"]
+        if np.any(np.diff(own) < 0):
+            raise RecordingError(
+                f"column {column.title}: expected times that do not decrease, got {column.title} "
+                f"earlier in {column.place} {column.lines[int(np.argmax(np.diff(own) < 0)) + 1]}"
+            )
+        read = temperatures[channel]
+        there = ~np.isnan(read.values)
+        values = np.where(there, np.interp(time, own[there], read.values[there]), np.nan)
+        temperatures[channel] = replace(read, values=values)
 
 
 def _hint(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Recordings as tables of pandas, with the columns of a .csv recording."""
+"""Recordings as tables of pandas or polars, with the columns of a .csv recording."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -14,23 +14,21 @@ from ._timestamps import is_timestamp_title
 
 if TYPE_CHECKING:
     import pandas
+    import polars  # pyright: ignore[reportMissingImports]
 
 
 def experiment_of_dataframe(
-    frame: "pandas.DataFrame",
+    frame: "pandas.DataFrame | polars.DataFrame",
     *,
     time: str | None,
-    counts: int,
+    counts: int | None,
     polarity: int,
     name: str,
 ) -> Experiment:
     """The experiment in a table; for the arguments see `Experiment.from_dataframe`."""
     import pandas
 
-    if not isinstance(frame, pandas.DataFrame):
-        raise RecordingError(
-            f"from_dataframe: frame: expected a pandas.DataFrame, got {type(frame).__name__}"
-        )
+    frame = _of_pandas(frame)
     if time is not None and time not in frame.columns:
         known = ", ".join(map(str, frame.columns))
         raise RecordingError(
@@ -52,6 +50,12 @@ def experiment_of_dataframe(
         from_index = time is None
     if from_index:
         title = str(index.name or "index")
+        if type(index) is pandas.RangeIndex and not _is_time(title):
+            known = ", ".join(map(str, frame.columns))
+            raise RecordingError(
+                "from_dataframe: expected a column of times, such as time_s, or time= with its "
+                f"name, got the columns {known}; numbers of rows are no times"
+            )
         columns.append(_column("time_s", title, _seconds(index.to_series(), title), rows))
     for title in frame.columns:
         series: pandas.Series = frame.loc[:, title]
@@ -61,6 +65,21 @@ def experiment_of_dataframe(
             numbers = _numbers(series, str(title))
             columns.append(_column(column_name(str(title)), str(title), numbers, rows))
     return experiment_of_columns(columns, name, counts, polarity)
+
+
+def _of_pandas(frame: object) -> "pandas.DataFrame":
+    """The table as one of pandas. A table of polars is copied column by column, since its own
+    conversion needs another library."""
+    import pandas
+
+    if type(frame).__module__.partition(".")[0] == "polars" and hasattr(frame, "to_dict"):
+        frame = pandas.DataFrame(frame.to_dict(as_series=False))  # pyright: ignore
+    if not isinstance(frame, pandas.DataFrame):
+        raise RecordingError(
+            "from_dataframe: frame: expected a DataFrame of pandas or polars, got "
+            f"{type(frame).__name__}"
+        )
+    return frame
 
 
 def _refuse_text_and_bare_times(frame: "pandas.DataFrame", time: str | None) -> None:

@@ -7,13 +7,16 @@
   are skipped. So are a first column without a name (pandas' index), and blank columns without a
   name.
 - A unit may follow its name as `T11_degC`, `T11 [degC]` or `T11 (°C)`.
-- A column `time`, `timestamp`, `date` or the like holds time stamps (`_timestamps`).
+- A column `time`, `timestamp`, `date` or the like holds time stamps (`_timestamps`), and a column
+  `T1_time` those of the channel `T1`.
+- A column of `True` and `False` holds 1 and 0.
 - An empty field or a word for "not available" is a missing sample, NaN.
 """
 
 import csv
 import io
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from typing import final
@@ -22,15 +25,19 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import RecordingError
-from ._timestamps import is_timestamp_title, seconds_of_timestamps
+from ._named_columns import named
+from ._timestamps import is_timestamp_title, microseconds_of_timestamps
 
 MISSING = frozenset(
     {"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none", "-", "--", "---"}
 )
 """The words for a missing sample, in small letters."""
 
-TIME = re.compile("[Tt]ime_(s|ms|min|h)")
+TIME = re.compile("[Tt]ime_(s|ms|min|h|us since 1970)")
 """The name of the column that every recording has."""
+
+STAMPS = "time_us since 1970"
+"""The end of the name of a column of time stamps."""
 
 UNITS = {"°C": "degC", "C": "degC", "celsius": "degC", "kelvin": "K", "sec": "s", "seconds": "s"}
 """Other ways to write a unit."""
@@ -76,13 +83,19 @@ class Column:
         return self.values
 
 
-def read_columns(content: bytes, expected: str) -> tuple[list[Column], list[int]]:
+def read_columns(
+    content: bytes,
+    expected: str,
+    names: Mapping[str, str] | None = None,
+    ignore: Sequence[str] = (),
+) -> tuple[list[Column], list[int]]:
     """The columns in the order of the file, and the lines of their samples.
 
     **Arguments:**
 
     - `content`: the whole file.
     - `expected`: the expected columns in words, for messages.
+    - `names`, `ignore`: other names of columns, and columns to leave out, as in `read_recording`.
 
     **Raises:** `RecordingError` that names the line and, if there is one, the column.
     """
@@ -90,6 +103,7 @@ def read_columns(content: bytes, expected: str) -> tuple[list[Column], list[int]
     separator = _separator(text)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     titles: list[str] = []
+    fields_in_line, kept = 0, list[bool]()
     rows: list[list[str]] = []
     lines: list[int] = []
     try:
@@ -97,16 +111,18 @@ def read_columns(content: bytes, expected: str) -> tuple[list[Column], list[int]
             row = [field.strip() for field in row]
             if not any(row) or (_is_note(row[0]) and not rows):
                 continue
-            if not titles:
-                titles = row
+            if not fields_in_line:
+                found = named(row, names, ignore)
+                fields_in_line, kept = len(row), [name is not None for name in found]
+                titles = [name for name in found if name is not None]
                 _check_titles(titles, separator, expected)
                 continue
-            if len(row) != len(titles):
+            if len(row) != fields_in_line:
                 raise RecordingError(
-                    f"line {reader.line_num}: expected {len(titles)} fields, one for each column, "
-                    f"got {len(row)}"
+                    f"line {reader.line_num}: expected {fields_in_line} fields, one for each "
+                    f"column, got {len(row)}"
                 )
-            rows.append(row)
+            rows.append(list(compress(row, kept)))
             lines.append(reader.line_num)
     except csv.Error as error:
         raise RecordingError(f"line {reader.line_num} is no line of a .csv file: {error}") from None
@@ -123,10 +139,12 @@ def read_columns(content: bytes, expected: str) -> tuple[list[Column], list[int]
         if not title:
             raise RecordingError(f"columns: {expected}, got no name for column {number + 1}")
         if is_timestamp_title(title):
-            seconds = seconds_of_timestamps(fields, title, lines)
-            columns.append(Column(title, "time_s", seconds, lines, list(fields)))
+            stamps = microseconds_of_timestamps(fields, title, lines)
+            name = title[: -len("time")] + STAMPS if title.lower().endswith("_time") else STAMPS
+            columns.append(Column(title, name, stamps, lines, list(fields)))
             continue
-        values = np.array([_number(field, comma) for field in fields])
+        truth = {field.lower() for field in fields} <= {"true", "false"}
+        values = np.array([_truth(field) if truth else _number(field, comma) for field in fields])
         (wrong,) = np.nonzero(np.isinf(values))
         if wrong.size:
             k = wrong[0]
@@ -186,6 +204,11 @@ def column_name(title: str) -> str:
     unit = "".join(units).strip()
     unit = UNITS.get(unit, unit)
     return name if unit in ("", "1", "-") else f"{name}_{unit}"
+
+
+def _truth(field: str) -> float:
+    """Returns 1 for an output that is on, and 0 for one that is off."""
+    return float(field.lower() == "true")
 
 
 def _number(field: str, comma: bool) -> float:

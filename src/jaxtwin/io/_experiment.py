@@ -1,11 +1,14 @@
 """An experiment on a rig: its inputs, and the temperatures that were recorded."""
 
 import hashlib
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Any, Literal, final
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,6 +18,7 @@ from .._arguments import finite_number, of_kind
 from .._display import picture
 from .._errors import JaxtwinError, RecordingError
 from .._name_suggestions import did_you_mean
+from ..rig import Rig
 from ._checks import (
     checked_ambient,
     checked_channels,
@@ -26,8 +30,14 @@ from ._schedule import schedule_samples
 
 if TYPE_CHECKING:
     import pandas
+    import polars  # pyright: ignore[reportMissingImports]
     import xarray
     from matplotlib.figure import Figure
+
+Recordings: TypeAlias = (
+    "Experiment | str | os.PathLike[str] | Sequence[Experiment | str | os.PathLike[str]]"
+)
+"""One recording or several, or their files."""
 
 EXPERIMENT = "an Experiment, as read_recording and Experiment.schedule make it"
 """The name of an experiment in error messages."""
@@ -109,8 +119,8 @@ class Experiment:
         cls,
         text: str,
         *,
-        duration: float | int,
-        step: float | int = 1.0,
+        duration: Any,
+        step: Any = 1.0,
         cells: int = 1,
         channels: Iterable[str] = (),
         ambient: float | int | None = None,
@@ -122,8 +132,9 @@ class Experiment:
 
         - `text`: `"0:0.5,500:0.78"` is a duty cycle of 0.5 in every cell from 0 s and 0.78 from 500
           s on; `"0:0.5/0.3"` states a duty for each cell. Before the first time the duty is 0.
-        - `duration`, `step`: the samples are 0, step, 2 step, ... up to the duration, s. A switch
-            between two of them gets a separate sample.
+        - `duration`, `step`: the samples are 0, step, 2 step, ... up to the duration: numbers in
+            s, text such as `"10 min"`, or quantities of pint. A switch between two samples gets
+            one of its own.
         - `cells`: number of cells.
         - `channels`, `ambient`, `name`: as in `Experiment`.
 
@@ -141,15 +152,15 @@ class Experiment:
     @classmethod
     def from_dataframe(
         cls,
-        frame: "pandas.DataFrame",
+        frame: "pandas.DataFrame | polars.DataFrame",
         *,
         time: str | None = None,
-        counts: int = 255,
+        counts: int | None = None,
         polarity: Literal[1, -1] = 1,
         name: str = "",
     ) -> "Experiment":
-        """An experiment from a table of pandas, whose columns are named as those of a .csv
-        recording: `duty_P1` or `pwm_P1` for each cell, `NAME_degC` or `NAME_K` for each channel,
+        """An experiment from a table of pandas or polars with the columns of a .csv recording:
+        `duty_P1` or `pwm_P1` for each cell, `NAME_degC` or `NAME_K` for each channel,
         and `ambient_degC`; units may stand in brackets. `frame.rename(columns=...)` gives other
         columns these names, and `frame[[...]]` leaves some out.
 
@@ -157,8 +168,9 @@ class Experiment:
 
         - `frame`: a row for each sample. A missing temperature is NaN, None or NA.
         - `time`: the column of the times. By default the index if it holds durations or time
-            stamps, otherwise a column of these or `time_s`, otherwise the index, in s. Times are
-            numbers in s, durations (timedelta) or time stamps (datetime), counted from the first.
+            stamps, otherwise a column of these or `time_s`, otherwise the index, in s, unless it
+            only numbers the rows. Times are numbers in s, durations (timedelta) or time stamps
+            (datetime), counted from the first.
         - `counts`, `polarity`: those of `pwm_P1`, as in `read_recording`.
         - `name`: as in `Experiment`.
 
@@ -175,6 +187,28 @@ class Experiment:
         return experiment_of_dataframe(
             frame, time=time, counts=counts, polarity=polarity, name=name
         )
+
+    @classmethod
+    def from_xarray(cls, dataset: "xarray.Dataset", *, name: str | None = None) -> "Experiment":
+        """An experiment from a labelled data set, as `to_xarray` gives it.
+
+        **Arguments:**
+
+        - `dataset`: `duty` (time, cell) and, if they are known, `temperature` (time, channel) and
+          `ambient`, with their units as attributes. Other variables are ignored.
+        - `name`: as in `Experiment`; None: the attribute `name` of the data set.
+
+        **Returns:**
+
+        The `Experiment`.
+
+        **Raises:**
+
+        `RecordingError` that names the variable, its dimensions or its unit.
+        """
+        from ._netcdf import experiment_of_dataset
+
+        return experiment_of_dataset(dataset, name=name)
 
     @property
     def n_cells(self) -> int:
@@ -214,6 +248,23 @@ class Experiment:
         (before,) = np.nonzero(steps > GAP_FACTOR * np.median(steps))
         return np.stack([self.time[before], self.time[before + 1]], axis=1)
 
+    @property
+    def parts(self) -> "tuple[Experiment, ...]":
+        """The parts between gaps that have at least two samples, at their own times, named after
+        the experiment with their number; the experiment itself if it has no gap."""
+        if not len(self.gaps):
+            return (self,)
+        starts = np.concatenate([[-np.inf], self.gaps[:, 1], [np.inf]])
+        spans = [
+            (begin, end)
+            for begin, end in pairwise(starts)
+            if np.count_nonzero((self.time >= begin) & (self.time < end)) > 1
+        ]
+        return tuple(
+            self._part((self.time >= begin) & (self.time < end), f"{self.name} part {number}")
+            for number, (begin, end) in enumerate(spans, start=1)
+        )
+
     @cached_property
     def fingerprint(self) -> str:
         """SHA-256 of the contents, as hexadecimal digits; the name does not count."""
@@ -252,6 +303,10 @@ class Experiment:
                 f"between: expected at least 2 samples of {self!r} between {start:g} s and "
                 f"{end:g} s, got {np.count_nonzero(part)}"
             )
+        return self._part(part, self.name)
+
+    def _part(self, part: Bool[np.ndarray, "times"], name: str) -> "Experiment":
+        """The samples of a part, under a name."""
         ambient = self.ambient[part] if isinstance(self.ambient, np.ndarray) else self.ambient
         return Experiment(
             self.time[part],
@@ -259,7 +314,7 @@ class Experiment:
             channels=self.channels,
             temperatures=None if self.temperatures is None else self.temperatures[part],
             ambient=ambient,
-            name=self.name,
+            name=name.strip(),
             group=self.group,
         )
 
@@ -395,18 +450,26 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def as_experiments(where: str, given: Any, error: type[JaxtwinError]) -> list[Experiment]:
+def as_experiments(
+    where: str, given: Any, error: type[JaxtwinError], rig: Rig | None = None
+) -> list[Experiment]:
     """Makes a list of one experiment or of several.
 
     **Arguments:**
 
     - `where`: the function and the argument, for the message.
     - `given`: one experiment or several. The list may be empty.
+    - `rig`: the rig, if the paths of recordings of it are taken as well.
 
-    **Raises:** `error` if anything else is given.
+    **Raises:** `error` if anything else is given; `RecordingError` for a file that cannot be read.
     """
+    from ._read import read_recording  # which imports this module
+
     several = isinstance(given, Iterable) and not isinstance(given, str | bytes)
-    return [
-        of_kind(where, item, Experiment, EXPERIMENT, error)
-        for item in (given if several else [given])
-    ]
+    items = list(given) if several else [given]
+    if rig is not None:
+        items = [
+            read_recording(Path(item), rig=rig) if isinstance(item, str | os.PathLike) else item
+            for item in items
+        ]
+    return [of_kind(where, item, Experiment, EXPERIMENT, error) for item in items]

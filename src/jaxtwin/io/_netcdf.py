@@ -21,7 +21,18 @@ KELVIN = ("K", "kelvin", "Kelvin")
 
 def parse_netcdf(content: bytes, *, name: str) -> Experiment:
     """Reads the experiment in a netCDF file. Variables with other names are ignored."""
-    data = _dataset(content)
+    return experiment_of_dataset(_dataset(content), name=name)
+
+
+def experiment_of_dataset(data: "xarray.Dataset", *, name: str | None) -> Experiment:
+    """The experiment in a data set; for the arguments see `Experiment.from_xarray`."""
+    import xarray
+
+    if not isinstance(data, xarray.Dataset):
+        raise RecordingError(
+            f"from_xarray: dataset: expected an xarray.Dataset, got {type(data).__name__}"
+        )
+    name = str(data.attrs.get("name", "")) if name is None else name
     time = _variable(data, "time", ("time",), SECOND)
     duty = _variable(data, "duty", ("time", "cell"), DUTY)
     if "cell" in data.coords:

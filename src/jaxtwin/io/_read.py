@@ -1,22 +1,34 @@
 """Reads a recording from a file of any known format."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from .._arguments import path_of, whole_number
+from .._arguments import of_kind, path_of, whole_number
 from .._errors import RecordingError
+from ..rig import Rig
 from ._csv import parse_csv
-from ._experiment import GAP_FACTOR, Experiment
+from ._experiment import Experiment
 from ._mat import parse_mat
 from ._matlab5 import is_matlab5
 from ._netcdf import parse_netcdf
 from ._session import Session
 from ._session_file import is_session
 
+AUTHORS_COUNTS = 255
+"""The PWM counts of full duty in the .mat files of the paper's authors."""
+
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def read_recording(
-    path: str | Path, *, zone: str | None = None, counts: int = 255, polarity: int = 1
+    path: str | Path,
+    *,
+    rig: Rig | None = None,
+    columns: Mapping[str, str] | None = None,
+    ignore: Sequence[str] = (),
+    zone: str | None = None,
+    counts: int | None = None,
+    polarity: int | None = None,
 ) -> Experiment:
     """Reads a recording: the authors' .mat files, .csv, or netCDF.
 
@@ -28,7 +40,7 @@ def read_recording(
     - .csv: a line of column names with units, `time_s,duty_P1,duty_P2,T11_degC,ambient_degC`;
       `pwm_P1` are counts, `_K` is kelvin. If all channels are blank, no temperatures were recorded.
       Semicolons or tabs may separate columns, numbers may have a decimal comma beside them, and a
-      unit may stand in brackets: `T11 [degC]`.
+      unit may stand in brackets: `T11 [degC]`. `columns` and `ignore` read the files of loggers.
     - .db: a live session, as `jaxtwin record` writes it, on a grid of 1 s; `jaxtwin.io.Session`
         gives other grids and parts of it.
     - netCDF: `duty` (time, cell), `temperature` (time, channel) and `ambient`, with units, as
@@ -40,21 +52,36 @@ def read_recording(
     **Arguments:**
 
     - `path`: the file. Its name without the ending becomes the name of the experiment.
+    - `rig`: the rig, whose driver says how many PWM counts full duty has and their polarity.
+    - `columns`: names for columns of a .csv file that are called otherwise:
+      `{"heater_on": "duty_P1", "Temperatur 1": "T1", "t_out": "ambient", "clock": "time"}`. A
+      temperature without a unit in both names is in degC. `"time"` may be a time stamp or a number
+      since 1970, in s, ms, us or ns, and `"T1_time"` is the time at which `T1` was read, if that
+      is another: `T1` is then interpolated.
+    - `ignore`: titles of columns that are left out, of which `*` and `?` stand for any characters.
     - `zone`: `"A"`, `"B"` or `"C"`, the zone of the two-cell plate in a .mat file; needed if the
       name of the file does not contain it (`...SecA...`).
-    - `counts`: the PWM counts of full duty.
-    - `polarity`: 1 if positive PWM counts heat the plate, -1 if they cool it.
+    - `counts`: the PWM counts of full duty, if there is no rig; of the authors' .mat files 255.
+    - `polarity`: 1 if positive PWM counts heat the plate, -1 if they cool it; None: that of the
+      rig, otherwise 1.
 
     **Returns:**
 
-    An `Experiment` at the file's own times.
+    An `Experiment` at the file's own times. If samples were lost, `gaps` says where and `parts`
+    are the parts between them, which `match` takes as recordings of their own.
 
     **Raises:**
 
     `RecordingError` that names the file, the problem, and what was expected.
     """
     file = path_of("read_recording: path", path, RecordingError)
-    whole_number("counts", counts, 1, RecordingError)
+    if rig is not None:
+        of_kind("read_recording: rig", rig, Rig, "a Rig, as load_rig makes it", RecordingError)
+        counts = rig.driver.counts if counts is None else counts
+        polarity = rig.driver.polarity if polarity is None else polarity
+    if counts is not None:
+        whole_number("counts", counts, 1, RecordingError)
+    polarity = 1 if polarity is None else polarity
     if polarity not in (1, -1):
         raise RecordingError(f"polarity: expected 1 or -1, got {polarity!r}")
     if is_session(file):
@@ -66,34 +93,27 @@ def read_recording(
             raise RecordingError(
                 f"zone: expected none, as only two-cell .mat recordings have one, got {zone!r}"
             )
+        if kind != "csv" and (columns or ignore):
+            raise RecordingError("columns, ignore: expected a .csv file, got another format")
         if kind == "mat":
+            full = AUTHORS_COUNTS if counts is None else counts
             experiment = parse_mat(
-                content, name=file.stem, zone=zone, counts=counts, polarity=polarity
+                content, name=file.stem, zone=zone, counts=full, polarity=polarity
             )
         elif kind == "netcdf":
             experiment = parse_netcdf(content, name=file.stem)
         else:
-            experiment = parse_csv(content, name=file.stem, counts=counts, polarity=polarity)
-        check_no_gap(experiment)
+            experiment = parse_csv(
+                content,
+                name=file.stem,
+                counts=counts,
+                polarity=polarity,
+                names=columns,
+                ignore=ignore,
+            )
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from None
     return experiment
-
-
-def check_no_gap(experiment: Experiment) -> None:
-    """Refuses recorded temperatures with lost samples. A schedule without temperatures may have
-    steps of any length."""
-    gaps = experiment.gaps
-    if experiment.temperatures is None or not len(gaps):
-        return
-    start, end = gaps[0]
-    number = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps, the first"
-    raise RecordingError(
-        f"expected steps of at most {GAP_FACTOR:g} times the median step, got {number} from "
-        f"{start:g} s to {end:g} s; split the recording there, or add the missing times, their "
-        "duty, and empty temperatures; of a .db file 'jaxtwin export' writes the part between "
-        "--start and --end"
-    )
 
 
 def _session_experiment(file: Path, zone: str | None) -> Experiment:
@@ -102,12 +122,7 @@ def _session_experiment(file: Path, zone: str | None) -> Experiment:
             f"{file}: zone: expected none, as only two-cell .mat recordings have one, got {zone!r}"
         )
     with Session(file) as session:
-        experiment = session.experiment()
-    try:
-        check_no_gap(experiment)
-    except RecordingError as error:
-        raise RecordingError(f"{file}: {error}") from None
-    return experiment
+        return session.experiment()
 
 
 def _content(file: Path) -> bytes:

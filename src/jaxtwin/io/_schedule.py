@@ -1,25 +1,28 @@
 """A duty schedule in words, `"0:0.5,500:0.78"`, turned into samples."""
 
 import math
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from .._arguments import finite_number, of_kind, whole_number
 from .._errors import RecordingError
+from .._pint_quantities import in_unit
+from ..rig._units import DURATION, parse_quantity
 
 MOST_SAMPLES, MOST_CELLS = 10_000_000, 1000
 
 
 def schedule_samples(
-    text: str, *, duration: float | int, step: float | int, cells: int
+    text: str, *, duration: Any, step: Any, cells: int
 ) -> tuple[Float[np.ndarray, "times"], Float[np.ndarray, "times cells"]]:
     """Times and duty cycles of a schedule; see `Experiment.schedule` for its form.
 
     **Arguments:**
 
     - `text`: entries `time:duty` or `time:duty/duty/...`, separated by commas.
-    - `duration`, `step`: s.
+    - `duration`, `step`: numbers in s, text such as `"10 min"`, or quantities of pint.
     - `cells`: number of cells.
 
     **Returns:**
@@ -32,8 +35,8 @@ def schedule_samples(
     `RecordingError` that quotes the invalid entry.
     """
     of_kind("schedule: text", text, str, "text such as '0:0.5,500:0.78'", RecordingError)
-    for name, number in (("duration", duration), ("step", step)):
-        finite_number(f"schedule: {name}", number, RecordingError)
+    duration = _seconds("schedule: duration", duration)
+    step = _seconds("schedule: step", step)
     whole_number("schedule: cells", cells, 1, RecordingError)
     if not duration > 0:
         raise RecordingError(f"duration: expected a number above 0, in s, got {duration:g}")
@@ -76,6 +79,19 @@ def schedule_samples(
     held = np.searchsorted(switches, time, side="right")  # 0: before the first entry
     levels = np.array([np.zeros(cells), *(duty for _, duty in entries)])
     return time, levels[held]
+
+
+def _seconds(where: str, value: object) -> float:
+    """A time in s, from a number, a quantity of pint, or text with a unit."""
+    if isinstance(value, str):
+        try:
+            return parse_quantity(value, DURATION)
+        except ValueError as problem:
+            raise RecordingError(
+                f'{where}: expected a number in s, or text such as "10 min", got {value!r}, '
+                f"{problem}"
+            ) from None
+    return finite_number(where, in_unit(where, value, "s", RecordingError), RecordingError)
 
 
 def _entry(text: str, cells: int) -> tuple[float, Float[np.ndarray, "cells"]]:

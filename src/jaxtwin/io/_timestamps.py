@@ -1,8 +1,9 @@
-"""Reads time stamps as text: ISO 8601, or dates with dots and the day first."""
+"""Reads time stamps: ISO 8601, dates with dots and the day first, or numbers since 1970."""
 
 import re
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
+from fractions import Fraction
 
 import numpy as np
 from jaxtyping import Float
@@ -20,15 +21,27 @@ DOTTED = re.compile(
 )
 
 
+EPOCH_UNITS = {
+    1e17: Fraction(1, 1000),
+    1e14: Fraction(1),
+    1e11: Fraction(1000),
+    1e8: Fraction(1_000_000),
+}
+"""Microseconds in a unit of a time since 1970, by the smallest number of that unit that is taken
+for one: ns, us, ms and s, from 1973 on."""
+
+
 def is_timestamp_title(title: str) -> bool:
-    """Whether a column of this name holds time stamps."""
-    return title.strip().lower() in TITLES
+    """Whether a column of this name holds time stamps: those of all channels, such as `time`, or
+    those of a single channel, such as `T1_time`."""
+    word = title.strip().lower()
+    return word in TITLES or (word.endswith("_time") and len(word) > len("_time"))
 
 
-def seconds_of_timestamps(
+def microseconds_of_timestamps(
     fields: Sequence[str], title: str, lines: Sequence[int]
 ) -> Float[np.ndarray, " samples"]:
-    """Seconds since the first of several time stamps.
+    """Time stamps as whole microseconds since 1970, which float64 holds exactly.
 
     **Arguments:**
 
@@ -38,6 +51,9 @@ def seconds_of_timestamps(
     **Raises:** `RecordingError` that names the line of a field that is not a time stamp, or that
     has a time zone while others have none.
     """
+    since_1970 = [_since_1970(field) for field in fields]
+    if all(value is not None for value in since_1970):
+        return np.array(since_1970, np.float64)
     found: list[datetime] = []
     for field, line in zip(fields, lines, strict=True):
         stamp = _timestamp(field)
@@ -54,7 +70,17 @@ def seconds_of_timestamps(
                 f"none, got {field[:40]!r}"
             )
         found.append(stamp)
-    return np.array([(stamp - found[0]).total_seconds() for stamp in found])
+    first = datetime(1970, 1, 1, tzinfo=found[0].tzinfo and UTC)
+    return np.array([(stamp - first) // timedelta(microseconds=1) for stamp in found], np.float64)
+
+
+def _since_1970(field: str) -> float | None:
+    """A number that can only be a time since 1970, in us; None for anything else."""
+    if not re.fullmatch(r"\d{9,19}(\.\d+)?([eE][+]?\d+)?|\d(\.\d+)?[eE][+]?\d+", field):
+        return None
+    number = Fraction(field)
+    unit = next((unit for least, unit in EPOCH_UNITS.items() if number >= least), None)
+    return None if unit is None else float(number * unit // 1)
 
 
 def _timestamp(field: str) -> datetime | None:

@@ -10,7 +10,6 @@ from .._whole_file import check_ending, write_whole_file
 from ._csv import format_csv
 from ._experiment import EXPERIMENT, Experiment
 from ._netcdf import format_netcdf
-from ._read import check_no_gap
 
 if TYPE_CHECKING:
     import xarray
@@ -33,19 +32,14 @@ def write_recording(experiment: Experiment, path: str | Path) -> Path:
 
     **Raises:**
 
-    `RecordingError` for another ending, for recorded temperatures with a gap, which would be
-    refused on reading, and if the file cannot be written. Then nothing is written, and an existing
-    file is unchanged.
+    `RecordingError` for another ending, and if the file cannot be written. Then nothing is written,
+    and an existing file is unchanged.
     """
     of_kind("write_recording: experiment", experiment, Experiment, EXPERIMENT, RecordingError)
     file = path_of("write_recording: path", path, RecordingError)
     ending = file.suffix.lower()
     if ending not in (".csv", ".nc"):
         raise RecordingError(f"{file}: ending: expected .csv or .nc, got {ending!r}")
-    try:
-        check_no_gap(experiment)
-    except RecordingError as error:
-        raise RecordingError(f"{file}: not written: {error}") from None
     content = format_netcdf(experiment) if ending == ".nc" else format_csv(experiment).encode()
     write_whole_file(file, content, RecordingError)
     return file

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from .._arguments import check_callable, of_kind, whole_number
 from .._errors import MatchError
 from .._waiting import announced
-from ..io import Experiment
-from ..io._experiment import as_experiments
+from ..io._experiment import Recordings, as_experiments
 from ..physics import Twin
 from ._descent import descend
 from ._descent_result import Callbacks, DescentStep
@@ -40,7 +39,7 @@ SAME_COST = 1e-3
 @announced("match")
 def match(
     twin: Twin | Fit,
-    experiments: Experiment | Sequence[Experiment],
+    experiments: Recordings,
     *,
     free: Iterable[str] | None = None,
     fixed: Iterable[str] = (),
@@ -71,7 +70,8 @@ def match(
 
     - `twin`: the start of the match, with the values of the parameters that are held. For a fit
       these are its values, and the mean of its recordings' own values.
-    - `experiments`: one or several recordings of this rig.
+    - `experiments`: one or several recordings of this rig, or their files. Parts of a recording
+      between gaps count as recordings of their own, since nobody knows what happened in the gap.
     - `free`: names of the parameters to match, in place of those that the rig's table marks as
       free.
     - `fixed`: names of parameters to hold.
@@ -114,9 +114,8 @@ def match(
     """
     began = time.perf_counter()
     twin = nominal_twin("twin", twin, MatchError)
-    recordings = named_recordings(
-        twin, as_experiments("match: experiments", experiments, MatchError)
-    )
+    given = as_experiments("match: experiments", experiments, MatchError, twin.rig)
+    recordings = named_recordings(twin, [part for whole in given for part in whole.parts])
     group_names, group_numbers = named_groups(recordings, groups)
     unknowns = choose_unknowns(
         twin,

@@ -18,6 +18,7 @@ from ..rig import CommonError
 from ..simulation._simulate import checked_channels
 from ._linear_prior import LinearPrior
 from ._masks_and_events import Span, given_events, span_weights
+from ._plausible_recording import check_units, check_without_gap
 from ._unknowns import Unknowns
 
 Events = Mapping[str, Sequence[float]] | Literal["detect", "none"]
@@ -217,7 +218,8 @@ def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str,
     has none. A repeated name is followed by its number, or by the next number that is not taken.
 
     **Raises:** `MatchError` if there is no recording, or one has no temperatures, or a channel of
-    one has none; `SimulationError` for a recording of another rig.
+    one has none, or one has a gap or is in kelvin; `SimulationError` for a recording of another
+    rig.
     """
     check_twin("twin", twin, MatchError)
     if not experiments:
@@ -233,6 +235,8 @@ def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str,
                 f"{name}: channel {experiment.unsampled[0]}: expected at least one sample, got "
                 "missing ones only; leave the channel out with Experiment.select"
             )
+        check_units(twin, name, experiment)
+        check_without_gap(name, experiment)
         names.append(name)
     # Two recordings of one name must not share a row of a table.
     found: list[str] = []

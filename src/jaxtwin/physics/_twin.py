@@ -14,7 +14,9 @@ from jaxtyping import Array, Float
 from .._arguments import mapping_of, of_kind
 from .._errors import JaxtwinError, ParameterError, SimulationError
 from .._name_suggestions import did_you_mean, unknown_name
-from ..rig import Rig, load_rig, read_parameters
+from .._pint_quantities import in_unit
+from ..rig import Parameter, Rig, load_rig, read_parameters
+from ..rig._units import Kind, parse_quantity
 from ._netlist import Netlist
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
@@ -98,8 +100,8 @@ class Twin(eqx.Module):
         for name, value in self.values.items():
             if np.ndim(value) > 0:
                 raise ParameterError(
-                    f"{self.rig.name}: parameter {name}: expected one value, got "
-                    f"{np.size(value)}; pass several to simulate_batch"
+                    f"{self.rig.name}: parameter {name}: expected a single number, got an array "
+                    f"of {np.size(value)}; simulate_batch takes several values"
                 )
             numbers[name] = float(self.rig.parameters[name].to_si(np.float64(value)))
         return numbers
@@ -220,12 +222,49 @@ def _replaced(
 def _checked(rig: Rig, name: str, value: object) -> Any:
     if isinstance(value, Tracer):  # has no number to look at yet
         return value
+    parameter = rig.parameters[name]
+    where = f"{rig.name}: parameter {name}"
+    value = in_unit(where, value, parameter.unit, ParameterError)
+    if isinstance(value, str):
+        value = parameter.from_si(_quantity(where, value, parameter.unit))
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
         array = np.array(None)
     if array.dtype.kind not in "fiu" or array.size == 0 or not np.isfinite(array).all():
         raise ParameterError(
-            f"{rig.name}: parameter {name}: expected finite numbers, got {value!r}"
+            f"{where}: expected finite numbers in {parameter.unit or 'no unit'}, or text such as "
+            f'"{parameter.value:g} {parameter.unit}", got {value!r}'
         )
+    _check_not_kelvin(where, parameter, array)
     return value if isinstance(value, jax.Array) else array.astype(float)
+
+
+def _quantity(where: str, text: str, unit: str) -> float:
+    """A text with a unit, such as "2 ohm", in SI units."""
+    kind = Kind(f"the same as {unit!r}", unit, f"1 {unit}", absolute=unit == "degC")
+    try:
+        return parse_quantity(text, kind)
+    except ValueError as problem:
+        raise ParameterError(
+            f'{where}: expected a number in {unit}, or text such as "1 {unit}", got {text!r}, '
+            f"{problem}"
+        ) from None
+
+
+def _check_not_kelvin(where: str, parameter: Parameter, values: np.ndarray) -> None:
+    """Refuses temperatures outside their bounds that are inside them if they are taken for kelvin.
+
+    **Raises:** `ParameterError` with the value in both units.
+    """
+    if parameter.unit != "degC":
+        return
+    outside = (values < parameter.lower) | (values > parameter.upper)
+    celsius = values - 273.15
+    kelvin = outside & (celsius >= parameter.lower) & (celsius <= parameter.upper)
+    if kelvin.any():
+        value = values[kelvin].flat[0]
+        raise ParameterError(
+            f"{where}: expected {parameter.lower:g} to {parameter.upper:g} degC, got {value:g}; in "
+            f'K, that is {value - 273.15:g} degC: write "{value:g} K"'
+        )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from jaxtyping import Float
 
+from .._arguments import finite_number, whole_number
 from .._display import html_table, picture
 from .._errors import RecordingError, SimulationError
 from .._goodness_of_fit import fit_percent, fit_text, rmse
@@ -212,6 +213,41 @@ class Run:
 
     def _as_recorded(self) -> Experiment:
         return replace(self.experiment, channels=self.channels, temperatures=self.temperatures)
+
+    def to_recording(
+        self, *, noise: float | int | None = None, seed: int = 0, name: str = ""
+    ) -> Experiment:
+        """The run as a recording of its rig: the simulated readings with noise, for trying out a
+        match or an experiment before there is one.
+
+        **Arguments:**
+
+        - `noise`: standard deviation of the noise of each reading, K; None: that of the rig's
+          camera or sensors.
+        - `seed`: the seed of the noise.
+        - `name`: the name of the recording; empty: that of the experiment.
+
+        **Raises:** `SimulationError` for noise that is not a number of at least 0, or if it is None
+        and the run has no twin.
+        """
+        if noise is None and self.twin is None:
+            raise SimulationError(
+                "to_recording: noise: expected a number, in K, for a part of a run, got none"
+            )
+        size = self.twin.rig.noise if noise is None and self.twin is not None else noise
+        sd = finite_number("to_recording: noise", size, SimulationError)
+        if sd < 0:
+            raise SimulationError(f"to_recording: noise: expected at least 0 K, got {sd:g}")
+        random = np.random.default_rng(whole_number("to_recording: seed", seed, 0, SimulationError))
+        return Experiment(
+            self.time,
+            self.experiment.duty,
+            channels=self.channels,
+            temperatures=self.temperatures + random.normal(0.0, sd, self.temperatures.shape),
+            ambient=self.experiment.ambient,
+            name=name or self.experiment.name,
+            group=self.experiment.group,
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the run to a file, whose ending selects the format. If writing fails, the file is

@@ -13,7 +13,7 @@ from .._arguments import check_callable, finite_number, names_of, of_kind
 from .._errors import MatchError
 from .._waiting import announced
 from ..io import Experiment
-from ..io._experiment import as_experiments
+from ..io._experiment import Recordings, as_experiments
 from ..matching import (
     WARM_UP,
     Fit,
@@ -41,7 +41,7 @@ the range."""
 @announced("validation")
 def validate(
     twin: Twin | Fit | str | os.PathLike[str],
-    experiments: Experiment | Sequence[Experiment],
+    experiments: Recordings,
     *,
     warm_up: float | int = WARM_UP,
     names: Iterable[str] | None = None,
@@ -63,7 +63,7 @@ def validate(
     **Arguments:**
 
     - `twin`: a fit, the path of a saved fit, or a twin.
-    - `experiments`: one or several recordings of the same rig.
+    - `experiments`: one or several recordings of the same rig, or their files.
     - `warm_up`: the length of the part from which own values are estimated, s.
     - `names`: the parameters that are estimated from a recording; by default those with a value for
       each recording in the fit or in the rig's table.
@@ -81,7 +81,8 @@ def validate(
     twin = fitted.twin if isinstance(fitted, Fit) else fitted
     names = None if names is None else names_of("validate: names", names, MatchError)
     warm_up = finite_number("validate: warm_up", warm_up, MatchError)
-    several = as_experiments("validate: experiments", experiments, MatchError)
+    rig = twin.rig if isinstance(twin, Twin) else None
+    several = as_experiments("validate: experiments", experiments, MatchError, rig)
     labels = named_recordings(twin, several)
     check_callable("validate: on_progress", on_progress, MatchError)
     if group is not None:
