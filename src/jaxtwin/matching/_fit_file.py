@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..rig import bundled_rigs
+from ._first_sample import FirstSample
 from ._fit import Fit, solution_of
 from ._fitted_parameters import FittedParameter
 from ._iterations import Iteration, Optimum
@@ -67,6 +68,7 @@ class StoredRecording:
 
     - `fingerprint`: SHA-256 of its contents. `channels`: their names. `samples`: the number of
       times.
+    - `first_sample`: the temperatures with which it begins.
     - `events`: times of the camera's corrections, s. `group`: the name of its group.
     - `fit_percent`: channel -> NRMSE fit, %.
     - `sample_weights`: weights of the samples from masks. `channel_weights`: from masks and the
@@ -76,6 +78,7 @@ class StoredRecording:
     fingerprint: str
     channels: tuple[str, ...]
     samples: int
+    first_sample: FirstSample
     events: tuple[float, ...]
     fit_percent: dict[str, float]
     sample_weights: Stretches
@@ -205,6 +208,7 @@ def _recording(fit: Fit, number: int) -> dict[str, Any]:
         "fingerprint": fit.fingerprints[number],
         "channels": fit.channels[number],
         "samples": len(noise_model.common_mode_weights[number]),
+        "first_sample": fit.first_samples[number],
         "events": fit.events[name],
         "group": fit.groups[name],
         "fit_percent": percent,

@@ -200,6 +200,7 @@ def _fit(
         recordings=problem.names,
         fingerprints=tuple(record.fingerprint for record in several),
         channels=tuple(record.channels for record in several),
+        first_samples=tuple(record.first_sample for record in several),
         parameters=FittedParameters(stored.parameters),
         recording_values=dict(zip(problem.names, own, strict=True)),
         fit_percent={

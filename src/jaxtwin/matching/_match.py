@@ -26,6 +26,7 @@ from ._problem import (
     Events,
     MatchProblem,
     SampleOptions,
+    check_distinct,
     make_match_problem,
     named_groups,
     named_recordings,
@@ -104,7 +105,8 @@ def match(
     steps, as `response` does. The runs of the fit are made by `simulate`, which checks its error;
     `Fit.solver_gap` is the difference between the two.
 
-    **Raises:** `MatchError` if nothing is free; if a recording has no temperatures; if there are
+    **Raises:** `MatchError` if nothing is free; if a recording has no temperatures or is
+    there twice; if there are
     fewer samples than unknowns; if nothing changes in any recording; if bounds exclude the start or
     the prior, or change the meaning of the prior's spread; if a held parameter has a scope, or a
     parameter that is not free has bounds; if groups are not given for each recording; if events or
@@ -117,6 +119,7 @@ def match(
     recordings = named_recordings(
         twin, as_experiments("match: experiments", experiments, MatchError)
     )
+    check_distinct(recordings)
     group_names, group_numbers = named_groups(recordings, groups)
     unknowns = choose_unknowns(
         twin,

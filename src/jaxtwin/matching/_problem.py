@@ -174,6 +174,22 @@ def _is_excited(recording: Experiment, weight: Float[np.ndarray, "times channels
     return bool(np.any(recording.duty) or np.any(ranges > 0))
 
 
+def check_distinct(recordings: Mapping[str, Experiment]) -> None:
+    """Refuses a recording that is there twice, under whatever names: its samples would count as new
+    data, and standard errors would be too small.
+
+    **Raises:** `MatchError` with both names.
+    """
+    seen: dict[str, str] = {}
+    for name, experiment in recordings.items():
+        other = seen.setdefault(experiment.fingerprint, name)
+        if other != name:
+            raise MatchError(
+                f"experiments: {name} is the same recording as {other}: expected each once, "
+                "because the second adds no information; leave it out"
+            )
+
+
 def named_groups(
     recordings: Mapping[str, Experiment], groups: Sequence[str] | None
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:
