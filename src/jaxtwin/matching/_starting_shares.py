@@ -22,7 +22,7 @@ from typing import NamedTuple, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from .._compilation import persistent_jit_unoptimised
 from .._jax_settings import own_settings
@@ -63,7 +63,7 @@ def starting_shares(twin: Twin, names: Sequence[str]) -> dict[str, Share]:
     values = np.array([float(twin.values[name]) for name in names])
     with own_settings():
         network = _Network(*map(np.asarray, _network(twin, tuple(names), values)))
-    covariance = _covariance(network, [*twin.wiring.cold, *twin.wiring.hot])
+    covariance = _covariance(network, np.concatenate([twin.wiring.cold, twin.wiring.hot]))
     reading = network.reading
     of_reading = float(reading @ covariance @ reading)
     shares = {}
@@ -95,7 +95,9 @@ def _network(
     return system.capacitance, -slopes, reading, jax.jacfwd(starts)(values)
 
 
-def _covariance(network: _Network, heated: Sequence[int]) -> Float[np.ndarray, "nodes nodes"]:
+def _covariance(
+    network: _Network, heated: Int[np.ndarray, " sides"]
+) -> Float[np.ndarray, "nodes nodes"]:
     """The stationary covariance of the nodes' temperatures under independent white heat into some
     nodes, up to a factor."""
     root = 1 / np.sqrt(np.asarray(network.capacitance))

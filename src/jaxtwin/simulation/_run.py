@@ -61,6 +61,22 @@ class Run:
         """Times of the samples, s."""
         return self.experiment.time
 
+    def between(self, t0: float | int | None = None, t1: float | int | None = None) -> "Run":
+        """The part of the run with `t0 <= time < t1`, as `Experiment.between` cuts. Its power and
+        energy are unknown.
+
+        **Raises:** the errors of `Experiment.between`.
+        """
+        part = self.experiment.between(t0, t1)
+        inside = np.isin(self.time, part.time)
+        return replace(
+            self,
+            experiment=part,
+            temperatures=self.temperatures[inside],
+            states=self.states[inside],
+            twin=None,
+        )
+
     def channel(self, name: str) -> Float[np.ndarray, " times"]:
         """The simulated readings of one channel, degC.
 
