@@ -191,3 +191,10 @@ def test_shares_are_those_of_a_lyapunov_equation():
     variance = covariance[3, 3] / covariance[0, 0] - mean**2
     assert shares["T_wall"].standard_deviation == pytest.approx(np.sqrt(variance), rel=1e-6)
     assert 0 < mean < 0.3
+
+
+@pytest.mark.slow
+def test_a_room_that_recordings_replace_is_not_printed_as_fixed(fit: Fit):
+    said = fit.summary()
+    assert "replaced by the recorded ambient temperature: T_amb" in said
+    assert "fixed: T_amb" not in said

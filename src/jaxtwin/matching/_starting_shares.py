@@ -62,12 +62,12 @@ def starting_shares(twin: Twin, names: Sequence[str]) -> dict[str, Share]:
         return {}
     values = np.array([float(twin.values[name]) for name in names])
     with own_settings():
-        network = _Network(*map(np.asarray, _network(twin, tuple(names), values)))
+        network = _network(twin, tuple(names), jnp.asarray(values))
     covariance = _covariance(network, np.concatenate([twin.wiring.cold, twin.wiring.hot]))
-    reading = network.reading
+    reading = np.asarray(network.reading)
     of_reading = float(reading @ covariance @ reading)
     shares = {}
-    for name, moved in zip(names, network.starts.T, strict=True):
+    for name, moved in zip(names, np.asarray(network.starts).T, strict=True):
         state = moved / moved.sum()
         mean = float(state @ covariance @ reading) / of_reading
         variance = float(state @ covariance @ state) / of_reading - mean**2
@@ -76,10 +76,8 @@ def starting_shares(twin: Twin, names: Sequence[str]) -> dict[str, Share]:
 
 
 @persistent_jit_unoptimised
-def _network(
-    twin: Twin, names: tuple[str, ...], values: Float[Array, " parameters"]
-) -> tuple[Array, Array, Array, Array]:
-    """The fields of the network, for compiled code."""
+def _network(twin: Twin, names: tuple[str, ...], values: Float[Array, " parameters"]) -> _Network:
+    """The linear network about a uniform rise above the room."""
     system = twin.system(lumped=False)
     room, duty = system.ambient_temperature, jnp.zeros(len(twin.rig.cells))
 
@@ -92,7 +90,7 @@ def _network(
 
     slopes = jax.jacfwd(heat)(jnp.full_like(system.capacitance, RISE))
     reading = jnp.asarray(system.channel_weights).mean(axis=0)
-    return system.capacitance, -slopes, reading, jax.jacfwd(starts)(values)
+    return _Network(system.capacitance, -slopes, reading, jax.jacfwd(starts)(values))
 
 
 def _covariance(

@@ -280,7 +280,8 @@ class Validation:
     def _said_of_bands(self) -> str:
         if not self.bands:
             return ""
-        return f"   {100 * self.coverage:.1f} % inside 95 % bands of {self.band_width:.2f} K mean width"
+        inside, width = 100 * self.coverage, self.band_width
+        return f"   {inside:.1f} % inside 95 % bands of {width:.2f} K mean width"
 
 
 def _band_numbers(prediction: Prediction) -> list[tuple[float, float]]:
