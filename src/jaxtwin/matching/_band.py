@@ -30,6 +30,7 @@ from ..io._experiment import as_experiments
 from ..physics import Twin
 from ..rig import Parameter
 from ..simulation import Run, response, simulate
+from ..simulation._initial import Initial
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
@@ -155,6 +156,7 @@ def prediction_band(
     warm_up: float | int = WARM_UP,
     group: str | None = None,
     given: Experiment | Sequence[Experiment] | float | int | None = None,
+    initial: Initial = None,
 ) -> Band:
     """Computes the interval in which each reading is expected.
 
@@ -178,6 +180,9 @@ def prediction_band(
       the length of the first part of the experiment itself, s, which replaces `warm_up`, or other
       recordings. By default the values are those expected of any group, and the band contains the
       differences between groups.
+
+    - `initial`: the temperatures at the start of an experiment that was not matched, as in
+      `validate`.
 
     **Returns:** the band at the experiment's times, for the channels that the experiment names, or
     for all channels.
@@ -208,7 +213,7 @@ def prediction_band(
                 )
             recordings = as_experiments("prediction_band: given", given, MatchError)
             fit = match_group(fit, recordings, group)
-        start = estimate_initial_conditions(fit, experiment, warm_up, group=group)
+        start = estimate_initial_conditions(fit, experiment, warm_up, group=group, initial=initial)
         return band_about(fit, experiment, values_of_unseen(fit, group, start), level)
     number = 0 if recording is None else fit.recordings.index(recording)
     experiment = fit.experiments[number] if experiment is None else experiment
@@ -222,11 +227,13 @@ class UncertainValues:
 
     - `twin`: the twin with these values.
     - `rows`: the uncertain parameters. `covariance`: of their entries in the optimiser's vector.
+    - `initial`: the temperatures at the start, as `simulate` takes them.
     """
 
     twin: Twin
     rows: tuple[Parameter, ...]
     covariance: Float[np.ndarray, "rows rows"]
+    initial: Initial = None
 
 
 def band_about(
@@ -235,10 +242,10 @@ def band_about(
     """The band about the run of an experiment with uncertain values."""
     from scipy.special import ndtri  # takes a while to import
 
-    slopes = _slopes(values.twin, experiment, values.rows)
+    slopes = _slopes(values, experiment)
     variance = np.einsum("tci,ij,tcj->tc", slopes, values.covariance, slopes)
     variance += _reading_noise(fit) ** 2
-    run = simulate(values.twin, experiment)
+    run = simulate(values.twin, experiment, initial=values.initial)
     half = float(ndtri((1 + level) / 2)) * np.sqrt(variance)
     return Band(run, run.temperatures - half, run.temperatures + half, float(level))
 
@@ -249,7 +256,8 @@ def values_of_matched(fit: Fit, recording: str) -> UncertainValues:
     places = unknowns.layout.entry_indices()[fit.recordings.index(recording)]
     covariance = np.nan_to_num(fit.uncertainty.vector_covariance)[np.ix_(places, places)]
     rows = unknowns.shared + unknowns.per_group + unknowns.per_recording
-    return UncertainValues(fit.twins[recording], rows, covariance)
+    initial = solution_of(fit).problem.initial
+    return UncertainValues(fit.twins[recording], rows, covariance, initial)
 
 
 def values_of_unseen(fit: Fit, group: str, start: InitialConditions) -> UncertainValues:
@@ -267,19 +275,20 @@ def values_of_unseen(fit: Fit, group: str, start: InitialConditions) -> Uncertai
     known = np.zeros((len(rows), len(rows)))
     known[: len(kept), : len(kept)] = covariance[np.ix_(kept, kept)]
     known[len(kept) :, len(kept) :] = start.covariance
-    return UncertainValues(start.twin, tuple(rows), known)
+    return UncertainValues(start.twin, tuple(rows), known, start.initial)
 
 
 def _slopes(
-    twin: Twin, experiment: Experiment, rows: tuple[Parameter, ...]
+    known: UncertainValues, experiment: Experiment
 ) -> Float[np.ndarray, "times channels entries"]:
     """Derivatives of the readings with respect to parameters, or to the logarithms of those that
     are matched by them."""
+    twin, rows = known.twin, known.rows
     values = np.array([float(twin.values[row.name]) for row in rows])
 
     def read(vector: Float[Array, " entries"]) -> Float[Array, "times channels"]:
         named = {row.name: vector[entry] for entry, row in enumerate(rows)}
-        return response(twin.with_values(named), experiment)
+        return response(twin.with_values(named), experiment, initial=known.initial)
 
     with own_settings():
         slopes = np.asarray(jax.jacfwd(read)(jnp.asarray(values)))

@@ -24,12 +24,13 @@ fingerprint = "9f86d081..."
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, final
+from typing import Any, Literal, final
 
 import numpy as np
 from jaxtyping import Float
 
 from ..rig import bundled_rigs
+from ..simulation._initial import Initial
 from ._first_sample import FirstSample
 from ._fit import Fit, solution_of
 from ._fitted_parameters import FittedParameter
@@ -138,6 +139,7 @@ class StoredFit:
     history: tuple[Iteration, ...]
     optima: tuple[Optimum, ...]
     robust: float | None = None
+    initial: Literal["steady"] | float | tuple[float, ...] | None = None
 
 
 def fit_tables(fit: Fit) -> str:
@@ -160,6 +162,7 @@ def fit_tables(fit: Fit) -> str:
         "noise": fit.noise,
         "assumed_noise": (solution.noise_model.channel, solution.noise_model.common_mode),
         "robust": solution.problem.robust,
+        "initial": _plain_initial(solution.problem.initial),
         "history": fit.history,
         "optima": fit.optima,
     }
@@ -198,6 +201,13 @@ def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarra
     if sum(counts) != times * channels:
         raise ValueError(f"expected weights of {times * channels} samples, got {sum(counts)}")
     return np.repeat([weight for _, weight in stretches], counts).reshape(channels, times).T
+
+
+def _plain_initial(initial: Initial) -> str | float | list[float] | None:
+    if initial is None or isinstance(initial, str):
+        return initial
+    values = np.asarray(initial, float)
+    return values.tolist()
 
 
 def _recording(fit: Fit, number: int) -> dict[str, Any]:

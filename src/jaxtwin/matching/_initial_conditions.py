@@ -23,6 +23,7 @@ from jaxtyping import Float
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
+from ..simulation._initial import Initial, checked_initial
 from ._descent import descend
 from ._descent_result import DescentResult
 from ._first_sample import FirstSample, first_readings, first_sample
@@ -38,6 +39,7 @@ from ._problem import MatchProblem, named_recordings
 from ._starting_parameters import (
     hidden_parameters,
     names_in,
+    plate_parameters,
     replaced_by_recorded_room,
     room_parameters,
     room_temperature,
@@ -76,12 +78,14 @@ class InitialConditions:
     - `covariance`: the covariance of the values in the order of `values`; of the logarithm for
       parameters that are matched by their logarithm.
     - `warnings`: the values that the first part of the recording does not determine, as text.
+    - `initial`: the temperatures at the start if they were given, as `simulate` takes them.
     """
 
     twin: Twin
     values: Mapping[str, float]
     covariance: Float[np.ndarray, "values values"]
     warnings: tuple[str, ...]
+    initial: Initial = None
 
 
 def estimate_initial_conditions(
@@ -91,6 +95,7 @@ def estimate_initial_conditions(
     names: Iterable[str] | None = None,
     *,
     group: str | None = None,
+    initial: Initial = None,
 ) -> InitialConditions:
     """Estimates the values of one recording from its first part.
 
@@ -106,6 +111,9 @@ def estimate_initial_conditions(
       differ between groups have the values of this group if the fit knows it, and otherwise those
       expected of a new group.
 
+    - `initial`: the temperatures at the start, as in `simulate`, if they are known. Those of plate
+      and hidden states are then not estimated.
+
     **Returns:** the values, their covariance, and the twin with these values.
 
     **Raises:** `MatchError` if the recording has no temperatures, if the part has fewer times with
@@ -119,8 +127,11 @@ def estimate_initial_conditions(
     twin, names = _twin_and_names(twin, names, group)
     if experiment.ambient is not None:
         names = [name for name in names if name not in replaced_by_recorded_room(twin.rig)]
+    if checked_initial(twin, initial) is not None:
+        starts = plate_parameters(twin.rig) | hidden_parameters(twin.rig)
+        names = [name for name in names if name not in starts]
     if not names:
-        return InitialConditions(twin, {}, np.zeros((0, 0)), ())
+        return InitialConditions(twin, {}, np.zeros((0, 0)), (), initial)
     (label,) = named_recordings(twin, [experiment])
     early = experiment.time < experiment.time[0] + warm_up
     count = int(np.count_nonzero(experiment.sampled[early].any(axis=1)))
@@ -138,7 +149,7 @@ def estimate_initial_conditions(
     unknowns = replace(unknowns, per_recording=rows)
     hidden = [row.name for row in rows if row.name in hidden_parameters(twin.rig)]
     known = HiddenStarts(starting_shares(twin, hidden), matched)
-    result = _descend(twin, part, unknowns, first, known)
+    result = _descend(twin, part, unknowns, first, known, initial)
     if not np.isfinite(result.cost):
         raise MatchError(
             f"{label}: expected finite temperatures from the twin, got none; look for parameters "
@@ -152,6 +163,7 @@ def estimate_initial_conditions(
         values=values,
         covariance=covariance,
         warnings=_warnings(unknowns, result, covariance, warm_up),
+        initial=initial,
     )
 
 
@@ -182,6 +194,7 @@ def _descend(
     unknowns: Unknowns,
     first: FirstSample,
     hidden: HiddenStarts,
+    initial: Initial,
 ) -> DescentResult:
     """The values with the largest posterior density."""
     error = twin.rig.common_error
@@ -198,6 +211,7 @@ def _descend(
         groups=("",),
         prior_weights=unknowns.prior_weights(),
         linear_prior=LinearPrior.none(unknowns.size),
+        initial=initial,
     )
     noise_model = replace(initial_noise_model(problem), channel=sensor, common_mode=sensor)
     solver = BoundedLevenbergMarquardt(rtol=1e-6)

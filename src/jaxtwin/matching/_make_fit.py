@@ -40,7 +40,7 @@ def make_fit(
         for of_recording in unknowns.recording_values(result.vector)
     ]
     runs = [
-        simulate(twin.with_values(of_recording), experiment)
+        simulate(twin.with_values(of_recording), experiment, initial=problem.initial)
         for of_recording, experiment in zip(values, problem.experiments, strict=True)
     ]
     errors = result.recording_errors()

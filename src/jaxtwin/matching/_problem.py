@@ -15,6 +15,7 @@ from ..io import Experiment
 from ..physics import Twin
 from ..physics._twin import check_twin
 from ..rig import CommonError
+from ..simulation._initial import Initial
 from ..simulation._simulate import checked_channels
 from ._linear_prior import LinearPrior
 from ._masks_and_events import Span, given_events, span_weights
@@ -38,6 +39,7 @@ class MatchProblem:
     - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
     - `prior_weights`: the reciprocal of the prior standard deviation of each unknown; 0 without a
       prior, and for unknowns whose prior is in `linear_prior`.
+    - `initial`: the temperatures at the start of each run, as `simulate` takes them.
     """
 
     twin: Twin
@@ -51,6 +53,7 @@ class MatchProblem:
     groups: tuple[str, ...]
     prior_weights: Float[np.ndarray, " unknowns"]
     linear_prior: LinearPrior
+    initial: Initial = None
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -95,6 +98,7 @@ def make_match_problem(
     *,
     groups: Sequence[str] = ("",),
     options: SampleOptions = USUAL_OPTIONS,
+    initial: Initial = None,
 ) -> MatchProblem:
     """Checks the recordings and the options of a match, and makes the problem.
 
@@ -105,6 +109,7 @@ def make_match_problem(
     - `unknowns`: as returned by `choose_unknowns`.
     - `groups`: the names of the recordings' groups, as returned by `named_groups`.
     - `options`: the options of the samples' weights.
+    - `initial`: the temperatures at the start of each run, checked.
 
     **Raises:** `MatchError` if there are fewer samples than unknowns, if nothing changes in any
     recording, or if events, masks or the loss are invalid.
@@ -153,6 +158,7 @@ def make_match_problem(
         groups=tuple(groups),
         prior_weights=independent_prior_weights(unknowns),
         linear_prior=LinearPrior.between_groups(unknowns),
+        initial=initial,
     )
 
 

@@ -30,6 +30,7 @@ from ..matching._nominal_twin import nominal_twin
 from ..matching._problem import named_groups
 from ..physics import Twin
 from ..simulation import simulate
+from ..simulation._initial import Initial
 from ..simulation._simulate import prepare_simulation
 from ._validation import Prediction, Validation
 
@@ -50,6 +51,7 @@ def validate(
     names: Iterable[str] | None = None,
     group: str | None = None,
     given: Experiment | Sequence[Experiment] | float | int | None = None,
+    initial: Initial = None,
     on_progress: Callable[[Prediction], None] | None = None,
 ) -> Validation:
     """Predicts recordings that the match has not seen.
@@ -74,6 +76,8 @@ def validate(
       `given` a new group for a recording without a name of its group.
     - `given`: the data from which the values of a new group are estimated: the length of the first
       part of each recording, s, which replaces `warm_up`; or other recordings of the group.
+    - `initial`: the temperatures at the start of each recording, as in `simulate`, if they are
+      known; not beside a length that is `given`. By default they are estimated.
     - `on_progress`: called with each `Prediction`.
 
     **Raises:** `MatchError` if a recording is too short or has no temperatures, or if something is
@@ -97,6 +101,11 @@ def validate(
         known = check_given(fitted, groups)
         if isinstance(given, float | int):
             span = finite_number("validate: given", given, MatchError)
+            if initial is not None:
+                raise MatchError(
+                    "validate: initial: expected None beside given as a length, got "
+                    f"{initial!r}; give other recordings of the group, or leave one of them out"
+                )
             kind = f"predicted after the first {span:g} s, from which its group follows"
         else:
             recordings = as_experiments("validate: given", given, MatchError)
@@ -105,7 +114,9 @@ def validate(
     predictions = []
     for name, experiment, of in zip(labels, several, groups, strict=True):
         if span is None:
-            predictions.append(_predict(name, fitted, experiment, warm_up, names=names, group=of))
+            predictions.append(
+                _predict(name, fitted, experiment, warm_up, names=names, group=of, initial=initial)
+            )
         else:
             predictions.append(_predict_rest(name, check_given(fitted, [of]), experiment, span, of))
         _tell(on_progress, predictions[-1])
@@ -160,7 +171,7 @@ def validate_split(
     )
     predictions = []
     for name, recording in zip(names, several, strict=True):
-        run = simulate(fit.twins[name], recording).between(at)
+        run = simulate(fit.twins[name], recording, initial=options.get("initial")).between(at)
         band = partial(_band, fit, recording, values_of_matched(fit, name), at)
         own = fit.recording_values[name]
         predictions.append(Prediction(name, run, fit.twins[name], own, (), fit, make_band=band))
@@ -243,13 +254,16 @@ def _predict(
     names: Iterable[str] | None = None,
     fit: Fit | None = None,
     group: str | None = None,
+    initial: Initial = None,
 ) -> Prediction:
     start = _start_of_rest(name, recording, "warm_up", warm_up)
     twin = nominal_twin("twin", fitted, MatchError)
     with ThreadPoolExecutor(1) as pool:
         pool.submit(prepare_simulation, twin, recording)
-        found = estimate_initial_conditions(fitted, recording, warm_up, names, group=group)
-    run = simulate(found.twin, recording).between(start)
+        found = estimate_initial_conditions(
+            fitted, recording, warm_up, names, group=group, initial=initial
+        )
+    run = simulate(found.twin, recording, initial=initial).between(start)
     band, is_matched = None, False
     if isinstance(fitted, Fit):
         uncertain = values_of_unseen(fitted, recording.group if group is None else group, found)
