@@ -1,5 +1,7 @@
 """Measures of loops whose answers are known beforehand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,7 @@ def loop(output: np.ndarray, reference: np.ndarray, duty: np.ndarray) -> ClosedL
         power=10 * duty[:, None],
         energy=10 * np.r_[0.0, np.cumsum(duty[:-1])],
         peak_power=np.array(11.0),
+        limits=(-1.0, 1.0),
         elements=2,
         sides=(2,),
     )
@@ -68,3 +71,14 @@ def test_a_change_within_the_band_takes_no_time_whatever_was_before(float64: Non
 def test_an_undershoot_counts_on_the_way_down(float64: None):
     found = MEASURES["overshoot"][0](loop(-OUTPUT, -REFERENCE, DUTY))
     np.testing.assert_allclose(found, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("limits", "share"), [((-1.0, 1.0), 0.2), ((-0.5, 0.5), 0.7), ((0.0, 1.0), 0.4)]
+)
+def test_a_loop_saturates_at_the_limits_of_its_controller(limits, share):
+    """Of ten seconds, two are at full duty, seven at 0.5 and more, and two at 0."""
+    made = loop(OUTPUT, REFERENCE, np.clip(DUTY, *limits))
+    made = replace(made, limits=limits)
+    measure, _ = MEASURES["saturation_share"]
+    assert measure(made) == pytest.approx(share)

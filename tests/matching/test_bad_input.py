@@ -64,3 +64,14 @@ def test_a_prior_spread_whose_square_is_no_number_is_refused(spread: float):
     table = {**rig.parameters, "C_load": replace(rig.parameters["C_load"], prior_spread=spread)}
     with pytest.raises(MatchError, match=r"C_load: expected a prior spread of 1e-100 .*, got 1e"):
         match(Twin(replace(rig, parameters=table)), recording(WARMING), free=FREE)
+
+
+def test_bounds_beside_the_free_names_are_refused_and_not_dropped():
+    with pytest.raises(MatchError, match=r"free: .* give bounds as bounds=\{'C_load': \(1, 5\)\}"):
+        match(Twin("single-cell"), recording(WARMING), free={"C_load": (1, 5)})
+
+
+def test_a_recording_counts_once_under_any_name():
+    several = [recording(WARMING, name="a"), recording(WARMING, name="b")]
+    with pytest.raises(MatchError, match="experiments: b is the same recording as a"):
+        match(Twin("single-cell"), several, free=FREE)

@@ -123,10 +123,10 @@ def test_a_set_of_which_no_fit_can_be_made_loses_no_other(
     """`simulate` looks at its error, which descents do not, and may give up; and derivatives that
     are not finite have no covariance."""
 
-    def give_up(twin: Twin, experiment: Experiment):
+    def give_up(twin: Twin, experiment: Experiment, **options: Any):
         if experiment is benches[1]:
             raise error
-        return simulate(twin, experiment)
+        return simulate(twin, experiment, **options)
 
     monkeypatch.setattr(_make_fit, "simulate", give_up)
     good, bad = matched(*benches[:2])

@@ -25,7 +25,7 @@ def recording() -> Experiment:
 
 @pytest.fixture(scope="module")
 def ours(recording: Experiment) -> Fit:
-    return match(Twin("single-cell"), recording, free=TRUTH)
+    return match(Twin("single-cell"), recording, free=[*TRUTH])
 
 
 @pytest.mark.slow
@@ -37,7 +37,7 @@ def test_another_solver_ends_at_the_same_optimum(
     fit = match(
         Twin("single-cell"),
         recording,
-        free=TRUTH,
+        free=[*TRUTH],
         solver=kind(TOLERANCE, TOLERANCE),  # pyright: ignore[reportCallIssue]
         on_progress=lambda iteration: shown.append(iteration.number),
     )
@@ -57,7 +57,7 @@ def test_another_solver_stays_inside_the_bounds(recording: Experiment):
     solver = optx.LevenbergMarquardt(TOLERANCE, TOLERANCE)
     bounds = {"C_load": (26.0, 60.0)}
     start = Twin("single-cell", {"C_load": 40.0})
-    fit = match(start, recording, free=TRUTH, bounds=bounds, solver=solver)
+    fit = match(start, recording, free=[*TRUTH], bounds=bounds, solver=solver)
     # The truth is below: the optimum is on the bound, where the transform is flat.
     assert 26.0 <= fit["C_load"].value < 26.01
 

@@ -106,3 +106,16 @@ def test_a_scope_frees_what_it_names_and_what_is_fixed_has_none():
     assert free == {"C_load": "shared", "R_loss": "recording"}
     with pytest.raises(MatchError, match="expected in either shared or fixed, got in both"):
         match(Twin("single-cell"), monday, fixed=["R_loss"], shared=["R_loss"])
+
+
+def test_what_is_not_free_stays_at_the_values_of_the_fit():
+    """The prior of the parameter that is matched again is that of the rig file, as documented."""
+    _, _, wednesday = days()
+    held = Twin("single-cell").with_values({"R_E": 2.345, "C_load": 27.0})
+    again = match(held, wednesday, free=["C_load"], max_iterations=2)
+    table = held.rig.parameters
+    assert again["C_load"].prior_value == table["C_load"].value
+    for name, row in again.parameters.items():
+        if name != "C_load":
+            assert row.value == pytest.approx(float(held.values[name]), abs=0), name
+            assert not row.free

@@ -11,7 +11,6 @@ from small_rigs import bundled
 
 from jaxtwin import Experiment, SimulationError, Twin, simulate, simulate_batch
 from jaxtwin.sensitivity_analysis._slopes import slopes_of
-from jaxtwin.validation._validate import _from
 
 HEATER = 12.0**2 / (1.2 + 0.01 + 0.05)
 """Power of `printer-bed` at full duty, W: its tracks, switch and supply."""
@@ -138,5 +137,5 @@ def test_a_part_of_a_run_says_that_it_has_no_power(plate):
     twin, experiment = plate
     run = twin.simulate(experiment)
     with pytest.raises(SimulationError, match="expected the run of a twin from its start"):
-        _ = _from(run, 10.0).energy
+        _ = run.between(10.0).energy
     assert replace(run, twin=None).time[-1] == 40.0

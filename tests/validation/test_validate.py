@@ -222,3 +222,44 @@ def test_events_and_masks_behind_the_split_are_left_out(days: list[Experiment]):
     assert np.all(weight[10:21] == 0)
     assert np.all(weight[150:] == 0.5)
     assert len(weight) == 160
+
+
+@pytest.mark.slow
+def test_a_recording_of_the_match_is_called_matched_and_not_predicted(
+    crossed: Validation, days: list[Experiment]
+):
+    fit = crossed.predictions[0].fit
+    assert fit is not None
+    (seen,) = fit.experiments
+    result = validate(fit, seen)
+    assert result.kind == "matched, not a prediction"
+    assert f"{seen.name}: matched, not a prediction" in result.summary()
+    assert result.to_dict()["recordings"][seen.name]["is_matched"]
+    both = validate(fit, [seen, days[2]])
+    assert both.kind.startswith("predicted after")
+    assert [part.is_matched for part in both.predictions] == [True, False]
+
+
+@pytest.mark.slow
+def test_the_width_of_a_band_stands_beside_its_coverage(split: Validation, truth: Twin):
+    bands = split.bands
+    assert list(bands) == ["monday", "tuesday"]
+    numbers = split.to_dict()
+    monday = numbers["recordings"]["monday"]["channels"]["T"]
+    assert monday["band_width_K"] == pytest.approx(bands["monday"].width[0])
+    assert monday["coverage_of_95_percent_band"] == pytest.approx(bands["monday"].coverage[0])
+    assert numbers["band_width_K"] == pytest.approx(split.band_width)
+    assert 0.9 < split.coverage <= 1.0
+    said = f"{100 * split.coverage:.1f} % inside 95 % bands of {split.band_width:.2f} K mean width"
+    assert said in split.summary()
+    assert said in repr(split)
+    assert split.to_dataframe()["width"].to_list() == pytest.approx(
+        [band.width[0] for band in bands.values()]
+    )
+
+
+def test_a_twin_that_is_no_fit_has_no_band(truth: Twin, days: list[Experiment]):
+    result = validate(truth, days[1])
+    assert result.bands == {}
+    assert result.to_dict()["band_width_K"] is None
+    assert "95 % bands" not in repr(result)

@@ -6,7 +6,8 @@ from scipy.stats import norm
 
 from jaxtwin._normal_distribution import QUANTILE_975, normal_quantiles
 from jaxtwin._residual_statistics import autocorrelation
-from jaxtwin.validation import Whiteness, whiteness
+from jaxtwin.validation import Whiteness, whiteness, whiteness_of_channels
+from jaxtwin.validation._whiteness import holm_adjusted
 
 
 def autoregressive(seed: int, samples: int, factor: float) -> np.ndarray:
@@ -107,3 +108,29 @@ def test_quantiles_are_those_of_the_normal_distribution():
 def test_too_few_samples_are_refused():
     with pytest.raises(ValueError, match="expected at least 10 samples, got 9"):
         whiteness(np.zeros(9))
+
+
+@pytest.mark.parametrize(("samples", "most"), [(2000, 0.01), (400, 0.03)])
+def test_white_noise_of_many_channels_is_rarely_called_not_white(samples: int, most: float):
+    """Holm 1979. Without the adjustment, one of 15 channels is below 1 % in 12 to 24 % of
+    recordings. The far tail of Ljung and Box's statistic is that of chi-squared only for many
+    samples."""
+    rng = np.random.default_rng(8)
+    noise = rng.standard_normal((300, samples, 15))
+    alarms = [not all(test.is_white for test in whiteness_of_channels(each)) for each in noise]
+    assert np.mean(alarms) < most + 3 * np.sqrt(most * (1 - most) / 300)
+    plain = [any(not whiteness(series).is_white for series in each.T) for each in noise[:60]]
+    assert np.mean(plain) > 0.05
+
+
+def test_a_channel_that_is_not_white_is_found_beside_white_ones():
+    series = np.random.default_rng(9).standard_normal((500, 15))
+    series[:, 3] = autoregressive(10, 500, 0.5)
+    white = [test.is_white for test in whiteness_of_channels(series)]
+    assert white == [number != 3 for number in range(15)]
+
+
+def test_adjusted_p_values_are_those_of_holm():
+    """By hand: 3 x 0.01, 2 x 0.02 and 0.03, none below the one before."""
+    assert holm_adjusted([0.03, 0.01, 0.02]) == pytest.approx([0.04, 0.03, 0.04])
+    assert holm_adjusted([0.6, 0.7]) == [1.0, 1.0]

@@ -112,6 +112,7 @@ def _numbers(run: "Run", wall_time: float) -> dict[str, Any]:
         numbers["mean_fit_percent"] = None if math.isnan(mean) else mean
         # JSON has no NaN: the fit of a channel that never changes is null.
         numbers["fit_percent"] = {c: None if math.isnan(fit) else fit for c, fit in fits.items()}
+    numbers["beyond_limits"] = list(run.beyond_limits)
     return numbers
 
 
@@ -125,7 +126,7 @@ def _table(run: "Run", numbers: dict[str, Any]) -> str:
     if fits:
         mean = _fit(numbers["mean_fit_percent"], " %")
         text += f"\nmean fit {mean}, RMSE {numbers['rmse_K']:.2f} K"
-    return text
+    return "\n".join([text, *(f"warning: {beyond}" for beyond in run.beyond_limits)])
 
 
 def _fit(percent: float | None, unit: str = "") -> str:

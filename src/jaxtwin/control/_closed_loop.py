@@ -67,7 +67,7 @@ def run_loop(
         _StepInputs(jnp.asarray(scenario.ambient), scenario.heat, scenario.conductance),
     )
     _, recorded = jax.lax.scan(loop.sample, loop.start(), inputs)
-    return _signals(stepper, scenario, recorded)
+    return _signals(stepper, scenario, recorded, controller.limits)
 
 
 class _StepInputs(NamedTuple):
@@ -229,7 +229,9 @@ def _applied(
     return duty + jax.lax.stop_gradient(rounded - duty)
 
 
-def _signals(stepper: Stepper, scenario: Scenario, recorded: _Recorded) -> ClosedLoop:
+def _signals(
+    stepper: Stepper, scenario: Scenario, recorded: _Recorded, limits: tuple[float, float]
+) -> ClosedLoop:
     """Computes the signals at every step of the plant. Those that the controller does not need are
     computed here for all steps at once, which takes less time than in the loop."""
     system, wiring = stepper.system, stepper.system.wiring
@@ -262,6 +264,7 @@ def _signals(stepper: Stepper, scenario: Scenario, recorded: _Recorded) -> Close
         power=drawn.power,
         energy=drawn.energy,
         peak_power=drawn.peak,
+        limits=limits,
         elements=wiring.elements,
         sides=tuple(int(side) for side in np.concatenate([wiring.cold, wiring.hot])),
     )

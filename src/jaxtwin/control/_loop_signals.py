@@ -24,6 +24,7 @@ class ClosedLoop(eqx.Module):
     - `power`: the power that each cell's bridge draws from the supply, W.
     - `energy`: the energy that all bridges together have drawn from the supply up to this time, J.
     - `peak_power`: the largest power of all bridges together at any time, also within steps, W.
+    - `limits`: the lowest and the highest duty that the controller commands.
     - `elements`: the number of elements of the plate, which are the first nodes.
     - `sides`: the nodes that are sides of the cells.
     """
@@ -38,6 +39,7 @@ class ClosedLoop(eqx.Module):
     power: Float[Array | np.ndarray, "*draws times cells"]
     energy: Float[Array | np.ndarray, "*draws times"]
     peak_power: Float[Array | np.ndarray, "*draws"]
+    limits: tuple[float, float] = eqx.field(static=True)
     elements: int = eqx.field(static=True)
     sides: tuple[int, ...] = eqx.field(static=True)
 

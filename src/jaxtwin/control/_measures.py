@@ -14,8 +14,8 @@ SETTLED = 0.5
 AT_REST = 0.1
 """The last part of a run, in which the plate counts as at rest."""
 
-FULL_DUTY = 1 - 0.5 / 255
-"""A duty of at least this size counts as full."""
+HALF_COUNT = 0.5 / 255
+"""A duty within this distance of a limit counts as at the limit."""
 
 Measure: TypeAlias = Callable[[ClosedLoop], Float[Array, ""]]
 
@@ -87,9 +87,12 @@ def hottest_cell_side(loop: ClosedLoop) -> Float[Array, ""]:
 
 
 def saturation_share(loop: ClosedLoop) -> Float[Array, ""]:
-    """The share of the time in which at least one cell has full duty."""
-    is_full = jnp.any(jnp.abs(jnp.asarray(loop.duty)) >= FULL_DUTY, axis=1)
-    return _integral(loop, is_full.astype(jnp.asarray(loop.time).dtype)) / _duration(loop)
+    """The share of the time in which at least one cell has a duty at a limit of the controller."""
+    duty, (lowest, highest) = jnp.asarray(loop.duty), loop.limits
+    is_at_limit = (duty <= lowest + HALF_COUNT) | (duty >= highest - HALF_COUNT)
+    return _integral(
+        loop, jnp.any(is_at_limit, axis=1).astype(jnp.asarray(loop.time).dtype)
+    ) / _duration(loop)
 
 
 def total_variation(loop: ClosedLoop) -> Float[Array, ""]:

@@ -12,11 +12,11 @@ from .._errors import MatchError
 from .._name_suggestions import did_you_mean
 from .._waiting import announced
 from ..io import Experiment
-from ..live._operating_limits import SOLDER
 from ..matching import Fit
 from ..matching._fit import solution_of
 from ..physics import Twin
 from ..physics._twin import check_twin
+from ..rig._limits import SOLDER
 from ._exchange import OBJECTIVES, Candidate, exchange, random_schedules
 from ._experiment_design import Criterion, DesignStep, ExperimentDesign, PlannedSchedule
 from ._information import DesignProblem, Evaluated, NoisePrediction, make_design_problem

@@ -9,11 +9,8 @@ from jaxtyping import ArrayLike
 
 from .._errors import JaxtwinError
 from ..physics import Twin
+from ..rig._limits import SOLDER
 from ._live_twin import LiveTwin
-
-SOLDER = 138.0
-"""The melting point of bismuth-tin, the softest solder of ordinary modules, degC: the default limit
-of a cell."""
 
 COLDEST = -73.0
 """The lowest temperature that a module of a single stage reaches, degC."""

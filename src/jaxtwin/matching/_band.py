@@ -30,6 +30,7 @@ from ..io._experiment import as_experiments
 from ..physics import Twin
 from ..rig import Parameter
 from ..simulation import Run, response, simulate
+from ..simulation._initial import Initial
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
@@ -39,6 +40,10 @@ if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.figure import Figure
+
+
+LEVEL = 0.95
+"""The default probability inside a band."""
 
 
 @final
@@ -73,6 +78,35 @@ class Band:
         """The twin's prediction, `(times, channels)`, degC."""
         return self.run.temperatures
 
+    @property
+    def width(self) -> Float[np.ndarray, " channels"]:
+        """The mean width of the band in each channel, K."""
+        return (self.upper - self.lower).mean(axis=0)
+
+    @property
+    def coverage(self) -> Float[np.ndarray, " channels"]:
+        """The part of the recorded samples inside the band in each channel, 0 to 1.
+
+        A band that is wide enough contains everything: the coverage says nothing without the width.
+
+        **Raises:** `MatchError` if the experiment has no temperatures.
+        """
+        recorded = self.run.experiment.temperatures
+        if recorded is None:
+            raise MatchError("coverage: expected recorded temperatures, got none")
+        inside = (recorded >= self.lower) & (recorded <= self.upper)
+        sampled = self.run.experiment.sampled
+        return np.sum(inside & sampled, axis=0) / np.maximum(sampled.sum(axis=0), 1)
+
+    def between(self, t0: float | int | None = None, t1: float | int | None = None) -> "Band":
+        """The part of the band with `t0 <= time < t1`, as `Experiment.between` cuts.
+
+        **Raises:** the errors of `Experiment.between`.
+        """
+        run = self.run.between(t0, t1)
+        inside = np.isin(self.time, run.time)
+        return Band(run, self.lower[inside], self.upper[inside], self.level)
+
     def plot(self) -> "Figure":
         """Plots the band, the prediction and the recorded temperatures, a panel for each channel:
         `jaxtwin.plots.plot_bands`."""
@@ -95,19 +129,21 @@ class Band:
         return self.to_xarray().to_dataframe()
 
     def __repr__(self) -> str:
-        width = float(np.mean(self.upper - self.lower))
         return (
-            f"<Band of {self.run.rig}: {100 * self.level:g} % within {width:.2f} K on average, "
-            f"{len(self.time)} times, {len(self.channels)} channels>"
+            f"<Band of {self.run.rig}: {100 * self.level:g} % within {self.width.mean():.2f} K on "
+            f"average, {len(self.time)} times, {len(self.channels)} channels>"
         )
 
     def _repr_html_(self) -> str:
-        widths = self.upper - self.lower
+        largest = (self.upper - self.lower).max(axis=0)
+        columns = {"mean width, K": self.width, "largest, K": largest}
+        if self.run.experiment.temperatures is not None:
+            columns["samples inside, %"] = 100 * self.coverage
         rows = [
-            (channel, f"{width.mean():.2f}", f"{width.max():.2f}")
-            for channel, width in zip(self.channels, widths.T, strict=True)
+            (channel, *(f"{numbers[place]:.2f}" for numbers in columns.values()))
+            for place, channel in enumerate(self.channels)
         ]
-        return html_table(repr(self), ("channel", "mean width, K", "largest, K"), rows)
+        return html_table(repr(self), ("channel", *columns), rows)
 
 
 @announced("prediction band")
@@ -116,10 +152,11 @@ def prediction_band(
     recording: str | None = None,
     *,
     experiment: Experiment | None = None,
-    level: float = 0.95,
+    level: float = LEVEL,
     warm_up: float | int = WARM_UP,
     group: str | None = None,
     given: Experiment | Sequence[Experiment] | float | int | None = None,
+    initial: Initial = None,
 ) -> Band:
     """Computes the interval in which each reading is expected.
 
@@ -144,14 +181,15 @@ def prediction_band(
       recordings. By default the values are those expected of any group, and the band contains the
       differences between groups.
 
+    - `initial`: the temperatures at the start of an experiment that was not matched, as in
+      `validate`.
+
     **Returns:** the band at the experiment's times, for the channels that the experiment names, or
     for all channels.
 
     **Raises:** `MatchError` for a recording that was not matched, a level outside 0 to 1, or an
     experiment that is too short; `SimulationError` for an experiment of another rig.
     """
-    from scipy.special import ndtri  # takes a while to import
-
     of_kind("prediction_band: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     if recording is not None and recording not in fit.recordings:
         raise MatchError(
@@ -175,28 +213,55 @@ def prediction_band(
                 )
             recordings = as_experiments("prediction_band: given", given, MatchError)
             fit = match_group(fit, recordings, group)
-        start = estimate_initial_conditions(fit, experiment, warm_up, group=group)
-        twin, (rows, known) = start.twin, _known_of_unseen(fit, group, start)
-    else:
-        unknowns = solution_of(fit).problem.unknowns
-        covariance = np.nan_to_num(fit.uncertainty.vector_covariance)
-        rows = unknowns.shared + unknowns.per_group + unknowns.per_recording
-        number = 0 if recording is None else fit.recordings.index(recording)
-        experiment = fit.experiments[number] if experiment is None else experiment
-        twin = fit.twins[fit.recordings[number]]
-        places = unknowns.layout.entry_indices()[number]
-        known = covariance[np.ix_(places, places)]
-    slopes = _slopes(twin, experiment, rows)
-    variance = np.einsum("tci,ij,tcj->tc", slopes, known, slopes) + _reading_noise(fit) ** 2
-    run = simulate(twin, experiment)
+        start = estimate_initial_conditions(fit, experiment, warm_up, group=group, initial=initial)
+        return band_about(fit, experiment, values_of_unseen(fit, group, start), level)
+    number = 0 if recording is None else fit.recordings.index(recording)
+    experiment = fit.experiments[number] if experiment is None else experiment
+    return band_about(fit, experiment, values_of_matched(fit, fit.recordings[number]), level)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class UncertainValues:
+    """The values of a recording with their uncertainty.
+
+    - `twin`: the twin with these values.
+    - `rows`: the uncertain parameters. `covariance`: of their entries in the optimiser's vector.
+    - `initial`: the temperatures at the start, as `simulate` takes them.
+    """
+
+    twin: Twin
+    rows: tuple[Parameter, ...]
+    covariance: Float[np.ndarray, "rows rows"]
+    initial: Initial = None
+
+
+def band_about(
+    fit: Fit, experiment: Experiment, values: UncertainValues, level: float = LEVEL
+) -> Band:
+    """The band about the run of an experiment with uncertain values."""
+    from scipy.special import ndtri  # takes a while to import
+
+    slopes = _slopes(values, experiment)
+    variance = np.einsum("tci,ij,tcj->tc", slopes, values.covariance, slopes)
+    variance += _reading_noise(fit) ** 2
+    run = simulate(values.twin, experiment, initial=values.initial)
     half = float(ndtri((1 + level) / 2)) * np.sqrt(variance)
     return Band(run, run.temperatures - half, run.temperatures + half, float(level))
 
 
-def _known_of_unseen(
-    fit: Fit, group: str, start: InitialConditions
-) -> tuple[tuple[Parameter, ...], Float[np.ndarray, "rows rows"]]:
-    """The uncertain values of a recording that was not matched, and their covariance."""
+def values_of_matched(fit: Fit, recording: str) -> UncertainValues:
+    """The values of a matched recording."""
+    unknowns = solution_of(fit).problem.unknowns
+    places = unknowns.layout.entry_indices()[fit.recordings.index(recording)]
+    covariance = np.nan_to_num(fit.uncertainty.vector_covariance)[np.ix_(places, places)]
+    rows = unknowns.shared + unknowns.per_group + unknowns.per_recording
+    initial = solution_of(fit).problem.initial
+    return UncertainValues(fit.twins[recording], rows, covariance, initial)
+
+
+def values_of_unseen(fit: Fit, group: str, start: InitialConditions) -> UncertainValues:
+    """The values of a recording that was not matched."""
     solution = solution_of(fit)
     groups = solution.problem.groups
     number = groups.index(group) if group in groups else None
@@ -210,19 +275,20 @@ def _known_of_unseen(
     known = np.zeros((len(rows), len(rows)))
     known[: len(kept), : len(kept)] = covariance[np.ix_(kept, kept)]
     known[len(kept) :, len(kept) :] = start.covariance
-    return tuple(rows), known
+    return UncertainValues(start.twin, tuple(rows), known, start.initial)
 
 
 def _slopes(
-    twin: Twin, experiment: Experiment, rows: tuple[Parameter, ...]
+    known: UncertainValues, experiment: Experiment
 ) -> Float[np.ndarray, "times channels entries"]:
     """Derivatives of the readings with respect to parameters, or to the logarithms of those that
     are matched by them."""
+    twin, rows = known.twin, known.rows
     values = np.array([float(twin.values[row.name]) for row in rows])
 
     def read(vector: Float[Array, " entries"]) -> Float[Array, "times channels"]:
         named = {row.name: vector[entry] for entry, row in enumerate(rows)}
-        return response(twin.with_values(named), experiment)
+        return response(twin.with_values(named), experiment, initial=known.initial)
 
     with own_settings():
         slopes = np.asarray(jax.jacfwd(read)(jnp.asarray(values)))

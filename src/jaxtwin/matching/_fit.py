@@ -19,6 +19,7 @@ from ..physics import Twin
 from ..rig import Parameter, Rig, write_parameters
 from ..simulation import Run
 from ._comparison import CameraError, Comparison
+from ._first_sample import FirstSample
 from ._fitted_parameters import FittedParameter, FittedParameters
 from ._group_values import new_group_values
 from ._iterations import Iteration, Optimum
@@ -65,6 +66,7 @@ class Fit:
     - `twin`: the twin with the fitted values, and with the own values of the first recording.
     - `recordings`: names of the recordings. `fingerprints`: SHA-256 of their contents. `channels`:
       the channels of each.
+    - `first_samples`: the temperatures with which each begins.
     - `parameters`: name -> `FittedParameter` for every parameter of the rig, in the order of its
       table.
     - `recording_values`: recording -> name -> value, for parameters with a value for each recording
@@ -91,6 +93,7 @@ class Fit:
     recordings: tuple[str, ...]
     fingerprints: tuple[str, ...]
     channels: tuple[tuple[str, ...], ...]
+    first_samples: tuple[FirstSample, ...]
     parameters: FittedParameters
     recording_values: Mapping[str, Mapping[str, float]]
     fit_percent: Mapping[tuple[str, str], float]

@@ -24,12 +24,14 @@ fingerprint = "9f86d081..."
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, final
+from typing import Any, Literal, final
 
 import numpy as np
 from jaxtyping import Float
 
 from ..rig import bundled_rigs
+from ..simulation._initial import Initial
+from ._first_sample import FirstSample
 from ._fit import Fit, solution_of
 from ._fitted_parameters import FittedParameter
 from ._iterations import Iteration, Optimum
@@ -67,6 +69,7 @@ class StoredRecording:
 
     - `fingerprint`: SHA-256 of its contents. `channels`: their names. `samples`: the number of
       times.
+    - `first_sample`: the temperatures with which it begins.
     - `events`: times of the camera's corrections, s. `group`: the name of its group.
     - `fit_percent`: channel -> NRMSE fit, %.
     - `sample_weights`: weights of the samples from masks. `channel_weights`: from masks and the
@@ -76,6 +79,7 @@ class StoredRecording:
     fingerprint: str
     channels: tuple[str, ...]
     samples: int
+    first_sample: FirstSample
     events: tuple[float, ...]
     fit_percent: dict[str, float]
     sample_weights: Stretches
@@ -135,6 +139,7 @@ class StoredFit:
     history: tuple[Iteration, ...]
     optima: tuple[Optimum, ...]
     robust: float | None = None
+    initial: Literal["steady"] | float | tuple[float, ...] | None = None
 
 
 def fit_tables(fit: Fit) -> str:
@@ -157,6 +162,7 @@ def fit_tables(fit: Fit) -> str:
         "noise": fit.noise,
         "assumed_noise": (solution.noise_model.channel, solution.noise_model.common_mode),
         "robust": solution.problem.robust,
+        "initial": _plain_initial(solution.problem.initial),
         "history": fit.history,
         "optima": fit.optima,
     }
@@ -197,6 +203,13 @@ def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarra
     return np.repeat([weight for _, weight in stretches], counts).reshape(channels, times).T
 
 
+def _plain_initial(initial: Initial) -> str | float | list[float] | None:
+    if initial is None or isinstance(initial, str):
+        return initial
+    values = np.asarray(initial, float)
+    return values.tolist()
+
+
 def _recording(fit: Fit, number: int) -> dict[str, Any]:
     name, solution = fit.recordings[number], solution_of(fit)
     noise_model = solution.noise_model
@@ -205,6 +218,7 @@ def _recording(fit: Fit, number: int) -> dict[str, Any]:
         "fingerprint": fit.fingerprints[number],
         "channels": fit.channels[number],
         "samples": len(noise_model.common_mode_weights[number]),
+        "first_sample": fit.first_samples[number],
         "events": fit.events[name],
         "group": fit.groups[name],
         "fit_percent": percent,

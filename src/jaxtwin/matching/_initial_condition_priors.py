@@ -1,24 +1,26 @@
 """Priors of the states in which a recording begins.
 
-Room, plate and sinks are different states with different priors:
+Room, plate and hidden states (sinks, bodies, the insides of cells) have different priors:
 
 - The *room* has the mean of the fit's recordings and their standard deviation; without a fit, the
-  twin's value and the prior of the rig file.
+  twin's value and the prior of the rig file. A recorded ambient temperature replaces it.
 - The *plate* begins at the first readings of its channels.
-- The *sinks* begin near the room, with an uncertainty that grows with the plate's distance from it.
+- *Hidden states* begin between room and plate, as in the fit's recordings: see `_hidden_starts`.
 - A rig *at rest* has equal plate and room temperatures. The difference between the two has a Cauchy
   prior, which pulls them together unless the readings contradict. It enters the least squares
   problem by reweighting (Holland and Welsch 1977).
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ..rig import Parameter, Rig, Value
+from ..rig import Parameter, Rig
+from ._hidden_starts import HiddenStarts, expected_distance
 from ._linear_prior import LinearPrior
+from ._starting_parameters import hidden_parameters, plate_parameters, room_parameters
 from ._unknowns import Unknowns
 
 REST_SCALE = 1.0
@@ -30,16 +32,12 @@ ROOM_DEVIATION = 2.0
 
 ROOM_WEIGHT = 1.0
 
-SINK_SHARE = 0.2
-"""Standard deviation of a sink's distance from the room, as a part of the plate's distance from it.
-"""
-
 
 def with_prior(
     row: Parameter, rig: Rig, first: float, earlier: Mapping[str, Mapping[str, float]]
 ) -> Parameter:
     """A parameter of a recording with its prior."""
-    if row.name in _plate(rig) | _sinks(rig):
+    if row.name in plate_parameters(rig) | hidden_parameters(rig):
         # The first readings and the prior of differences determine the other values.
         standard_deviation = 10.0 + 0.5 * abs(first - row.value)
         return _around(replace(row, value=first), first, standard_deviation)
@@ -69,48 +67,41 @@ def _around(row: Parameter, centre: float, standard_deviation: float) -> Paramet
 
 
 def prior_of_differences(
-    rig: Rig, unknowns: Unknowns, room: float | None, first: float
+    rig: Rig,
+    unknowns: Unknowns,
+    first: float,
+    room: float,
+    hidden: HiddenStarts,
+    *,
+    is_estimated: bool,
 ) -> LinearPrior:
-    """The prior of the differences of plate and sinks from the room.
+    """The prior of the distances of plate and hidden states from the room.
 
     **Arguments:**
 
-    - `room`: the room temperature of the last round, degC; None for a rig at rest.
     - `first`: the first reading, degC.
+    - `room`: the room temperature, known or of the last round, degC.
+    - `hidden`: what is known of hidden states.
+    - `is_estimated`: whether the room temperature is among the unknowns.
     """
     names = [row.name for row in unknowns.per_recording]
-    rooms = [names.index(name) for name in room_parameters(rig) if name in names]
-    if not rooms:
-        return LinearPrior.none(len(names))
-    away = 0.0 if room is None else first - room
-    standard_deviations = dict.fromkeys(_plate(rig), math.hypot(REST_SCALE, away))
-    standard_deviations |= dict.fromkeys(_sinks(rig), math.hypot(REST_SCALE, SINK_SHARE * away))
-    rows = []
-    for name, standard_deviation in standard_deviations.items():
+    away = first - room
+    priors = dict.fromkeys(plate_parameters(rig), (0.0, math.hypot(REST_SCALE, away)))
+    priors |= {
+        name: expected_distance(name, share, away, hidden.matched)
+        for name, share in hidden.shares.items()
+    }
+    rows, values = [], []
+    for name, (mean, standard_deviation) in priors.items():
         if name in names:
             row = np.zeros(len(names))
-            row[names.index(name)], row[rooms[0]] = 1 / standard_deviation, -1 / standard_deviation
+            row[names.index(name)] = 1 / standard_deviation
+            if is_estimated:
+                row[_room_entry(rig, names)] = -1 / standard_deviation
             rows.append(row)
-    return LinearPrior(np.array(rows).reshape(-1, len(names)), np.zeros(len(rows)))
+            values.append((mean if is_estimated else mean + room) / standard_deviation)
+    return LinearPrior(np.array(rows).reshape(-1, len(names)), np.array(values))
 
 
-def names_in(*values: Value | None) -> frozenset[str]:
-    """Names of the parameters on which some values depend."""
-    return frozenset(name for value in values if value is not None for name, _ in value.powers)
-
-
-def room_parameters(rig: Rig) -> frozenset[str]:
-    """Names of the parameters that determine the room temperature at the start."""
-    return names_in(rig.ambient_temperature)
-
-
-def _plate(rig: Rig) -> frozenset[str]:
-    return names_in(rig.initial_temperature) - room_parameters(rig)
-
-
-def _sinks(rig: Rig) -> frozenset[str]:
-    starts = [
-        value for c in rig.cells for value in (c.initial_temperature, c.sink_initial_temperature)
-    ]
-    starts += [body.initial_temperature for body in rig.bodies]
-    return names_in(*starts) - room_parameters(rig) - _plate(rig)
+def _room_entry(rig: Rig, names: Sequence[str]) -> int:
+    return next(names.index(name) for name in room_parameters(rig) if name in names)

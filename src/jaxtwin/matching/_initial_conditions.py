@@ -23,21 +23,28 @@ from jaxtyping import Float
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
+from ..simulation._initial import Initial, checked_initial
 from ._descent import descend
 from ._descent_result import DescentResult
+from ._first_sample import FirstSample, first_readings, first_sample
 from ._fit import Fit
-from ._initial_condition_priors import (
-    names_in,
-    prior_of_differences,
-    room_parameters,
-    with_prior,
-)
+from ._hidden_starts import HiddenStarts, matched_starts
+from ._initial_condition_priors import prior_of_differences, with_prior
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._linear_prior import LinearPrior
 from ._noise import Noise
 from ._noise_model import initial_noise_model, update_noise_model
 from ._objective import make_objective
 from ._problem import MatchProblem, named_recordings
+from ._starting_parameters import (
+    hidden_parameters,
+    names_in,
+    plate_parameters,
+    replaced_by_recorded_room,
+    room_parameters,
+    room_temperature,
+)
+from ._starting_shares import starting_shares
 from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
 
 WARM_UP = 60.0
@@ -71,12 +78,14 @@ class InitialConditions:
     - `covariance`: the covariance of the values in the order of `values`; of the logarithm for
       parameters that are matched by their logarithm.
     - `warnings`: the values that the first part of the recording does not determine, as text.
+    - `initial`: the temperatures at the start if they were given, as `simulate` takes them.
     """
 
     twin: Twin
     values: Mapping[str, float]
     covariance: Float[np.ndarray, "values values"]
     warnings: tuple[str, ...]
+    initial: Initial = None
 
 
 def estimate_initial_conditions(
@@ -86,6 +95,7 @@ def estimate_initial_conditions(
     names: Iterable[str] | None = None,
     *,
     group: str | None = None,
+    initial: Initial = None,
 ) -> InitialConditions:
     """Estimates the values of one recording from its first part.
 
@@ -101,6 +111,9 @@ def estimate_initial_conditions(
       differ between groups have the values of this group if the fit knows it, and otherwise those
       expected of a new group.
 
+    - `initial`: the temperatures at the start, as in `simulate`, if they are known. Those of plate
+      and hidden states are then not estimated.
+
     **Returns:** the values, their covariance, and the twin with these values.
 
     **Raises:** `MatchError` if the recording has no temperatures, if the part has fewer times with
@@ -110,9 +123,15 @@ def estimate_initial_conditions(
     """
     earlier = twin.recording_values if isinstance(twin, Fit) else {}
     group = experiment.group if group is None else group
+    matched = matched_starts(twin) if isinstance(twin, Fit) else ()
     twin, names = _twin_and_names(twin, names, group)
+    if experiment.ambient is not None:
+        names = [name for name in names if name not in replaced_by_recorded_room(twin.rig)]
+    if checked_initial(twin, initial) is not None:
+        starts = plate_parameters(twin.rig) | hidden_parameters(twin.rig)
+        names = [name for name in names if name not in starts]
     if not names:
-        return InitialConditions(twin, {}, np.zeros((0, 0)), ())
+        return InitialConditions(twin, {}, np.zeros((0, 0)), (), initial)
     (label,) = named_recordings(twin, [experiment])
     early = experiment.time < experiment.time[0] + warm_up
     count = int(np.count_nonzero(experiment.sampled[early].any(axis=1)))
@@ -122,11 +141,15 @@ def estimate_initial_conditions(
             f"estimate {', '.join(names)}, got {count}; use a longer warm-up"
         )
     part = experiment.between(None, experiment.time[0] + warm_up)
-    first = float(np.nanmean(_first_readings(part)))
+    first = first_sample(part)
     unknowns = choose_unknowns(twin, (0,), ParameterChoice(names, per_recording=names))
-    rows = tuple(with_prior(row, twin.rig, first, earlier) for row in unknowns.per_recording)
+    rows = tuple(
+        with_prior(row, twin.rig, first.reading, earlier) for row in unknowns.per_recording
+    )
     unknowns = replace(unknowns, per_recording=rows)
-    result = _descend(twin, part, unknowns, first)
+    hidden = [row.name for row in rows if row.name in hidden_parameters(twin.rig)]
+    known = HiddenStarts(starting_shares(twin, hidden), matched)
+    result = _descend(twin, part, unknowns, first, known, initial)
     if not np.isfinite(result.cost):
         raise MatchError(
             f"{label}: expected finite temperatures from the twin, got none; look for parameters "
@@ -140,6 +163,7 @@ def estimate_initial_conditions(
         values=values,
         covariance=covariance,
         warnings=_warnings(unknowns, result, covariance, warm_up),
+        initial=initial,
     )
 
 
@@ -164,14 +188,14 @@ def _twin_and_names(
     return twin, [name for name in names if name not in drifts]
 
 
-def _first_readings(part: Experiment) -> Float[np.ndarray, " channels"]:
-    """The first reading of each channel that is not missing, degC; NaN if all are missing."""
-    assert part.temperatures is not None
-    rows = part.sampled.argmax(axis=0)
-    return part.temperatures[rows, np.arange(len(rows))]
-
-
-def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> DescentResult:
+def _descend(
+    twin: Twin,
+    part: Experiment,
+    unknowns: Unknowns,
+    first: FirstSample,
+    hidden: HiddenStarts,
+    initial: Initial,
+) -> DescentResult:
     """The values with the largest posterior density."""
     error = twin.rig.common_error
     sensor = Noise(twin.rig.noise, MEMORY)
@@ -187,15 +211,23 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
         groups=("",),
         prior_weights=unknowns.prior_weights(),
         linear_prior=LinearPrior.none(unknowns.size),
+        initial=initial,
     )
     noise_model = replace(initial_noise_model(problem), channel=sensor, common_mode=sensor)
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
     steps = DIFFERENCE * unknowns.scales()
     space = replace(unknowns.search_space(), difference_steps=steps)
-    room: float | None = None
+    own_room = [row.name for row in unknowns.per_recording if row.name in room_parameters(twin.rig)]
+    is_estimated = first.ambient is None and bool(own_room)
+    # A rig whose room is not known begins at rest until the first round has found a room.
+    room = first.reading
+    if not is_estimated:
+        room = room_temperature(twin.rig, twin.numbers_si, first.ambient)
     results: list[DescentResult] = []
     for _ in range(REWEIGHTINGS):
-        prior = prior_of_differences(twin.rig, unknowns, room, first)
+        prior = prior_of_differences(
+            twin.rig, unknowns, first.reading, room, hidden, is_estimated=is_estimated
+        )
         problem = replace(problem, linear_prior=prior)
         results = descend(
             [make_objective(problem, noise_model)],
@@ -214,9 +246,8 @@ def _descend(twin: Twin, part: Experiment, unknowns: Unknowns, first: float) -> 
         weights = _weights(part, sensor.effective, simulated)
         noise_model = replace(noise_model, events=events, channel_weights=(weights,))
         (values,) = unknowns.recording_values(result.vector)
-        room = next(
-            (float(values[name]) for name in room_parameters(twin.rig) if name in values), None
-        )
+        if is_estimated:
+            room = float(values[own_room[0]])
     return results[0]
 
 
@@ -230,7 +261,7 @@ def _weights(
     much information on it as a single sample. It grows with the change since the first sample,
     recorded or simulated: if the drive begins late, only one of the two has changed.
     """
-    moved = np.abs(part.temperatures - _first_readings(part))
+    moved = np.abs(part.temperatures - first_readings(part))
     if simulated is not None:
         first = simulated[part.sampled.argmax(axis=0), np.arange(simulated.shape[1])]
         moved = np.maximum(moved, np.abs(simulated - first))

@@ -18,6 +18,7 @@ from ..simulation._modes import Modes
 from ._objective import Objective, RecordingGroup
 from ._residual_weights import ResidualWeights, SplitErrors
 from ._residuals import channel_rises, local_vectors
+from ._run_start import OF_THE_RIG, RunStart
 from ._unknowns import Layout
 
 Tree = TypeVar("Tree")
@@ -45,7 +46,9 @@ def output_error_jacobians(
     def of_recording(inputs: tuple[Array, RecordingGroup, Modes | None]) -> Array:
         local, group, modes = inputs
         twin, layout = objective.twin, objective.layout
-        return reading_jacobian(local, twin, layout, group.grid, group.columns, modes)
+        return reading_jacobian(
+            local, twin, layout, group.grid, group.columns, modes, start=objective.start
+        )
 
     # The groups are solved one after the other, as in `output_errors`.
     return [
@@ -86,6 +89,8 @@ def reading_jacobian(
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
     modes: Modes | None = None,
+    *,
+    start: RunStart = OF_THE_RIG,
 ) -> Float[Array, "entries times channels"]:
     """Derivatives of `camera_readings`: in forward mode for the entries that act on the network,
     and as a product for gains."""
@@ -96,8 +101,8 @@ def reading_jacobian(
         return twin.with_values(layout.local_values(local.at[entries].set(part)))
 
     def rises(part: Array) -> tuple[Array, Array]:
-        system = changed_twin(part, inner).system(lumped=True)
-        return channel_rises(system, grid, columns, modes)
+        system = changed_twin(part, inner).system(lumped=start.is_lumped)
+        return channel_rises(system, grid, columns, modes, start)
 
     def gains(part: Array, entries: np.ndarray) -> Array:
         changed = changed_twin(part, entries)

@@ -78,6 +78,7 @@ def load_fit(
         groups=groups,
         prior_weights=independent_prior_weights(unknowns),
         linear_prior=LinearPrior.between_groups(unknowns),
+        initial=np.array(stored.initial) if isinstance(stored.initial, tuple) else stored.initial,
     )
     fit = _fit(stored, values, Solution(problem, noise_model, vector), known)
     if matched is None:
@@ -200,6 +201,7 @@ def _fit(
         recordings=problem.names,
         fingerprints=tuple(record.fingerprint for record in several),
         channels=tuple(record.channels for record in several),
+        first_samples=tuple(record.first_sample for record in several),
         parameters=FittedParameters(stored.parameters),
         recording_values=dict(zip(problem.names, own, strict=True)),
         fit_percent={
@@ -367,8 +369,8 @@ def _recordings(
 
 
 def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Comparison:
-    run = simulate(twin, experiment)
     solution = solution_of(fit)
+    run = simulate(twin, experiment, initial=solution.problem.initial)
     problem, noise_model = solution.problem, solution.noise_model
     count = shapes_needed(problem, noise_model)
     weights = recording_weights(problem, noise_model, number, count)

@@ -10,6 +10,7 @@ from .. import __version__
 from ..simulation import simulate
 from ._comparison import CameraError, Comparison
 from ._estimate_uncertainty import estimate_uncertainty
+from ._first_sample import first_sample
 from ._fit import Fit, Solution
 from ._fitted_parameters import fitted_parameters
 from ._iterations import Optimum, make_iteration
@@ -39,7 +40,7 @@ def make_fit(
         for of_recording in unknowns.recording_values(result.vector)
     ]
     runs = [
-        simulate(twin.with_values(of_recording), experiment)
+        simulate(twin.with_values(of_recording), experiment, initial=problem.initial)
         for of_recording, experiment in zip(values, problem.experiments, strict=True)
     ]
     errors = result.recording_errors()
@@ -57,6 +58,7 @@ def make_fit(
         recordings=names,
         fingerprints=tuple(experiment.fingerprint for experiment in problem.experiments),
         channels=tuple(experiment.channels for experiment in problem.experiments),
+        first_samples=tuple(map(first_sample, problem.experiments)),
         parameters=fitted_parameters(problem, result.vector, uncertainty),
         recording_values={
             name: {

@@ -7,11 +7,12 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Float
 
-from .._arguments import check_callable, of_kind, whole_number
+from .._arguments import check_callable, names_of, of_kind, whole_number
 from .._errors import MatchError
 from .._waiting import announced
 from ..io._experiment import Recordings, as_experiments
 from ..physics import Twin
+from ..simulation._initial import Initial, checked_initial
 from ._descent import descend
 from ._descent_result import Callbacks, DescentStep
 from ._fit import Fit
@@ -25,11 +26,13 @@ from ._problem import (
     Events,
     MatchProblem,
     SampleOptions,
+    check_distinct,
     make_match_problem,
     named_groups,
     named_recordings,
 )
 from ._reweighted_least_squares import Estimate, another_round, reweighted_least_squares
+from ._starting_parameters import hidden_parameters, plate_parameters
 from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
 
 SAME_COST = 1e-3
@@ -50,6 +53,7 @@ def match(
     events: Events | None = None,
     masks: Mapping[str, Sequence[Span]] | None = None,
     robust: float | None = None,
+    initial: Initial = None,
     starts: int = 1,
     seed: int = 0,
     max_iterations: int = 200,
@@ -88,6 +92,9 @@ def match(
     - `masks`: recording -> spans (from, to) or (from, to, weight) with a smaller weight, 0 by
       default.
     - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
+    - `initial`: the temperatures at the start of each recording, as in `simulate`: `"steady"`, a
+      number or a temperature for each node. The parameters of the temperatures at the start are
+      then held, because they have no effect.
     - `starts`: the number of starts. The first is the twin. The others vary each positive parameter
       by a factor of about e (or the width of its prior) and each other parameter by a tenth of its
       range (or the width of its prior), inside the bounds. They run in one batch; `Fit.optima`
@@ -104,23 +111,24 @@ def match(
     steps, as `response` does. The runs of the fit are made by `simulate`, which checks its error;
     `Fit.solver_gap` is the difference between the two.
 
-    **Raises:** `MatchError` if nothing is free; if a recording has no temperatures; if there are
-    fewer samples than unknowns; if nothing changes in any recording; if bounds exclude the start or
-    the prior, or change the meaning of the prior's spread; if a held parameter has a scope, or a
-    parameter that is not free has bounds; if groups are not given for each recording; if events or
-    masks lie outside their recording; or if no start gives finite temperatures. `ParameterError`
-    for unknown names and for a parameter with several values; `SimulationError` for recordings of
-    another rig.
+    **Raises:** `MatchError` if nothing is free; if a recording has no temperatures or is there
+    twice; if there are fewer samples than unknowns; if nothing changes in any recording; if bounds
+    exclude the start or the prior, or change the meaning of the prior's spread; if a held parameter
+    has a scope, or a parameter that is not free has bounds; if groups are not given for each
+    recording; if events or masks lie outside their recording; or if no start gives finite
+    temperatures. `ParameterError` for unknown names and for a parameter with several values;
+    `SimulationError` for recordings of another rig.
     """
     began = time.perf_counter()
     twin = nominal_twin("twin", twin, MatchError)
     given = as_experiments("match: experiments", experiments, MatchError, twin.rig)
     recordings = named_recordings(twin, [part for whole in given for part in whole.parts])
     group_names, group_numbers = named_groups(recordings, groups)
+    check_distinct(recordings)
     unknowns = choose_unknowns(
         twin,
         group_numbers,
-        ParameterChoice(free, fixed, shared, per_recording, bounds),
+        ParameterChoice(free, without_starts(twin, fixed, initial), shared, per_recording, bounds),
     )
     whole_number("starts", starts, 1, MatchError)
     whole_number("max_iterations", max_iterations, 1, MatchError)
@@ -132,6 +140,7 @@ def match(
         unknowns,
         groups=group_names,
         options=SampleOptions(events, masks, robust),
+        initial=initial,
     )
     solver = checked_solver(solver, problem)
 
@@ -173,6 +182,19 @@ def match(
             [problem], solver, [estimate], max_iterations, lambda _, step: report_step(number, step)
         )
     return make_fit(problem, estimate, number, optima, began)
+
+
+def without_starts(twin: Twin, fixed: Iterable[str], initial: Initial) -> tuple[str, ...]:
+    """The parameters to hold: the fixed ones, and those of the temperatures at the start if these
+    are given.
+
+    **Raises:** `SimulationError` for invalid temperatures.
+    """
+    held = names_of("fixed", fixed, MatchError)
+    if checked_initial(twin, initial) is None:
+        return held
+    starts = plate_parameters(twin.rig) | hidden_parameters(twin.rig)
+    return (*held, *sorted(starts - {*held}))
 
 
 def default_solver(problem: MatchProblem) -> BoundedLevenbergMarquardt:

@@ -30,7 +30,7 @@ from ._make_fit import make_fit
 from ._match import default_solver
 from ._noise_model import NoiseModel, initial_noise_model, update_noise_model
 from ._objective import make_objective
-from ._problem import MatchProblem, make_match_problem, named_recordings
+from ._problem import MatchProblem, check_distinct, make_match_problem, named_recordings
 from ._reweighted_least_squares import Estimate
 from ._unknowns import Unknowns
 
@@ -70,6 +70,7 @@ def match_group(
     solution, twin = solution_of(fit), fit.twin_of_group(group)
     before = solution.problem.unknowns
     recordings = named_recordings(twin, experiments)
+    check_distinct(recordings)
     known = group_and_shared_values(before, solution.vector, None)
 
     def started(row: Parameter) -> Parameter:

@@ -11,12 +11,14 @@ from jaxtyping import Array, Bool, Float, Int
 from ..io import Experiment
 from ..physics import Twin
 from ..simulation import TimeGrid
+from ..simulation._initial import checked_initial
 from ..simulation._padding import padded, padded_time_grid
 from ._camera_error import camera_shapes, count_shapes
 from ._linear_prior import LinearPrior
 from ._noise_model import NoiseModel
 from ._problem import MatchProblem
 from ._residual_weights import ResidualWeights, residual_weights
+from ._run_start import RunStart
 from ._unknowns import Layout
 
 Tree = TypeVar("Tree")
@@ -57,6 +59,7 @@ class Objective(eqx.Module):
     - `prior_means`: prior means of the vector's entries. `prior_weights`: the reciprocals of their
       prior standard deviations, 0 for an entry without a prior or with one in `linear_prior`.
     - `linear_prior`: priors of combinations of entries.
+    - `start`: the temperatures with which the runs begin.
     - `layout`: the layout of the vector of unknowns.
     """
 
@@ -65,6 +68,7 @@ class Objective(eqx.Module):
     prior_means: Float[np.ndarray | Array, " unknowns"]
     prior_weights: Float[np.ndarray | Array, " unknowns"]
     linear_prior: LinearPrior
+    start: RunStart
     layout: Layout = eqx.field(static=True)
 
 
@@ -82,7 +86,11 @@ def make_objective(
     """
     count = shapes_needed(problem, noise_model) if shapes is None else shapes
     experiments = problem.experiments
-    grids = [padded_time_grid(problem.twin, experiment) for experiment in experiments]
+    start = RunStart.of(checked_initial(problem.twin, problem.initial))
+    grids = [
+        padded_time_grid(problem.twin, experiment, steady_start=start.is_steady)
+        for experiment in experiments
+    ]
     weights = [
         recording_weights(problem, noise_model, number, count).padded()
         for number in range(len(experiments))
@@ -110,6 +118,7 @@ def make_objective(
         prior_means=unknowns.prior_means(),
         prior_weights=problem.prior_weights,
         linear_prior=problem.linear_prior,
+        start=start,
         layout=unknowns.layout,
     )
 

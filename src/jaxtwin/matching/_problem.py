@@ -15,6 +15,7 @@ from ..io import Experiment
 from ..physics import Twin
 from ..physics._twin import check_twin
 from ..rig import CommonError
+from ..simulation._initial import Initial
 from ..simulation._simulate import checked_channels
 from ._linear_prior import LinearPrior
 from ._masks_and_events import Span, given_events, span_weights
@@ -39,6 +40,7 @@ class MatchProblem:
     - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
     - `prior_weights`: the reciprocal of the prior standard deviation of each unknown; 0 without a
       prior, and for unknowns whose prior is in `linear_prior`.
+    - `initial`: the temperatures at the start of each run, as `simulate` takes them.
     """
 
     twin: Twin
@@ -52,6 +54,7 @@ class MatchProblem:
     groups: tuple[str, ...]
     prior_weights: Float[np.ndarray, " unknowns"]
     linear_prior: LinearPrior
+    initial: Initial = None
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -96,6 +99,7 @@ def make_match_problem(
     *,
     groups: Sequence[str] = ("",),
     options: SampleOptions = USUAL_OPTIONS,
+    initial: Initial = None,
 ) -> MatchProblem:
     """Checks the recordings and the options of a match, and makes the problem.
 
@@ -106,6 +110,7 @@ def make_match_problem(
     - `unknowns`: as returned by `choose_unknowns`.
     - `groups`: the names of the recordings' groups, as returned by `named_groups`.
     - `options`: the options of the samples' weights.
+    - `initial`: the temperatures at the start of each run, checked.
 
     **Raises:** `MatchError` if there are fewer samples than unknowns, if nothing changes in any
     recording, or if events, masks or the loss are invalid.
@@ -154,6 +159,7 @@ def make_match_problem(
         groups=tuple(groups),
         prior_weights=independent_prior_weights(unknowns),
         linear_prior=LinearPrior.between_groups(unknowns),
+        initial=initial,
     )
 
 
@@ -173,6 +179,22 @@ def _is_excited(recording: Experiment, weight: Float[np.ndarray, "times channels
         warnings.simplefilter("ignore", RuntimeWarning)  # of channels that are masked throughout
         ranges = np.nanmax(counted, axis=0) - np.nanmin(counted, axis=0)
     return bool(np.any(recording.duty) or np.any(ranges > 0))
+
+
+def check_distinct(recordings: Mapping[str, Experiment]) -> None:
+    """Refuses a recording that is there twice, under whatever names: its samples would count as new
+    data, and standard errors would be too small.
+
+    **Raises:** `MatchError` with both names.
+    """
+    seen: dict[str, str] = {}
+    for name, experiment in recordings.items():
+        other = seen.setdefault(experiment.fingerprint, name)
+        if other != name:
+            raise MatchError(
+                f"experiments: {name} is the same recording as {other}: expected each once, "
+                "because the second adds no information; leave it out"
+            )
 
 
 def named_groups(

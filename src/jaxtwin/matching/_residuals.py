@@ -26,6 +26,7 @@ from ..simulation import TimeGrid, solve_network
 from ..simulation._modes import Modes, run_modes
 from ._objective import Objective, RecordingGroup
 from ._residual_weights import ResidualWeights, SplitErrors
+from ._run_start import OF_THE_RIG, RunStart
 
 Residuals = list[SplitErrors | Float[Array, "..."]]
 """For each group of recordings the weighted parts of their output errors, followed by those of the
@@ -47,7 +48,7 @@ def recording_modes(vector: Float[Array, " unknowns"], objective: Objective) -> 
 
     def of_recording(local: Array, grid: TimeGrid) -> Modes:
         twin = objective.twin.with_values(objective.layout.local_values(local))
-        return run_modes(twin.system(lumped=True), grid.summary())
+        return run_modes(twin.system(lumped=objective.start.is_lumped), grid.summary())
 
     return [
         jax.lax.map(lambda inputs: of_recording(*inputs), (local, group.grid))
@@ -134,8 +135,8 @@ def camera_readings(
 ) -> Float[Array, "times channels"]:
     """The readings of the camera without its common error, degC."""
     twin = objective.twin.with_values(objective.layout.local_values(local))
-    system = twin.system(lumped=True)
-    surroundings, rise = channel_rises(system, grid, columns, modes)
+    system = twin.system(lumped=objective.start.is_lumped)
+    surroundings, rise = channel_rises(system, grid, columns, modes, objective.start)
     return surroundings + system.gain[columns] * rise - 273.15
 
 
@@ -144,11 +145,13 @@ def channel_rises(
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
     modes: Modes | None,
+    start: RunStart = OF_THE_RIG,
 ) -> tuple[Float[Array, "times #channels"], Float[Array, "times channels"]]:
     """The temperature of the surroundings, K, and the rise of each channel's target above it; both
     are relative to the start of the rig."""
     weights = jnp.asarray(system.channel_weights)[columns]
-    drive, rise = solve_network(system, grid, system.initial_temperature, weights, modes)
+    initial = start.node_temperatures(system, grid)
+    drive, rise = solve_network(system, grid, initial, weights, modes)
     ambient = jnp.asarray(drive.ambient_at_samples(), rise.dtype)
     ambient = jnp.broadcast_to(ambient, (rise.shape[0], 1))
     on_plate = jnp.broadcast_to(system.on_plate, system.gain.shape)[columns]

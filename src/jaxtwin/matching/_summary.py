@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from .._goodness_of_fit import fit_text
 from .._number_text import interval_text, short_number
+from ._starting_parameters import replaced_by_recorded_room
 
 if TYPE_CHECKING:
     from ._fit import Fit
@@ -71,6 +72,13 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         ]
         lines.append("  ".join(cells).rstrip())
     held = [row for row in fit.parameters.values() if not row.free]
+    if all(sample.ambient is not None for sample in fit.first_samples):
+        replaced = replaced_by_recorded_room(fit.twin.rig)
+        without_effect = [row.name for row in held if row.name in replaced]
+        held = [row for row in held if row.name not in replaced]
+        if without_effect:
+            text = f"replaced by the recorded ambient temperature: {', '.join(without_effect)}"
+            lines += ["", *wrap(text, WIDTH, subsequent_indent="  ")]
     if held:
         values = ", ".join(f"{row.name} = {row.value:.4g} {row.unit}".rstrip() for row in held)
         lines += ["", *wrap(f"fixed: {values}", WIDTH, subsequent_indent="  ")]

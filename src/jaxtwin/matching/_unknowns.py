@@ -269,6 +269,11 @@ def choose_unknowns(
     """
     table = twin.rig.parameters
     twin.numbers_si  # noqa: B018 - refuses a parameter with several values
+    if isinstance(choice.free, Mapping):
+        raise MatchError(
+            f"free: expected one name or several, got values beside them; free them by name and "
+            f"give bounds as bounds={dict(choice.free)!r}"
+        )
     free = None if choice.free is None else set(names_of("free", choice.free, MatchError))
     fixed = set(names_of("fixed", choice.fixed, MatchError))
     shared = set(names_of("shared", choice.shared, MatchError))

@@ -15,7 +15,7 @@ from ..plots import (
     to_png,
 )
 from ..simulation import Run
-from ..validation import whiteness
+from ..validation import whiteness_of_channels
 from ._blocks import Block, Picture, Section, Table, Text
 from ._recordings import recorded
 
@@ -121,8 +121,8 @@ def _whiteness_table(runs: list[Run]) -> Table:
     for run in runs:
         step = float(np.median(np.diff(run.time)))
         residuals = recorded(run.experiment) - run.temperatures
-        for channel, series in zip(run.channels, residuals.T, strict=True):
-            test = whiteness(series)
+        tests = whiteness_of_channels(residuals)
+        for channel, series, test in zip(run.channels, residuals.T, tests, strict=True):
             rows.append(
                 (
                     run.experiment.name,
@@ -135,7 +135,8 @@ def _whiteness_table(runs: list[Run]) -> Table:
             )
     return Table(
         "Tests of the residuals. Samples within the autocorrelation time count as one. A p-value "
-        "of Ljung and Box's test below 0.01 means that the residuals are not white noise.",
+        "of Ljung and Box's test below 0.01, adjusted for the number of channels (Holm), means "
+        "that the residuals are not white noise.",
         ("recording", "channel", "std. dev., K", "mean, K", "autocorrelation time, s", "p"),
         rows,
     )

@@ -3,6 +3,10 @@
 from dataclasses import dataclass
 from typing import final
 
+SOLDER = 138.0
+"""The melting point of bismuth-tin, the softest solder of ordinary modules, degC: the default limit
+of a cell."""
+
 
 @final
 @dataclass(frozen=True)

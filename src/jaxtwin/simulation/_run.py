@@ -18,6 +18,7 @@ from .._name_suggestions import did_you_mean
 from .._whole_file import check_ending
 from ..io import Experiment
 from ..physics import Twin
+from ._exceeded_limits import exceeded_limits
 from ._padding import padded
 from ._power import SupplyPower, power_of_states
 from ._uniformity import Uniformity, uniformity
@@ -61,6 +62,29 @@ class Run:
     def time(self) -> Float[np.ndarray, " times"]:
         """Times of the samples, s."""
         return self.experiment.time
+
+    def between(self, t0: float | int | None = None, t1: float | int | None = None) -> "Run":
+        """The part of the run with `t0 <= time < t1`, as `Experiment.between` cuts. Its power and
+        energy are unknown.
+
+        **Raises:** the errors of `Experiment.between`.
+        """
+        part = self.experiment.between(t0, t1)
+        inside = np.isin(self.time, part.time)
+        return replace(
+            self,
+            experiment=part,
+            temperatures=self.temperatures[inside],
+            states=self.states[inside],
+            twin=None,
+        )
+
+    @property
+    def beyond_limits(self) -> tuple[str, ...]:
+        """The limits that the run exceeds, as text: that of the channels in the rig file, and that
+        of the cells' sides, which is the melting point of the softest solder unless the file states
+        one. Nothing for a part of a run."""
+        return () if self.twin is None else exceeded_limits(self, self.twin.rig)
 
     def channel(self, name: str) -> Float[np.ndarray, " times"]:
         """The simulated readings of one channel, degC.
@@ -271,9 +295,10 @@ class Run:
 
     def __repr__(self) -> str:
         low, high = self.temperatures.min(), self.temperatures.max()
+        beyond = "".join(f"; {text}" for text in self.beyond_limits)
         return (
             f"<Run of {self.rig}: {len(self.time)} times, {len(self.channels)} channels, "
-            f"{low:.2f} to {high:.2f} degC>"
+            f"{low:.2f} to {high:.2f} degC{beyond}>"
         )
 
     def _repr_html_(self) -> str:

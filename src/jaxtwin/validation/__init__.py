@@ -2,7 +2,7 @@
 
 from ._validate import leave_one_out, validate, validate_split
 from ._validation import Prediction, Validation
-from ._whiteness import Whiteness, whiteness
+from ._whiteness import Whiteness, whiteness, whiteness_of_channels
 
 __all__ = [
     "Prediction",
@@ -12,4 +12,5 @@ __all__ = [
     "validate",
     "validate_split",
     "whiteness",
+    "whiteness_of_channels",
 ]

@@ -4,6 +4,7 @@ each recording or group of recordings in turn."""
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -16,17 +17,20 @@ from ..io import Experiment
 from ..io._experiment import Recordings, as_experiments
 from ..matching import (
     WARM_UP,
+    Band,
     Fit,
     Iteration,
     estimate_initial_conditions,
     match,
     named_recordings,
 )
+from ..matching._band import UncertainValues, band_about, values_of_matched, values_of_unseen
 from ..matching._match_group import NEW_GROUP, check_given, match_first_part, match_group
 from ..matching._nominal_twin import nominal_twin
 from ..matching._problem import named_groups
 from ..physics import Twin
-from ..simulation import Run, simulate
+from ..simulation import simulate
+from ..simulation._initial import Initial
 from ..simulation._simulate import prepare_simulation
 from ._validation import Prediction, Validation
 
@@ -47,6 +51,7 @@ def validate(
     names: Iterable[str] | None = None,
     group: str | None = None,
     given: Experiment | Sequence[Experiment] | float | int | None = None,
+    initial: Initial = None,
     on_progress: Callable[[Prediction], None] | None = None,
 ) -> Validation:
     """Predicts recordings that the match has not seen.
@@ -71,6 +76,8 @@ def validate(
       `given` a new group for a recording without a name of its group.
     - `given`: the data from which the values of a new group are estimated: the length of the first
       part of each recording, s, which replaces `warm_up`; or other recordings of the group.
+    - `initial`: the temperatures at the start of each recording, as in `simulate`, if they are
+      known; not beside a length that is `given`. By default they are estimated.
     - `on_progress`: called with each `Prediction`.
 
     **Raises:** `MatchError` if a recording is too short or has no temperatures, or if something is
@@ -95,6 +102,11 @@ def validate(
         known = check_given(fitted, groups)
         if isinstance(given, float | int):
             span = finite_number("validate: given", given, MatchError)
+            if initial is not None:
+                raise MatchError(
+                    "validate: initial: expected None beside given as a length, got "
+                    f"{initial!r}; give other recordings of the group, or leave one of them out"
+                )
             kind = f"predicted after the first {span:g} s, from which its group follows"
         else:
             recordings = as_experiments("validate: given", given, MatchError)
@@ -103,10 +115,14 @@ def validate(
     predictions = []
     for name, experiment, of in zip(labels, several, groups, strict=True):
         if span is None:
-            predictions.append(_predict(name, fitted, experiment, warm_up, names=names, group=of))
+            predictions.append(
+                _predict(name, fitted, experiment, warm_up, names=names, group=of, initial=initial)
+            )
         else:
             predictions.append(_predict_rest(name, check_given(fitted, [of]), experiment, span, of))
         _tell(on_progress, predictions[-1])
+    if all(prediction.is_matched for prediction in predictions):
+        kind = "matched, not a prediction"
     return Validation(twin.rig.name, kind, tuple(predictions))
 
 
@@ -156,10 +172,10 @@ def validate_split(
     )
     predictions = []
     for name, recording in zip(names, several, strict=True):
-        run = _from(simulate(fit.twins[name], recording), at)
-        predictions.append(
-            Prediction(name, run, fit.twins[name], fit.recording_values[name], (), fit)
-        )
+        run = simulate(fit.twins[name], recording, initial=options.get("initial")).between(at)
+        band = partial(_band, fit, recording, values_of_matched(fit, name), at)
+        own = fit.recording_values[name]
+        predictions.append(Prediction(name, run, fit.twins[name], own, (), fit, make_band=band))
         _tell(on_progress, predictions[-1])
     kind = f"matched before {at:g} s, predicted from there"
     return Validation(twin.rig.name, kind, tuple(predictions))
@@ -239,14 +255,24 @@ def _predict(
     names: Iterable[str] | None = None,
     fit: Fit | None = None,
     group: str | None = None,
+    initial: Initial = None,
 ) -> Prediction:
     start = _start_of_rest(name, recording, "warm_up", warm_up)
     twin = nominal_twin("twin", fitted, MatchError)
     with ThreadPoolExecutor(1) as pool:
         pool.submit(prepare_simulation, twin, recording)
-        found = estimate_initial_conditions(fitted, recording, warm_up, names, group=group)
-    run = _from(simulate(found.twin, recording), start)
-    return Prediction(name, run, found.twin, found.values, found.warnings, fit)
+        found = estimate_initial_conditions(
+            fitted, recording, warm_up, names, group=group, initial=initial
+        )
+    run = simulate(found.twin, recording, initial=initial).between(start)
+    band, is_matched = None, False
+    if isinstance(fitted, Fit):
+        uncertain = values_of_unseen(fitted, recording.group if group is None else group, found)
+        band = partial(_band, fitted, recording, uncertain, start)
+        is_matched = recording.fingerprint in fitted.fingerprints
+    return Prediction(
+        name, run, found.twin, found.values, found.warnings, fit, is_matched, make_band=band
+    )
 
 
 def _predict_rest(
@@ -256,11 +282,18 @@ def _predict_rest(
     start = _start_of_rest(name, recording, "given", given)
     first = match_first_part(fit, recording, given, group)
     whole = simulate(first.twin, recording)
-    run = _from(whole, start)
+    run = whole.between(start)
     (recording_values,) = first.recording_values.values()
     estimated = {**recording_values, **first.group_values[group]}
     warnings = _beyond_given(whole.temperatures, recording.time < start, given)
-    return Prediction(name, run, first.twin, estimated, warnings, first)
+    uncertain = values_of_matched(first, first.recordings[0])
+    band = partial(_band, first, recording, uncertain, start)
+    return Prediction(name, run, first.twin, estimated, warnings, first, make_band=band)
+
+
+def _band(fit: Fit, recording: Experiment, values: UncertainValues, start: float) -> Band:
+    """The band of the predicted part of a recording."""
+    return band_about(fit, recording, values).between(start)
 
 
 def _beyond_given(
@@ -303,20 +336,6 @@ def _samples(recording: Experiment, part: Bool[np.ndarray, " times"]) -> int:
 def _tell(on_progress: Callable[[Prediction], None] | None, prediction: Prediction) -> None:
     if on_progress is not None:
         on_progress(prediction)
-
-
-def _from(run: Run, start: float) -> Run:
-    """The part of a run from a time on."""
-    late = run.time >= start
-    return Run(
-        experiment=run.experiment.between(start, None),
-        channels=run.channels,
-        temperatures=run.temperatures[late],
-        nodes=run.nodes,
-        states=run.states[late],
-        rig=run.rig,
-        elements=run.elements,
-    )
 
 
 def _before(at: float, recordings: Sequence[Experiment], options: dict[str, Any]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The result of a validation."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -12,15 +12,18 @@ from jaxtyping import Float
 from .._by_recording import ByRecording
 from .._display import html_table, picture
 from .._goodness_of_fit import fit_text, mean_fit_percent
-from ..matching import Fit
+from ..matching import Band, Fit
 from ..physics import Twin
 from ..simulation import Run
-from ._whiteness import Whiteness, whiteness
+from ._whiteness import Whiteness, whiteness_of_channels
 
 if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.figure import Figure
+
+
+MATCHED = "matched, not a prediction: the fit has seen this recording"
 
 
 @final
@@ -36,6 +39,8 @@ class Prediction:
     - `estimated`: the values that were estimated from the part before it, name -> value.
     - `warnings`: the values that this part does not determine, as text.
     - `fit`: the match on which the prediction is based; None if that was saved earlier.
+    - `is_matched`: whether the match has seen the recording, so that nothing is predicted.
+    - `make_band`: computes the 95 % band of the run; None for a twin that is not a fit.
     """
 
     name: str
@@ -44,6 +49,14 @@ class Prediction:
     estimated: Mapping[str, float]
     warnings: tuple[str, ...]
     fit: Fit | None
+    is_matched: bool = False
+    make_band: Callable[[], Band] | None = None
+
+    @cached_property
+    def band(self) -> Band | None:
+        """The interval in which 95 % of the readings are expected, computed when it is first used;
+        None for a twin that is not a fit."""
+        return None if self.make_band is None else self.make_band()
 
     @property
     def residuals(self) -> Float[np.ndarray, "times channels"]:
@@ -59,15 +72,14 @@ class Prediction:
     @cached_property
     def whiteness(self) -> dict[str, Whiteness]:
         """Channel -> test of the whiteness of its residuals."""
-        columns = self.residuals.T
-        return {
-            name: whiteness(column) for name, column in zip(self.run.channels, columns, strict=True)
-        }
+        tests = whiteness_of_channels(self.residuals)
+        return dict(zip(self.run.channels, tests, strict=True))
 
     def __repr__(self) -> str:
         first, last = self.run.time[0], self.run.time[-1]
         fit = mean_fit_percent(self.run.fit_percent.values())
-        return f"<Prediction of {self.name}, {first:g} to {last:g} s: fit {fit:.2f} %>"
+        what = "Matched recording" if self.is_matched else "Prediction of"
+        return f"<{what} {self.name}, {first:g} to {last:g} s: fit {fit:.2f} %>"
 
 
 @final
@@ -107,12 +119,34 @@ class Validation:
         return float(np.sqrt(np.nanmean(errors**2)))
 
     @property
+    def bands(self) -> dict[str, Band]:
+        """Recording -> the 95 % band of its predicted part; empty for a twin that is not a fit."""
+        bands = {part.name: part.band for part in self.predictions}
+        return ByRecording({name: band for name, band in bands.items() if band is not None})
+
+    @property
+    def coverage(self) -> float:
+        """The part of all recorded samples inside the 95 % bands, 0 to 1, to be read beside
+        `band_width`; NaN for a twin that is not a fit."""
+        bands = self.bands.values()
+        counts = [band.run.experiment.sampled.sum(axis=0) for band in bands]
+        inside = sum(band.coverage @ count for band, count in zip(bands, counts, strict=True))
+        return float(inside / sum(count.sum() for count in counts)) if counts else math.nan
+
+    @property
+    def band_width(self) -> float:
+        """The mean width of the 95 % bands, K; NaN for a twin that is not a fit."""
+        widths = [band.width.mean() for band in self.bands.values()]
+        return float(np.mean(widths)) if widths else math.nan
+
+    @property
     def runs(self) -> dict[str, Run]:
         """Recording -> its predicted part."""
         return ByRecording({part.name: part.run for part in self.predictions})
 
     def summary(self) -> str:
-        """The numbers as a text table, with a row for each channel."""
+        """The numbers as a text table, with a row for each channel. The part of the samples inside
+        the 95 % band stands beside the mean width of the band, without which it says nothing."""
         rows: list[tuple[str, ...]] = [
             (
                 "recording",
@@ -120,6 +154,8 @@ class Validation:
                 "fit, %",
                 "RMSE, K",
                 "mean, K",
+                "inside, %",
+                "95 % band, K",
                 "corr. time, s",
                 "white?",
             )
@@ -134,6 +170,7 @@ class Validation:
                         fit_text(fit),
                         f"{np.sqrt(np.nanmean(error**2)):.3f}",
                         f"{np.nanmean(error):+.3f}",
+                        *_band_texts(prediction.band, column),
                         f"{test.autocorrelation_time * prediction.sample_time:.0f}",
                         _verdict(test),
                     )
@@ -141,7 +178,7 @@ class Validation:
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = [
             f"{self.rig}: {self.kind}",
-            f"mean fit {self.mean_fit_percent:.2f} %   RMSE {self.rmse:.3f} K",
+            f"mean fit {self.mean_fit_percent:.2f} %   RMSE {self.rmse:.3f} K{self._said_of_bands}",
             "",
         ]
         lines += [
@@ -149,6 +186,7 @@ class Validation:
             for row in rows
         ]
         for prediction in self.predictions:
+            lines += [f"{prediction.name}: {MATCHED}"] * prediction.is_matched
             text = ", ".join(
                 f"{name} = {value:.4g}" for name, value in prediction.estimated.items()
             )
@@ -169,7 +207,8 @@ class Validation:
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each recording and channel, its index, and the columns fit_percent
-        (%), rmse (K), mean_error (K), p_value and autocorrelation_time (s), as in `summary`."""
+        (%), rmse (K), mean_error (K), coverage (0 to 1) and width (K) of the 95 % band, p_value and
+        autocorrelation_time (s), as in `summary`. Without a fit there is no band: NaN."""
         import pandas
 
         rows = {
@@ -177,13 +216,18 @@ class Validation:
                 "fit_percent": fit,
                 "rmse": float(np.sqrt(np.nanmean(error**2))),
                 "mean_error": float(np.nanmean(error)),
+                "coverage": coverage,
+                "width": width,
                 "p_value": prediction.whiteness[channel].p_value,
                 "autocorrelation_time": prediction.whiteness[channel].autocorrelation_time
                 * prediction.sample_time,
             }
             for prediction in self.predictions
-            for (channel, fit), error in zip(
-                prediction.run.fit_percent.items(), prediction.residuals.T, strict=True
+            for (channel, fit), error, (coverage, width) in zip(
+                prediction.run.fit_percent.items(),
+                prediction.residuals.T,
+                _band_numbers(prediction),
+                strict=True,
             )
         }
         table = pandas.DataFrame.from_dict(rows, orient="index")
@@ -196,6 +240,8 @@ class Validation:
             "kind": self.kind,
             "mean_fit_percent": _plain(self.mean_fit_percent),
             "rmse_K": _plain(self.rmse),
+            "coverage_of_95_percent_bands": _plain(self.coverage),
+            "band_width_K": _plain(self.band_width),
             "recordings": {
                 prediction.name: _prediction(prediction) for prediction in self.predictions
             },
@@ -203,19 +249,53 @@ class Validation:
 
     def _repr_html_(self) -> str:
         rows = [
-            (prediction.name, channel, fit_text(fit), f"{run.rmse:.3f}")
+            (
+                prediction.name,
+                channel,
+                fit_text(fit),
+                f"{run.rmse:.3f}",
+                *_band_texts(prediction.band, column),
+            )
             for prediction in self.predictions
             for run in [prediction.run]
-            for channel, fit in run.fit_percent.items()
+            for column, (channel, fit) in enumerate(run.fit_percent.items())
         ]
-        head = ("recording", "channel", "fit, %", "RMSE of the recording, K")
+        head = (
+            "recording",
+            "channel",
+            "fit, %",
+            "RMSE of the recording, K",
+            "inside, %",
+            "95 % band, K",
+        )
         return html_table(repr(self), head, rows)
 
     def __repr__(self) -> str:
         return (
             f"<Validation of {self.rig}, {self.kind}: {self.mean_fit_percent:.2f} %, "
-            f"RMSE {self.rmse:.3f} K>"
+            f"RMSE {self.rmse:.3f} K{self._said_of_bands}>"
         )
+
+    @property
+    def _said_of_bands(self) -> str:
+        if not self.bands:
+            return ""
+        inside, width = 100 * self.coverage, self.band_width
+        return f"   {inside:.1f} % inside 95 % bands of {width:.2f} K mean width"
+
+
+def _band_numbers(prediction: Prediction) -> list[tuple[float, float]]:
+    """The coverage and the mean width of the band in each channel, NaN without a band."""
+    band = prediction.band
+    if band is None:
+        return [(math.nan, math.nan)] * len(prediction.run.channels)
+    return list(zip(band.coverage.tolist(), band.width.tolist(), strict=True))
+
+
+def _band_texts(band: Band | None, column: int) -> tuple[str, str]:
+    if band is None:
+        return "-", "-"
+    return f"{100 * band.coverage[column]:.1f}", f"{band.width[column]:.2f}"
 
 
 def _verdict(test: Whiteness) -> str:
@@ -224,13 +304,15 @@ def _verdict(test: Whiteness) -> str:
 
 
 def _prediction(prediction: Prediction) -> dict[str, Any]:
-    channels = {}
+    channels, bands = {}, _band_numbers(prediction)
     for column, (channel, fit) in enumerate(prediction.run.fit_percent.items()):
         error, test = prediction.residuals[:, column], prediction.whiteness[channel]
         channels[channel] = {
             "fit_percent": _plain(fit),
             "rmse_K": float(np.sqrt(np.nanmean(error**2))),
             "mean_error_K": float(np.nanmean(error)),
+            "coverage_of_95_percent_band": _plain(bands[column][0]),
+            "band_width_K": _plain(bands[column][1]),
             "ljung_box": test.statistic,
             "lags": test.lags,
             "p_value": test.p_value,
@@ -240,6 +322,7 @@ def _prediction(prediction: Prediction) -> dict[str, Any]:
         "from_s": float(prediction.run.time[0]),
         "to_s": float(prediction.run.time[-1]),
         "rmse_K": prediction.run.rmse,
+        "is_matched": prediction.is_matched,
         "estimated": dict(prediction.estimated),
         "warnings": list(prediction.warnings),
         "channels": channels,

@@ -1,0 +1,45 @@
+"""The limits of a rig that a run exceeds."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from ..rig import Rig
+from ..rig._limits import SOLDER
+
+if TYPE_CHECKING:
+    from ._run import Run
+
+ABSOLUTE_ZERO = -273.15
+
+
+def exceeded_limits(run: "Run", rig: Rig) -> tuple[str, ...]:
+    """A sentence for each kind of limit that is exceeded, about the hottest channel or cell."""
+    found = []
+    if rig.limits is not None:
+        limit = rig.limits.temperature + ABSOLUTE_ZERO
+        found += _beyond(run, run.channels, run.temperatures, limit, "the limit of channels")
+    given = None if rig.limits is None else rig.limits.cell_temperature
+    limit = SOLDER if given is None else given + ABSOLUTE_ZERO
+    # A resistive heater has no solder between two plates.
+    cells = [c.name for c in rig.cells if given is not None or c.seebeck_coefficient.factor != 0]
+    sides = [node for cell in cells for node in (f"{cell}.TC", f"{cell}.TH")]
+    states = run.states[:, [run.nodes.index(node) for node in sides]]
+    what = "at which solder melts" if given is None else "the limit of cells"
+    return (*found, *_beyond(run, tuple(sides), states, limit, what))
+
+
+def _beyond(
+    run: "Run",
+    names: tuple[str, ...],
+    temperatures: Float[np.ndarray, "times places"],
+    limit: float,
+    what: str,
+) -> list[str]:
+    if not names or not temperatures.max() > limit:
+        return []
+    time, place = np.unravel_index(np.argmax(temperatures), temperatures.shape)
+    first = run.time[np.argmax((temperatures > limit).any(axis=1))]
+    reached = f"{names[place]} reaches {temperatures[time, place]:.1f} degC"
+    return [f"{reached}, above {limit:g} degC, {what}, from {first:g} s on"]
