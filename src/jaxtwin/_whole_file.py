@@ -3,6 +3,7 @@
 import os
 import uuid
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from ._arguments import path_of
@@ -29,11 +30,12 @@ def check_ending(
 
 
 def write_whole_file(
-    path: str | os.PathLike[str], content: bytes, error: type[JaxtwinError]
+    path: str | os.PathLike[str], content: bytes, error: type[JaxtwinError], *, mode: int = 0o666
 ) -> None:
     """Writes a file under a temporary name in its folder, and then renames it.
 
-    A reader never sees half a file, and a full disk leaves an older file as it was.
+    A reader never sees half a file, and a full disk leaves an older file as it was. `mode` are the
+    permissions of the file, from which the user's umask takes some.
 
     **Raises:** `error` if the file cannot be written.
     """
@@ -41,7 +43,7 @@ def write_whole_file(
     part = file.with_name(f".{file.name}.{uuid.uuid4().hex}.part")
     try:
         try:
-            with part.open("xb") as stream:
+            with open(part, "xb", opener=partial(os.open, mode=mode)) as stream:
                 stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())

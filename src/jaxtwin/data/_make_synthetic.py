@@ -99,17 +99,16 @@ def _recording_parameter(parameter: Parameter) -> Parameter:
 def _write_csv(
     path: Path, experiment: Experiment, temperatures: Float[np.ndarray, "times channels"]
 ) -> None:
-    """Writes counts and hundredths of a degree, a third of the size of a file with all digits."""
+    """Writes hundredths of a degree, and duty cycles with all digits."""
     titles = [f"{name}_degC" for name in experiment.channels]
     lines = [
         f"# Synthetic: made by the twin of {RIG} with the parameters in synthetic-truth.toml and",
         f"# camera noise of {NOISE} K (seed {SEED}). No rig was measured.",
-        ",".join(["time_s", "pwm_P1", "pwm_P2", *titles]),
+        ",".join(["time_s", "duty_P1", "duty_P2", *titles]),
     ]
-    counts = np.rint(COUNTS * experiment.duty).astype(int)
-    for time, pwm, row in zip(experiment.time, counts, temperatures, strict=True):
+    for time, duty, row in zip(experiment.time, experiment.duty, temperatures, strict=True):
         readings = (f"{value:.{RESOLUTION}f}" for value in row)
-        lines.append(",".join([f"{time:g}", *(f"{count}" for count in pwm), *readings]))
+        lines.append(",".join([f"{time:g}", *(repr(float(part)).removesuffix(".0") for part in duty), *readings]))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import sqlite3
+import uuid
 from pathlib import Path
 
 from .._errors import RecordingError
@@ -30,10 +31,12 @@ def backup_session(file: str | Path, copy: str | Path) -> str:
     target = Path(copy)
     beside = target.with_name(target.name + ".sha256")
     for path in (target, beside):
-        if path.exists():
+        if os.path.lexists(path):
             raise RecordingError(f"{path}: expected a new file, got an existing one; name another")
-    partial = target.with_name(target.name + ".part")
+    partial = target.with_name(f".{target.name}.{uuid.uuid4().hex}.part")
     try:
+        # Nobody else has made this file: it is no link to another.
+        os.close(os.open(partial, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644))
         with Session(file) as session:
             # The copy is a single file, which includes the journal of the source.
             database = sqlite3.connect(partial)
@@ -48,7 +51,8 @@ def backup_session(file: str | Path, copy: str | Path) -> str:
         with partial.open("rb+") as stream:
             checksum = hashlib.file_digest(stream, "sha256").hexdigest()
             os.fsync(stream.fileno())
-        beside.write_text(f"{checksum}  {target.name}\n", encoding="utf-8")
+        with beside.open("x", encoding="utf-8") as stream:
+            stream.write(f"{checksum}  {target.name}\n")
         partial.replace(target)
     except (sqlite3.Error, OSError) as error:
         raise RecordingError(f"{target}: cannot be written: {error}") from None

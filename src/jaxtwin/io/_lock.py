@@ -8,14 +8,16 @@ from pathlib import Path
 from .._errors import RecordingError
 
 
-def lock(file: Path) -> int:
-    """Locks a recording for writing by an empty file beside it.
+def lock(file: Path) -> list[int]:
+    """Locks a recording for writing, by an empty file beside it and by the file itself.
 
     SQLite's own locks last for a transaction, so that two recorders could write in turns unnoticed.
-    Symbolic links are resolved first. A file with several names (hard links) is refused, because
-    the lock belongs to a name.
+    The file beside it shows readers that somebody writes, without an access to the recording. The
+    recording itself is locked too, because the file beside it can be deleted. It is created if it
+    is missing. Symbolic links are resolved first. A file with several names (hard links) is
+    refused, because the lock belongs to a name.
 
-    **Returns:** the handle that `unlock` needs.
+    **Returns:** the handles that `unlock` needs.
 
     **Raises:** `RecordingError` if another process records into it, or it has hard links.
     """
@@ -24,35 +26,47 @@ def lock(file: Path) -> int:
             f"{file}: expected a file with one name, because a lock follows a name, got {names} "
             "(hard links); copy the file"
         )
-    beside = _beside(file)
-    try:
-        handle = os.open(beside, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise RecordingError(f"{file}: cannot be written: {error.strerror}") from None
-    try:
-        _lock(handle)
-    except OSError:
-        os.close(handle)
-        raise RecordingError(
-            f"{file}: another process records into it; stop that one, or choose another file"
-        ) from None
-    return handle
+    handles: list[int] = []
+    for path in (_beside(file), file)[:LOCKED]:
+        try:
+            handles.append(os.open(path, os.O_RDWR | os.O_CREAT, 0o644))
+        except OSError as error:
+            unlock(handles)
+            raise RecordingError(f"{file}: cannot be written: {error.strerror}") from None
+        try:
+            _lock(handles[-1])
+        except OSError:
+            unlock(handles)
+            raise RecordingError(
+                f"{file}: another process records into it; stop that one, or choose another file"
+            ) from None
+    return handles
 
 
-def unlock(handle: int) -> None:
+def unlock(handles: list[int]) -> None:
     """Lets other processes record into it. The empty file remains, because removing it would race
-    with them."""
-    os.close(handle)
+    with them. SQLite must have closed the recording before: its own locks end with any handle of
+    the file."""
+    for handle in handles:
+        os.close(handle)
 
 
 def is_locked(file: Path) -> bool:
-    """Whether a process records into the file."""
-    if not _beside(file).exists():
+    """Whether a process records into the file. The recording itself is not opened, since closing it
+    again would release the locks of SQLite in this process."""
+    beside = _beside(file)
+    if not beside.exists():
         return False
     try:
-        unlock(lock(file))
-    except RecordingError:
+        handle = os.open(beside, os.O_RDWR)
+    except OSError:
         return True
+    try:
+        _lock(handle)
+    except OSError:
+        return True
+    finally:
+        os.close(handle)
     return False
 
 
@@ -64,10 +78,14 @@ def _beside(file: Path) -> Path:
 if sys.platform == "win32":
     import msvcrt
 
+    LOCKED = 1  # an open file cannot be deleted there, and a locked one not read
+
     def _lock(handle: int) -> None:
         msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
 else:
     import fcntl
+
+    LOCKED = 2
 
     def _lock(handle: int) -> None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

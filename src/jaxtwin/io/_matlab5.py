@@ -29,6 +29,14 @@ NUMBERS = dict(
         strict=True,
     )
 )
+LARGEST_MATRIX = 256 << 20
+"""The largest size of a matrix, bytes: a week of eleven columns at ten samples a second is larger,
+and nobody has one as .mat."""
+
+BEGINNING, PIECE = 4096, 1 << 20
+"""The part of a compressed variable that holds its name, and the size of the pieces in which the
+rest is unpacked, bytes."""
+
 NUMERIC_CLASSES = range(6, 16)  # double, single and the integers
 NAMED_CLASSES = range(1, 16)  # those, cell, struct, object, char and sparse
 COMPLEX, LOGICAL = 0x0800, 0x0200
@@ -61,8 +69,8 @@ def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
     try:
         for kind, data in _elements(content[HEADER_SIZE:], order):
             if kind == COMPRESSED:
-                ((kind, data),) = _elements(zlib.decompress(data), order)
-            if kind == VARIABLE and _name(data, order) == name:
+                kind, data = _decompressed(data, order, name)
+            if kind == VARIABLE and _begins_with(data, order, name):
                 found = data
         matrix = None if found is None else _matrix(found, order)
     except (ValueError, struct.error, zlib.error):
@@ -90,6 +98,38 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
             raise ValueError("an element reaches beyond the end")
         yield kind, data[start:end]
         position = end if kind == COMPRESSED else position + math.ceil((end - position) / 8) * 8
+
+
+def _decompressed(packed: bytes, order: str, name: str) -> tuple[int, bytes]:
+    """The element in a compressed one. Only its beginning is kept if it is not the variable `name`:
+    a megabyte may hold a gigabyte of another one."""
+    unpacker = zlib.decompressobj()
+    begin = unpacker.decompress(packed, BEGINNING)
+    kind, size = struct.unpack_from(order + "II", begin)
+    wanted = kind == VARIABLE and _begins_with(begin[8:], order, name)
+    if wanted and size > LARGEST_MATRIX:
+        raise RecordingError(
+            f"variable {name!r}: expected at most {LARGEST_MATRIX >> 20} MiB, got {size >> 20} MiB"
+        )
+    parts, length = [begin], len(begin)
+    while not unpacker.eof and length <= size + 8:
+        part = unpacker.decompress(unpacker.unconsumed_tail, PIECE)
+        if not part and not unpacker.unconsumed_tail:
+            break
+        length += len(part)
+        if wanted:
+            parts.append(part)
+    if not unpacker.eof or length != size + 8:
+        raise ValueError("a compressed element that is cut off or too long")
+    return kind, b"".join(parts)[8:] if wanted else begin[8:]
+
+
+def _begins_with(variable: bytes, order: str, name: str) -> bool:
+    """Whether the beginning of a variable has the name."""
+    try:
+        return _name(variable, order) == name
+    except (ValueError, struct.error):
+        return False
 
 
 def _name(variable: bytes, order: str) -> str | None:

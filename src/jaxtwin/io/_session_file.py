@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, final
 
 from .._errors import RecordingError
+from ..rig._camera import is_channel_name
 from ._lock import is_locked
 
 APPLICATION = 0x6A747731
@@ -101,6 +102,7 @@ def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
             )
         if form != FORMAT:
             raise RecordingError(f"{file}: format: expected {FORMAT}, got {form}")
+        _check_tables(database, file)
         rows = database.execute("SELECT key, value FROM session").fetchall()
         metadata = {key: json.loads(value) for key, value in rows}
     except sqlite3.DatabaseError as error:
@@ -114,8 +116,26 @@ def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
     return metadata
 
 
+def _check_tables(database: sqlite3.Connection, file: Path) -> None:
+    """Refuses a file in which another program's code would run in place of a table: a view may
+    never end, and a virtual table belongs to an extension."""
+    database.execute("PRAGMA trusted_schema = OFF")
+    odd = database.execute(
+        "SELECT type, name FROM sqlite_schema WHERE type = 'view' "
+        "OR upper(sql) LIKE 'CREATE VIRTUAL%' LIMIT 1"
+    ).fetchone()
+    if odd is not None:
+        raise RecordingError(
+            f"{file}: expected the tables of a recording, got the {odd[0]} {odd[1]!r}, which no "
+            "recorder makes"
+        )
+
+
 def _fits(value: Any, kind: str) -> bool:
-    names = isinstance(value, list) and all(isinstance(item, str) and item for item in value)
+    # Names become parts of SQL.
+    names = isinstance(value, list) and all(
+        isinstance(item, str) and is_channel_name(item) for item in value
+    )
     match kind:
         case "text":
             return isinstance(value, str)

@@ -19,8 +19,11 @@ def check_units(twin: Twin, name: str, experiment: Experiment) -> None:
     assert experiment.temperatures is not None, "named_recordings has checked it"
     room = experiment.ambient
     if room is None:
-        ambient = np.asarray(twin.system().ambient_temperature)
-        room = ambient - ZERO_CELSIUS
+        # Without JAX, which would compile each operation.
+        values = {name: float(np.mean(value)) for name, value in twin.values.items()}
+        table = twin.rig.parameters
+        values_si = {name: table[name].to_si(value) for name, value in values.items()}
+        room = float(twin.rig.ambient_temperature.evaluate(values_si)) - ZERO_CELSIUS
     first = float(np.nanmedian(experiment.temperatures[:10]))
     start = float(np.asarray(room).flat[0])
     if abs(first - ZERO_CELSIUS - start) < NEAR_KELVIN and abs(first - start) > NEAR_KELVIN:
