@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from ._alarm_command import AlarmCommand
 from ._output import check_output, say
 from ._show_progress import show_progress
 from ._signals import stop_signals
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 Run = Callable[..., Literal["completed", "stopped"]]
 """A function that commands a bench. Its arguments are the bench and the keywords `silence`,
-`reset`, `about`, `stop` and `on_progress`."""
+`reset`, `about`, `stop`, `on_progress` and `on_alarm`."""
 
 
 def run_on_live_rig(
@@ -31,6 +32,7 @@ def run_on_live_rig(
     out: Path | None,
     silence: float,
     reset: bool,
+    alarm: str | None,
     operator: str | None,
     parameter_file: Path | None,
     set_name: str | None,
@@ -46,8 +48,8 @@ def run_on_live_rig(
     - `doing`: the word for the run in the progress, such as `"driving"`.
     - the others: the options of the command.
 
-    **Raises:** `SafetyStop` if an interlock trips; `KeyboardInterrupt` after Ctrl-C, with the cells
-    off and the recording closed.
+    **Raises:** `SafetyStop` if an interlock trips or a signal other than Ctrl-C ends the run;
+    `KeyboardInterrupt` after Ctrl-C, with the cells off and the recording closed.
     """
     from ..live import Guard, Recorder, connect, opener
     from ..live._mqtt_address import without_password
@@ -62,6 +64,7 @@ def run_on_live_rig(
         Guard(twin, "", silence=silence)
         for url in link:  # an invalid link is refused before a file is created
             opener(url, baud=baud)
+        command = stack.enter_context(AlarmCommand(alarm))
         recorder = stack.enter_context(Recorder(out, loaded)) if out else None
         bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
         progress.step(f"{doing} {loaded.name} for {duration:g} s")
@@ -81,6 +84,7 @@ def run_on_live_rig(
             },
             stop=stop,
             on_progress=show,
+            on_alarm=command.ring,
         )
     if outcome == "stopped":
         raise KeyboardInterrupt  # exit code 130

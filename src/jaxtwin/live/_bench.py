@@ -87,6 +87,7 @@ class Bench:
         }
         self._asked = dict.fromkeys(links, 0)
         self._dropped: set[str] = set()
+        self._driven: set[str] = set()
         self._journal = journal
         self._views: list[View] = []
         self._commands: list[Record] = []
@@ -126,16 +127,18 @@ class Bench:
             name: why for name, receiver in self._receivers.items() if (why := receiver.refused)
         }
 
-    def record_into(self, journal: Journal) -> None:
-        """Continues in another journal, which first gets the greetings of the connected devices."""
+    def record_into(self, journal: Journal | None) -> None:
+        """Continues in another journal, which first gets the greetings of the connected devices, or
+        without one."""
         now = self.clock.now()
-        journal.write(
-            [
-                Greeting(name, now, receiver.hello)
-                for name, receiver in self._receivers.items()
-                if receiver.hello is not None
-            ]
-        )
+        if journal is not None:
+            journal.write(
+                [
+                    Greeting(name, now, receiver.hello)
+                    for name, receiver in self._receivers.items()
+                    if receiver.hello is not None
+                ]
+            )
         self._journal = journal
 
     def view(self, capacity: int = 10_000) -> View:
@@ -185,7 +188,11 @@ class Bench:
         return self._send(lambda number: Duty(number, pwm, self.owner), pwm, "duty")
 
     def send_order(self, kind: Literal["stop", "reset", "release"]) -> bool:
-        """Sends a command without counts. Returns whether it was sent."""
+        """Sends a command without counts. Returns whether it was sent.
+
+        A `stop` also reaches a device that got a duty and whose greeting has been refused since, or
+        has not arrived yet after a lost connection.
+        """
         return self._send(lambda number: Order(kind, number, self.owner), (), kind)
 
     @property
@@ -211,10 +218,15 @@ class Bench:
         self._number = (self._number + 1) % 2**32
         sent, content = [], encode(command(self._number))
         for name, receiver in self._receivers.items():
-            if receiver.hello is not None and receiver.hello.cells:
+            drives = receiver.hello is not None and bool(receiver.hello.cells)
+            if drives or (kind == "stop" and name in self._driven):
                 sent.append(self._links[name].send(content))
                 now = self.clock.now()
                 self._commands.append(Command(name, now, self._number, pwm, self.owner, kind))
+                if kind == "duty":
+                    self._driven.add(name)
+                elif kind == "release":
+                    self._driven.discard(name)
         return bool(sent) and all(sent)
 
     def _arrived(self, timeout: float) -> Iterator:
@@ -230,6 +242,8 @@ class Bench:
         if receiver.verdict is not None:
             if name not in self._dropped:  # once for each connection
                 self._dropped.add(name)
+                if name in self._driven:  # nobody could switch it off through a closed link
+                    self.send_order("stop")
                 link.drop(receiver.verdict)
             return
         self._dropped.discard(name)
