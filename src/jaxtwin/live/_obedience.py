@@ -22,7 +22,8 @@ class Obedience:
 
     A driver may apply a command late and by a ramp. Its counts must therefore lie between the
     lowest and the highest of all commands that were in force within the delay before the report. A
-    command that is older than the delay must have been acknowledged.
+    command that is older than the delay must have been acknowledged, and no command may be that has
+    not been sent: a device that makes up numbers proves nothing by them.
 
     **Arguments:**
 
@@ -49,7 +50,7 @@ class Obedience:
             return Trip("device-trip", f"the device has switched off by itself: {record.trip}")
         if record.owner not in ("", self._owner):
             return Trip("commander", f"another host, {record.owner}, commands the cells")
-        return self._disobedience(record) or self._unacknowledged(record)
+        return self._disobedience(record) or self._unsent(record) or self._unacknowledged(record)
 
     def check(self, now: int) -> Trip | None:
         # The command that was in force at the beginning of the delay is still needed.
@@ -73,6 +74,15 @@ class Obedience:
                     f"{cell} gets {applied} counts; {commanded[-1]} were commanded",
                 )
         return None
+
+    def _unsent(self, sample: Sample) -> Trip | None:
+        last = self._sent[-1].number
+        if sample.number is None or (last - sample.number) % 2**32 < 2**31:
+            return None
+        return Trip(
+            "disobedience",
+            f"the device acknowledges command {sample.number}; the last one sent was {last}",
+        )
 
     def _unacknowledged(self, sample: Sample) -> Trip | None:
         old = [sent for sent in self._sent if sent.time <= sample.arrival - self._delay]
