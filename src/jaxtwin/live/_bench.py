@@ -71,6 +71,8 @@ class Bench:
     ):
         self.clock: Clock = clock or SystemClock()
         identity = Identity.of(rig)
+        self.relay = identity.relay
+        """The name of the relay in the supply of the cells; `""` if the rig file names none."""
         self._inbox: Inbox = queue.Queue(INBOX)
         self._links = {
             name: Link(name, open_link, self._inbox, self.clock)
@@ -190,10 +192,16 @@ class Bench:
     def send_order(self, kind: Literal["stop", "reset", "release"]) -> bool:
         """Sends a command without counts. Returns whether it was sent.
 
-        A `stop` also reaches a device that got a duty and whose greeting has been refused since, or
-        has not arrived yet after a lost connection.
+        A `stop` also opens the relay of the rig, by a command of its own. Both also reach a device
+        that got a duty and whose greeting has been refused since, or has not arrived yet after a
+        lost connection.
         """
-        return self._send(lambda number: Order(kind, number, self.owner), (), kind)
+        sent = self._send(lambda number: Order(kind, number, self.owner), (), kind)
+        if kind != "stop" or not self.relay:
+            return sent
+        relay = self.relay
+        opened = self._send(lambda number: Order("relay", number, self.owner, relay), (), "relay")
+        return sent and opened
 
     @property
     def number(self) -> int:
@@ -218,14 +226,15 @@ class Bench:
         self._number = (self._number + 1) % 2**32
         sent, content = [], encode(command(self._number))
         for name, receiver in self._receivers.items():
-            drives = receiver.hello is not None and bool(receiver.hello.cells)
-            if drives or (kind == "stop" and name in self._driven):
+            hello = receiver.hello
+            if hello is not None and hello.switches and kind == "duty":
+                self._driven.add(name)
+            has = hello is not None and (hello.cells if kind == "duty" else hello.switches)
+            if has or (kind in ("stop", "relay") and name in self._driven):
                 sent.append(self._links[name].send(content))
                 now = self.clock.now()
                 self._commands.append(Command(name, now, self._number, pwm, self.owner, kind))
-                if kind == "duty":
-                    self._driven.add(name)
-                elif kind == "release":
+                if kind == "release":
                     self._driven.discard(name)
         return bool(sent) and all(sent)
 

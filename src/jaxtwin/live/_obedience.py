@@ -44,7 +44,11 @@ class Obedience:
         self._sent.append(_Sent(now, number, pwm))
 
     def see(self, record: Record) -> Trip | None:
-        if not isinstance(record, Sample) or not record.pwm or not self._sent:
+        if not isinstance(record, Sample) or not self._sent:
+            return None
+        if record.relay == "off":
+            return Trip("device-trip", "the relay in the supply has been opened")
+        if not record.pwm:
             return None
         if record.trip:
             return Trip("device-trip", f"the device has switched off by itself: {record.trip}")

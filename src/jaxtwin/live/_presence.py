@@ -43,7 +43,7 @@ class Presence:
 
     def see(self, record: Record) -> Trip | None:
         match record:
-            case Sample():
+            case Sample() if record.pwm:  # that of another device hides no silent controller
                 self._sample = max(self._sample, record.arrival)
             case Reading():
                 self._recalibrating = record.recalibrating

@@ -87,6 +87,7 @@ class Receiver:
         self._recalibrating = False
         self._reported: set[str] = set()
         self._faults: dict[int, str] = {}
+        self._relay = ""
 
     def changed(self, change: LinkChange) -> list[Record]:
         """Returns the records that follow when the link is opened or lost."""
@@ -218,7 +219,8 @@ class Receiver:
                     )
                 ]
             case Data():
-                records: list[Record] = [
+                records = self._relay_changed(message.relay, arrival, device_us)
+                records.append(
                     Sample(
                         link,
                         boot,
@@ -230,8 +232,9 @@ class Receiver:
                         message.owner,
                         message.number,
                         message.trip,
+                        message.relay,
                     )
-                ]
+                )
                 if message.temperatures:
                     values = np.array(message.temperatures)
                     faults = message.faults
@@ -259,6 +262,13 @@ class Receiver:
         detail = ", ".join(f"{names[place]} {why}" for place, why in faults.items())
         kind = "channel-fault" if faults else "channels-work"
         return [Event(self._link, arrival, kind, detail, device_us)]
+
+    def _relay_changed(self, relay: str, arrival: int, device_us: int) -> list[Record]:
+        """An event if the relay in the supply has been opened or closed."""
+        if relay == self._relay:
+            return []
+        self._relay = relay
+        return [Event(self._link, arrival, "relay", relay or "none", device_us)]
 
     def _tell(self, why: str) -> None:
         """Logs each reason once for a connection, because a faulty device repeats its error."""

@@ -35,6 +35,8 @@ class Ending(NamedTuple):
 
     - `sample`: the controller's last sample since the first of these commands; `None` if nothing
       was heard.
+    - `relay`: the state of the supply, `on` or `off`, as the device that has the relay reports it;
+      `""` if no relay was heard.
     - `heated`: whether it reported other counts than 0 for longer than `OFF_SECONDS`.
     - `stopped`: whether `stop` was sent.
     - `failure`: the error of the journal, if it failed meanwhile, or an interrupt that came before
@@ -42,14 +44,22 @@ class Ending(NamedTuple):
     """
 
     sample: Sample | None
+    relay: str
     heated: bool
     stopped: bool
     failure: BaseException | None
 
     @property
     def off(self) -> bool:
-        """Whether the controller reports that the cells are off."""
+        """Whether the controller reports that the cells are off, or the relay that it is open."""
+        if self.relay == "off":
+            return True
         return self.sample is not None and not any(self.sample.pwm)
+
+    @property
+    def is_on(self) -> bool:
+        """Whether the controller reports heat, and no relay that it is open."""
+        return self.sample is not None and not self.off
 
     @property
     def tripped(self) -> bool:
@@ -57,18 +67,22 @@ class Ending(NamedTuple):
         return self.sample is not None and bool(self.sample.trip)
 
     def __str__(self) -> str:
-        if self.sample is None:
+        if self.sample is None and not self.off:
             return (
                 "the controller does not report that the cells are off: nothing was heard from it "
                 "after the stop. Its watchdog should have switched them off; look, and cut the "
                 "power if you cannot be sure"
             )
-        if not self.off:
+        if self.sample is not None and not self.off:
             counts = ", ".join(map(str, self.sample.pwm))
             return f"THE DEVICE REPORTS STILL ON ({counts} counts) AFTER A STOP: CUT THE POWER"
         off = "the cells are off"
         if self.heated:
             off = f"the device reported heat {OFF_SECONDS:g} s after a stop; {off} now"
+        if self.sample is None or any(self.sample.pwm):
+            off = f"{off} by the relay alone: look for the fault of the controller"
+        elif self.stopped and self.relay == "on":
+            off = f"{off}, but the relay does not open"
         if self.tripped:
             return f"{off}, and the device has tripped"
         if self.stopped:
@@ -145,7 +159,7 @@ class _Switch:
         self._begin = bench.clock.now()
         self._sent = -AGAIN
         self._alarms: set[str] = set()
-        self.ending = Ending(None, False, trip, None)
+        self.ending = Ending(None, "", False, trip, None)
 
     @property
     def elapsed(self) -> float:
@@ -161,15 +175,16 @@ class _Switch:
             self.interrupted = self.insisting
             self.ending = self.ending._replace(failure=interrupt)
             return False
-        sample = self.ending.sample
+        sample, relay = self.ending.sample, self.ending.relay
         for record in records:
-            if isinstance(record, Sample) and record.pwm and record.arrival > self._begin:
-                sample = record
-        heated = self.ending.heated or (
-            self.elapsed > OFF_SECONDS and sample is not None and any(sample.pwm)
-        )
-        self.ending = Ending(sample, heated, self._trip, self.ending.failure or failure)
-        return self.ending.off and (self.ending.tripped or not self._trip)
+            if isinstance(record, Sample) and record.arrival > self._begin:
+                sample = record if record.pwm else sample
+                relay = record.relay or relay
+        failure = self.ending.failure or failure
+        ending = Ending(sample, relay, self.ending.heated, self._trip, failure)
+        heats = self.elapsed > OFF_SECONDS and ending.is_on
+        self.ending = ending._replace(heated=ending.heated or heats)
+        return ending.off and (not self._trip or (ending.tripped and self._is_open(ending)))
 
     def insist(self) -> None:
         """Goes on with `stop`, and raises an alarm, once for each reason, if the cells may be
@@ -190,8 +205,10 @@ class _Switch:
 
     def is_hopeless(self) -> bool:
         """Whether the controller has not answered for so long that it will not."""
-        heats = self.ending.sample is not None and not self.ending.off
-        return not heats and self.elapsed > REACH_SECONDS
+        return not self.ending.is_on and self.elapsed > REACH_SECONDS
+
+    def _is_open(self, ending: Ending) -> bool:
+        return ending.relay == "off" or not self._bench.relay
 
     def _send(self) -> None:
         elapsed = self.elapsed
