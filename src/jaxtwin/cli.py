@@ -34,6 +34,7 @@ from .commands import (
     _match,
     _netlist,
     _new_rig,
+    _prove,
     _record,
     _report,
     _rigs,
@@ -191,6 +192,12 @@ _add(
     LIVE,
     _conform.conform,
     "jaxtwin conform dual-cell --link /dev/ttyACM0",
+)
+_add(
+    "prove",
+    LIVE,
+    _prove.prove,
+    "jaxtwin prove my-rig.toml --link /dev/ttyACM0 --out proof.db",
 )
 _add("backup", LIVE, _backup.backup, "jaxtwin backup session.db copy.db")
 _add("export", LIVE, _export.export, "jaxtwin export session.db run.nc --start 10 --end 1000")

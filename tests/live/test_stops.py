@@ -281,3 +281,43 @@ def test_the_signals_of_a_command_are_named() -> None:
             signal.raise_signal(number)
         assert isinstance(stop, threading.Event)
         assert (stop.is_set(), stop.signal) == (True, name)
+
+
+def test_heat_that_is_reported_is_named_also_if_the_user_ends_the_stop_at_once(
+    rig: Rig, twin: Twin, clock: HandClock
+) -> None:
+    device, stop = VirtualRig(twin), StopRequest()
+    stuck(device, [])
+    bench = virtual_bench(rig, device, clock)
+    with pytest.raises(SafetyStop, match="CUT THE POWER") as no:
+        drive(bench, rig, SHORT, stop=stop, on_alarm=lambda alarm: stop.set())
+    assert no.value.kind == "still-on"
+
+
+def test_a_run_that_ends_a_trip_and_does_not_start_puts_it_back(
+    rig: Rig, twin: Twin, clock: HandClock
+) -> None:
+    device = VirtualRig(twin)
+    device.stage.trip("watchdog")
+    obey = device.stage.obey
+
+    def fails_after_the_reset(command: Duty | Order, now: float) -> Answer | None:
+        if isinstance(command, Order) and command.kind == "reset":
+            device.twin.ambient = -84.0
+        return obey(command, now)
+
+    device.stage.obey = fails_after_the_reset  # pyright: ignore[reportAttributeAccessIssue]
+    with pytest.raises(SafetyStop, match="not started: the ambient temperature reads -84"):
+        drive(virtual_bench(rig, device, clock), rig, SHORT, reset=True)
+    assert device.stage.trip_reason == "stop"
+
+
+def test_a_second_run_on_a_bench_knows_the_rate_of_the_device(
+    rig: Rig, twin: Twin, clock: HandClock
+) -> None:
+    """Its greeting came before the first run."""
+    bench = virtual_bench(rig, VirtualRig(twin, speed=10), clock)
+    for _ in range(2):
+        begin = clock.now()
+        drive(bench, rig, PLAN)
+        assert 5 < (clock.now() - begin) * 1e-9 < 10  # 60 s of the rig

@@ -1,4 +1,4 @@
-"""A run on a live rig: the part that `drive` and `control` have in common."""
+"""A run on a live rig: the part that `drive`, `control` and `prove` have in common."""
 
 import contextlib
 import getpass
@@ -28,7 +28,7 @@ def run_on_live_rig(
     rig: str,
     link: Sequence[str],
     doing: str,
-    duration: float,
+    duration: float | None,
     out: Path | None,
     silence: float,
     reset: bool,
@@ -46,6 +46,7 @@ def run_on_live_rig(
       stores beside operator and command line. It is called before a connection is opened or a file
       is created, so that an error in it leaves neither behind.
     - `doing`: the word for the run in the progress, such as `"driving"`.
+    - `duration`: the duration of the run, s; `None` if nobody knows it.
     - the others: the options of the command.
 
     **Raises:** `SafetyStop` if an interlock trips or a signal other than Ctrl-C ends the run;
@@ -67,7 +68,8 @@ def run_on_live_rig(
         command = stack.enter_context(AlarmCommand(alarm))
         recorder = stack.enter_context(Recorder(out, loaded)) if out else None
         bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
-        progress.step(f"{doing} {loaded.name} for {duration:g} s")
+        length = "" if duration is None else f" for {duration:g} s"
+        progress.step(f"{doing} {loaded.name}{length}")
 
         def show(time: float, pwm: tuple[int, ...]) -> None:
             duty = ", ".join(f"{100 * part:.0f} %" for part in loaded.driver.duty(pwm))

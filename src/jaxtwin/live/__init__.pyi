@@ -34,6 +34,8 @@ from ._operate import Moment as Moment
 from ._operate import operate as operate
 from ._operating_limits import OperatingLimits as OperatingLimits
 from ._output_stage import OutputStage as OutputStage
+from ._prove import Proof as Proof
+from ._prove import prove as prove
 from ._recorder import Recorder as Recorder
 from ._records import Command as Command
 from ._records import Document as Document

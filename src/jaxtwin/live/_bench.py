@@ -97,6 +97,9 @@ class Bench:
         self.owner = secrets.token_hex(4)
         """The name under which the bench commands; a device obeys a single host at a time. It is
         not a secret."""
+        self.tap: Callable[[list[Record]], list[Record]] | None = None
+        """Changes the records that `poll` returns, for a proof test; journal and views get the true
+        ones."""
         self.ended = False
         """Whether the bench has been closed; a replay also ends by itself."""
 
@@ -129,18 +132,26 @@ class Bench:
             name: why for name, receiver in self._receivers.items() if (why := receiver.refused)
         }
 
+    @property
+    def greetings(self) -> list[Greeting]:
+        """The present greetings of the connected devices, for who begins to read now."""
+        now = self.clock.now()
+        return [
+            Greeting(name, now, receiver.hello)
+            for name, receiver in self._receivers.items()
+            if receiver.hello is not None
+        ]
+
+    def drop_links(self, reason: str) -> None:
+        """Closes all links, which are then opened again."""
+        for link in self._links.values():
+            link.drop(reason)
+
     def record_into(self, journal: Journal | None) -> None:
         """Continues in another journal, which first gets the greetings of the connected devices, or
         without one."""
-        now = self.clock.now()
         if journal is not None:
-            journal.write(
-                [
-                    Greeting(name, now, receiver.hello)
-                    for name, receiver in self._receivers.items()
-                    if receiver.hello is not None
-                ]
-            )
+            journal.write(self.greetings)
         self._journal = journal
 
     def view(self, capacity: int = 10_000) -> View:
@@ -179,7 +190,7 @@ class Bench:
             self._journal.write(records)
         for view in self._views:
             view.put(records)
-        return records
+        return records if self.tap is None else self.tap(records)
 
     def send_duty(self, pwm: tuple[int, ...]) -> bool:
         """Sends counts to every device that drives cells. Returns whether all were sent.
@@ -199,9 +210,12 @@ class Bench:
         sent = self._send(lambda number: Order(kind, number, self.owner), (), kind)
         if kind != "stop" or not self.relay:
             return sent
+        return self.open_relay() and sent
+
+    def open_relay(self) -> bool:
+        """Sends the command that opens the relay of the rig. Returns whether it was sent."""
         relay = self.relay
-        opened = self._send(lambda number: Order("relay", number, self.owner, relay), (), "relay")
-        return sent and opened
+        return self._send(lambda number: Order("relay", number, self.owner, relay), (), "relay")
 
     @property
     def number(self) -> int:

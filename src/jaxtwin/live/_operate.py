@@ -87,7 +87,7 @@ def operate(
     """
     true_or_false("operate: reset", reset, JaxtwinError)
     guard = Guard(twin, bench.owner, silence=silence)
-    run = _Run(bench, twin.rig, guard)
+    run, before = _Run(bench, twin.rig, guard), bench.number
     uid = secrets.token_hex(8)
     content = {"rig": twin.rig.name, "owner": bench.owner, "limits": asdict(guard.limits)}
     bench.note(Document(bench.clock.now(), "start", uid, {**(about or {}), **content}))
@@ -98,11 +98,14 @@ def operate(
         status, error = "stopped", raised
         if not isinstance(raised, KeyboardInterrupt):
             status = "tripped" if isinstance(raised, SafetyStop) else "failed"
+    kind = error.kind if isinstance(error, SafetyStop) else type(error).__name__ if error else ""
+    # A run that has ended a trip and does not start puts it back, except on another host's rig.
+    reset_only = bench.number != before and not run.commanding and kind != "commander"
     # This is done even before the first command: an earlier host may have left the cells on.
     ending = switch_off(
         bench,
         len(twin.rig.cells),
-        trip=run.commanding and status in ("tripped", "failed"),
+        trip=(run.commanding and status in ("tripped", "failed")) or reset_only,
         insist=run.commanding,
         stop=stop,
         on_alarm=on_alarm,

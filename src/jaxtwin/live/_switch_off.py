@@ -192,6 +192,7 @@ class _Switch:
         self.insisting = self._trip = True
         if self.ending.off:
             return
+        self.ending = self.ending._replace(heated=self.ending.heated or self.ending.is_on)
         kind = "unconfirmed" if self.ending.sample is None else STILL_ON
         if kind in self._alarms:
             return
