@@ -28,8 +28,11 @@ def proven(rig: Rig, device: VirtualRig, clock: HandClock) -> list[Proof]:
 
 
 @pytest.mark.slow
-def test_every_step_is_proven_on_a_rig_that_obeys(relayed: Rig, clock: HandClock) -> None:
-    device = VirtualRig(Twin(relayed))
+@pytest.mark.parametrize("speed", [1.0, 5.0])
+def test_every_step_is_proven_on_a_rig_that_obeys(
+    relayed: Rig, clock: HandClock, speed: float
+) -> None:
+    device = VirtualRig(Twin(relayed), speed=speed)
     steps = proven(relayed, device, clock)
     assert [step for step in steps if step.wrong] == []
     assert {

@@ -103,7 +103,7 @@ def prove(
                 raise
         finally:
             attempt.end()
-        if kind in step.kinds:
+        if kind in step.kinds and attempt.onset is not None:
             wrong = attempt.aftermath(stop, on_alarm)
         yield Proof(step.name, kind, attempt.off_after, wrong)
         if kind == "still-on" or attempt.onset is None:
@@ -125,7 +125,6 @@ class _Attempt:
         cells = len(twin.rig.cells)
         self._heat = (duty,) * cells
         self._begin: int | None = None
-        self._heated = False
         self._stopped = False
         self._scene = Scene(limits, twin.rig.driver.counts, {})
         self._view = bench.view()
@@ -138,11 +137,12 @@ class _Attempt:
         now = self._bench.clock.now()
         if self._begin is None:
             self._begin = now
+            if self._step.cell_limit:  # the heat itself provokes
+                self.onset = now
         if self.onset is not None and seconds(now - self.onset) > self._step.patience:
             self.end()
             return None
         if self.onset is None and seconds(now - self._begin) >= HEAT_SECONDS:
-            self._heated = bool(any(moment.duty))
             self.onset = now
             if self._step.act is not None:
                 self._step.act(self._bench)
@@ -187,17 +187,19 @@ class _Attempt:
             self._bench.poll(0.05)
 
     def _read_back(self) -> str:
-        """Checks the samples from the onset on."""
+        """Checks that the device has reported heat, and then, after the onset, none."""
         assert self.onset is not None
+        heated = False
         for record in self._view.take():
-            if not isinstance(record, Sample) or record.arrival <= self.onset:
+            if not isinstance(record, Sample) or not record.pwm:
                 continue
-            if record.pwm and not any(record.pwm):
+            heated = heated or any(record.pwm)
+            if heated and not any(record.pwm) and record.arrival > self.onset:
                 self.off_after = seconds(record.arrival - self.onset)
-                break
-        else:
-            return "the device has not reported that the cells are off"
-        return "" if self._heated else "the device did not report any heat before"
+                return ""
+        if not heated:
+            return "the device did not report any heat before"
+        return "the device has not reported that the cells are off"
 
     def _watch(self, event: str) -> str:
         """Polls for a while, in which the device must report off, and one event."""
