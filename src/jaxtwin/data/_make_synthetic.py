@@ -108,7 +108,11 @@ def _write_csv(
     ]
     for time, duty, row in zip(experiment.time, experiment.duty, temperatures, strict=True):
         readings = (f"{value:.{RESOLUTION}f}" for value in row)
-        lines.append(",".join([f"{time:g}", *(repr(float(part)).removesuffix(".0") for part in duty), *readings]))
+        lines.append(
+            ",".join(
+                [f"{time:g}", *(repr(float(part)).removesuffix(".0") for part in duty), *readings]
+            )
+        )
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
