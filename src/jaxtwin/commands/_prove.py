@@ -10,6 +10,7 @@ import typer
 from ._live_run import Run, run_on_live_rig
 from ._options import (
     AlarmOption,
+    AmbientOption,
     BaudOption,
     DatabaseOption,
     LinkOption,
@@ -35,6 +36,7 @@ def prove(
     ] = 0.3,
     out: DatabaseOption = None,
     silence: SilenceOption = 3.0,
+    ambient: AmbientOption = None,
     reset: ResetOption = False,
     alarm: AlarmOption = None,
     operator: OperatorOption = None,
@@ -65,6 +67,7 @@ def prove(
             link=link,
             out=out,
             silence=silence,
+            ambient=ambient,
             reset=reset,
             alarm=alarm,
             operator=operator,

@@ -50,6 +50,7 @@ def prove(
     *,
     duty: float | int = 0.3,
     silence: float | int = 3.0,
+    ambient: float | int | None = None,
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
@@ -68,7 +69,7 @@ def prove(
     - `twin`: the twin of the rig, whose file must state `limits.temperature`.
     - `duty`: the duty of each cell while it is heated, above 0 to 1.
     - `reset`: whether a trip of the device is ended before the first step.
-    - `silence`, `about`, `stop`, `on_progress`, `on_alarm`: as in `operate`.
+    - `silence`, `ambient`, `about`, `stop`, `on_progress`, `on_alarm`: as in `operate`.
 
     **Returns:** an iterator over the proof of each step. It ends early if the device reports heat
     after a stop.
@@ -88,6 +89,7 @@ def prove(
                 attempt.twin,
                 attempt.duty,
                 silence=silence,
+                ambient=ambient,
                 reset=reset or number > 0,
                 about={**(about or {}), "plan": {"proof": step.name}},
                 stop=stop,
