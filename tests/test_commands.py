@@ -79,6 +79,7 @@ DEFAULTS = {
     "export": {"step": 1.0},
     "match": {"starts": 1, "max_iterations": 200, "seed": 0},
     "new-rig": {"supply_voltage": "12 V", "limit": "80 degC", "reader": "camera"},
+    "prove": {"duty": 0.3, "silence": 3.0, "baud": 115_200},
     "record": {"silence": 10.0, "baud": 115_200},
     "report": {"out": Path("report"), "draws": 0},
     "schema": {"out": Path("-")},
@@ -228,7 +229,8 @@ LIVE = (
 )
 ARRIVED = {
     "rig": "paper-2024", "link": ["socket://a:1", "socket://b:2"], "out": Path("run.db"),
-    "silence": 4.0, "ambient": 21.5, "reset": True, "operator": "me", "parameter_file": None,
+    "silence": 4.0, "ambient": 21.5, "reset": True, "alarm": None, "operator": "me",
+    "parameter_file": None,
     "set_name": "published", "baud": 9600,
 }  # fmt: skip
 

@@ -13,7 +13,8 @@ import time
 RIG, CELLS, COUNTS, WATCHDOG_S, PERIOD_S = "dual-cell", ("P1", "P2"), 255, 2, 0.1
 BOOT = binascii.hexlify(os.urandom(4)).decode()  # another one at every start
 LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-"
-KEYS = {"duty": ["n", "owner", "pwm"], "hello": ["version"]}
+KEYS = {"duty": ["n", "owner", "pwm"], "hello": ["version"], "relay": ["n", "name", "owner"]}
+RELAY = ""  # the name of the relay in [limits] of the rig file, such as "power%20off"
 
 
 try:
@@ -31,6 +32,10 @@ def set_pins(pwm):
     """Yours: machine.PWM(...).duty_u16(...); direction pins first, under no current."""
 
 
+def set_relay(on):
+    """Yours: the pin of the relay in the supply, if there is a RELAY."""
+
+
 def fault():
     """Yours: "over-temperature" where a sensor of the controller's own says so."""
     return ""
@@ -40,6 +45,11 @@ class Device:
     def __init__(self):
         self.numbers, self.out, self.trip, self.heard = {"data": 0, "event": 0}, b"", "", 0.0
         self.off()
+        self.supply(True)
+
+    def supply(self, on):
+        self.supplied = on or not RELAY
+        set_relay(self.supplied)
 
     def off(self):
         self.pwm, self.owner, self.n = [0] * len(CELLS), "", None
@@ -55,10 +65,11 @@ class Device:
     def hello(self):
         self.say(
             f"hello version=2 rig={RIG} boot={BOOT} cells={','.join(CELLS)} counts={COUNTS}"
-            f" watchdog={WATCHDOG_S}"
+            f" watchdog={WATCHDOG_S}" + (" relay=" + RELAY if RELAY else "")
         )
 
     def trips(self, why, now):
+        self.supply(False)
         self.off()
         self.trip = self.trip or why
         self.tell("event", now, " kind=trip why=" + why)
@@ -81,8 +92,13 @@ class Device:
         about = f" owner={owner} n={n}"
         if word == "stop":
             self.trips("stop", now)
+        elif word == "relay" and RELAY and fields["name"] == RELAY:
+            self.trips("relay", now)
+        elif word == "relay":
+            self.tell("event", now, " kind=refused why=relay" + about)
         elif word == "reset" and self.trip:
             self.trip = ""
+            self.supply(True)
             self.tell("event", now, " kind=reset" + about)
         elif self.owner not in ("", owner):
             self.tell("event", now, " kind=refused why=owner" + about)
@@ -105,6 +121,7 @@ class Device:
     def sample(self, now):
         state = f" owner={self.owner} n={self.n}" if self.owner else ""
         state += " trip=" + self.trip if self.trip else ""
+        state += " relay=" + ("on" if self.supplied else "off") if RELAY else ""
         self.tell("data", now, " pwm=" + ",".join(map(str, self.pwm)) + state)
 
 

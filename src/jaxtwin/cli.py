@@ -1,8 +1,8 @@
 """The command line: `jaxtwin --help`.
 
 Exit codes: 0 on success; 1 if a check found an error; 2 on an error, with a line on standard error
-that describes it; 3 if an interlock switched a rig off; 4 if `record` raised an alarm; 130 after
-Ctrl-C.
+that describes it; 3 if an interlock switched a rig off; 4 if `record` raised an alarm; 5 if a
+device reported heat after a stop; 130 after Ctrl-C.
 """
 
 import atexit
@@ -34,6 +34,7 @@ from .commands import (
     _match,
     _netlist,
     _new_rig,
+    _prove,
     _record,
     _report,
     _rigs,
@@ -48,7 +49,8 @@ from .commands import (
 from .commands._output import printable
 from .commands._signals import lasting_interrupt
 
-WRONG, TRIPPED, STOPPED = 2, 3, 130
+WRONG, TRIPPED, STILL_ON, STOPPED = 2, 3, 5, 130
+"""Exit codes. A command that raised an alarm exits with 4 itself."""
 
 # Releases of typer contain click under different names.
 UsageProblem: Any = typer.BadParameter.__mro__[1]
@@ -191,6 +193,12 @@ _add(
     _conform.conform,
     "jaxtwin conform dual-cell --link /dev/ttyACM0",
 )
+_add(
+    "prove",
+    LIVE,
+    _prove.prove,
+    "jaxtwin prove my-rig.toml --link /dev/ttyACM0 --out proof.db",
+)
 _add("backup", LIVE, _backup.backup, "jaxtwin backup session.db copy.db")
 _add("export", LIVE, _export.export, "jaxtwin export session.db run.nc --start 10 --end 1000")
 app.add_typer(data, name="data", rich_help_panel=MACHINE)
@@ -264,7 +272,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         if isinstance(code, int):
             return code
     except SafetyStop as error:
-        return _fail(str(error), STOPPED if error.kind == "stopped" else TRIPPED)
+        codes = {"stopped": STOPPED, "still-on": STILL_ON}
+        return _fail(str(error), codes.get(error.kind, TRIPPED))
     except JaxtwinError as error:
         return _fail(str(error))
     except UsageProblem as error:

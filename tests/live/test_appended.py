@@ -46,6 +46,32 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "session.db"
 
 
+def test_a_run_whose_program_was_killed_gets_its_end_from_the_next_recorder(
+    file: Path, rig: Rig, clock: HandClock
+) -> None:
+    """One that ended itself keeps its own; and none gets a second one."""
+    with Recorder(file, rig, clock=clock) as recorder:
+        recorder.write([Document(clock.now(), "start", "ended", {"operator": "anna"})])
+        recorder.write([Document(clock.now(), "decision", "control", {})])
+        recorder.write([Document(clock.now(), "stop", "ended", {"status": "completed"})])
+        recorder.write([Document(clock.now(), "start", "killed", {"operator": "berta"})])
+        recorder._give_up()  # as by a kill: nothing more is written
+    for _ in range(2):
+        clock.turn(60)
+        Recorder(file, rig, append=True, clock=clock).close()
+    with Session(file) as session:
+        ends = session.database.execute(
+            "SELECT uid, run, arrival, content FROM documents WHERE kind = 'stop' ORDER BY id"
+        ).fetchall()
+        drives = report(session)["drives"]
+    assert [uid for uid, *_ in ends] == ["ended", "killed"]
+    _, run, arrival, content = ends[1]
+    assert (run, arrival) == (2, START + 60 * 10**9)
+    assert json.loads(content)["status"] == "aborted"
+    assert not json.loads(content)["off"]
+    assert [drive["status"] for drive in drives] == ["completed", "aborted"]
+
+
 def minute(clock: HandClock, boot: str, degC: float) -> list[Record]:
     """Ten seconds of a rig at one temperature, from now on."""
     hello = Hello(2, "dual-cell", boot, cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)

@@ -117,8 +117,10 @@ def test_a_controller_that_does_not_obey_is_reported(
         return obey(command if any(command.pwm) else replace(command, pwm=device.pwm), now)
 
     monkeypatch.setattr(device.stage, "obey", obeys_no_stop)
-    with pytest.raises(SafetyStop, match="does not report that the cells are off"):
+    # Its watchdog switches it off once no duty arrives any more.
+    with pytest.raises(SafetyStop, match="reported heat 2 s after a stop; the cells are off now"):
         drive(virtual_bench(rig, device, clock), rig, plan("0:1", 2))
+    assert (device.pwm, device.stage.trip_reason) == (OFF, "watchdog")
 
 
 def test_an_exception_switches_off_before_it_goes_on(
@@ -143,6 +145,7 @@ def test_an_exception_switches_off_before_it_goes_on(
         "kind": "ZeroDivisionError",
         "reason": "a bug",
         "off": True,
+        "tripped": True,
     }
 
 

@@ -14,7 +14,7 @@ from jaxtwin.live import Ask, Data, Duty, Hello, Notice, Order, deframe, encode,
 
 HERE = Path(__file__).parent
 SKETCH = HERE.parents[1] / "docs" / "firmware" / "controller" / "controller.ino"
-PWM, HEAT, COOL = (9, 10), (7, 5), (8, 6)
+PWM, HEAT, COOL, RELAY = (9, 10), (7, 5), (8, 6), 4
 
 pytestmark = pytest.mark.compiler
 
@@ -37,13 +37,17 @@ class Ran(NamedTuple):
         return [(m.kind, m.why) for m in self.messages if isinstance(m, Notice)]
 
 
+def compiled(folder: Path, *options: str) -> Path:
+    program = folder / "controller"
+    command = [shutil.which("c++") or "c++", "-x", "c++", "-Wall", "-Werror", f"-I{HERE}/arduino"]
+    command += [f'-DSKETCH="{SKETCH}"', *options, str(HERE / "arduino" / "main.cpp")]
+    subprocess.run([*command, "-o", str(program)], check=True)
+    return program
+
+
 @pytest.fixture(scope="module")
 def sketch(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    program = tmp_path_factory.mktemp("sketch") / "controller"
-    command = [shutil.which("c++") or "c++", "-x", "c++", "-Wall", "-Werror", f"-I{HERE}/arduino"]
-    command += [f'-DSKETCH="{SKETCH}"', str(HERE / "arduino" / "main.cpp"), "-o", str(program)]
-    subprocess.run(command, check=True)
-    return program
+    return compiled(tmp_path_factory.mktemp("sketch"))
 
 
 def run(
@@ -110,6 +114,25 @@ def test_its_own_thermistors_switch_it_off(sketch: Path) -> None:
         assert ran.counts(at=999) == (255, 255)
         assert {ran.counts(at=time) for time in range(1005, 3000)} == {(0, 0)}
         assert ran.notices()[0] == ("trip", why)
+
+
+def test_its_relay_opens_with_every_trip_and_closes_with_a_reset(tmp_path: Path) -> None:
+    """By its pin; the command has the name of the relay, and any host may send it."""
+    relayed = compiled(tmp_path, '-DRELAY="power%20off"')
+    on = [encode(Duty(1, (10, 10), "me"))]
+    wrong = encode(Order("relay", 1, "other", "another"))
+    for trip in (Order("relay", 2, "other", "power off"), Order("stop", 2, "other")):
+        reset = encode(Order("reset", 3, "me"))
+        ran = run(relayed, 500, *on, 100, wrong, 210, encode(trip), 310, reset)
+        relay = [(time, value) for time, pin, value in ran.changes if pin == RELAY]
+        assert [value for _, value in relay if value >= 0][-3:] == [1, 0, 1]
+        assert [210 <= time < 310 for time, _ in relay][-3:] == [False, True, False]
+        assert ran.counts(at=190) == (10, 10)
+        assert ran.counts(at=320) == (0, 0)
+        assert ran.notices() == [("refused", "relay"), ("trip", trip.kind), ("reset", "")]
+        assert ran.messages[0].relay == "power off"
+        states = [m.relay for m in ran.messages if isinstance(m, Data)]
+        assert (states[0], states[2], states[-1]) == ("on", "off", "on")
 
 
 def test_one_commander_at_a_time(sketch: Path) -> None:

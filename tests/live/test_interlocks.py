@@ -199,6 +199,21 @@ def test_what_a_device_reports_is_what_was_commanded(record: Sample, kind: str |
     assert (trip and trip.kind) == kind
 
 
+@pytest.mark.parametrize("last", [7, 2**31 + 7, 2**32 - 1, 0])
+def test_a_number_that_was_never_sent_acknowledges_nothing(last: int) -> None:
+    """Numbers count modulo 2^32: half of all lie ahead of the last command, half behind it."""
+    lock = Obedience("me", ("P1", "P2"), 1.0)
+    lock.commanded(at(0), (last - 1) % 2**32, ON)
+    lock.commanded(at(0.25), last, ON)
+    for behind in (0, 1):
+        assert lock.see(sample(1.1, number=(last - behind) % 2**32)) is None
+    for ahead in (1, 2, 1000, 2**31 - 1):
+        trip = lock.see(sample(1.1, number=(last + ahead) % 2**32))
+        assert trip is not None
+        assert trip.kind == "disobedience"
+        assert f"the last one sent was {last}" in trip.detail
+
+
 def test_a_change_may_take_its_time_and_no_longer() -> None:
     lock = Obedience("me", ("P1", "P2"), 1.0)
     for number in range(24):  # a quarter of a second each; off from 5 s on

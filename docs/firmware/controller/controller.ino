@@ -12,6 +12,10 @@
 #include <avr/wdt.h>
 #endif
 
+#ifndef RELAY
+#define RELAY ""                              // the name in [limits] of the rig file: "power%20off"
+#endif
+
 const char RIG[] = "dual-cell";
 const char CELL_NAMES[] = "P1,P2";
 const int CELLS = 2;
@@ -19,6 +23,7 @@ const int COUNTS = 255;                       // of full duty
 const int PWM_PIN[CELLS] = {9, 10};           // with timer 1: 490 Hz, or 4 kHz by its prescaler
 const int HEAT_PIN[CELLS] = {7, 5};           // direction inputs of the bridge
 const int COOL_PIN[CELLS] = {8, 6};
+const int RELAY_PIN = 4;                      // high: the supply is on; nothing without a RELAY
 const int THERMISTOR_PIN[CELLS] = {A0, A1};   // 10 kohm, B = 3950 K, to ground; 10 kohm to 5 V
 const int HOT = 80;                           // readings below: above 93 degC, or a short circuit
 const int BROKEN = 1000;                      // readings above: below -35 degC, or no thermistor
@@ -30,7 +35,7 @@ int applied[CELLS];
 char owner[33] = "";                          // who commands; nobody while empty
 const char *trip = "";                        // why it is off until a reset
 unsigned long boot, sequence, eventSequence, number, lastCommand, lastData;
-bool numbered = false;
+bool numbered = false, supplied = true;
 
 // ---------------------------------------------------------------------------- lines, going out
 
@@ -105,6 +110,7 @@ void sendHello() {
   put(" cells="), put(CELL_NAMES);
   put(" counts="), putNumber(COUNTS);
   put(" watchdog="), putNumber(WATCHDOG_MS / 1000);
+  if (*RELAY) put(" relay="), put(RELAY);
   send();
 }
 
@@ -115,6 +121,7 @@ void sendData() {
   if (*owner) put(" owner="), put(owner);
   if (numbered) put(" n="), putNumber(number);
   if (*trip) put(" trip="), put(trip);
+  if (*RELAY) put(" relay="), put(supplied ? "on" : "off");
   send();
 }
 
@@ -148,7 +155,13 @@ void switchOff() {  // and lets another command
   numbered = false;
 }
 
+void supply(bool on) {  // by the relay: off also where the bridge no longer obeys
+  supplied = on || !*RELAY;
+  if (*RELAY) digitalWrite(RELAY_PIN, on);
+}
+
 void tripNow(const char *why) {
+  supply(false);
   switchOff();
   if (!*trip) trip = why;  // the first reason says what to look for
   sendEvent("trip", why);
@@ -230,8 +243,14 @@ void command(const char *word, const char *who, unsigned long about) {
     tripNow("stop");
     return;
   }
+  if (strcmp(word, "relay") == 0) {  // anyone, too
+    if (*RELAY && strcmp(field("name"), RELAY) == 0) tripNow("relay");
+    else sendEvent("refused", "relay", who, about);
+    return;
+  }
   if (strcmp(word, "reset") == 0 && *trip) {
     trip = "";
+    supply(true);
     sendEvent("reset", "", who, about);
     return;
   }
@@ -278,6 +297,8 @@ void obey(char *text, int count) {
     if (possible >= 0) duty(field("owner"), about, possible ? counts : NULL);
   } else if (fields == 2 && (strcmp(text, "stop") == 0 || strcmp(text, "reset") == 0 ||
                              strcmp(text, "release") == 0)) {
+    command(text, field("owner"), about);
+  } else if (fields == 3 && strcmp(text, "relay") == 0 && *field("name")) {
     command(text, field("owner"), about);
   }
 }
@@ -334,6 +355,8 @@ void setup() {
     digitalWrite(PWM_PIN[i], LOW), digitalWrite(HEAT_PIN[i], LOW), digitalWrite(COOL_PIN[i], LOW);
     pinMode(PWM_PIN[i], OUTPUT), pinMode(HEAT_PIN[i], OUTPUT), pinMode(COOL_PIN[i], OUTPUT);
   }
+  if (*RELAY) digitalWrite(RELAY_PIN, LOW), pinMode(RELAY_PIN, OUTPUT);
+  supply(true);
   switchOff();
   // A number that no earlier start had: hosts must see that the counters begin anew.
   EEPROM.get(0, boot);

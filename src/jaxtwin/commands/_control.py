@@ -9,6 +9,7 @@ import typer
 
 from ._live_run import Run, run_on_live_rig
 from ._options import (
+    AlarmOption,
     AmbientOption,
     BaudOption,
     DatabaseOption,
@@ -46,6 +47,7 @@ def control(
     silence: SilenceOption = 3.0,
     ambient: AmbientOption = None,
     reset: ResetOption = False,
+    alarm: AlarmOption = None,
     operator: OperatorOption = None,
     parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
@@ -54,7 +56,8 @@ def control(
     """Control a live rig by a controller from a file, then switch the cells off.
 
     The cells are also switched off after an error. The exit code is 0 after the whole time, 3 if an
-    interlock stopped it, 130 after Ctrl-C.
+    interlock or a signal such as SIGTERM stopped it, 5 if the device reported heat after the stop
+    (cut the power), 130 after Ctrl-C.
 
     After a relay, prints the ultimate gain and period of its oscillation, and the fields of a PID
     from them. The exit code is 2 if the plate did not oscillate evenly.
@@ -92,6 +95,7 @@ def control(
         silence=silence,
         ambient=ambient,
         reset=reset,
+        alarm=alarm,
         operator=operator,
         parameter_file=parameter_file,
         set_name=set_name,

@@ -8,6 +8,7 @@ import typer
 
 from ._live_run import Run, run_on_live_rig
 from ._options import (
+    AlarmOption,
     AmbientOption,
     BaudOption,
     DatabaseOption,
@@ -50,6 +51,7 @@ def drive(
     silence: SilenceOption = 3.0,
     ambient: AmbientOption = None,
     reset: ResetOption = False,
+    alarm: AlarmOption = None,
     operator: OperatorOption = None,
     parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
@@ -58,7 +60,8 @@ def drive(
     """Drive a live rig by a schedule of duty cycles or by a plan, then switch the cells off.
 
     The cells are also switched off after an error. The exit code is 0 after the whole schedule, 3
-    if an interlock stopped it, 130 after Ctrl-C.
+    if an interlock or a signal such as SIGTERM stopped it, 5 if the device reported heat after the
+    stop (cut the power), 130 after Ctrl-C.
     """
 
     if (duty is None) == (plan is None):
@@ -90,6 +93,7 @@ def drive(
         silence=silence,
         ambient=ambient,
         reset=reset,
+        alarm=alarm,
         operator=operator,
         parameter_file=parameter_file,
         set_name=set_name,

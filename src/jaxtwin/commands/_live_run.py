@@ -1,4 +1,4 @@
-"""A run on a live rig: the part that `drive` and `control` have in common."""
+"""A run on a live rig: the part that `drive`, `control` and `prove` have in common."""
 
 import contextlib
 import getpass
@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from ._alarm_command import AlarmCommand
 from ._output import check_output, say
 from ._show_progress import show_progress
 from ._signals import stop_signals
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 Run = Callable[..., Literal["completed", "stopped"]]
 """A function that commands a bench. Its arguments are the bench and the keywords `silence`,
-`ambient`, `reset`, `about`, `stop` and `on_progress`."""
+`ambient`, `reset`, `about`, `stop`, `on_progress` and `on_alarm`."""
 
 
 def run_on_live_rig(
@@ -27,11 +28,12 @@ def run_on_live_rig(
     rig: str,
     link: Sequence[str],
     doing: str,
-    duration: float,
+    duration: float | None,
     out: Path | None,
     silence: float,
     ambient: float | None,
     reset: bool,
+    alarm: str | None,
     operator: str | None,
     parameter_file: Path | None,
     set_name: str | None,
@@ -45,10 +47,11 @@ def run_on_live_rig(
       stores beside operator and command line. It is called before a connection is opened or a file
       is created, so that an error in it leaves neither behind.
     - `doing`: the word for the run in the progress, such as `"driving"`.
+    - `duration`: the duration of the run, s; `None` if nobody knows it.
     - the others: the options of the command.
 
-    **Raises:** `SafetyStop` if an interlock trips; `KeyboardInterrupt` after Ctrl-C, with the cells
-    off and the recording closed.
+    **Raises:** `SafetyStop` if an interlock trips or a signal other than Ctrl-C ends the run;
+    `KeyboardInterrupt` after Ctrl-C, with the cells off and the recording closed.
     """
     from ..live import Guard, Recorder, connect, opener
     from ..live._mqtt_address import without_password
@@ -63,9 +66,11 @@ def run_on_live_rig(
         Guard(twin, "", silence=silence, ambient=ambient)
         for url in link:  # an invalid link is refused before a file is created
             opener(url, baud=baud)
+        command = stack.enter_context(AlarmCommand(alarm))
         recorder = stack.enter_context(Recorder(out, loaded)) if out else None
         bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
-        progress.step(f"{doing} {loaded.name} for {duration:g} s")
+        length = "" if duration is None else f" for {duration:g} s"
+        progress.step(f"{doing} {loaded.name}{length}")
 
         def show(time: float, pwm: tuple[int, ...]) -> None:
             duty = ", ".join(f"{100 * part:.0f} %" for part in loaded.driver.duty(pwm))
@@ -83,6 +88,7 @@ def run_on_live_rig(
             },
             stop=stop,
             on_progress=show,
+            on_alarm=command.ring,
         )
     if outcome == "stopped":
         raise KeyboardInterrupt  # exit code 130

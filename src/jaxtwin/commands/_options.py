@@ -46,7 +46,8 @@ DatabaseOption = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Record at the same time, .db.")
 ]
 SilenceOption = Annotated[
-    float, typer.Option(min=0.1, metavar="S", help="Stop after so long without data.")
+    float,
+    typer.Option(min=0.1, metavar="S", help="Stop after so long without data, at most 5."),
 ]
 AmbientOption = Annotated[
     float | None,
@@ -58,6 +59,13 @@ AmbientOption = Annotated[
 ]
 ResetOption = Annotated[
     bool, typer.Option("--reset", help="End a trip of the device first. Look why it tripped.")
+]
+AlarmOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="COMMAND",
+        help="Run if the cells may be on after a stop; JAXTWIN_ALARM says which.",
+    ),
 ]
 OperatorOption = Annotated[
     str | None, typer.Option(metavar="NAME", help="Kept in the recording; the user's name.")

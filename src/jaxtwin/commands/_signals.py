@@ -6,18 +6,27 @@ import threading
 from collections.abc import Iterator
 from types import FrameType
 
+from ..live._stop_request import StopRequest
+
 
 @contextlib.contextmanager
-def stop_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set while the block runs, in place of interrupting it.
+def stop_signals() -> Iterator[StopRequest]:
+    """An event that Ctrl-C, SIGTERM and SIGHUP set while the block runs, in place of interrupting
+    it. Ctrl-C is a user's own stop; the event names the other signals.
 
     Enter it before the command prints or writes anything, because its output tells a supervisor
     that it can be stopped.
     """
-    stop = threading.Event()
+    stop = StopRequest()
+
+    def press(number: int, _: FrameType | None) -> None:
+        if number != signal.SIGINT:
+            stop.signal = signal.Signals(number).name
+        stop.set()
+
     names = ("SIGINT", "SIGTERM", "SIGHUP")
     signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in signals}
+    before = {number: signal.signal(number, press) for number in signals}
     try:
         yield stop
     finally:

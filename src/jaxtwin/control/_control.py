@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, PyTree
 from .._compilation import persistent_jit
 from .._errors import SafetyStop
 from .._jax_settings import own_settings
-from ..live import Bench, Document, Moment, operate
+from ..live import Bench, Document, Moment, Trip, operate
 from ..physics import Twin
 from ._controller import AbstractController
 from ._decision import Decision
@@ -36,6 +36,7 @@ def control(
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
+    on_alarm: Callable[[Trip], None] | None = None,
     on_decision: Callable[[Decision], None] | None = None,
 ) -> Literal["completed", "stopped"]:
     """Runs a controller on a live rig. The cells are off when the function returns or raises.
@@ -52,7 +53,8 @@ def control(
     - `controller`: the controller that commands the cells.
     - `references`: as in `simulate_closed_loop`.
     - `duration_s`: the duration in the time of the rig, s, a multiple of the sample time.
-    - `silence`, `ambient`, `reset`, `about`, `stop`, `on_progress`: as in `jaxtwin.live.operate`.
+    - `silence`, `ambient`, `reset`, `about`, `stop`, `on_progress`, `on_alarm`: as in
+      `jaxtwin.live.operate`.
     - `on_decision`: called with each decision, while the rig waits for its command.
 
     **Returns:** `"completed"` at the end of the duration, `"stopped"` if `stop` was set before.
@@ -84,6 +86,7 @@ def control(
         about={"control": plan, **(about or {})},
         stop=stop,
         on_progress=on_progress,
+        on_alarm=on_alarm,
     )
 
 

@@ -107,12 +107,9 @@ def _write_csv(
         ",".join(["time_s", "duty_P1", "duty_P2", *titles]),
     ]
     for time, duty, row in zip(experiment.time, experiment.duty, temperatures, strict=True):
+        parts = (repr(float(part)).removesuffix(".0") for part in duty)
         readings = (f"{value:.{RESOLUTION}f}" for value in row)
-        lines.append(
-            ",".join(
-                [f"{time:g}", *(repr(float(part)).removesuffix(".0") for part in duty), *readings]
-            )
-        )
+        lines.append(",".join([f"{time:g}", *parts, *readings]))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -32,9 +32,10 @@ from ._opener import opener as opener
 from ._operate import DutySource as DutySource
 from ._operate import Moment as Moment
 from ._operate import operate as operate
-from ._operate import switch_off as switch_off
 from ._operating_limits import OperatingLimits as OperatingLimits
 from ._output_stage import OutputStage as OutputStage
+from ._prove import Proof as Proof
+from ._prove import prove as prove
 from ._recorder import Recorder as Recorder
 from ._records import Command as Command
 from ._records import Document as Document
@@ -54,6 +55,9 @@ from ._serve import PtyServer as PtyServer
 from ._serve import Server as Server
 from ._serve import TcpServer as TcpServer
 from ._serve import serve as serve
+from ._stop_request import StopRequest as StopRequest
+from ._switch_off import Ending as Ending
+from ._switch_off import switch_off as switch_off
 from ._time import Clock as Clock
 from ._time import SystemClock as SystemClock
 from ._transport import Transport as Transport

@@ -71,6 +71,8 @@ class Bench:
     ):
         self.clock: Clock = clock or SystemClock()
         identity = Identity.of(rig)
+        self.relay = identity.relay
+        """The name of the relay in the supply of the cells; `""` if the rig file names none."""
         self._inbox: Inbox = queue.Queue(INBOX)
         self._links = {
             name: Link(name, open_link, self._inbox, self.clock)
@@ -87,6 +89,7 @@ class Bench:
         }
         self._asked = dict.fromkeys(links, 0)
         self._dropped: set[str] = set()
+        self._driven: set[str] = set()
         self._journal = journal
         self._views: list[View] = []
         self._commands: list[Record] = []
@@ -94,6 +97,9 @@ class Bench:
         self.owner = secrets.token_hex(4)
         """The name under which the bench commands; a device obeys a single host at a time. It is
         not a secret."""
+        self.tap: Callable[[list[Record]], list[Record]] | None = None
+        """Changes the records that `poll` returns, for a proof test; journal and views get the true
+        ones."""
         self.ended = False
         """Whether the bench has been closed; a replay also ends by itself."""
 
@@ -126,16 +132,26 @@ class Bench:
             name: why for name, receiver in self._receivers.items() if (why := receiver.refused)
         }
 
-    def record_into(self, journal: Journal) -> None:
-        """Continues in another journal, which first gets the greetings of the connected devices."""
+    @property
+    def greetings(self) -> list[Greeting]:
+        """The present greetings of the connected devices, for who begins to read now."""
         now = self.clock.now()
-        journal.write(
-            [
-                Greeting(name, now, receiver.hello)
-                for name, receiver in self._receivers.items()
-                if receiver.hello is not None
-            ]
-        )
+        return [
+            Greeting(name, now, receiver.hello)
+            for name, receiver in self._receivers.items()
+            if receiver.hello is not None
+        ]
+
+    def drop_links(self, reason: str) -> None:
+        """Closes all links, which are then opened again."""
+        for link in self._links.values():
+            link.drop(reason)
+
+    def record_into(self, journal: Journal | None) -> None:
+        """Continues in another journal, which first gets the greetings of the connected devices, or
+        without one."""
+        if journal is not None:
+            journal.write(self.greetings)
         self._journal = journal
 
     def view(self, capacity: int = 10_000) -> View:
@@ -174,7 +190,7 @@ class Bench:
             self._journal.write(records)
         for view in self._views:
             view.put(records)
-        return records
+        return records if self.tap is None else self.tap(records)
 
     def send_duty(self, pwm: tuple[int, ...]) -> bool:
         """Sends counts to every device that drives cells. Returns whether all were sent.
@@ -185,8 +201,21 @@ class Bench:
         return self._send(lambda number: Duty(number, pwm, self.owner), pwm, "duty")
 
     def send_order(self, kind: Literal["stop", "reset", "release"]) -> bool:
-        """Sends a command without counts. Returns whether it was sent."""
-        return self._send(lambda number: Order(kind, number, self.owner), (), kind)
+        """Sends a command without counts. Returns whether it was sent.
+
+        A `stop` also opens the relay of the rig, by a command of its own. Both also reach a device
+        that got a duty and whose greeting has been refused since, or has not arrived yet after a
+        lost connection.
+        """
+        sent = self._send(lambda number: Order(kind, number, self.owner), (), kind)
+        if kind != "stop" or not self.relay:
+            return sent
+        return self.open_relay() and sent
+
+    def open_relay(self) -> bool:
+        """Sends the command that opens the relay of the rig. Returns whether it was sent."""
+        relay = self.relay
+        return self._send(lambda number: Order("relay", number, self.owner, relay), (), "relay")
 
     @property
     def number(self) -> int:
@@ -211,10 +240,16 @@ class Bench:
         self._number = (self._number + 1) % 2**32
         sent, content = [], encode(command(self._number))
         for name, receiver in self._receivers.items():
-            if receiver.hello is not None and receiver.hello.cells:
+            hello = receiver.hello
+            if hello is not None and hello.switches and kind == "duty":
+                self._driven.add(name)
+            has = hello is not None and (hello.cells if kind == "duty" else hello.switches)
+            if has or (kind in ("stop", "relay") and name in self._driven):
                 sent.append(self._links[name].send(content))
                 now = self.clock.now()
                 self._commands.append(Command(name, now, self._number, pwm, self.owner, kind))
+                if kind == "release":
+                    self._driven.discard(name)
         return bool(sent) and all(sent)
 
     def _arrived(self, timeout: float) -> Iterator:
@@ -230,6 +265,8 @@ class Bench:
         if receiver.verdict is not None:
             if name not in self._dropped:  # once for each connection
                 self._dropped.add(name)
+                if name in self._driven:  # nobody could switch it off through a closed link
+                    self.send_order("stop")
                 link.drop(receiver.verdict)
             return
         self._dropped.discard(name)

@@ -67,6 +67,7 @@ def _text(message: Hello | Data | Notice | Beat | Ask | Duty | Order) -> str:
             words += [f"cells={_joined(message.cells)}"] if message.cells else []
             words += [f"channels={_joined(message.channels)}"] if message.channels else []
             words += ["camera={}x{}".format(*message.camera)] if message.camera else []
+            words += [f"relay={write_name(message.relay)}"] if message.relay else []
         case Data():
             words = [f"data seq={message.seq} t={message.device_us}"]
             words += [f"pwm={','.join(map(str, message.pwm))}"] if message.pwm else []
@@ -74,6 +75,7 @@ def _text(message: Hello | Data | Notice | Beat | Ask | Duty | Order) -> str:
             words += [f"temp={_temperatures(message)}"] if message.temperatures else []
             words += _about(message.owner, message.number)
             words += [f"trip={message.trip}"] if message.trip else []
+            words += [f"relay={message.relay}"] if message.relay else []
         case Notice():
             words = [f"event seq={message.seq} t={message.device_us} kind={message.kind}"]
             words += _about(message.owner, message.number)
@@ -87,6 +89,7 @@ def _text(message: Hello | Data | Notice | Beat | Ask | Duty | Order) -> str:
             words += [f"pwm={','.join(map(str, message.pwm))}"]
         case Order():
             words = [f"{message.kind} n={message.number} owner={message.owner}"]
+            words += [f"name={write_name(message.name)}"] if message.name else []
     return " ".join(words)
 
 
@@ -144,6 +147,10 @@ def _message(kind: str, fields: dict[str, str]) -> Message:
         case "stop" | "reset" | "release":
             number = read_integer(fields.pop("n"), 0, _NUMBERS)
             return Order(kind, number, read_word(fields.pop("owner")))
+        case "relay":
+            number = read_integer(fields.pop("n"), 0, _NUMBERS)
+            owner, name = read_word(fields.pop("owner")), read_name(fields.pop("name"))
+            return Order(kind, number, owner, name)
         case "hello" if "rig" in fields:
             return _hello(fields)
         case "hello":
@@ -177,6 +184,7 @@ def _hello(fields: dict[str, str]) -> Hello:
         # Whether they are acceptable is not a question of form: see `Identity.refusal`.
         watchdog=None if watchdog is None else read_number(watchdog, 0.0, 1e6),
         rate=read_number(fields.pop("rate", "1"), 0.0, 1e6),
+        relay=read_name(fields.pop("relay")) if "relay" in fields else "",
     )
 
 
@@ -199,7 +207,15 @@ def _data(fields: dict[str, str]) -> Data:
         owner=_owner(fields),
         number=_number_of(fields),
         trip=read_word(fields.pop("trip")) if "trip" in fields else "",
+        relay=_relay(fields),
     )
+
+
+def _relay(fields: dict[str, str]) -> str:
+    state = fields.pop("relay", "")
+    if state not in ("", "on", "off"):
+        raise ValueError(f"expected relay=on or relay=off, got {state[:24]!r}")
+    return state
 
 
 def _owner(fields: dict[str, str]) -> str:

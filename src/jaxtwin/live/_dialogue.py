@@ -51,6 +51,11 @@ class Dialogue:
         self._number += 1
         self.say(encode(Order(kind, self._number, owner or self._owner)))
 
+    def open_relay(self, name: str, owner: str | None = None) -> None:
+        """Sends the command that opens the relay in the supply."""
+        self._number += 1
+        self.say(encode(Order("relay", self._number, owner or self._owner, name)))
+
     def listen(self, seconds: float) -> Iterator[Message]:
         """Returns the messages that the device sends within a time."""
         end = self.clock.now() + round(seconds * 1e9)

@@ -12,6 +12,7 @@ from ..physics import Twin
 from ..rig import Rig
 from ._bench import Bench
 from ._operate import DutySource, Moment, operate
+from ._trip import Trip
 
 
 def drive(
@@ -25,6 +26,7 @@ def drive(
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
+    on_alarm: Callable[[Trip], None] | None = None,
 ) -> Literal["completed", "stopped"]:
     """Applies a plan's duty to a live rig. The cells are off when it returns, also after an error.
 
@@ -35,7 +37,7 @@ def drive(
       parameters of a fit, for the interlocks that use the twin.
     - `plan`: the experiment whose duty is applied, in the time of the rig: a recording, or a
       schedule (`Experiment.schedule`).
-    - `silence`, `ambient`, `reset`, `about`, `stop`, `on_progress`: as in `operate`.
+    - `silence`, `ambient`, `reset`, `about`, `stop`, `on_progress`, `on_alarm`: as in `operate`.
 
     **Returns:** `"completed"`, or `"stopped"` if `stop` ended it.
 
@@ -58,6 +60,7 @@ def drive(
         about=about,
         stop=stop,
         on_progress=on_progress,
+        on_alarm=on_alarm,
     )
 
 

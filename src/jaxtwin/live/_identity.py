@@ -33,6 +33,7 @@ class Identity:
     - `rig`, `cells`, `channels`: the names of the rig, its cells and its channels.
     - `camera`: width and height of its frames, pixels; `None` if sensors read the channels.
     - `counts`: the PWM counts of full duty.
+    - `relay`: the name of the relay in the supply; `""` if there is none.
     - `weights`: share of each pixel in each channel, `(channels, pixels)`; rows sum to 1. Without
       a camera there are no pixels.
     """
@@ -42,6 +43,7 @@ class Identity:
     channels: tuple[str, ...]
     camera: tuple[int, int] | None
     counts: int
+    relay: str
     weights: Float[np.ndarray, "channels pixels"]
 
     @classmethod
@@ -57,6 +59,7 @@ class Identity:
             channels=tuple(_checked(channel.name) for channel in rig.channels),
             camera=camera and (camera.width, camera.height),
             counts=rig.driver.counts,
+            relay="" if rig.limits is None else rig.limits.relay or "",
             weights=np.zeros((channels, 0))
             if camera is None
             else pixel_weights(rig).reshape(channels, -1),
@@ -72,6 +75,7 @@ class Identity:
             ("channels", hello.channels or self.channels, self.channels),
             ("camera", hello.camera or self.camera, self.camera),
             ("counts", hello.counts if hello.cells else self.counts, self.counts),
+            ("limits.relay", hello.relay or self.relay, self.relay),
         )
         for field, got, expected in pairs:
             if got != expected:

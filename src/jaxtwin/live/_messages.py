@@ -32,6 +32,7 @@ class Hello:
     - `watchdog`: time without a duty command after which it switches the cells off, s of real
         time; `None` if it drives no cells.
     - `rate`: the seconds of device time in a second; 1 except for a virtual or replayed rig.
+    - `relay`: the name of the relay in the supply that the device opens; `""` if it has none.
     """
 
     version: int
@@ -43,6 +44,12 @@ class Hello:
     counts: int = 255
     watchdog: float | None = None
     rate: float = 1.0
+    relay: str = ""
+
+    @property
+    def switches(self) -> bool:
+        """Whether the device can switch cells off: it drives them, or has the relay."""
+        return bool(self.cells or self.relay)
 
 
 @final
@@ -63,6 +70,7 @@ class Data:
         was applied; `""` and `None` if there is none.
     - `trip`: the reason why the device refuses every duty until it is reset; `""` if it has not
         tripped.
+    - `relay`: `on` or `off`, the state of the supply behind the relay; `""` without a relay.
     """
 
     seq: int
@@ -74,6 +82,7 @@ class Data:
     owner: str = ""
     number: int | None = None
     trip: str = ""
+    relay: str = ""
 
 
 @final
@@ -149,13 +158,16 @@ class Order:
     **Arguments:**
 
     - `kind`: `stop`, from any host, switches the cells off and trips the device; `reset` ends a
-        trip; `release` switches the cells off and lets another host command.
+      trip; `release` switches the cells off and lets another host command; `relay`, from any host,
+      opens the relay in the supply, which also trips the device.
     - `number`, `owner`: as in `Duty`.
+    - `name`: the name of the relay; `""` except for `relay`.
     """
 
-    kind: Literal["stop", "reset", "release"]
+    kind: Literal["stop", "reset", "release", "relay"]
     number: int
     owner: str
+    name: str = ""
 
 
 Message = Hello | Data | Image | Notice | Beat | Ask | Duty | Order

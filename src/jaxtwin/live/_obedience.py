@@ -22,7 +22,8 @@ class Obedience:
 
     A driver may apply a command late and by a ramp. Its counts must therefore lie between the
     lowest and the highest of all commands that were in force within the delay before the report. A
-    command that is older than the delay must have been acknowledged.
+    command that is older than the delay must have been acknowledged, and no command may be that has
+    not been sent: a device that makes up numbers proves nothing by them.
 
     **Arguments:**
 
@@ -43,13 +44,17 @@ class Obedience:
         self._sent.append(_Sent(now, number, pwm))
 
     def see(self, record: Record) -> Trip | None:
-        if not isinstance(record, Sample) or not record.pwm or not self._sent:
+        if not isinstance(record, Sample) or not self._sent:
+            return None
+        if record.relay == "off":
+            return Trip("device-trip", "the relay in the supply has been opened")
+        if not record.pwm:
             return None
         if record.trip:
             return Trip("device-trip", f"the device has switched off by itself: {record.trip}")
         if record.owner not in ("", self._owner):
             return Trip("commander", f"another host, {record.owner}, commands the cells")
-        return self._disobedience(record) or self._unacknowledged(record)
+        return self._disobedience(record) or self._unsent(record) or self._unacknowledged(record)
 
     def check(self, now: int) -> Trip | None:
         # The command that was in force at the beginning of the delay is still needed.
@@ -73,6 +78,15 @@ class Obedience:
                     f"{cell} gets {applied} counts; {commanded[-1]} were commanded",
                 )
         return None
+
+    def _unsent(self, sample: Sample) -> Trip | None:
+        last = self._sent[-1].number
+        if sample.number is None or (last - sample.number) % 2**32 < 2**31:
+            return None
+        return Trip(
+            "disobedience",
+            f"the device acknowledges command {sample.number}; the last one sent was {last}",
+        )
 
     def _unacknowledged(self, sample: Sample) -> Trip | None:
         old = [sent for sent in self._sent if sent.time <= sample.arrival - self._delay]

@@ -1,7 +1,5 @@
 """Commands a rig behind its interlocks, by a plan or a controller."""
 
-import contextlib
-import logging
 import secrets
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -19,20 +17,13 @@ from ._bench import Bench
 from ._interlocks import Guard
 from ._readiness import wait_until_ready
 from ._records import Document, Reading, Record, Sample
+from ._stop_request import StopRequest
+from ._switch_off import STILL_ON, Ending, poll_whatever_happens, switch_off
 from ._time import seconds
+from ._trip import Trip
 
 INTERVAL = 0.25
 """The interval between two commands, s; each also resets the watchdog of the device."""
-
-OFF_SECONDS = 2.0
-"""Longest time for which a stop waits until the controller reports that the cells are off, s."""
-
-_UNCONFIRMED = (
-    "the controller does not report that the cells are off; its watchdog switches them off when "
-    "commands cease"
-)
-
-log = logging.getLogger("jaxtwin.live")
 
 
 class Moment(NamedTuple):
@@ -66,8 +57,14 @@ def operate(
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
+    on_alarm: Callable[[Trip], None] | None = None,
 ) -> Literal["completed", "stopped"]:
     """Commands a live rig. The cells are off when it returns, also after an error.
+
+    The device has tripped after every end except two: `duty` ended the run, or its user did, by
+    setting `stop` or by Ctrl-C. While the device reports heat after a stop, the function does not
+    return: it sends `stop` until the device reports that the cells are off, or until `stop` is set
+    again (or Ctrl-C).
 
     **Arguments:**
 
@@ -79,58 +76,58 @@ def operate(
       the rig is then only started near the temperature of the rig file.
     - `reset`: whether a trip of the device is ended first, on purpose.
     - `about`: details that are recorded at the start of the run, such as a plan or a command line.
-    - `stop`: an event that ends the run early when it is set.
+    - `stop`: an event that ends the run early when it is set. A `StopRequest` with the name of a
+      signal leaves a trip.
     - `on_progress`: called with the time (s of the rig) and the counts after each command.
+    - `on_alarm`: called if the device reports heat, or nothing, two seconds after a stop.
 
     **Returns:** `"completed"` if `duty` ended the run, `"stopped"` if `stop` did.
 
-    **Raises:** `SafetyStop` if an interlock trips, or the rig does not become ready; `JaxtwinError`
-    if the rig file states no limit, or for an invalid argument.
+    **Raises:** `SafetyStop` if an interlock trips, a signal ends the run, or the rig does not
+    become ready. Its kind is `still-on` if the device reported heat after the stop, `unconfirmed`
+    if it reported nothing. `JaxtwinError` if the rig file states no limit, or for an invalid
+    argument; the errors of `duty` and of the journal.
     """
     true_or_false("operate: reset", reset, JaxtwinError)
     guard = Guard(twin, bench.owner, silence=silence, ambient=ambient)
-    run = _Run(bench, twin.rig, guard)
+    run, before = _Run(bench, twin.rig, guard), bench.number
     uid = secrets.token_hex(8)
     content = {"rig": twin.rig.name, "owner": bench.owner, "limits": asdict(guard.limits)}
     content |= {} if ambient is None else {"ambient_degC": float(ambient)}
     bench.note(Document(bench.clock.now(), "start", uid, {**(about or {}), **content}))
-    status, error, off = "completed", None, False
+    status, error = "completed", None
     try:
         status = run.go(duty, reset, stop, on_progress)
     except BaseException as raised:
         status, error = "stopped", raised
         if not isinstance(raised, KeyboardInterrupt):
             status = "tripped" if isinstance(raised, SafetyStop) else "failed"
-    if status == "tripped" and run.commanding:
-        bench.send_order("stop")  # the device refuses to go on until somebody resets it
-    # This is done even before the first command: an earlier host may have left the cells on.
-    off = switch_off(bench, len(twin.rig.cells))
-    bench.send_order("release")
     kind = error.kind if isinstance(error, SafetyStop) else type(error).__name__ if error else ""
-    end = {"status": status, "kind": kind, "reason": str(error or ""), "off": off}
+    # A run that has ended a trip and does not start puts it back, except on another host's rig.
+    reset_only = bench.number != before and not run.commanding and kind != "commander"
+    # This is done even before the first command: an earlier host may have left the cells on.
+    ending = switch_off(
+        bench,
+        len(twin.rig.cells),
+        trip=(run.commanding and status in ("tripped", "failed")) or reset_only,
+        insist=run.commanding,
+        stop=stop,
+        on_alarm=on_alarm,
+    )
+    if ending.tripped or not ending.stopped:  # otherwise only the watchdog ends the command
+        bench.send_order("release")
+    error = error or ending.failure
+    kind = error.kind if isinstance(error, SafetyStop) else type(error).__name__ if error else ""
+    reported = {"off": ending.off, "tripped": ending.tripped}
+    end = {"status": status, "kind": kind, "reason": str(error or ""), **reported}
     bench.note(Document(bench.clock.now(), "stop", uid, end))
-    with contextlib.suppress(JaxtwinError):
-        bench.poll(0.0)  # journals it
-    return _outcome(status, error, off or not run.commanding, run.commanding)
-
-
-def switch_off(bench: Bench, cells: int) -> bool:
-    """Sends duty 0 until the controller reports it. Returns whether it did within `OFF_SECONDS`.
-
-    The first command is sent before any step that could fail, such as writing the journal.
-    """
-    off = (0,) * cells
-    begin = bench.clock.now()
-    sent = -1.0
-    while (elapsed := seconds(bench.clock.now() - begin)) < OFF_SECONDS:
-        if elapsed - sent > 0.1:
-            bench.send_duty(off)
-            sent = elapsed
-        with contextlib.suppress(JaxtwinError):  # a full disk must not keep the cells on
-            for record in bench.poll(0.05):
-                if isinstance(record, Sample) and record.arrival > begin and record.pwm == off:
-                    return True
-    return False
+    _, failure = poll_whatever_happens(bench, 0.0)  # journals it
+    error = error or failure
+    if run.commanding:
+        _raise(error, ending)
+    elif error is not None:
+        raise error
+    return "completed" if status == "completed" else "stopped"
 
 
 def counts_of(rig: Rig, duty: Sequence[float] | np.ndarray) -> tuple[int, ...]:
@@ -139,20 +136,17 @@ def counts_of(rig: Rig, duty: Sequence[float] | np.ndarray) -> tuple[int, ...]:
     return tuple(round(float(part) * driver.counts) * driver.polarity for part in duty)
 
 
-def _outcome(
-    status: str, error: BaseException | None, off: bool, commanding: bool
-) -> Literal["completed", "stopped"]:
-    """The end of a run as it is returned to the caller."""
-    outcome = "the cells are off" if off else _UNCONFIRMED
-    if isinstance(error, SafetyStop) and commanding:
-        raise SafetyStop(f"{error}; {outcome}", error.kind) from None
+def _raise(error: BaseException | None, ending: Ending) -> None:
+    """Raises what ended a run, with the state of the cells, unless it ended as the user wanted."""
+    if ending.heated:
+        why = f"{error}; {ending}" if error is not None else str(ending)
+        raise SafetyStop(why, STILL_ON) from error
+    if isinstance(error, SafetyStop):
+        raise SafetyStop(f"{error}; {ending}", error.kind) from None
     if error is not None:
-        if not off:
-            log.warning(outcome)
         raise error
-    if not off:
-        raise SafetyStop(_UNCONFIRMED, "unconfirmed")
-    return "completed" if status == "completed" else "stopped"
+    if ending.stopped or not ending.off:
+        raise SafetyStop(str(ending), "unconfirmed")
 
 
 @final
@@ -187,6 +181,8 @@ class _Run:
                 raise SafetyStop(f"stopped: {trip.detail}", trip.kind)
             passed = bench.clock.now() - begin
             if stop is not None and stop.is_set():
+                if isinstance(stop, StopRequest) and stop.signal:
+                    raise SafetyStop(f"stopped: {stop.signal} ended the program", "signal")
                 return "stopped"
             # Commands are counted from the begin, so that a late one does not delay the next ones.
             number = passed // round(INTERVAL * 1e9)

@@ -23,9 +23,10 @@ class OutputStage:
     - `cells`: the number of cells.
     - `counts`: the counts of full duty.
     - `watchdog`: time without a command after which the cells are switched off, s.
+    - `relay`: the name of the relay in the supply, which every trip opens; `""` without one.
     """
 
-    def __init__(self, cells: int, counts: int, watchdog: float):
+    def __init__(self, cells: int, counts: int, watchdog: float, relay: str = ""):
         self.pwm = (0,) * cells
         """The counts that are applied now."""
         self.owner = ""
@@ -34,6 +35,9 @@ class OutputStage:
         """The number of the owner's last command that was applied."""
         self.trip_reason = ""
         """The reason of the trip in a single word; `""` if the device has not tripped."""
+        self.supplied = True
+        """Whether the relay in the supply is closed; always without one."""
+        self._relay = relay
         self._off = self.pwm
         self._counts = counts
         self._watchdog = watchdog
@@ -47,8 +51,10 @@ class OutputStage:
         match command:
             case Order(kind="stop"):  # anyone may stop
                 return self.trip("stop")
+            case Order(kind="relay"):  # anyone, too
+                return self.trip("relay") if command.name == self._relay else ("refused", "relay")
             case Order(kind="reset") if self.trip_reason:
-                self.trip_reason = ""
+                self.trip_reason, self.supplied = "", True
                 return "reset", ""
         if self.owner not in ("", command.owner):
             return "refused", "owner"
@@ -77,6 +83,7 @@ class OutputStage:
     def trip(self, reason: str) -> Answer:
         """Switches the cells off until a reset."""
         self._switch_off()
+        self.supplied = not self._relay
         self.trip_reason = self.trip_reason or reason  # the first reason is kept
         return "trip", reason
 

@@ -56,13 +56,18 @@ def wait_until_ready(
     sample: Sample | None = None
     reading: Reading | None = None
     asked = -RESET_AGAIN
+    relay: Sample | None = None
+    known: list[Record] = [*bench.greetings]  # of an earlier run on this bench
     while True:
-        records = bench.poll(0.05)
+        records = [*known, *bench.poll(0.05)]
+        known = []
         elapsed = seconds(bench.clock.now() - begin)
         trip = guard.wait(records)
         if trip is not None:
             raise SafetyStop(f"not started: {trip.detail}", trip.kind)
         for record in records:
+            if isinstance(record, Sample) and record.relay:
+                relay = record
             match record:
                 case Greeting():
                     boots[record.link] = record.hello.boot
@@ -73,10 +78,12 @@ def wait_until_ready(
                 case Reading() if not record.recalibrating:
                     reading = record
         live = set(bench.states.values()) == {LinkState.LIVE}
+        live = live and (not bench.relay or _is_fresh(relay, bench))
         if live and _is_fresh(sample, bench) and _is_fresh(reading, bench):
             assert sample is not None
             assert reading is not None
-            if not sample.trip and sample.owner in ("", bench.owner):
+            tripped = sample.trip or (relay is not None and relay.relay == "off" and "relay")
+            if not tripped and sample.owner in ("", bench.owner):
                 trip = guard.ready()
                 if trip is not None:
                     raise SafetyStop(f"not started: {trip.detail}", trip.kind)
@@ -88,7 +95,7 @@ def wait_until_ready(
             if not reset:
                 raise SafetyStop(
                     f"not started: the device on {sample.link} has switched off by itself "
-                    f"({sample.trip}); look why, then start with a reset (--reset)",
+                    f"({tripped}); look why, then start with a reset (--reset)",
                     "device-trip",
                 )
             if elapsed - asked >= RESET_AGAIN:
@@ -99,7 +106,7 @@ def wait_until_ready(
         patience = REFUSED if bench.refusals else PATIENCE
         if elapsed > patience:
             raise SafetyStop(
-                f"not started: after {patience:g} s: {_missing(bench, sample, reading)}"
+                f"not started: after {patience:g} s: {_missing(bench, sample, reading, relay)}"
             )
 
 
@@ -107,11 +114,14 @@ def _is_fresh(record: Sample | Reading | None, bench: Bench) -> bool:
     return record is not None and seconds(bench.clock.now() - record.arrival) <= FRESH
 
 
-def _missing(bench: Bench, sample: Sample | None, reading: Reading | None) -> str:
+def _missing(
+    bench: Bench, sample: Sample | None, reading: Reading | None, relay: Sample | None
+) -> str:
     """Describes what is missing from a rig that did not become ready."""
     words = [", ".join(f"{name} {state}" for name, state in bench.states.items())]
     words += [f"{name}: {why}" for name, why in bench.refusals.items()]
     words += [] if reading is not None else ["no temperatures"]
     words += [] if sample is not None else ["nobody who drives cells"]
+    words += [f"no relay {bench.relay!r}"] if bench.relay and relay is None else []
     words += [f"tripped: {sample.trip}"] if sample is not None and sample.trip else []
     return "; ".join(words)

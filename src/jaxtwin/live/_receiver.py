@@ -3,7 +3,7 @@
 import logging
 import re
 from collections import Counter
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import final
 
 import numpy as np
@@ -80,17 +80,20 @@ class Receiver:
         self._identity = identity
         self._stale_after = stale_after
         self._rest = b""
+        self._greeting: Hello | None = None  # of this connection, as it was sent
         self._garbage = 0
         self._second = self._messages = 0
         self._counts = MessageCounts(counted)
         self._recalibrating = False
         self._reported: set[str] = set()
         self._faults: dict[int, str] = {}
+        self._relay = ""
 
     def changed(self, change: LinkChange) -> list[Record]:
         """Returns the records that follow when the link is opened or lost."""
         self.state = change.state
         self._rest, self.hello, self.verdict = b"", None, None
+        self._greeting = None
         self._garbage = 0
         self._reported.clear()
         self.last_valid = change.arrival
@@ -176,16 +179,29 @@ class Receiver:
         return records + self._records(message, hello, arrival)
 
     def _greeted(self, hello: Hello, arrival: int) -> list[Record]:
-        refusal = self._identity.refusal(hello)
+        refusal = self._identity.refusal(hello) or self._change(hello)
         self.refused = refusal
         if refusal is not None:
             self.verdict = refusal
             return [Event(self._link, arrival, "refused", refusal)]
+        self._greeting = hello
         hello = replace(hello, boot=self._counts.begin(hello.boot, hello.rate))
         if self.hello == hello:
             return []
         self.hello = hello
         return [Greeting(self._link, arrival, hello)]
+
+    def _change(self, hello: Hello) -> str | None:
+        """The reason why a device cannot have greeted so after its first greeting of this
+        connection: only a restart changes what a device is."""
+        before = self._greeting
+        if before is None or before.boot != hello.boot:
+            return None
+        for field in fields(hello):
+            was, now = getattr(before, field.name), getattr(hello, field.name)
+            if was != now:
+                return f"{field.name}: expected {was} until a restart (another boot), got {now}"
+        return None
 
     def _records(self, message: Data | Image | Notice, hello: Hello, arrival: int) -> list[Record]:
         link, boot = self._link, hello.boot
@@ -203,7 +219,8 @@ class Receiver:
                     )
                 ]
             case Data():
-                records: list[Record] = [
+                records = self._relay_changed(message.relay, arrival, device_us)
+                records.append(
                     Sample(
                         link,
                         boot,
@@ -215,8 +232,9 @@ class Receiver:
                         message.owner,
                         message.number,
                         message.trip,
+                        message.relay,
                     )
-                ]
+                )
                 if message.temperatures:
                     values = np.array(message.temperatures)
                     faults = message.faults
@@ -244,6 +262,13 @@ class Receiver:
         detail = ", ".join(f"{names[place]} {why}" for place, why in faults.items())
         kind = "channel-fault" if faults else "channels-work"
         return [Event(self._link, arrival, kind, detail, device_us)]
+
+    def _relay_changed(self, relay: str, arrival: int, device_us: int) -> list[Record]:
+        """An event if the relay in the supply has been opened or closed."""
+        if relay == self._relay:
+            return []
+        self._relay = relay
+        return [Event(self._link, arrival, "relay", relay or "none", device_us)]
 
     def _tell(self, why: str) -> None:
         """Logs each reason once for a connection, because a faulty device repeats its error."""

@@ -19,6 +19,7 @@ from .._errors import RecordingError
 from ..io._lock import lock, unlock
 from ..io._session_file import damage_as_recording_error, is_session, read_metadata
 from ..rig import Rig
+from ._aborted_runs import end_aborted_runs
 from ._counted import Counters, counted_in
 from ._records import Event, Record
 from ._rows import RowWriter
@@ -55,7 +56,7 @@ class Recorder:
     - `file`: the recording. An existing file is refused unless `append` is set.
     - `rig`: the rig that is recorded.
     - `append`: whether a recording of the same rig is continued; the time in between is recorded as
-      a gap.
+      a gap, and a driven run whose program was killed gets its end, `aborted`.
     - `keep_frames`: whether camera frames are kept as well as the channels taken from them.
     - `clock`: host time.
 
@@ -247,6 +248,7 @@ class Recorder:
                 "INSERT INTO events VALUES (NULL, ?, '', ?, NULL, NULL, ?, ?)",
                 (run, began, *self._break(alive, ended, now)),
             )
+            end_aborted_runs(self._database, run, began)
         execute("COMMIT")
         execute("PRAGMA synchronous = NORMAL")
         self._synced = self._compared = now

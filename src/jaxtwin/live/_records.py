@@ -49,6 +49,8 @@ class Sample:
 
     `owner` is the host that commands the cells, `number` that of its last command that was applied,
     and `trip` says why the device refuses every duty (`""`: it has not tripped); see `OutputStage`.
+    `relay` is `on` or `off`, the state of the supply behind the device's relay (`""`: it has none);
+    in a recording, its changes are events.
     """
 
     link: str
@@ -61,6 +63,7 @@ class Sample:
     owner: str = ""
     number: int | None = None
     trip: str = ""
+    relay: str = ""
 
 
 @final
@@ -128,7 +131,8 @@ class Event:
 @final
 @dataclass(frozen=True)
 class Command:
-    """A command that was sent to the link: `kind` is `duty`, `stop`, `reset` or `release`."""
+    """A command that was sent to the link: `kind` is `duty`, `stop`, `reset`, `release` or
+    `relay`."""
 
     link: str
     arrival: int

@@ -77,7 +77,8 @@ class VirtualRig:
         self.faults = faults or Faults()
         self.faults.check_cells(tuple(cell.name for cell in rig.cells))
         # The output stage runs in real time, because a watchdog counts real seconds.
-        self.stage = OutputStage(len(rig.cells), rig.driver.counts, float(watchdog))
+        relay = "" if rig.limits is None else rig.limits.relay or ""
+        self.stage = OutputStage(len(rig.cells), rig.driver.counts, float(watchdog), relay)
         self.twin = LiveTwin(twin)
         self._cells = [cell.name for cell in rig.cells]
         self._driver = rig.driver
@@ -117,6 +118,7 @@ class VirtualRig:
             counts=rig.driver.counts,
             watchdog=float(watchdog),
             rate=float(speed),
+            relay=relay,
         )
         if refusal := Identity.of(rig).refusal(self.hello):
             raise LinkError(f"virtual rig: {refusal}")
@@ -125,6 +127,11 @@ class VirtualRig:
     def pwm(self) -> tuple[int, ...]:
         """Counts that are applied to the cells now."""
         return self.stage.pwm
+
+    @property
+    def supplied(self) -> tuple[int, ...]:
+        """Counts by which the cells are heated now: 0 behind an open relay."""
+        return self.pwm if self.stage.supplied else (0,) * len(self._cells)
 
     def connected(self, client: object = None) -> bytes:
         """Returns the greeting of a new connection; `client` is its name."""
@@ -215,8 +222,8 @@ class VirtualRig:
 
     def _follow(self) -> None:
         """Applies the counts of the output stage to the cells."""
-        if self.stage.pwm != self._driven:
-            self._driven = self.stage.pwm
+        if self.supplied != self._driven:
+            self._driven = self.supplied
             self.twin.drive(self._driver.duty(self._driven))
 
     def _message(self, stream: str, time: float) -> bytes:
@@ -233,6 +240,7 @@ class VirtualRig:
                 owner=stage.owner,
                 number=stage.number,
                 trip=stage.trip_reason,
+                relay=("on" if stage.supplied else "off") * bool(self.hello.relay),
             )
             return self._sent(data)
         assert self._picture is not None

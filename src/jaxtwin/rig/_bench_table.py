@@ -73,6 +73,10 @@ def build_driver(table: DriverTable, fields: Fields) -> Driver:
     )
 
 
+LONGEST_RELAY = 32
+"""The largest number of characters of a relay's name, which a device repeats in its greeting."""
+
+
 def build_limits(table: LimitsTable, fields: Fields) -> Limits:
     """The limits.
 
@@ -91,7 +95,13 @@ def build_limits(table: LimitsTable, fields: Fields) -> Limits:
         frozen=optional("frozen", DURATION),
         deviation=optional("deviation", TEMPERATURE_DIFFERENCE),
         command_delay=optional("command_delay", DURATION),
+        relay=table.relay,
     )
+    name = limits.relay
+    if name is not None and not (0 < len(name) <= LONGEST_RELAY and name.isprintable()):
+        fields.refuse(
+            "limits.relay", f"expected 1 to {LONGEST_RELAY} printable characters, got {name!r}"
+        )
     if limits.lowest is not None and limits.lowest >= limits.temperature:
         fields.refuse(
             "limits.lowest",

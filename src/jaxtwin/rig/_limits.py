@@ -26,6 +26,8 @@ class Limits:
       half of its rise, K.
     - `command_delay`: the longest time until the driver has applied a command, including its ramp,
       s.
+    - `relay`: the name of the relay in the supply of the cells, which a device opens; `None` for a
+      rig without one.
     """
 
     temperature: float
@@ -35,3 +37,4 @@ class Limits:
     frozen: float | None = None
     deviation: float | None = None
     command_delay: float | None = None
+    relay: str | None = None

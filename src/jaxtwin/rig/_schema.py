@@ -212,6 +212,7 @@ class LimitsTable(Table):
     frozen: Quantity | None = None
     deviation: Quantity | None = None
     command_delay: Quantity | None = None
+    relay: Text | None = None
 
 
 class ParameterTable(Table):

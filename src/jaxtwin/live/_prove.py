@@ -1,0 +1,246 @@
+"""A proof test of the chain that switches a heater off: each interlock is provoked on the heated
+rig, and what follows is read back from the device."""
+
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, final
+
+from .._errors import JaxtwinError, SafetyStop
+from ..physics import Twin
+from ._bench import Bench
+from ._operate import Moment, counts_of, operate
+from ._operating_limits import OperatingLimits
+from ._provocations import PATIENCE, Provocation, Scene, provocations
+from ._records import Command, Event, Reading, Record, Sample
+from ._switch_off import switch_off
+from ._time import seconds
+from ._trip import Trip
+
+HEAT_SECONDS = 3.0
+"""The time for which the rig is heated before each provocation, s."""
+
+SETTLED = 1.0
+"""The time for which the device must stay off, before and after a duty that it must refuse, s."""
+
+WATCHDOG = Provocation(
+    "a host that falls silent", ("device-trip", "silence"), trip="watchdog", patience=0.0
+)
+"""The device has had its time before the next command."""
+
+
+class Proof(NamedTuple):
+    """The outcome of one provocation.
+
+    - `step`: what was provoked.
+    - `kind`: the interlock that tripped; `""` for none.
+    - `off_after`: the time until the device reported that the cells are off, s; NaN if it did not.
+    - `wrong`: what was not proven; `""` if all was.
+    """
+
+    step: str
+    kind: str
+    off_after: float
+    wrong: str
+
+
+def prove(
+    bench: Bench,
+    twin: Twin,
+    *,
+    duty: float | int = 0.3,
+    silence: float | int = 3.0,
+    ambient: float | int | None = None,
+    reset: bool = False,
+    about: Mapping[str, Any] | None = None,
+    stop: threading.Event | None = None,
+    on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
+    on_alarm: Callable[[Trip], None] | None = None,
+) -> Iterator[Proof]:
+    """Proves that each interlock switches a rig off, by heating it for seconds and provoking them.
+
+    After each stop the device must report that the cells are off, a trip, and, if the rig file
+    names a relay, that it is open. It must stay so for a second, and refuse a duty. The next
+    provocation begins with a reset.
+
+    **Arguments:**
+
+    - `bench`: the links of the rig, started.
+    - `twin`: the twin of the rig, whose file must state `limits.temperature`.
+    - `duty`: the duty of each cell while it is heated, above 0 to 1.
+    - `reset`: whether a trip of the device is ended before the first step.
+    - `silence`, `ambient`, `about`, `stop`, `on_progress`, `on_alarm`: as in `operate`.
+
+    **Returns:** an iterator over the proof of each step. It ends early if the device reports heat
+    after a stop.
+
+    **Raises:** `SafetyStop` if the rig does not start, or a signal ends it; `KeyboardInterrupt` if
+    `stop` was set.
+    """
+    if not 0 < duty <= 1:
+        raise JaxtwinError(f"prove: duty: expected above 0 to 1, got {duty}")
+    limits = OperatingLimits.of(twin)
+    for number, step in enumerate([*provocations(limits, bench.relay), WATCHDOG]):
+        attempt = _Attempt(bench, twin, step, limits, float(duty))
+        kind, wrong = "", ""
+        try:
+            outcome = operate(
+                bench,
+                attempt.twin,
+                attempt.duty,
+                silence=silence,
+                ambient=ambient,
+                reset=reset or number > 0,
+                about={**(about or {}), "plan": {"proof": step.name}},
+                stop=stop,
+                on_progress=on_progress,
+                on_alarm=on_alarm,
+            )
+            if outcome == "stopped":
+                raise KeyboardInterrupt
+            wrong = "nothing has tripped: neither an interlock nor the device"
+        except SafetyStop as error:
+            kind, wrong = error.kind, str(error)
+            if attempt.onset is None and number == 0:  # it is not ready for a proof
+                raise
+        finally:
+            attempt.end()
+        if kind in step.kinds and attempt.onset is not None:
+            wrong = attempt.aftermath(stop, on_alarm)
+        yield Proof(step.name, kind, attempt.off_after, wrong)
+        if kind == "still-on" or attempt.onset is None:
+            return
+
+
+@final
+class _Attempt:
+    """One provocation: the source of the duty, and the records that follow."""
+
+    def __init__(
+        self, bench: Bench, twin: Twin, step: Provocation, limits: OperatingLimits, duty: float
+    ):
+        self.onset: int | None = None
+        """Host time of the provocation, ns."""
+        self.off_after = float("nan")
+        self.twin = twin
+        self._bench, self._step = bench, step
+        cells = len(twin.rig.cells)
+        self._heat = (duty,) * cells
+        self._begin: int | None = None
+        self._stopped = False
+        self._scene = Scene(limits, twin.rig.driver.counts, {})
+        self._view = bench.view()
+        bench.tap = self._tapped
+        if step.cell_limit:
+            self.twin = self._with_a_low_limit(twin)
+
+    def duty(self, moment: Moment) -> Sequence[float] | None:
+        """The source of the duty: heats, then provokes."""
+        now = self._bench.clock.now()
+        if self._begin is None:
+            self._begin = now
+            if self._step.cell_limit:  # the heat itself provokes
+                self.onset = now
+        if self.onset is not None and seconds(now - self.onset) > self._step.patience:
+            self.end()
+            return None
+        if self.onset is None and seconds(now - self._begin) >= HEAT_SECONDS:
+            self.onset = now
+            if self._step.act is not None:
+                self._step.act(self._bench)
+            if self._step is WATCHDOG:
+                self._fall_silent()
+        return self._heat
+
+    def end(self) -> None:
+        """Ends the distortion."""
+        self._bench.tap = None
+
+    def aftermath(
+        self, stop: threading.Event | None, on_alarm: Callable[[Trip], None] | None
+    ) -> str:
+        """Checks what the device did and does. Returns what is wrong, `""` for nothing."""
+        wrong = self._read_back() or self._watch("")
+        if not wrong:
+            self._bench.send_duty(counts_of(self.twin.rig, self._heat))  # must be refused
+            wrong = self._watch("refused")
+        if wrong:
+            switch_off(self._bench, len(self._heat), trip=True, stop=stop, on_alarm=on_alarm)
+        return wrong
+
+    def _tapped(self, records: list[Record]) -> list[Record]:
+        """The records that the interlocks see: distorted from the onset to the first stop."""
+        self._stopped |= any(isinstance(r, Command) and r.kind == "stop" for r in records)
+        distort = self._step.distort
+        if self.onset is None or self._stopped or distort is None:
+            return records
+        changed: list[Record] = []
+        for record in records:
+            self._scene.first.setdefault(type(record), record)
+            other = distort(record, self._scene)
+            changed += [] if other is None else [other]
+        return changed
+
+    def _fall_silent(self) -> None:
+        """Sends nothing until the longest watchdog must have tripped, as a host that hangs."""
+        begin = self._bench.clock.now()
+        longest = max(greeting.hello.watchdog or 0.0 for greeting in self._bench.greetings)
+        while seconds(self._bench.clock.now() - begin) < longest + SETTLED:
+            self._bench.poll(0.05)
+
+    def _read_back(self) -> str:
+        """Checks that the device has reported heat, and then, after the onset, none."""
+        assert self.onset is not None
+        heated = False
+        for record in self._view.take():
+            if not isinstance(record, Sample) or not record.pwm:
+                continue
+            heated = heated or any(record.pwm)
+            if heated and not any(record.pwm) and record.arrival > self.onset:
+                self.off_after = seconds(record.arrival - self.onset)
+                return ""
+        if not heated:
+            return "the device did not report any heat before"
+        return "the device has not reported that the cells are off"
+
+    def _watch(self, event: str) -> str:
+        """Polls for a while, in which the device must report off, and one event."""
+        begin = self._bench.clock.now()
+        samples: list[Sample] = []
+        events: set[str] = set()
+        while seconds(self._bench.clock.now() - begin) < SETTLED:
+            for record in self._bench.poll(0.05):
+                if isinstance(record, Sample) and record.arrival > begin:
+                    samples.append(record)
+                elif isinstance(record, Event):
+                    events.add(record.kind)
+        controller = [sample for sample in samples if sample.pwm]
+        relay = [sample.relay for sample in samples if sample.relay]
+        if not controller:
+            return "the device is silent after the stop"
+        if any(any(sample.pwm) for sample in controller):
+            return "the device heats after the stop, without a reset"
+        trip = controller[-1].trip
+        if not trip or self._step.trip not in ("", trip):
+            expected = self._step.trip or "a reason"
+            return f"the device reports trip={trip or 'nothing'}, expected {expected}"
+        if self._bench.relay and set(relay) != {"off"}:
+            return f"the relay is not reported as open, but as {', '.join(relay) or 'nothing'}"
+        if event and f"device/{event}" not in events:
+            return "the device does not report that it refuses a duty until a reset"
+        return ""
+
+    def _with_a_low_limit(self, twin: Twin) -> Twin:
+        """A twin whose cells are too hot inside after little heating."""
+        rig = twin.rig
+        assert rig.limits is not None
+        warmest: float | None = None
+        begin = self._bench.clock.now()
+        while warmest is None and seconds(self._bench.clock.now() - begin) < PATIENCE:
+            for record in self._bench.poll(0.05):
+                if isinstance(record, Reading) and not record.recalibrating:
+                    warmest = float(record.temperatures.max())
+        limit = (self._scene.limits.room if warmest is None else warmest) + 1.0 + 273.15
+        return Twin(
+            replace(rig, limits=replace(rig.limits, cell_temperature=limit)), dict(twin.values)
+        )

@@ -1,0 +1,222 @@
+"""Switches the cells off at the end of a run, and goes on until the controller reports it.
+
+A run that ends as its user wants sends duty 0 and releases the device. Every other end sends `stop`
+until the device reports its trip: a command that is sent into a lost link is lost.
+"""
+
+import logging
+import threading
+from collections.abc import Callable
+from typing import NamedTuple, final
+
+from ._bench import Bench
+from ._records import Record, Sample
+from ._time import seconds
+from ._trip import Trip
+
+AGAIN = 0.1
+"""The time between two commands to switch off, s."""
+
+OFF_SECONDS = 2.0
+"""The time after which it is an alarm that the controller does not report what was commanded, s."""
+
+REACH_SECONDS = 15.0
+"""The time for which a stop is sent to a controller that reports nothing, s: more than the longest
+watchdog, and twice the longest pause before a link is opened again."""
+
+STILL_ON = "still-on"
+"""The kind of a stop after which the device reported that the cells are on."""
+
+log = logging.getLogger("jaxtwin.live")
+
+
+class Ending(NamedTuple):
+    """The state of the cells when the commands to switch them off ended.
+
+    - `sample`: the controller's last sample since the first of these commands; `None` if nothing
+      was heard.
+    - `relay`: the state of the supply, `on` or `off`, as the device that has the relay reports it;
+      `""` if no relay was heard.
+    - `heated`: whether it reported other counts than 0 for longer than `OFF_SECONDS`.
+    - `stopped`: whether `stop` was sent.
+    - `failure`: the error of the journal, if it failed meanwhile, or an interrupt that came before
+      there was an alarm.
+    """
+
+    sample: Sample | None
+    relay: str
+    heated: bool
+    stopped: bool
+    failure: BaseException | None
+
+    @property
+    def off(self) -> bool:
+        """Whether the controller reports that the cells are off, or the relay that it is open."""
+        if self.relay == "off":
+            return True
+        return self.sample is not None and not any(self.sample.pwm)
+
+    @property
+    def is_on(self) -> bool:
+        """Whether the controller reports heat, and no relay that it is open."""
+        return self.sample is not None and not self.off
+
+    @property
+    def tripped(self) -> bool:
+        """Whether the controller reports a trip."""
+        return self.sample is not None and bool(self.sample.trip)
+
+    def __str__(self) -> str:
+        if self.sample is None and not self.off:
+            return (
+                "the controller does not report that the cells are off: nothing was heard from it "
+                "after the stop. Its watchdog should have switched them off; look, and cut the "
+                "power if you cannot be sure"
+            )
+        if self.sample is not None and not self.off:
+            counts = ", ".join(map(str, self.sample.pwm))
+            return f"THE DEVICE REPORTS STILL ON ({counts} counts) AFTER A STOP: CUT THE POWER"
+        off = "the cells are off"
+        if self.heated:
+            off = f"the device reported heat {OFF_SECONDS:g} s after a stop; {off} now"
+        if self.sample is None or any(self.sample.pwm):
+            off = f"{off} by the relay alone: look for the fault of the controller"
+        elif self.stopped and self.relay == "on":
+            off = f"{off}, but the relay does not open"
+        if self.tripped:
+            return f"{off}, and the device has tripped"
+        if self.stopped:
+            return f"{off}, but the device reports no trip: it obeys the next command"
+        return off
+
+
+def switch_off(
+    bench: Bench,
+    cells: int,
+    *,
+    trip: bool = False,
+    insist: bool = True,
+    stop: threading.Event | None = None,
+    on_alarm: Callable[[Trip], None] | None = None,
+) -> Ending:
+    """Switches the cells off and waits until the controller reports it.
+
+    The first command is sent before any step that could fail, such as writing the journal. If the
+    controller does not report that the cells are off within `OFF_SECONDS`, `stop` is sent in place
+    of duty 0, which would keep a watchdog waiting. While the controller reports heat, this goes on
+    without an end but an interrupt; if nothing is heard, for `REACH_SECONDS`.
+
+    **Arguments:**
+
+    - `bench`: the links of the rig, started.
+    - `cells`: the number of cells.
+    - `trip`: whether the device must trip.
+    - `insist`: whether to go on after `OFF_SECONDS`; `False` for a device that another host may
+      command.
+    - `stop`: an event that ends it when it is set after `OFF_SECONDS`, at which it is cleared.
+    - `on_alarm`: called if the cells may still be on after `OFF_SECONDS`.
+
+    **Returns:** what the controller reported last.
+    """
+    switch = _Switch(bench, cells, trip, on_alarm)
+    while not switch.step():
+        if switch.elapsed < OFF_SECONDS:
+            continue
+        if not insist:
+            break
+        if not switch.insisting and stop is not None:
+            stop.clear()
+        switch.insist()
+        if switch.interrupted or (stop is not None and stop.is_set()) or switch.is_hopeless():
+            break
+    return switch.ending
+
+
+def poll_whatever_happens(bench: Bench, timeout: float) -> tuple[list[Record], Exception | None]:
+    """Polls a bench. A journal that fails, as on a full disk, must not keep the cells on: the bench
+    goes on without it.
+
+    **Returns:** the records, and the error of the journal.
+    """
+    try:
+        return bench.poll(timeout), None
+    except Exception as error:
+        log.error("the recording has ended: %s", error)
+        bench.record_into(None)
+        return [], error
+
+
+@final
+class _Switch:
+    """The commands to switch off, and the answers of the controller."""
+
+    def __init__(
+        self, bench: Bench, cells: int, trip: bool, on_alarm: Callable[[Trip], None] | None
+    ):
+        self.insisting = self.interrupted = False
+        self._bench, self._trip, self._on_alarm = bench, trip, on_alarm
+        self._off = (0,) * cells
+        self._begin = bench.clock.now()
+        self._sent = -AGAIN
+        self._alarms: set[str] = set()
+        self.ending = Ending(None, "", False, trip, None)
+
+    @property
+    def elapsed(self) -> float:
+        return seconds(self._bench.clock.now() - self._begin)
+
+    def step(self) -> bool:
+        """Sends what is due and reads what has arrived. Returns whether the controller reports what
+        was commanded."""
+        try:
+            self._send()
+            records, failure = poll_whatever_happens(self._bench, 0.05)
+        except KeyboardInterrupt as interrupt:  # an early one does not keep the cells on
+            self.interrupted = self.insisting
+            self.ending = self.ending._replace(failure=interrupt)
+            return False
+        sample, relay = self.ending.sample, self.ending.relay
+        for record in records:
+            if isinstance(record, Sample) and record.arrival > self._begin:
+                sample = record if record.pwm else sample
+                relay = record.relay or relay
+        failure = self.ending.failure or failure
+        ending = Ending(sample, relay, self.ending.heated, self._trip, failure)
+        heats = self.elapsed > OFF_SECONDS and ending.is_on
+        self.ending = ending._replace(heated=ending.heated or heats)
+        return ending.off and (not self._trip or (ending.tripped and self._is_open(ending)))
+
+    def insist(self) -> None:
+        """Goes on with `stop`, and raises an alarm, once for each reason, if the cells may be
+        on."""
+        self.insisting = self._trip = True
+        if self.ending.off:
+            return
+        self.ending = self.ending._replace(heated=self.ending.heated or self.ending.is_on)
+        kind = "unconfirmed" if self.ending.sample is None else STILL_ON
+        if kind in self._alarms:
+            return
+        self._alarms.add(kind)
+        log.error("%s", self.ending)
+        if self._on_alarm is not None:
+            try:
+                self._on_alarm(Trip(kind, str(self.ending)))
+            except Exception:
+                log.exception("the alarm failed")
+
+    def is_hopeless(self) -> bool:
+        """Whether the controller has not answered for so long that it will not."""
+        return not self.ending.is_on and self.elapsed > REACH_SECONDS
+
+    def _is_open(self, ending: Ending) -> bool:
+        return ending.relay == "off" or not self._bench.relay
+
+    def _send(self) -> None:
+        elapsed = self.elapsed
+        if elapsed - self._sent < AGAIN:
+            return
+        self._sent = elapsed
+        if self._trip:
+            self._bench.send_order("stop")
+        if elapsed < OFF_SECONDS:  # a device that keeps its counts must not count them as commands
+            self._bench.send_duty(self._off)
