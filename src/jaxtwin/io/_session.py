@@ -298,11 +298,8 @@ class Session:
         held = ZeroOrderHold(when, len(table.columns))
         intervals: list[float] = []
         factor = self.metadata["polarity"] / self.metadata["counts"]
-        first = _mapped(
-            _array(self.database.execute(f"{table.query()} ORDER BY id LIMIT {END_ROWS}"), np.float64),
-            table.columns,
-            clocks,
-        )
+        rows = self.database.execute(f"{table.query()} ORDER BY id LIMIT {END_ROWS}")
+        first = _mapped(_array(rows, np.float64), table.columns, clocks)
         usual = float(np.median(np.diff(first.time))) if len(first.time) > 1 else 0.0
         begin = when[0] - max(BEFORE, 10 * LONGEST_HOLD * usual)
         for block in self._blocks(table, clocks, begin, when[-1]):
