@@ -2,9 +2,11 @@
 
 import os
 import uuid
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import IO
 
 from ._arguments import path_of
 from ._errors import JaxtwinError
@@ -39,12 +41,24 @@ def write_whole_file(
 
     **Raises:** `error` if the file cannot be written.
     """
+    with whole_file(path, error, mode=mode) as stream:
+        stream.write(content)
+
+
+@contextmanager
+def whole_file(
+    path: str | os.PathLike[str], error: type[JaxtwinError], *, mode: int = 0o666
+) -> Iterator[IO[bytes]]:
+    """A stream whose content becomes the file when the block ends without an error.
+
+    **Raises:** `error` if the file cannot be written.
+    """
     file = path_of("path", path, error)
     part = file.with_name(f".{file.name}.{uuid.uuid4().hex}.part")
     try:
         try:
             with open(part, "xb", opener=partial(os.open, mode=mode)) as stream:
-                stream.write(content)
+                yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
             part.replace(file)

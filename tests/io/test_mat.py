@@ -2,13 +2,14 @@
 
 import io
 import struct
+import tracemalloc
 
 import numpy as np
 import pytest
 import scipy.io
 
 from jaxtwin import RecordingError
-from jaxtwin.io import read_recording
+from jaxtwin.io import _matlab5, read_recording
 
 TWO_CELL = "peltierMIMOStepSecA.mat"
 
@@ -120,6 +121,24 @@ def test_big_endian(write):
     content = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI" + big(14, matrix)
     assert scipy.io.loadmat(io.BytesIO(content))["simout"].tolist() == simout.tolist()
     np.testing.assert_array_equal(read_recording(write("a.mat", content)).time, k)
+
+
+def test_another_variable_is_unpacked_in_pieces(write, two_cell_simout):
+    """30 MB of zeros are 30 kB in the file."""
+    content = mat(simout=two_cell_simout, zeros=np.zeros((1000, 4000)))
+    path = write(TWO_CELL, content)
+    tracemalloc.start()
+    experiment = read_recording(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(experiment.time) == len(two_cell_simout)
+    assert peak < 8e6
+
+
+def test_a_matrix_beyond_all_recordings_is_refused(write, monkeypatch, two_cell_simout):
+    monkeypatch.setattr(_matlab5, "LARGEST_MATRIX", 1 << 10)
+    with pytest.raises(RecordingError, match="variable 'simout': expected at most 0 MiB"):
+        read_recording(write(TWO_CELL, mat(simout=two_cell_simout)))
 
 
 def test_time_need_not_start_at_zero_and_may_jitter(write, two_cell_simout):

@@ -114,6 +114,21 @@ def test_a_backup_holds_all_that_was_seen_while_recording_goes_on(rig: Rig, tmp_
     assert not list(tmp_path.glob("*.part"))
 
 
+def test_a_backup_follows_no_link(rig: Rig, tmp_path: Path) -> None:
+    """Neither one where it used to make its unfinished file, nor one in place of its results."""
+    file, copy, victim = (tmp_path / name for name in ("session.db", "copy.db", "victim"))
+    Recorder(file, rig).close()
+    victim.write_text("precious")
+    (tmp_path / "copy.db.part").symlink_to(victim)
+    backup_session(file, copy)
+    assert victim.read_text() == "precious"
+    for name in ("second.db", "third.db.sha256"):
+        (tmp_path / name).symlink_to(tmp_path / "nowhere")
+        with pytest.raises(RecordingError, match="expected a new file, got an existing one"):
+            backup_session(file, tmp_path / name.removesuffix(".sha256"))
+    assert not (tmp_path / "nowhere").exists()
+
+
 def test_a_backup_replaces_nothing_and_copies_recordings_only(rig: Rig, tmp_path: Path) -> None:
     file, copy = tmp_path / "session.db", tmp_path / "copy.db"
     Recorder(file, rig).close()

@@ -1,12 +1,15 @@
 """The recorder's contract: journalled before seen, append-only, readable whatever happened."""
 
+import json
 import shutil
 import signal
 import socket
 import sqlite3
 import subprocess
 import sys
+import tracemalloc
 from contextlib import closing, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -210,6 +213,94 @@ def test_a_second_recorder_is_refused_until_the_first_has_ended(rig: Rig, file: 
     ):
         Recorder(file, rig, append=True)
     Recorder(file, rig, append=True).close()
+
+
+def test_a_second_recorder_is_refused_if_the_lock_beside_the_file_is_deleted(
+    rig: Rig, file: Path
+) -> None:
+    with Recorder(file, rig) as recorder:
+        file.with_name("session.db-lock").unlink()
+        with pytest.raises(RecordingError, match="another process records into it"):
+            Recorder(file, rig, append=True)
+        recorder.write([GREETING, sample(0)])
+    assert count(file) == 1
+
+
+def changed_copy(rig: Rig, file: Path, *statements: str) -> Path:
+    """A recording that somebody has changed."""
+    with Recorder(file, rig) as recorder:
+        recorder.write([GREETING, sample(0), reading(0)])
+    with closing(sqlite3.connect(file)) as database:
+        for statement in statements:
+            database.execute(statement)
+        database.commit()
+    return file
+
+
+def test_a_name_of_a_channel_is_no_statement(rig: Rig, file: Path) -> None:
+    """Names become parts of SQL: this one would read another table."""
+    name = 'T", (SELECT value FROM session) AS "x'
+    names = json.dumps([name]).replace("'", "''")
+    changed_copy(
+        rig,
+        file,
+        "DROP TRIGGER session_update",
+        f"UPDATE session SET value = '{names}' WHERE key = 'channels'",
+    )
+    with pytest.raises(RecordingError, match="is damaged: its metadata say channels = "):
+        Session(file)
+
+
+def test_a_view_in_place_of_a_table_is_refused(rig: Rig, file: Path) -> None:
+    """This one never ends."""
+    endless = (
+        "WITH RECURSIVE k(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM k) SELECT i AS id FROM k"
+    )
+    changed_copy(rig, file, "DROP TABLE events", f"CREATE VIEW events AS {endless}")
+    with pytest.raises(RecordingError, match="got the view 'events', which no recorder makes"):
+        Session(file)
+
+
+def test_a_part_of_a_recording_equals_that_part_of_the_whole(rig: Rig, file: Path) -> None:
+    """Rows of a part are found by their arrival. Two runs, ten minutes apart."""
+    clock = HandClock()
+    for run in range(2):
+        clock.time = START + run * 900 * 10**9
+        hello = replace(HELLO, boot=f"b{run}")
+        with Recorder(file, rig, append=run > 0, clock=clock) as recorder:
+            recorder.write([Greeting("link", clock.time, hello)])
+            for k in range(3000):
+                at = {"arrival": clock.time + k * 10**8 + (k * 7919 % 97) * 10**5}
+                boot = {"boot": f"b{run}"}
+                recorder.write(
+                    [
+                        replace(sample(k), pwm=(k % 200, 0), **at, **boot),
+                        replace(reading(k), temperatures=np.full(15, k % 40.0), **at, **boot),
+                    ]
+                )
+    with Session(file) as session:
+        whole = session.experiment()
+        assert len(whole.gaps) == 1
+        for start, end in ((100, 200), (250, 950), (1000, 1100)):
+            assert session.experiment(start=start, end=end) == whole.between(start, end + 0.5)
+
+
+def test_an_experiment_needs_no_more_memory_than_its_grid(
+    rig: Rig, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """20 000 readings of 15 channels are 2.4 MB; a block of 500 and a grid of 20 steps are not."""
+    with Recorder(file, rig) as recorder:
+        records = [part for k in range(20_000) for part in (sample(k), reading(k))]
+        recorder.write([GREETING, *records])
+    monkeypatch.setattr(_session, "BLOCK", 500)
+    monkeypatch.setattr(_session, "MOST_STAMPS", 1000)
+    with Session(file) as session:
+        tracemalloc.start()
+        found = session.experiment(step=100.0)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert len(found.time) == 20
+    assert peak < 1.5e6
 
 
 def test_going_on_after_a_break_notes_the_break(rig: Rig, file: Path, clock: HandClock) -> None:

@@ -11,6 +11,7 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import IO
 
 import numpy as np
 from jaxtyping import Float
@@ -25,6 +26,9 @@ EXPECTED = (
     "each channel, and ambient_degC or ambient_K, separated by commas, semicolons or tabs"
 )
 """The columns of a file, for messages."""
+
+ROWS = 10_000
+"""The number of rows that are written at a time."""
 
 SECONDS = {"s": 1.0, "ms": 1e3, "min": 1 / 60, "h": 1 / 3600, "us since 1970": 1e6}
 """The number of each unit of time in a second."""
@@ -167,20 +171,27 @@ def _celsius(column: Column) -> np.ndarray:
     return column.values + ABSOLUTE_ZERO if column.name.endswith("_K") else column.values
 
 
-def format_csv(experiment: Experiment) -> str:
-    """The experiment as the text of a .csv file, which `parse_csv` reads back exactly."""
+def write_csv(experiment: Experiment, stream: IO[bytes]) -> None:
+    """Writes the experiment as a .csv file, which `parse_csv` reads back exactly; some rows at a
+    time, since text takes ten times the memory of numbers."""
     samples = len(experiment.time)
-    columns: dict[str, list] = {"time_s": experiment.time.tolist()}
-    for cell, duty in enumerate(experiment.duty.T):
-        columns[f"duty_P{cell + 1}"] = duty.tolist()
-    for index, channel in enumerate(experiment.channels):
-        recorded = experiment.temperatures
-        column = [""] * samples if recorded is None else recorded[:, index].tolist()
-        columns[f"{channel}_degC"] = ["" if value != value else value for value in column]
-    if experiment.ambient is not None:
-        columns["ambient_degC"] = np.broadcast_to(experiment.ambient, samples).tolist()
-    text = io.StringIO()
+    cells = [f"duty_P{cell + 1}" for cell in range(experiment.n_cells)]
+    channels = [f"{channel}_degC" for channel in experiment.channels]
+    ambient = [] if experiment.ambient is None else ["ambient_degC"]
+    text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    return text.getvalue()
+    writer.writerow(["time_s", *cells, *channels, *ambient])
+    room = np.broadcast_to(0.0 if experiment.ambient is None else experiment.ambient, samples)
+    for first in range(0, samples, ROWS):
+        part = slice(first, first + ROWS)
+        recorded = experiment.temperatures
+        readings = [[""] * len(channels)] * len(experiment.time[part])
+        if recorded is not None:
+            rows = recorded[part].tolist()
+            readings = [["" if value != value else value for value in row] for row in rows]
+        columns = experiment.time[part].tolist(), experiment.duty[part].tolist(), readings
+        rooms = room[part].tolist()
+        for time, duty, row, degC in zip(*columns, rooms, strict=True):
+            writer.writerow([time, *duty, *row, *([degC] if ambient else [])])
+    text.flush()
+    text.detach()

@@ -2,7 +2,7 @@
 
 import io
 import warnings
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
@@ -50,14 +50,14 @@ def experiment_of_dataset(data: "xarray.Dataset", *, name: str | None) -> Experi
     )
 
 
-def format_netcdf(experiment: Experiment) -> bytes:
-    """The experiment as the bytes of a netCDF 3 file.
+def write_netcdf(experiment: Experiment, stream: IO[bytes]) -> None:
+    """Writes the experiment as a netCDF 3 file.
 
     netCDF 3 is used instead of netCDF 4, because it needs no extra library, and because a damaged
     file cannot stop its reader: a zeroed block in a netCDF 4 file can keep the HDF5 library (2.0)
     in an endless loop.
     """
-    return bytes(experiment.to_xarray().to_netcdf(engine="scipy"))
+    stream.write(experiment.to_xarray().to_netcdf(engine="scipy"))
 
 
 def _dataset(content: bytes) -> "xarray.Dataset":

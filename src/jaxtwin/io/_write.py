@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from .._arguments import of_kind, path_of
 from .._errors import RecordingError
-from .._whole_file import check_ending, write_whole_file
-from ._csv import format_csv
+from .._whole_file import check_ending, whole_file
+from ._csv import write_csv
 from ._experiment import EXPERIMENT, Experiment
-from ._netcdf import format_netcdf
+from ._netcdf import write_netcdf
 
 if TYPE_CHECKING:
     import xarray
@@ -40,8 +40,11 @@ def write_recording(experiment: Experiment, path: str | Path) -> Path:
     ending = file.suffix.lower()
     if ending not in (".csv", ".nc"):
         raise RecordingError(f"{file}: ending: expected .csv or .nc, got {ending!r}")
-    content = format_netcdf(experiment) if ending == ".nc" else format_csv(experiment).encode()
-    write_whole_file(file, content, RecordingError)
+    with whole_file(file, RecordingError) as stream:
+        if ending == ".nc":
+            write_netcdf(experiment, stream)
+        else:
+            write_csv(experiment, stream)
     return file
 
 
@@ -56,5 +59,5 @@ def save_dataset(dataset: "xarray.Dataset", path: str | os.PathLike[str]) -> Non
         # netCDF 3 has no booleans.
         if variable.dtype == bool:
             plain[name] = plain[name].astype("int8")
-    content = bytes(plain.to_netcdf(engine="scipy"))
-    write_whole_file(path, content, RecordingError)
+    with whole_file(path, RecordingError) as stream:
+        stream.write(plain.to_netcdf(engine="scipy"))
