@@ -1,13 +1,15 @@
 """Who waits for more than two seconds is told for what."""
 
 import io
+import logging
 import time
 from types import SimpleNamespace
 
 import pytest
 
+import jaxtwin as jt
 from jaxtwin import _waiting
-from jaxtwin._waiting import announced, silent
+from jaxtwin._waiting import advanced, announced, counting, silent
 
 
 class Terminal(io.StringIO):
@@ -96,3 +98,59 @@ def test_it_ends_with_a_word_where_the_work_fails(screen):
     with pytest.raises(ValueError, match="broken"), announced("match"):
         fail()
     assert len(screen.getvalue().splitlines()) == 2
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that a test turns."""
+    now = [100.0]
+    monkeypatch.setattr(_waiting.time, "perf_counter", lambda: now[0])
+    return now
+
+
+def test_progress_is_logged_with_the_time_that_remains_every_ten_seconds(caplog, clock):
+    """A quarter is done in 12 s: 36 s remain."""
+    caplog.set_level(logging.INFO, "jaxtwin")
+    with announced("sensitivity analysis"):
+        report = counting(400, None)
+        report(50)
+        clock[0] += 12
+        report(50)
+        clock[0] += 9
+        report(100)  # less than ten seconds after the last message
+        clock[0] += 700
+        report(100)
+    assert caplog.messages == [
+        "sensitivity analysis: 100 of 400, 36 s left",
+        "sensitivity analysis: 300 of 400, 4 min left",
+        "sensitivity analysis: 721.0 s",
+    ]
+
+
+def test_progress_reaches_a_user_s_callback_and_the_command_line(clock):
+    told, shown = [], []
+    with silent(shown.append), announced("match"):
+        counting(3, told.append)(2)
+        advanced(7, None, "RMSE 0.3 K")
+    assert told == [2]
+    assert shown == ["2 of 3, 0 s left", "7, RMSE 0.3 K"]
+    advanced(1)  # outside of work nobody waits
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda twin, made: jt.sensitivity(twin, made, draws=32, method="sobol"),
+        lambda twin, made: jt.sensitivity(twin, made, draws=40),
+        lambda twin, made: jt.match(twin, made, free=["R_E"], max_iterations=2),
+        lambda twin, made: jt.simulate_batch(twin, made, {"R_E": [1.9, 2.0, 2.1]}),
+    ],
+    ids=["sobol", "correlations", "match", "batch"],
+)
+def test_long_work_reports_its_progress(work):
+    twin = jt.Twin("dual-cell")
+    schedule = jt.Experiment.schedule("0:0.5", duration=20, cells=2)
+    shown = []
+    with silent(shown.append):
+        work(twin, twin.simulate(schedule).to_recording())
+    assert shown

@@ -103,3 +103,22 @@ def test_the_name_of_a_channel_is_written_upon_its_own_place(rig: Rig) -> None:
 def test_a_name_gives_way_to_a_channel_inside_of_its_own() -> None:
     where = np.array([[0, 0, 0, 0], [0, 1, 1, 0], [0, 0, 0, 0]])
     assert _labels(where, ["ab", "c"]) == {(0, 0): "a", (0, 1): "b", (1, 1): "c"}
+
+
+def test_a_trip_the_owner_the_limits_and_the_age_of_temperatures_are_shown(twin: Twin) -> None:
+    screen = Screen(twin)
+    on = Sample("link", "b", START, 0, 0, (128, 255), 16.0, owner="lab", number=3)
+    screen.update([on, Reading("link", "b", START, 0, 0, np.full(15, 20.0), False, None)])
+    text = shown(screen)
+    assert "commanded by lab" in text
+    assert "off above 90 degC, inside a cell above 125, temperatures 0.0 s old" in text
+    assert "TRIPPED" not in text
+    later = START + 4 * 10**9
+    off = Sample("link", "b", later, 0, 1, (0, 0), 16.0, trip="over-\x1b[2Jtemperature")
+    closed = Reading("link", "b", later, 0, 1, np.full(15, 20.0), True, None)  # is no reading
+    screen.update([off, closed])
+    text = shown(screen)
+    assert "TRIPPED: over-�[2Jtemperature" in text
+    assert "commanded by nobody" in text
+    assert "temperatures 4.0 s old" in text
+    assert len(text.splitlines()) <= 24

@@ -68,20 +68,10 @@ def sensitivity(
         from .. import sensitivity as analysis  # which takes a second
         from ..rig import load_rig
         from ..sensitivity_analysis import GlobalSensitivity, Sobol
-        from ..sensitivity_analysis._analysis import PAPERS_DRAWS
 
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
         twins = open_twins(loaded, set_name, parameter_file, experiments)
-        done, known = 0, ""
-        if method == "correlations":
-            known = f" of {(PAPERS_DRAWS if draws is None else draws) * len(experiments)}"
-
-        def report(finished: int) -> None:
-            nonlocal done
-            done += finished
-            progress.update(f"{done}{known} simulations")
-
         progress.step(f"{method} on {len(experiments)} recordings")
         chosen: Any = Sobol(second_order=True) if second_order else method
         kinds: dict[str, Any] = {"inputs": inputs, "outputs": tuple(output)}
@@ -92,7 +82,6 @@ def sensitivity(
             draws=draws,
             spread=spread,
             seed=seed,
-            on_progress=report,
             **kinds,
         )
         progress.step(f"writing {out}")

@@ -26,7 +26,7 @@ def show_progress() -> Iterator[Progress]:
     living = sys.stderr.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
     shown = LiveProgress() if living else PlainProgress()
     try:
-        with silent():
+        with silent(shown.update):
             yield shown
         if isinstance(shown, LiveProgress):
             shown.finish()

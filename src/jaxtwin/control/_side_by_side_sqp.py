@@ -17,6 +17,8 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
+from .._waiting import advanced
+
 Vector = Float[np.ndarray, " unknowns"]
 
 FIRST_STEP, LONGEST_STEP, SHORTEST_STEP = 0.1, 0.4, 1e-3
@@ -72,6 +74,7 @@ def descents(evaluate: Evaluate, starts: Sequence[Vector], *, rounds: int) -> li
         if evaluation.is_finite:
             running[start] = _Descent(point, evaluation)
     for number in range(1, rounds + 1):
+        advanced(number - 1, rounds)
         asked = {start: descent.ask() for start, descent in running.items()}
         asked = {start: point for start, point in asked.items() if point is not None}
         running = {start: running[start] for start in asked}

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from .._arguments import check_callable, finite_number, names_of, whole_number
 from .._errors import MatchError
 from .._name_suggestions import did_you_mean
-from .._waiting import announced
+from .._waiting import advanced, announced
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._fit import solution_of
@@ -174,6 +174,7 @@ class _Search:
             def report(number: int, best: Candidate, start: int = start) -> None:
                 step = DesignStep(start, number, self.evaluations, self._mean_error(best))
                 self.history.append(step)
+                advanced(number, None, str(step))
                 if on_progress is not None:
                     on_progress(step)
 

@@ -23,6 +23,9 @@ _COLOURS = ((20, 11, 53), (101, 21, 110), (187, 55, 84), (249, 142, 9), (252, 25
 _LINK = {LinkState.LIVE: "green", LinkState.STALE: "yellow", LinkState.CONNECTING: "cyan"}
 _RATE_SECONDS = 5.0
 
+OLD_SECONDS = 3.0
+"""The age from which on temperatures are shown in red, s: `drive` stops there."""
+
 
 @final
 class Screen:
@@ -41,8 +44,8 @@ class Screen:
         self._links: dict[str, LinkState] = {}
         self._arrivals: dict[str, deque[int]] = {"frames": deque(), "samples": deque()}
         self._lost: Counter[str] = Counter()
-        self._pwm: tuple[int, ...] = ()
-        self._ambient: float | None = None
+        self._sample: Sample | None = None
+        self._read: int | None = None  # when the last valid reading arrived
         self._last = ""
         self._now = 0
 
@@ -55,9 +58,12 @@ class Screen:
             self._now = max(self._now, record.arrival)
             match record:
                 case Sample():
-                    self._pwm, self._ambient = record.pwm, record.ambient
+                    if record.pwm:
+                        self._sample = record
                     self._arrivals["samples"].append(record.arrival)
                 case Reading():
+                    if not record.recalibrating:
+                        self._read = record.arrival
                     self._arrivals["frames"].append(record.arrival)
                 case Gap():
                     self._lost["lost"] += record.count
@@ -66,9 +72,7 @@ class Screen:
                 case Event(kind="garbage" | "nonsense" | "duplicate"):
                     self._lost[record.kind] += 1
                 case Event():
-                    text = f"{record.kind} {record.detail}".strip()
-                    # Of a device, or of a hostile file: a terminal must not obey it.
-                    self._last = "".join(c if c.isprintable() else "�" for c in text)
+                    self._last = _plain(f"{record.kind} {record.detail}".strip())
 
     def render(self) -> RenderableType:
         """Renders the whole view."""
@@ -117,10 +121,18 @@ class Screen:
         text = Text()
         for link, state in self._links.items():
             text.append(f"{link} {state}  ", _LINK.get(state, "red"))
-        parts = self._rig.driver.duty(self._pwm)
+        sample = self._sample
+        parts = self._rig.driver.duty(() if sample is None else sample.pwm)
         duty = ", ".join(f"{100 * part:.0f} %" for part in parts) or "-"
-        ambient = "" if self._ambient is None else f", ambient {self._ambient:.1f} degC"
-        text.append(f"\nduty {duty}{ambient}\n")
+        text.append(f"\nduty {duty}")
+        if sample is not None:
+            room = "" if sample.ambient is None else f", ambient {sample.ambient:.1f} degC"
+            text.append(f"{room}, commanded by {_plain(sample.owner) or 'nobody'}")
+        if sample is not None and sample.trip:
+            text.append(f"\nTRIPPED: {_plain(sample.trip)}", "bold red")
+        text.append(f"\n{self._limits()}")
+        text.append(*self._age())
+        text.append("\n")
         for what, arrivals in self._arrivals.items():
             while arrivals and self._now - arrivals[0] > _RATE_SECONDS * 1e9:
                 arrivals.popleft()
@@ -129,6 +141,28 @@ class Screen:
         if self._last:
             text.append(f"\n{self._last}")
         return text
+
+    def _limits(self) -> str:
+        """The limits at which the cells are switched off."""
+        limits = self._rig.limits
+        if limits is None:
+            return "no limit in the rig file"
+        text = f"off above {limits.temperature - 273.15:g} degC"
+        if limits.cell_temperature is not None:
+            text += f", inside a cell above {limits.cell_temperature - 273.15:g}"
+        return text
+
+    def _age(self) -> tuple[str, str]:
+        """The age of the last temperatures, and its colour."""
+        if self._read is None:
+            return "", ""
+        age = (self._now - self._read) * 1e-9
+        return f", temperatures {age:.1f} s old", "bold red" if age > OLD_SECONDS else ""
+
+
+def _plain(text: str) -> str:
+    """Text of a device, or of a hostile file: a terminal must not obey it."""
+    return "".join(c if c.isprintable() else "�" for c in text)
 
 
 def _channel_map(plate: Plate, channels: Sequence[Channel]) -> np.ndarray:

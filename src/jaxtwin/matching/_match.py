@@ -1,5 +1,6 @@
 """Matches parameters of a twin to recordings: step 4 of the paper."""
 
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -9,7 +10,7 @@ from jaxtyping import Float
 
 from .._arguments import check_callable, names_of, of_kind, whole_number
 from .._errors import MatchError
-from .._waiting import announced
+from .._waiting import advanced, announced
 from ..io._experiment import Recordings, as_experiments
 from ..physics import Twin
 from ..simulation._initial import Initial, checked_initial
@@ -145,6 +146,7 @@ def match(
     solver = checked_solver(solver, problem)
 
     def report_step(start: int, step: DescentStep) -> None:
+        advanced(step.number, None, f"RMSE {math.sqrt(step.mean_square):.4g} K")
         if on_progress is not None:
             on_progress(make_iteration(problem, step, start))
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from .._arguments import whole_number
 from .._errors import SimulationError
 from .._executor import Executor
+from .._waiting import counting
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
@@ -117,6 +118,7 @@ def _run_experiments(
     """Computes the outputs of all runs of all experiments, and their derivatives if the method
     needs them."""
     columns: list[Column] = []
+    report = counting(len(values) * len(recordings), on_progress)
     slopes: list[list[Column]] = [[] for _ in inputs.names]
     for recording_twin, experiment in zip(twins, recordings, strict=True):
         samples = samples_at(times, experiment)
@@ -128,7 +130,7 @@ def _run_experiments(
             draws,
             reductions=reductions,
             executor=executor,
-            on_progress=on_progress,
+            on_progress=report,
         )
         columns += columns_of(results, outputs, samples, experiment)
         if method.needs_slopes:

@@ -8,6 +8,7 @@ import numpy as np
 from .._arguments import whole_number
 from .._errors import SimulationError
 from .._executor import Executor
+from .._waiting import counting
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
@@ -41,6 +42,7 @@ def correlate_costs(
     samples = normal_draws(values, spread, seed, draws)
     columns: list[tuple[str, np.ndarray]] = []
     failed = np.zeros(draws, dtype=bool)
+    report = counting(draws * len(recordings), on_progress)
     for twin_of_experiment, experiment in zip(twins, recordings, strict=True):
         result = simulate_batch(
             twin_of_experiment,
@@ -48,7 +50,7 @@ def correlate_costs(
             rescaled_draws(twin_of_experiment, values, samples),
             reductions=["cost"],
             executor=executor,
-            on_progress=on_progress,
+            on_progress=report,
         )
         assert result.cost is not None
         failed |= result.failed

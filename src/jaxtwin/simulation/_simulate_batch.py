@@ -11,7 +11,7 @@ from .._arguments import check_callable, mapping_of, whole_number
 from .._errors import JaxtwinError, ParameterError, SimulationError
 from .._executor import Executor, check_executor
 from .._name_suggestions import did_you_mean
-from .._waiting import announced
+from .._waiting import announced, counting
 from ..io import Experiment
 from ..physics import Twin
 from ._chunk_programs import Precision
@@ -164,13 +164,15 @@ def simulate_batch(
         workers=workers,
     )
     total = len(next(iter(arrays.values())))
+    # A caller that counts for itself reports the progress of a larger work.
+    report = counting(total, None) if on_progress is None else on_progress
 
     def some(chosen: Int[np.ndarray, " some"]) -> dict[str, Float[np.ndarray, " some"]]:
         return {name: values[chosen] for name, values in arrays.items()}
 
     def solve(chosen: Int[np.ndarray, " some"], refinement: int) -> Results:
-        report = None if refinement else on_progress
-        return solve_draws(batch, some(chosen), refinement, executor, report, total // LEAST_PART)
+        first = None if refinement else report
+        return solve_draws(batch, some(chosen), refinement, executor, first, total // LEAST_PART)
 
     def rescue(chosen: Int[np.ndarray, " some"]) -> Results:
         from ._diffeqsolve import stiff_method
@@ -180,7 +182,7 @@ def simulate_batch(
     if method is None:
         results = solve_refined(total, solve, rescue)
     else:
-        results = solve_draws(batch, arrays, method, executor, on_progress)
+        results = solve_draws(batch, arrays, method, executor, report)
     return results["temperatures"] if wanted is None else Reductions.of(names, results)
 
 
