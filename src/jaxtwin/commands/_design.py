@@ -151,9 +151,15 @@ def _table(result: "ExperimentDesign") -> str:
     ]
     hot = [planned.name for planned in result.references.values() if not planned.is_allowed]
     tail = f"\ntoo hot for the limits of the rig: {', '.join(hot)}" if hot else ""
+    means = [
+        f"{planned.name} {100 * planned.mean_error:.1f} %"
+        for planned in (result.best, *result.references.values())
+        if planned.is_allowed
+    ]
     return (
-        f"{aligned(rows)}{tail}\nhighest reading {result.best.highest_reading:.1f} degC, highest "
-        f"cell side {result.best.highest_side:.1f} degC\n{result.text}"
+        f"{aligned(rows)}{tail}\nmean standard error by the {result.criterion} criterion, of "
+        f"today's: {', '.join(means)}\n"
+        f"highest reading {result.best.highest_reading:.1f} degC, highest cell side {result.best.highest_side:.1f} degC\n{result.text}"
     )
 
 

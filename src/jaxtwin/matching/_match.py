@@ -116,21 +116,23 @@ def match(
     twice; if there are fewer samples than unknowns; if nothing changes in any recording; if bounds
     exclude the start or the prior, or change the meaning of the prior's spread; if a held parameter
     has a scope, or a parameter that is not free has bounds; if groups are not given for each
-    recording; if events or masks lie outside their recording; or if no start gives finite
+    recording; if values that each recording of a fit has are neither free nor fixed; if events or
+    masks lie outside their recording; or if no start gives finite
     temperatures. `ParameterError` for unknown names and for a parameter with several values;
     `SimulationError` for recordings of another rig.
     """
     began = time.perf_counter()
+    fit = twin if isinstance(twin, Fit) else None
     twin = nominal_twin("twin", twin, MatchError)
     given = as_experiments("match: experiments", experiments, MatchError, twin.rig)
     recordings = named_recordings(twin, [part for whole in given for part in whole.parts])
     group_names, group_numbers = named_groups(recordings, groups)
     check_distinct(recordings)
-    unknowns = choose_unknowns(
-        twin,
-        group_numbers,
-        ParameterChoice(free, without_starts(twin, fixed, initial), shared, per_recording, bounds),
-    )
+    held = without_starts(twin, fixed, initial)
+    choice = ParameterChoice(free, held, shared, per_recording, bounds)
+    unknowns = choose_unknowns(twin, group_numbers, choice)
+    if fit is not None:
+        _check_own_values(fit, unknowns, held)
     whole_number("starts", starts, 1, MatchError)
     whole_number("max_iterations", max_iterations, 1, MatchError)
     whole_number("seed", seed, 0, MatchError)
@@ -230,3 +232,20 @@ def _start_vectors(
     rng = np.random.default_rng(seed)
     moved = [first + scale * rng.standard_normal(first.size) for _ in range(starts - 1)]
     return [first, *(np.clip(vector, unknowns.lower(), unknowns.upper()) for vector in moved)]
+
+
+def _check_own_values(fit: Fit, unknowns: Unknowns, held: Iterable[str]) -> None:
+    """Refuses to hold a value that each recording of a fit has for itself, unless that is said: all
+    recordings would get their mean, and the other parameters would make up for it.
+
+    **Raises:** `MatchError` that names the parameters.
+    """
+    free = {row.name for row in unknowns.shared + unknowns.per_group + unknowns.per_recording}
+    own = [row.name for row in fit.parameters.values() if row.free and row.scope == "recording"]
+    lost = [name for name in own if name not in free | set(held)]
+    if lost:
+        names = ", ".join(lost)
+        raise MatchError(
+            f"match: {names}: expected parameters with a value for each recording of the fit in "
+            "per_recording, or in fixed for their mean, got neither"
+        )

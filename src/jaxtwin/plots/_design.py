@@ -76,5 +76,5 @@ def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
     ]
     axes.set_yticks(rows, names)
     axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set(xlabel="standard error, % of today's", title="what a match would know")
+    axes.set(xlabel="standard error, % of today's", title="what is gained")
     axes.legend(loc="best")
