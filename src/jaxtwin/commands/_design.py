@@ -159,7 +159,8 @@ def _table(result: "ExperimentDesign") -> str:
     return (
         f"{aligned(rows)}{tail}\nmean standard error by the {result.criterion} criterion, of "
         f"today's: {', '.join(means)}\n"
-        f"highest reading {result.best.highest_reading:.1f} degC, highest cell side {result.best.highest_side:.1f} degC\n{result.text}"
+        f"highest reading {result.best.highest_reading:.1f} degC, highest cell side "
+        f"{result.best.highest_side:.1f} degC\n{result.text}"
     )
 
 
