@@ -64,6 +64,7 @@ COMMANDS = [
     ["drive"],
     ["design"],
     ["control"],
+    ["prove"],
     ["watch"],
     ["conform"],
     ["backup"],

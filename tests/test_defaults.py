@@ -14,7 +14,7 @@ RANGE = (-1.0, 1.0)
 
 DEFAULTS = {
     "jaxtwin": {
-        "Experiment.from_dataframe": {"counts": 255, "polarity": 1},
+        "Experiment.from_dataframe": {"counts": None, "polarity": 1},
         "Experiment.schedule": {"step": 1.0, "cells": 1},
         "Fit.report": {"draws": 0},
         "Fit.summary": {"style": "text"},
@@ -42,7 +42,7 @@ DEFAULTS = {
         "plate_map": {"points": 120},
         "prediction_band": {"level": 0.95, "warm_up": 60.0},
         "profile": {"points": 9},
-        "read_recording": {"counts": 255, "polarity": 1},
+        "read_recording": {"counts": None, "polarity": None, "ignore": ()},
         "sensitivity": {"method": "correlations", "spread": 0.25, "seed": 0, "inputs": "normal"},
         "simulate_batch": {"precision": "float64"},
         "simulate_closed_loop": {"precision": "float64"},

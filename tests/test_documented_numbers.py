@@ -42,7 +42,12 @@ NUMBERS = [
     ("docs/reliability.md", "lines to {} kB", LIVE + "_framing.LINE_BYTES", KIB),
     ("docs/reliability.md", "a `hello` to {} names", LIVE + "_messages.MOST_NAMES", 1),
     ("docs/reliability.md", "*implausible* beyond {} K", LIVE + "_plausibility.ROOM_KELVIN", 1),
-    ("docs/reliability.md", "{} s with a camera,", LIVE + "_operating_limits._FROZEN_CAMERA", 1),
+    (
+        "docs/reliability.md",
+        "{} s at full duty with a camera,",
+        LIVE + "_operating_limits._FROZEN_CAMERA",
+        1,
+    ),
     ("docs/reliability.md", ", {} s with sensors", LIVE + "_operating_limits._FROZEN_SENSOR", 1),
     ("docs/live.md", "rig file by more than {} K;", LIVE + "_plausibility.ROOM_KELVIN", 1),
     ("docs/live.md", "less than {} GiB of free space", LIVE + "_alarms.DISK_BYTES", GIB),

@@ -53,8 +53,14 @@ def test_values_of_parameters_take_units():
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"R_E": "2 m"}, "parameter R_E: expected a number in ohm, .* 'm' does not measure"),
-        ({"R_E": "two"}, "parameter R_E: expected a number in ohm, .* got 'two'"),
+        (
+            {"R_E": "2 m"},
+            "parameter R_E: expected finite numbers, got '2 m', .* 'm' does not measure",
+        ),
+        (
+            {"R_E": "two"},
+            "parameter R_E: expected finite numbers, got 'two', .*; they are in ohm, or",
+        ),
         ({"R_E": UNITS.Quantity(2, "m")}, "parameter R_E: expected ohm, got meter"),
         (
             {"T_amb": 295.15},

@@ -99,9 +99,10 @@ class Twin(eqx.Module):
         numbers = {}
         for name, value in self.values.items():
             if np.ndim(value) > 0:
+                count, array = np.size(value), " in an array" if np.size(value) == 1 else ""
                 raise ParameterError(
-                    f"{self.rig.name}: parameter {name}: expected a single number, got an array "
-                    f"of {np.size(value)}; simulate_batch takes several values"
+                    f"{self.rig.name}: parameter {name}: expected one value, got {count}{array}; "
+                    "pass several to simulate_batch"
                 )
             numbers[name] = float(self.rig.parameters[name].to_si(np.float64(value)))
         return numbers
@@ -233,8 +234,8 @@ def _checked(rig: Rig, name: str, value: object) -> Any:
         array = np.array(None)
     if array.dtype.kind not in "fiu" or array.size == 0 or not np.isfinite(array).all():
         raise ParameterError(
-            f"{where}: expected finite numbers in {parameter.unit or 'no unit'}, or text such as "
-            f'"{parameter.value:g} {parameter.unit}", got {value!r}'
+            f"{where}: expected finite numbers, got {value!r}; they are in "
+            f"{parameter.unit or 'no unit'}"
         )
     _check_not_kelvin(where, parameter, array)
     return value if isinstance(value, jax.Array) else array.astype(float)
@@ -247,8 +248,8 @@ def _quantity(where: str, text: str, unit: str) -> float:
         return parse_quantity(text, kind)
     except ValueError as problem:
         raise ParameterError(
-            f'{where}: expected a number in {unit}, or text such as "1 {unit}", got {text!r}, '
-            f"{problem}"
+            f"{where}: expected finite numbers, got {text!r}, {problem}; they are in "
+            f'{unit or "no unit"}, or text such as "1 {unit}"'
         ) from None
 
 
