@@ -271,4 +271,4 @@ class MaterialTable(Table):
     density: Quantity
     specific_heat: Quantity
     conductivity: Quantity
-    diffusivity: Quantity
+    diffusivity: Quantity | None = None
