@@ -105,7 +105,7 @@ CASES = {
     ),
     "control.save_controller(pid, 'pid.toml', rig)": (
         "ControlError",
-        r"save_controller\(path, controller, rig\), in this order, got save_controller\(PID, str, R",
+        r"\(path, controller, rig\), in this order, got save_controller\(PID, str, Rig\)",
     ),
     "control.save_controller('pid.toml', rig, pid)": (
         "ControlError",
