@@ -99,7 +99,18 @@ CASES = {
     "validate(None, seen)": ("MatchError", TWIN),
     "validate_split(rig, seen, 30)": ("MatchError", TWIN),
     "leave_one_out(rig, [seen, seen])": ("MatchError", TWIN),
-    "simulate(twin, 'run.csv')": ("SimulationError", "experiment: " + EXPERIMENT),
+    "simulate(twin, 'run.csv')": (
+        "SimulationError",
+        "experiment: " + EXPERIMENT + r"; read a file with read_recording\('run\.csv'\)",
+    ),
+    "control.save_controller(pid, 'pid.toml', rig)": (
+        "ControlError",
+        r"\(path, controller, rig\), in this order, got save_controller\(PID, str, Rig\)",
+    ),
+    "control.save_controller('pid.toml', rig, pid)": (
+        "ControlError",
+        r"in this order, got save_controller\(str, Rig, PID\)",
+    ),
     "simulate(twin, np.zeros((3, 2)))": ("SimulationError", "experiment: " + EXPERIMENT),
     "simulate_batch(twin, None, draws)": ("SimulationError", "experiment: " + EXPERIMENT),
     "Experiment([0, 1], [0, 1], name=3)": ("RecordingError", "name: expected text.*, got 3"),

@@ -126,9 +126,9 @@ def recording(rig: Rig) -> Experiment:
     )
 
 
-def test_sensors_are_read_from_the_element_that_they_lie_on(rig: Rig):
-    """A place on a border belongs to the right or lower element, the plate's edge to its last."""
-    assert [channel.nodes for channel in rig.channels] == [("V11",), ("V12",), ("V23",)]
+def test_a_sensor_in_the_middle_of_an_element_reads_it_alone(rig: Rig):
+    """One on the right edge reads the last column, because the temperature is constant beyond the
+    outermost centres, and both rows, because it lies on their border."""
     assert rig.camera is None
     assert rig.common_error is None
     assert rig.noise == 0.05
@@ -136,6 +136,16 @@ def test_sensors_are_read_from_the_element_that_they_lie_on(rig: Rig):
     state[1] = 1.0
     weights = Twin(rig).wiring.channel_weights[:, :6]
     np.testing.assert_array_equal(weights @ state, [0, 1, 0])
+    np.testing.assert_allclose(weights[2], [0, 0, 0.5, 0, 0, 0.5])
+
+
+def test_a_point_sensor_reads_the_temperature_interpolated_between_centres(tmp_path: Path):
+    """At 5 cm and 2 cm, between centres at 2 and 6 cm, and on the border of the rows: the column
+    of V12 has 3/4, each row half."""
+    path = tmp_path / "moved.toml"
+    path.write_text(TEXT.replace('x = "6 cm"\ny = "1 cm"', 'x = "5 cm"\ny = "2 cm"'), "utf-8")
+    weights = Twin(load_rig(path)).wiring.channel_weights[1, :6]
+    np.testing.assert_allclose(weights, np.array([1, 3, 0, 1, 3, 0]) / 8)
 
 
 @pytest.mark.slow

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from jaxtwin import ControlError
-from jaxtwin.control import PID, AbstractController, DecoupledPI, FunctionController, decoupling_of
+from jaxtwin.control import (
+    PID,
+    AbstractController,
+    DecoupledPI,
+    FunctionController,
+    Relay,
+    decoupling_of,
+)
 from jaxtwin.control._controller import checked_measured
 from jaxtwin.control._decoupled_pi import inverse
 
@@ -189,6 +196,24 @@ def test_outputs_without_an_order_are_refused(measured: object):
     """Which output of a set is the first may be another in the next process."""
     with pytest.raises(ControlError, match="PID: measured: expected channels, or groups"):
         checked_measured("PID", measured)
+
+
+def test_a_controller_is_printed_with_its_numbers_and_units():
+    assert str(PID(0.1, [0.002, 0.003], limits=(0, 1), measured=["T11"])) == (
+        "PID(Kp=0.1 1/K, Ki=[0.002, 0.003] 1/(K s), Kd=0 s/K, Tf=0 s, setpoint_weight=1, "
+        "derivative_weight=0, limits=(0.0, 1.0), sample_time=1 s, measured=(('T11',),))"
+    )
+    assert "Kp_mean=1 1/K, Ki_mean=0.5 1/(K s)" in str(DecoupledPI(1, 0.5, 1, 0, measured=GROUPS))
+    assert "hysteresis=0.2 K, timeout=" in str(Relay(0.1, 0.4, 0.2))
+    assert "function=<function" in str(FunctionController(lambda t, r, y: 0.0, 2.0))
+
+
+def test_many_controllers_and_traced_ones_are_printed_with_their_shapes():
+    many = jax.vmap(PID)(jnp.ones(100))
+    assert "Kp=f32[100] 1/K" in str(many)
+    printed = []
+    jax.jit(lambda gain: printed.append(str(PID(gain))))(1.0)
+    assert printed[0].startswith("PID(Kp=weak_f32[] 1/K")
 
 
 def test_a_decoupling_that_is_none_is_refused():

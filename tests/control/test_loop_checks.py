@@ -3,11 +3,12 @@
 from contextlib import nullcontext
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxtwin import ControlError, Twin, simulate_closed_loop
-from jaxtwin.control import PID, DecoupledPI
+from jaxtwin.control import PID, DecoupledPI, FunctionController
 from jaxtwin.control._control import checked_loop
 from jaxtwin.control._loop_checks import check_reach
 
@@ -63,6 +64,33 @@ def test_a_simulated_loop_and_one_on_a_rig_have_the_limits_of_their_controller(t
         simulate_closed_loop(twin, weak, 50, duration_s=60)
     with pytest.raises(ControlError, match=words):
         checked_loop(twin, weak, 50, 60)
+
+
+def on_off(time, reference, measurement):
+    if measurement[0] > reference[0]:
+        return 0.0
+    return 0.5
+
+
+def without_return(time, reference, measurement):
+    jnp.clip(reference - measurement, -1, 1)
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (on_off, r"got Python's if, .* use jnp\.where\(condition, duty, other\)"),
+        (lambda t, r, y: float(y[0]), "float.* on temperatures"),
+        (lambda t, r, y: np.maximum(np.asarray(y)[:2], 0), "NumPy on temperatures"),
+        (without_return, "expected a function that returns a duty, .* got None"),
+    ],
+)
+def test_a_function_that_jax_cannot_trace_is_answered_in_a_sentence(twin: Twin, function, words):
+    with pytest.raises(ControlError, match=words) as caught:
+        simulate_closed_loop(twin, function, 35, duration_s=60)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ControlError, match=words):
+        checked_loop(twin, FunctionController(function), 35, 60)
 
 
 def test_a_loop_on_a_rig_needs_a_duty_for_each_of_its_cells(twin: Twin):

@@ -95,6 +95,13 @@ def test_a_parameter_file_gives_its_values(tmp_path):
         Twin("dual-cell", tmp_path / "none.toml")
 
 
+@pytest.mark.parametrize("name", ["publishd", "published"])
+def test_the_name_of_a_parameter_set_is_answered_with_the_sets(name):
+    words = r"no such file; did you mean rig\.parameter_sets\['published'\]\? Parameter sets .*, "
+    with pytest.raises(ParameterError, match=words):
+        Twin("paper-2024", name)
+
+
 def test_a_schedule_in_words_needs_a_duration(twin):
     """It is the experiment that `Experiment.schedule` makes of it."""
     run = twin.simulate("0:0.3/0.2,5:0.5", duration=10.0)

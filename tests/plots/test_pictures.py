@@ -137,15 +137,43 @@ def test_cells_with_the_same_drive_share_a_label():
 
 
 @pytest.mark.parametrize(
-    ("lowest", "ticks", "bottom"), [(0.0, [0, 50, 100], -4.0), (-0.2, [-100, 0, 100], -105.0)]
+    ("lowest", "highest", "ticks"),
+    [
+        (0.0, 1.0, [0, 50, 100]),
+        (0.1, 0.37, [0, 20, 40]),
+        (-0.37, 0.4, [-40, -20, 0, 20, 40]),
+        (-1.0, 1.0, [-100, 0, 100]),
+        (0.0, 0.0, [0, 50, 100]),
+    ],
 )
-def test_the_axis_of_the_duty_goes_below_0_where_a_cell_cools(
-    lowest: float, ticks: list[int], bottom: float
+def test_the_axis_of_the_duty_is_fitted_to_the_data_and_0(
+    lowest: float, highest: float, ticks: list[int]
 ):
-    drive = Experiment(np.arange(4.0), np.array([[lowest], [0.5], [0.5], [0.5]]))
+    drive = Experiment(np.arange(4.0), np.array([[lowest], [highest], [highest], [highest]]))
     (axes,) = plots.plot_recordings([drive]).axes
-    assert axes.get_yticks().tolist() == ticks
-    assert axes.get_ylim() == (bottom, 105.0)
+    assert axes.get_yticks().tolist() == pytest.approx(ticks)
+    room = 0.04 * (ticks[-1] - ticks[0])
+    assert axes.get_ylim() == pytest.approx((ticks[0] - room, ticks[-1] + room))
+
+
+def test_each_drive_has_its_own_colour_and_dashes():
+    drive = Experiment(np.arange(3.0), np.array([[0.4, -0.3], [0.1, 0.1], [0.1, 0.1]]))
+    (axes,) = plots.plot_recordings([drive]).axes
+    first, second = axes.lines
+    assert first.get_color() != second.get_color()
+    assert first.get_linestyle() != second.get_linestyle()
+    np.testing.assert_array_equal(heights(second), [-30, 10, 10])
+    named = {text.get_text(): text.get_color() for text in axes.texts}
+    assert named == {"P1": first.get_color(), "P2": second.get_color()}
+
+
+@pytest.mark.slow
+def test_a_recording_is_seen_on_both_sides_of_the_twin():
+    for axes in plots.plot_comparison(list(fit().runs.values())).axes:
+        recorded, twin = axes.lines
+        assert recorded.get_linewidth() >= 3 * twin.get_linewidth()
+        assert recorded.get_color() != twin.get_color()
+        assert recorded.get_zorder() <= twin.get_zorder()
 
 
 @pytest.mark.slow
@@ -392,6 +420,20 @@ def test_a_bode_diagram_shows_the_mean_of_the_channels_and_their_range():
     band = gain.collections[0].get_paths()[0].vertices
     assert np.min(np.asarray(band)[:, 1]) == pytest.approx(2 * np.abs(response[-1]))
     assert np.max(np.asarray(band)[:, 1]) == pytest.approx(4 * np.abs(response[0]))
+
+
+def test_a_bode_diagram_ends_where_the_gain_is_a_thousandth_of_the_largest():
+    """A double pole at 0.1 rad/s has 1e-3 of its gain at 0.1 sqrt(999) rad/s; a delay of 2 s turns
+    the phase by -6.3 rad there, and without end beyond."""
+    block = np.array([[-0.1, 0.0], [0.1, -0.1]])
+    model = LinearModel(block, [[1.0], [0.0]], [[0.0, 1.0]], np.zeros((1, 1)), delay_s=2.0)
+    gain, phase = plots.plot_bode(model).axes
+    end = places(gain.lines[0])[-1]
+    assert end == pytest.approx(min(10.0, 0.1 * 999**0.5), rel=0.05)
+    low, high = phase.get_ylim()
+    shown = heights(phase.lines[0])
+    assert low <= shown.min() < low + 100
+    assert shown.max() <= high < shown.max() + 100
 
 
 def test_a_bode_diagram_of_models_with_other_inputs_is_refused():

@@ -159,26 +159,74 @@ def test_an_editor_finds_the_schema_from_the_first_line(
 def test_a_person_is_asked_for_what_no_option_gives(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    answers = {"width of": "6 cm", "centres": "2 cm,2 cm; 4 cm,2 cm", "module": "CP10-127-05"}
+    centres = ["2 cm,2 cm; 4 cm,2 cm", "1.5 cm,2 cm; 9 cm,2 cm", "1.5 cm,2 cm; 4.5 cm,2 cm"]
+    answers = {
+        "width of": ["6 cm"],
+        "centres": centres,
+        "module": ["CP10-127-05"],
+        "what reads": ["thermometer", "sensors"],
+    }
     asked = []
 
     def prompt(question: str, default: str | None) -> str | None:
         asked.append(question)
         given = [answer for start, answer in answers.items() if question.startswith(start)]
-        return given[0] if given else default
+        return given[0].pop(0) if given else default
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(typer, "prompt", prompt)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-    assert run(["new-rig", "bench.toml", "--height", "4 cm"]) == 2  # the modules are 3 cm wide
-    assert "cells 1 and 2 both on" in capsys.readouterr().err
-    assert not Path("bench.toml").exists()
-    answers["centres"] = "1.5 cm,2 cm; 4.5 cm,2 cm"
     assert run(["new-rig", "bench.toml", "--height", "4 cm"]) == 0
+    both, beside, reader = capsys.readouterr().err.splitlines()
+    assert "cells 1 and 2 both on" in both  # the modules are 3 cm wide
+    assert "cell 2: x: expected a place on the plate" in beside
+    assert "--reader: expected camera or sensors, got 'thermometer'" in reader
+    assert sum(question.startswith("width") for question in asked) == 1
     assert not any(question.startswith("height") for question in asked)
     rig = load_rig("bench.toml")
     assert rig.plate.width == pytest.approx(0.06)
     assert len(rig.cells) == 2
+    assert rig.camera is None
+    assert rig.sensors is not None
+
+
+def test_a_module_between_the_edges_of_elements_is_named_in_the_file_and_by_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """Modules of 40 mm at 2.5 and 7.5 cm leave a gap of 10 mm. Each touches five elements of 10 mm,
+    half of the outer ones, so that there is none. All contacts together are that of its face."""
+    monkeypatch.chdir(tmp_path)
+    sizes = ["--width", "10 cm", "--height", "4 cm", "--thickness", "2 mm", "--zones", "2x1"]
+    kinds = ["--material", "copper", "--module", "TEC1-12706"]
+    places = ["--at", "2.5 cm, 2 cm", "--at", "7.5 cm, 2 cm"]
+    assert run(["new-rig", "bench.toml", *sizes, *kinds, *places]) == 0
+    note = "its face is 40 mm x 40 mm, but the elements that it touches are 50 mm x 40 mm"
+    printed = capsys.readouterr().out
+    written = Path("bench.toml").read_text("utf-8")
+    for name in ("P1", "P2"):
+        assert f"\n{name}: {note}" in printed
+        assert f"\n# {name}: {note}" in written
+    rig = load_rig("bench.toml")
+    assert rig.parameters["R_pc_1"].value / len(rig.cells[0].contacts) == pytest.approx(
+        0.5e-4 / 0.0016
+    )
+    assert run(["new-rig", "fits.toml", *sizes, *kinds, "--at", "2 cm, 2 cm"]) == 0
+    assert note[:20] not in capsys.readouterr().out + Path("fits.toml").read_text("utf-8")
+
+
+def test_all_answers_are_kept_from_a_wrong_option(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """Options are checked before a person has answered for nothing."""
+    asked = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(typer, "prompt", lambda question, default: asked.append(question))
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    assert run(["new-rig", "bench.toml", "--limit", "80 K/W"]) == 2
+    assert "limit: expected a temperature" in capsys.readouterr().err
+    assert run(["new-rig", "bench.toml", "--width", "8"]) == 2
+    assert "width: expected a length above 0" in capsys.readouterr().err
+    assert asked == []
 
 
 def test_who_answers_wrongly_is_asked_again(
@@ -189,7 +237,8 @@ def test_who_answers_wrongly_is_asked_again(
         "material": ["aluminum", "aluminium"],
         "module": ["TEC12706", "TEC1-12706"],
         "centres": ["3 cm 2 cm", "3 cm, 2 cm"],
-        "columns": ["3", "3x2"],
+        "columns": ["3", "0x2", "3x2"],
+        "what": ["camera"],
     }
 
     def prompt(question: str, default: str | None) -> str | None:
@@ -200,7 +249,7 @@ def test_who_answers_wrongly_is_asked_again(
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     assert run(["new-rig", "bench.toml", "--height", "4 cm", "--thickness", "2 mm"]) == 0
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 6
+    assert len(lines) == 7
     assert "width: expected a length above 0" in lines[0]
     assert "width: expected 1 mm to 10 m, got '4 parsec'" in lines[1]
     assert "did you mean 'aluminium'?" in lines[2]
@@ -208,6 +257,7 @@ def test_who_answers_wrongly_is_asked_again(
     assert lines[4:] == [
         "--at: expected such as \"2 cm, 2 cm\", got '3 cm 2 cm'",
         "--zones: expected such as 3x2, got '3'",
+        "new rig: zones: expected 1 to 100 columns, got 0",
     ]
     assert len(load_rig("bench.toml").cells) == 1
 

@@ -158,6 +158,15 @@ def test_a_missing_file_lists_the_bundled_rigs(tmp_path):
         load_rig(tmp_path / "no.toml")
 
 
+def test_a_saved_fit_in_place_of_a_rig_file_is_called_one(tmp_path):
+    path = tmp_path / "fit.toml"
+    path.write_text('rig = "dual-cell"\n[parameters]\nR_E = { value = 2.2, unit = "ohm" }\n')
+    with pytest.raises(
+        RigError, match=r"fit\.toml: expected a rig file, got a parameter file.*Twin"
+    ):
+        load_rig(path)
+
+
 def test_a_folder_is_no_rig_file(tmp_path):
     with pytest.raises(RigError, match="cannot be read"):
         load_rig(tmp_path)

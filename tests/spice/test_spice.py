@@ -159,6 +159,14 @@ def test_parameters_stand_in_a_comment_in_si_units():
     assert "\n.param T_ref=291.15\n" in text
 
 
+def test_a_parameter_without_a_description_has_no_empty_brackets():
+    rig = load_rig("paper-2024")
+    bare = {name: dataclasses.replace(row, description="") for name, row in rig.parameters.items()}
+    text = to_spice(Twin(dataclasses.replace(rig, parameters=bare)), STEPS)
+    for name in bare:
+        assert re.search(rf"^\* {name} = \S+$", text, re.MULTILINE)
+
+
 def test_recorded_ambient_takes_the_place_of_the_rig_s():
     experiment = Experiment(STEPS.time, STEPS.duty, ambient=21.0)
     assert "\n.param T_ref=294.15\n" in to_spice(Twin("paper-2024"), experiment)

@@ -3,13 +3,16 @@
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from .._errors import JaxtwinError, RigError
 from .._whole_file import write_whole_file
 from ._output import check_output, write_json
+
+if TYPE_CHECKING:
+    from ..rig import CellPlace
 
 Asked = tuple[str, str, str | None]
 """Option, question and default of the answer; None if there is none."""
@@ -43,8 +46,9 @@ def new_rig(
         str, typer.Option(metavar="TEMPERATURE", help="Above it, driving stops.")
     ] = "80 degC",
     reader: Annotated[
-        Literal["camera", "sensors"], typer.Option(help="What reads the zones.")
-    ] = "camera",
+        Literal["camera", "sensors"] | None,
+        typer.Option(help="What reads the zones; camera if nobody can be asked."),
+    ] = None,
 ) -> None:
     """Write a commented rig file. What no option gives is asked.
 
@@ -55,11 +59,14 @@ def new_rig(
     check_output(file, ".toml", option="FILE")
     if file.exists():
         raise RigError(f"{file}: expected a new file, got one that is there; choose another name")
-    from ..rig import CellPlace, bundled_materials, bundled_modules, json_schema, new_rig_text
+    from ..rig import _units as units
+    from ..rig import bundled_materials, bundled_modules, json_schema, load_module, new_rig_text
     from ..rig._fields import Fields
-    from ..rig._new_rig import plate_size
+    from ..rig._new_rig import check_zones, covered_elements, divided_plate, misfit, plate_size
 
     fields = Fields("new rig", {}, {})
+    fields.constant("supply_voltage", supply_voltage, units.VOLTAGE)
+    fields.constant("limit", limit, units.TEMPERATURE)
 
     def size(argument: str) -> Callable[[str], object]:
         return lambda text: plate_size(fields, argument, text)
@@ -83,10 +90,22 @@ def new_rig(
         ("--module", f"module ({', '.join(modules)})", "TEC1-12706"),
         one_of("module", list(modules)),
     )
-    if not at:
-        asked = "centres of the cells from the left and the top edge, such as 2 cm,2 cm; 6 cm,2 cm"
-        at = _centres(_answer(None, ("--at", asked, None), _places))
-    zones = _answer(zones, ("--zones", "columns x rows of zones that are read", "3x2"), _zones)
+    sheet = load_module(module)
+    sizes = {"width": width, "height": height, "thickness": thickness}
+    plate = divided_plate(**{name: plate_size(fields, name, text) for name, text in sizes.items()})
+    asked = "centres of the cells from the left and the top edge, such as 2 cm,2 cm; 6 cm,2 cm"
+    centres = _answer(
+        "; ".join(at) if at else None,
+        ("--at", asked, None),
+        lambda text: covered_elements(fields, _places(text), sheet, plate),
+    )
+    zones = _answer(
+        zones,
+        ("--zones", "columns x rows of zones that are read", "3x2"),
+        lambda text: check_zones(fields, _zones(text)),
+    )
+    if reader is None:
+        reader = _reader()
     text = new_rig_text(
         file.stem,
         width=width,
@@ -94,7 +113,7 @@ def new_rig(
         thickness=thickness,
         material=material,
         module=module,
-        places=[CellPlace(*place) for place in map(_place, at)],
+        places=_places(centres),
         zones=_zones(zones),
         supply_voltage=supply_voltage,
         limit=limit,
@@ -107,7 +126,12 @@ def new_rig(
         write_json(schema, json_schema())
     from ..rig import load_rig
 
-    print(load_rig(str(file)))
+    rig = load_rig(str(file))
+    print(rig)
+    for cell in rig.cells:
+        note = misfit(rig.plate, [element for element, _ in cell.contacts], sheet)
+        if note:
+            print(f"{cell.name}: {note}")
     print(f"written to {file}; check it after a change: jaxtwin check {file}")
 
 
@@ -116,13 +140,14 @@ def _answer(given: str | None, asked: Asked, check: Callable[[str], object]) -> 
 
     **Arguments:**
 
-    - `given`: the value of the option, which is checked later with everything else.
+    - `given`: the value of the option, which is checked before anything more is asked.
     - `check`: a function that raises an error for a wrong answer.
 
     **Raises:** a `typer.BadParameter` that names the option if nobody can be asked.
     """
     option, question, default = asked
     if given is not None:
+        check(given)
         return given
     if not sys.stdin.isatty():
         raise typer.BadParameter(f"{option}: expected a value, as there is nobody to ask, got none")
@@ -136,17 +161,27 @@ def _answer(given: str | None, asked: Asked, check: Callable[[str], object]) -> 
         return answer
 
 
-def _centres(text: str) -> list[str]:
-    return [part for part in text.split(";") if part.strip()]
+def _reader() -> Literal["camera", "sensors"]:
+    if not sys.stdin.isatty():
+        return "camera"
+    question = "what reads the zones: camera, or sensors such as thermocouples"
+    return (
+        "sensors"
+        if _answer(None, ("--reader", question, "camera"), _is_reader) == "sensors"
+        else "camera"
+    )
 
 
-def _places(text: str) -> None:
-    for part in _centres(text):
-        _place(part)
+def _is_reader(text: str) -> None:
+    if text not in ("camera", "sensors"):
+        raise typer.BadParameter(f"--reader: expected camera or sensors, got {text!r}")
 
 
-def _place(text: str) -> tuple[str, str]:
-    return _pair("--at", text, ",", '"2 cm, 2 cm"')
+def _places(text: str) -> list["CellPlace"]:
+    from ..rig import CellPlace
+
+    parts = [part for part in text.split(";") if part.strip()]
+    return [CellPlace(*_pair("--at", part, ",", '"2 cm, 2 cm"')) for part in parts]
 
 
 def _pair(option: str, text: str, separator: str, example: str) -> tuple[str, str]:

@@ -16,6 +16,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from .._arguments import check_callable, finite_number, is_ordered
 from .._errors import ControlError
 from .._name_suggestions import unknown_name
+from ._controller_text import controller_text
 
 Numbers: TypeAlias = npt.ArrayLike | float | int
 """A parameter: a number or an array."""
@@ -64,6 +65,9 @@ class AbstractController(eqx.Module):
 
         **Raises:** `ControlError` that names the parameter.
         """
+
+    def __repr__(self) -> str:
+        return controller_text(self)
 
     @abstractmethod
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
@@ -158,7 +162,13 @@ class FunctionController(AbstractController):
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """Calls the function."""
         time, last = state
-        asked = jnp.asarray(self.function(time, jnp.asarray(reference), jnp.asarray(measurement)))
+        returned = self.function(time, jnp.asarray(reference), jnp.asarray(measurement))
+        if returned is None:
+            raise ControlError(
+                f"FunctionController: expected a function that returns a duty, or {last.size} of "
+                "them, one for each cell, got None; does it end without a return?"
+            )
+        asked = jnp.asarray(returned)
         if asked.shape not in ((), (1,), last.shape):
             raise ControlError(
                 f"FunctionController: expected a function that returns a duty, or {last.size} of "

@@ -145,6 +145,12 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
     **Raises:** `ControlError` for another kind of controller, for a controller that does not fit
     the rig, for another ending than .toml, and if the file cannot be written.
     """
+    if isinstance(path, AbstractController) or not isinstance(rig, Rig):
+        order = (type(given).__name__ for given in (path, controller, rig))
+        raise ControlError(
+            "save_controller: expected save_controller(path, controller, rig), in this order, got "
+            f"save_controller({', '.join(order)})"
+        )
     check_ending(path, [".toml"], ControlError)
     kind = _NAMES.get(type(controller))
     if kind is None:

@@ -27,6 +27,13 @@ TOGETHER = 0.1
 MOST = 5
 """The largest number of references of several outputs that are checked."""
 
+_NEED_NUMBERS = (
+    jax.errors.ConcretizationTypeError,
+    jax.errors.TracerArrayConversionError,
+    jax.errors.TracerIntegerConversionError,
+)
+"""The errors of JAX for Python that needs the number of a traced array."""
+
 STARTS = 64
 """The largest number of starts of the search for the duty that holds several outputs."""
 
@@ -90,7 +97,7 @@ def check_cells(where: str, controller: AbstractController, cells: int, outputs:
     """
     preview = (controller.preview_samples,) if controller.preview_samples else ()
 
-    def commanded() -> Array:
+    def commanded() -> Array | None:
         measurement = jnp.zeros(outputs)
         state = controller.init(jnp.zeros(cells), measurement)
         return controller.step(state, jnp.zeros((*preview, outputs)), measurement)[0]
@@ -99,7 +106,13 @@ def check_cells(where: str, controller: AbstractController, cells: int, outputs:
         f"{where}: controller: expected the duty of {cells} {'cells' if cells > 1 else 'cell'}"
     )
     try:
-        shape = jax.eval_shape(commanded).shape
+        duty = jax.eval_shape(commanded)
+    except _NEED_NUMBERS as problem:
+        raise ControlError(
+            f"{where}: controller: expected a function of arrays that JAX can trace, got Python's "
+            "if, while, float() or NumPy on temperatures or times in it; use jnp.where(condition, "
+            "duty, other), jnp.clip and functions of jax.numpy"
+        ) from problem
     except (TypeError, ValueError) as problem:
         # The error may come from a function of the user and have any cause.
         if not isinstance(controller, AbstractChannelGroupController):
@@ -108,9 +121,11 @@ def check_cells(where: str, controller: AbstractController, cells: int, outputs:
             f"{expected}, got a {type(controller).__name__} whose gains do not fit; "
             "give one output for all cells, or an output and a gain for each cell"
         ) from problem
+    shape = getattr(duty, "shape", None)
     if shape != (cells,):
+        got = "None" if shape is None else f"an array of shape {shape}"
         raise ControlError(
-            f"{expected}, got an array of shape {shape} from {type(controller).__name__}, which "
+            f"{expected}, got {got} from {type(controller).__name__}, which "
             f"has {outputs} {'outputs' if outputs > 1 else 'output'}"
         )
 

@@ -157,6 +157,12 @@ def _align(
 
 def _hint(name: str) -> str:
     """Suggests what an unknown column may mean, for the end of a message; empty without an idea."""
+    if re.match(r"duty[ _-]?(heater|heating|cooler|peltier|tec)s?(_%)?$", name.lower()):
+        return "; the drives of the cells are duty_P1, duty_P2, ...: is it duty_P1?"
+    if re.match(r"(set_?point|reference|target|soll(wert)?)s?([ _-]|$)", name.lower()):
+        return "; references of a controller are no part of a recording"
+    if re.match(r"fans?([ _-]|$)", name.lower()):
+        return "; the speed of a fan is a parameter of the rig, no part of a recording"
     cell = re.fullmatch(r"(duty|pwm|)[ _-]*(p|cell|)[ _-]*0*([1-9]\d*)(_%)?", name.lower())
     if cell and (cell[1] or cell[2]):
         return f"; is it {cell[1] or 'duty'}_P{cell[3]}{cell[4] or ''}?"

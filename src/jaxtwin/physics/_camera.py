@@ -6,7 +6,7 @@ from jaxtyping import Float, Shaped
 from .._arguments import of_kind
 from .._errors import RigError
 from ..rig import Camera, Channel, Plate, Rig
-from ._zone_means import mean_weights
+from ._zone_means import mean_weights, point_weights
 
 
 def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
@@ -15,7 +15,7 @@ def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
 
     A channel that is given by named nodes is their plain mean. A channel that is given by a
     rectangle is the mean over it of the temperature, interpolated between the centres of the
-    elements.
+    elements, and one at a point is the interpolated temperature there.
     """
     weights = np.stack([_plate_weights(channel, rig.plate) for channel in rig.channels])
     bodies = {body.name for body in rig.bodies}
@@ -106,11 +106,15 @@ def _rectangles(channel: Channel, plate: Plate) -> list[tuple[float, float, floa
 
 
 def _plate_weights(channel: Channel, plate: Plate) -> Float[np.ndarray, " elements"]:
+    edges = np.array(plate.column_edges), np.array(plate.row_edges)
+    if channel.point is not None:
+        along_x, along_y = map(point_weights, edges, channel.point)
+        return np.outer(along_y, along_x).ravel()
     if channel.x is None or channel.y is None:
         return np.array([float(element in channel.nodes) for element in plate.element_names])
     along_x, along_y = (
-        mean_weights(np.array(edges), np.array(low), np.array(high))
-        for edges, (low, high) in ((plate.column_edges, channel.x), (plate.row_edges, channel.y))
+        mean_weights(along, np.array(low), np.array(high))
+        for along, (low, high) in zip(edges, (channel.x, channel.y), strict=True)
     )
     return np.outer(along_y, along_x).ravel()
 

@@ -1,7 +1,9 @@
 """The twin: a rig with values for its parameters."""
 
+import difflib
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import equinox as eqx
@@ -195,8 +197,17 @@ class Twin(eqx.Module):
 def _from_file(
     rig: Rig, values: Mapping[str, Any] | str | os.PathLike[str] | None
 ) -> Mapping[str, Any] | None:
-    is_path = isinstance(values, str | os.PathLike)
-    return read_parameters(values, rig) if is_path else values
+    if not isinstance(values, str | os.PathLike):
+        return values
+    if isinstance(values, str) and not values.endswith(".toml") and not Path(values).exists():
+        near = difflib.get_close_matches(values, rig.parameter_sets, n=1)
+        hint = f"; did you mean rig.parameter_sets[{near[0]!r}]?" if near else ""
+        raise ParameterError(
+            f"{rig.name}: values: expected name -> value or the path of a parameter file, got "
+            f"{values!r}, and there is no such file{hint} Parameter sets of the rig: "
+            f"{', '.join(rig.parameter_sets) or 'none'}"
+        )
+    return read_parameters(values, rig)
 
 
 def check_twin(where: str, twin: object, error: type[JaxtwinError]) -> None:

@@ -53,6 +53,21 @@ def mean_weights(
     return lengths / (high - low)[..., None]
 
 
+def point_weights(
+    edges: Float[np.ndarray, " edges"], place: float
+) -> Float[np.ndarray, " elements"]:
+    """The weight of each element of one axis in the temperature at a point: the limit of a range
+    that shrinks to it. They sum to 1.
+
+    **Arguments:**
+
+    - `edges`: the edges of the elements along the axis, ascending, m.
+    - `place`: the point, m.
+    """
+    centres = (edges[:-1] + edges[1:]) / 2
+    return np.array([np.interp(place, centres, one) for one in np.eye(len(centres))])
+
+
 def _mean_place(
     edges: Float[np.ndarray, " edges"],
     place: Float[np.ndarray | Array, "*zones"],

@@ -9,7 +9,10 @@ from matplotlib.ticker import MultipleLocator
 
 from .._errors import ControlError
 from ..control import LinearModel
-from ._style import palette, styled
+from ._style import line_of, palette, styled
+
+LEAST_GAIN = 1e-3
+"""The least gain, as a part of the largest, that is drawn by default."""
 
 
 @styled
@@ -26,7 +29,9 @@ def plot_bode(
 
     - `models`: a model, or several by their label, such as a model and its reduction by `reduce`.
     - `omega`: the frequencies, rad/s; by default from a tenth of the slowest pole to ten times the
-      lag's or, without a lag, a hundred times the slowest pole.
+      lag's or, without a lag, a hundred times the slowest pole, but only as far as the gain is at
+      least a thousandth of the largest. Beyond, the response is below any noise, and a delay turns
+      the phase without end.
 
     **Returns:** the figure.
 
@@ -54,8 +59,9 @@ def plot_bode(
                 frequencies, channels.min(axis=1), channels.max(axis=1), color=color, alpha=0.15,
                 lw=0,
             )  # fmt: skip
-            gain.loglog(frequencies, np.abs(mean), color=color, label=label)
-            phase.semilogx(frequencies, np.degrees(np.unwrap(np.angle(mean))), color=color)
+            look = {"color": color, "ls": line_of(number)}
+            gain.loglog(frequencies, np.abs(mean), label=label, **look)
+            phase.semilogx(frequencies, np.degrees(np.unwrap(np.angle(mean))), **look)
     for column, (gain, phase) in enumerate(grid.T):
         gain.set_title(f"duty of {first.input_names[column]}")
         phase.set(xlabel="frequency, rad/s", xlim=(frequencies[0], frequencies[-1]))
@@ -63,17 +69,27 @@ def plot_bode(
         if first.is_lagged:
             for axes in (gain, phase):
                 axes.axvline(1 / float(first.lag_s), color=palette().muted, lw=0.8, ls="--")
-    largest = max(float(line.get_ydata().max()) for line in grid[0, 0].lines[: len(named)])
-    grid[0, 0].set(ylabel="gain, K per unit of duty", ylim=(largest * 1e-4, largest * 10))
-    grid[1, 0].set(ylabel="phase, degrees", ylim=(-630, 20))
+    gains, phases = (
+        np.concatenate([line.get_ydata() for axes in row for line in axes.lines[: len(named)]])
+        for row in grid
+    )
+    largest = float(gains.max())
+    least = max(float(gains.min()), largest * LEAST_GAIN)
+    grid[0, 0].set(ylabel="gain, K per unit of duty", ylim=(least / 2, largest * 5))
+    low, high = np.floor(phases.min() / 90) * 90, np.ceil(phases.max() / 90) * 90
+    grid[1, 0].set(ylabel="phase, degrees", ylim=(low - 10, high + 10))
     if len(named) > 1:
         grid[0, 0].legend(loc="lower left")
     return figure
 
 
 def bode_frequencies(model: LinearModel) -> np.ndarray:
-    """The frequencies from a tenth of the slowest pole to ten times the lag, rad/s."""
+    """The frequencies from a tenth of the slowest pole to ten times the lag, rad/s, or to where the
+    gain of all inputs has fallen to `LEAST_GAIN`."""
     slowest = 1 / float(model.time_constants_s[0])
     slowest = slowest if slowest > 0 else 1e-3
     top = 10 / float(model.lag_s) if model.is_lagged else 100 * slowest
-    return np.geomspace(slowest / 10, max(top, 10 * slowest), 400)
+    omega = np.geomspace(slowest / 10, max(top, 10 * slowest), 400)
+    mean = np.abs(np.asarray(model.frequency_response(omega)).mean(axis=1)).max(axis=1)
+    (seen,) = np.nonzero(mean >= LEAST_GAIN * mean.max())
+    return np.geomspace(omega[0], max(omega[seen[-1]], 10 * slowest), 400)

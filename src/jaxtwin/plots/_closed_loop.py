@@ -5,7 +5,7 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 from ..control import ClosedLoopRun
-from ._style import palette, styled
+from ._style import line_of, palette, styled
 
 
 @styled
@@ -39,13 +39,14 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
     for number, (name, output) in enumerate(zip(run.outputs, run.output.T, strict=True)):
         above.plot(time, output, color=palette().cycle[number % len(palette().cycle)], label=name)
     above.set_ylabel("temperature, °C")
-    above.legend(loc="lower right")
+    # Legends are above the axes, because curves would cross them inside.
+    above_right = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
+    above.legend(ncols=4, **above_right)
     for number, (part, watts) in enumerate(zip(run.duty.T, run.power.T, strict=True)):
         color = palette().cycle[number % len(palette().cycle)]
-        duty.step(time, 100 * part, where="post", color=color, lw=1.2, label=f"P{number + 1}")
-        power.plot(time, watts, color=color, lw=1.2)
-    # The legend is above the axes, because a duty near its limit would cross a legend inside.
-    above_right = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
+        look = {"color": color, "lw": 1.4, "ls": line_of(number)}
+        duty.step(time, 100 * part, where="post", label=f"P{number + 1}", **look)
+        power.plot(time, watts, **look)
     duty.legend(ncols=len(run.duty.T), **above_right)
     duty.set_ylabel("duty, %")
     if len(run.power.T) > 1:

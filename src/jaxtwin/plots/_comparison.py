@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +25,10 @@ from ._samples import (
 from ._style import palette, points, styled
 
 PANELS = 5  # panels in a row
+
+RECORDED, TWIN = 5.0, 1.0
+"""The widths of the lines, points. The twin's is thin, so that the recording shows on both sides of
+it where they agree."""
 
 
 @styled
@@ -52,8 +57,8 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
     for panels, (run, fit, channels) in zip(grid, rows, strict=True):
         for axes, channel in zip(panels, channels, strict=False):
             recorded = _recorded(run)[:, run.channels.index(channel)]
-            axes.plot(run.time, recorded, color=palette().muted, lw=2.6, alpha=0.55)
-            axes.plot(run.time, run.channel(channel), color=palette().vermilion, lw=1.4)
+            axes.plot(run.time, recorded, **_as_recorded())
+            axes.plot(run.time, run.channel(channel), color=palette().vermilion, lw=TWIN)
             axes.set_title(channel)
             text = fit_text(fit[channel], " %") if channel in fit else "no sample"
             axes.set_title(text, loc="right", color=palette().vermilion)
@@ -71,8 +76,8 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
     mean = mean_fit_percent(value for fit in fits for value in fit.values())
     figure.legend(
         handles=[
-            Line2D([], [], color=palette().muted, lw=2.6, alpha=0.55, label="recorded"),
-            Line2D([], [], color=palette().vermilion, lw=1.4, label="twin, with its fit"),
+            Line2D([], [], **_as_recorded(), label="recorded"),
+            Line2D([], [], color=palette().vermilion, lw=TWIN, label="twin, with its fit"),
         ],
         loc="outside upper right",
         ncols=2,
@@ -132,6 +137,10 @@ def plot_residuals(
         ncols=2,
     )
     return figure
+
+
+def _as_recorded() -> dict[str, Any]:
+    return {"color": palette().muted, "lw": RECORDED, "alpha": 0.4, "solid_joinstyle": "round"}
 
 
 def _recorded(run: Run) -> Float[np.ndarray, "times channels"]:

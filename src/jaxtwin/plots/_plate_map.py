@@ -190,7 +190,15 @@ def _draw_cell(axes: Axes, plate: Plate, cell: Cell, color: str, rim: str, **loo
 
 
 def places(channel: Channel, plate: Plate) -> list[tuple[float, float, float, float]]:
-    """The rectangles of the plate that a channel reads: left, right, top and bottom of each, m."""
+    """The rectangles of the plate that a channel reads: left, right, top and bottom of each, m.
+
+    A point is a square about it that is as large as the smallest side of an element.
+    """
+    if channel.point is not None:
+        x, y = channel.point
+        half = min(*plate.columns, *plate.rows) / 2
+        return [(max(x - half, 0.0), min(x + half, plate.width),
+                 max(y - half, 0.0), min(y + half, plate.height))]  # fmt: skip
     if channel.x is not None and channel.y is not None:
         return [(*channel.x, *channel.y)]
     return [plate.extent(node) for node in channel.nodes if node in plate.element_names]

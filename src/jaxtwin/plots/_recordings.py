@@ -6,11 +6,12 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ..io import Experiment
 from ._labels import label_ends
 from ._samples import means_of_last_samples
-from ._style import palette, styled
+from ._style import Dashes, line_of, palette, styled
 
 
 @styled
@@ -45,8 +46,9 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
                     color=palette().cycle[number % len(palette().cycle)],
                     lw=1.1,
                 )
-        for duty in np.unique(experiment.duty, axis=1).T:
-            axes[-1].step(experiment.time, 100 * duty, where="post", lw=1.3, color=palette().ink)
+        for cells, color, dashes in _drives(experiment):
+            duty = 100 * experiment.duty[:, cells[0]]
+            axes[-1].step(experiment.time, duty, where="post", lw=1.4, color=color, ls=dashes)
         axes[-1].set_xlabel("time, s")
         axes[-1].set_xlim(experiment.time[0], experiment.time[-1])
     if has_temperatures:
@@ -64,20 +66,39 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
 
 def _cells_by_drive(experiment: Experiment) -> list[tuple[float, str, str]]:
     """The label of each different drive: the cells that it drives."""
-    drives: dict[bytes, list[int]] = {}
-    for cell, duty in enumerate(experiment.duty.T):
-        drives.setdefault(duty.tobytes(), []).append(cell)
     return [
         (
             100 * float(experiment.duty[-1, cells[0]]),
             ", ".join(f"P{cell + 1}" for cell in cells),
-            palette().ink,
+            color,
         )
-        for cells in drives.values()
+        for cells, color, _ in _drives(experiment)
+    ]
+
+
+def _drives(experiment: Experiment) -> list[tuple[list[int], str, str | Dashes]]:
+    """The cells of each different drive, with its colour and its dashes."""
+    drives: dict[bytes, list[int]] = {}
+    for cell, duty in enumerate(experiment.duty.T):
+        drives.setdefault(duty.tobytes(), []).append(cell)
+    cycle = palette().cycle
+    return [
+        (cells, cycle[number % len(cycle)], line_of(number))
+        for number, cells in enumerate(drives.values())
     ]
 
 
 def _fit_duty(axes: Axes, experiments: Sequence[Experiment]) -> None:
+    """Fits the axis to all duty cycles and 0, rounded to the ticks."""
     lowest = min(float(np.min(experiment.duty)) for experiment in experiments)
-    axes.set_ylim(-105 if lowest < 0 else -4, 105)
-    axes.set_yticks([-100, 0, 100] if lowest < 0 else [0, 50, 100])
+    highest = max(float(np.max(experiment.duty)) for experiment in experiments)
+    low, high = 100 * min(0.0, lowest), 100 * max(0.0, highest)
+    if low == high:
+        high = 100.0
+    ticks = MaxNLocator(3, steps=[1, 2, 5, 10]).tick_values(low, high)
+    # The locator may add a tick beyond the data at an end.
+    step = ticks[1] - ticks[0]
+    first, last = np.floor(low / step + 1e-9) * step, np.ceil(high / step - 1e-9) * step
+    room = 0.04 * (last - first)
+    axes.set_ylim(first - room, last + room)
+    axes.set_yticks(np.arange(first, last + step / 2, step))

@@ -163,6 +163,12 @@ def palette() -> Palette:
     return _look.get().palette
 
 
+def line_of(number: int) -> str | Dashes:
+    """The dashes of a line among several that may cover each other: solid, then shorter ones, so
+    that what is below shows in the gaps."""
+    return ("-", (0.0, (5.0, 3.0)), (0.0, (2.0, 2.0)), (0.0, (7.0, 2.0, 1.5, 2.0)))[number % 4]
+
+
 def points(size: float | int) -> float:
     """Converts a size of letters on a screen to that of the present style."""
     return size * _look.get().scale

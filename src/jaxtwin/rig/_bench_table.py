@@ -162,7 +162,7 @@ def _common_error(table: CommonErrorTable, fields: Fields) -> CommonError:
 def build_channel(
     table: ChannelTable, plate: Plate, bodies: Sequence[Body], fields: Fields
 ) -> Channel:
-    """A channel: over named elements and bodies, over a rectangle of the plate, or at one place.
+    """A channel: over named elements and bodies, over a rectangle of the plate, or at one point.
 
     **Raises:** `RigError` if it has both or neither, or is not on the plate.
     """
@@ -187,9 +187,12 @@ def build_channel(
     if len(table.x) != len(table.y):
         fields.refuse(at, "expected a position in both x and y, or a range in both")
     if len(table.x) == 1:
-        place = _place(f"{at}.x", table.x[0], plate.width, fields)
-        element = _element_at(plate, place, _place(f"{at}.y", table.y[0], plate.height, fields))
-        return Channel(table.name, (element,), None, None, gain, lag)
+        point = (
+            _place(f"{at}.x", table.x[0], plate.width, fields),
+            _place(f"{at}.y", table.y[0], plate.height, fields),
+        )
+        element = _element_at(plate, *point)
+        return Channel(table.name, (element,), None, None, gain, lag, point)
     x = _range(f"{at}.x", table.x, plate.width, fields)
     y = _range(f"{at}.y", table.y, plate.height, fields)
     return Channel(table.name, (), x, y, gain, lag)

@@ -99,11 +99,14 @@ class Channel:
 
     - `name`: the name in recordings, unique in the rig.
     - `nodes`: the plate elements and bodies of which T is the plain mean; empty for a channel over
-      a rectangle.
+      a rectangle; the element in which the point of a point sensor lies, whose pixels a camera
+      reads for it.
     - `x`, `y`: the rectangle of the plate over which T is the mean otherwise, m.
     - `gain`: the gain, dimensionless. It is below 1 if the surface reflects part of the room, as
       bare metal does.
     - `lag`: the time constant with which the sensor follows T, s; None for no lag.
+    - `point`: x and y of a point sensor, m, at which T is interpolated between the centres of the
+      elements; None for any other channel.
     """
 
     name: str
@@ -112,6 +115,7 @@ class Channel:
     y: tuple[float, float] | None
     gain: Value
     lag: Value | None = None
+    point: tuple[float, float] | None = None
 
 
 def is_channel_name(name: str) -> bool:

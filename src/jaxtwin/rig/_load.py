@@ -31,4 +31,12 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
         return build_rig(*read_bundled("rigs", name))
     if not place.exists():
         refuse(name, "", f"no such file, {unknown_name('bundled rig', name, bundled_rigs())}")
-    return build_rig(*read_toml(place))
+    data, source = read_toml(place)
+    if "parameters" in data and not {"plate", "cells", "driver", "channels"} & data.keys():
+        refuse(
+            source,
+            "",
+            "expected a rig file, got a parameter file, such as a saved fit; Fit.load reads a fit, "
+            "and Twin(rig, file) or --parameters takes its values, beside the rig that it is of",
+        )
+    return build_rig(data, source)

@@ -16,7 +16,7 @@ class Material:
     - `name`, `title`, `references`: its name, a title, and the sources of the numbers.
     - `density`: kg/m^3. `specific_heat`: J/(kg K). `conductivity`: W/(m K).
     - `diffusivity`: the thermal diffusivity in the same source, m^2/s, which is conductivity /
-      (density * specific heat).
+      (density * specific heat); None if it lists none.
     """
 
     name: str
@@ -25,7 +25,7 @@ class Material:
     density: float
     specific_heat: float
     conductivity: float
-    diffusivity: float
+    diffusivity: float | None
 
 
 def load_material(name: str) -> Material:
@@ -50,9 +50,13 @@ def load_material(name: str) -> Material:
         "density": units.DENSITY,
         "specific_heat": units.SPECIFIC_HEAT,
         "conductivity": units.CONDUCTIVITY,
-        "diffusivity": units.DIFFUSIVITY,
     }
     numbers = {
         field: fields.constant(field, getattr(table, field), kind) for field, kind in kinds.items()
     }
-    return Material(table.name, table.title, tuple(table.references), **numbers)
+    diffusivity = None
+    if table.diffusivity is not None:
+        diffusivity = fields.constant("diffusivity", table.diffusivity, units.DIFFUSIVITY)
+    return Material(
+        table.name, table.title, tuple(table.references), **numbers, diffusivity=diffusivity
+    )

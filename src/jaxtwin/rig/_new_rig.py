@@ -13,7 +13,8 @@ from ._bundled import bundled_materials, bundled_modules
 from ._datasheet import Datasheet, load_module
 from ._fields import Fields
 from ._material import load_material
-from ._plate import names_of_elements
+from ._plate import Plate
+from ._value import Value
 
 ELEMENT = 0.01
 """The size of the plate's elements, m; it is larger on large plates."""
@@ -62,7 +63,8 @@ def new_rig_text(
     - `width`, `height`, `thickness`: the sizes of the plate, such as `"8 cm"`.
     - `material`: the material of the plate, one of `bundled_materials()`.
     - `module`: the datasheet of its cells, one of `bundled_modules()`.
-    - `places`: the positions of the cells' centres on the plate.
+    - `places`: the positions of the cells' centres on the plate. A comment in the file says where
+      the edges of a module do not lie on those of elements.
     - `zones`: columns and rows of zones into which the plate is divided; each is a channel.
     - `supply_voltage`: the supply voltage of the driver.
     - `limit`: the temperature at which `jaxtwin drive` switches the cells off.
@@ -87,16 +89,14 @@ def new_rig_text(
     fields.check_known("module", "module", module, bundled_modules())
     if reader not in ("camera", "sensors"):
         fields.refuse("reader", f"expected camera or sensors, got {reader!r}")
-    for number, argument in zip(zones, ("columns", "rows"), strict=True):
-        if not 1 <= number <= MOST_ZONES:
-            fields.refuse("zones", f"expected 1 to {MOST_ZONES} {argument}, got {number}")
-    if not 1 <= len(places) <= MOST_CELLS:
-        fields.refuse("places", f"expected 1 to {MOST_CELLS} cells, got {len(places)}")
-    columns, rows = (_divided(sizes[argument]) for argument in ("width", "height"))
+    check_zones(fields, zones)
+    plate = divided_plate(**sizes)
+    columns, rows = ((len(sides), sides[0]) for sides in (plate.columns, plate.rows))
     sheet = load_module(module)
-    cells = _cells(fields, places, sheet, columns, rows)
+    cells = covered_elements(fields, places, sheet, plate)
     solid = load_material(material)
-    face = (sheet.width or FACE) * (sheet.height or FACE)
+    face = math.prod(_face(sheet))
+    areas = [min(face, sum(map(plate.area, cell))) for cell in cells]
     values = {
         "name": _quoted(plain),
         "title": _quoted(f"{solid.title} plate, {len(places)} x {module}"),
@@ -122,13 +122,14 @@ def new_rig_text(
         "limit": limit,
         "reader": _reader(reader, sizes["width"], sizes["height"]),
         "cells": "\n".join(
-            _cell_table(number, cell, min(face, len(cell) * columns[1] * rows[1]))
-            for number, cell in enumerate(cells, 1)
+            _cell_table(number, cell, area, misfit(plate, cell, sheet))
+            for number, (cell, area) in enumerate(zip(cells, areas, strict=True), 1)
         ),
         "channels": "\n".join(_channel_tables(reader, zones, columns, rows)),
         "contacts": "\n".join(
-            _contact_parameter(number, GREASE / (columns[1] * rows[1]))
-            for number in range(1, len(cells) + 1)
+            # All elements together have the contact of the face, also where they are larger.
+            _contact_parameter(number, GREASE * len(cell) / area)
+            for number, (cell, area) in enumerate(zip(cells, areas, strict=True), 1)
         ),
     }
     return TEMPLATE.format(**values)
@@ -146,42 +147,92 @@ def plate_size(fields: Fields, argument: str, text: str) -> float:
     return size
 
 
-def _divided(size: float) -> tuple[int, float]:
-    """Returns the number of elements into which a side is divided, and the size of each, m, rounded
-    to a nanometre."""
-    count = max(1, min(MOST_ELEMENTS, round(size / ELEMENT)))
-    return count, round(size / count, 9)
+def check_zones(fields: Fields, zones: tuple[int, int]) -> None:
+    """Checks the numbers of columns and rows of zones.
+
+    **Raises:** `RigError` if there is none, or too many.
+    """
+    for number, argument in zip(zones, ("columns", "rows"), strict=True):
+        if not 1 <= number <= MOST_ZONES:
+            fields.refuse("zones", f"expected 1 to {MOST_ZONES} {argument}, got {number}")
 
 
-def _cells(
-    fields: Fields,
-    places: Sequence[CellPlace],
-    sheet: Datasheet,
-    columns: tuple[int, float],
-    rows: tuple[int, float],
+def divided_plate(width: float, height: float, thickness: float) -> Plate:
+    """The plate divided into elements of equal size, which are rounded to a nanometre. Only its
+    sizes, m, are known yet."""
+
+    def divided(size: float) -> tuple[float, ...]:
+        count = max(1, min(MOST_ELEMENTS, round(size / ELEMENT)))
+        return (round(size / count, 9),) * count
+
+    return Plate(divided(width), divided(height), thickness=Value(thickness))
+
+
+def _face(sheet: Datasheet) -> tuple[float, float]:
+    """Width and height of the face of a module, m."""
+    return sheet.width or FACE, sheet.height or FACE
+
+
+def misfit(plate: Plate, elements: Sequence[str], sheet: Datasheet) -> str | None:
+    """What to say if the elements that a module touches are wider or narrower than its face by more
+    than a tenth of an element, because its edges lie inside of elements; None if they are not.
+
+    **Arguments:**
+
+    - `elements`: the names of the elements.
+    - `sheet`: the module's datasheet.
+    """
+    corners = [plate.extent(element) for element in elements]
+    left, _, top, _ = map(min, zip(*corners, strict=True))
+    _, right, _, bottom = map(max, zip(*corners, strict=True))
+    touched, face = (right - left, bottom - top), _face(sheet)
+    sides = (plate.columns[0], plate.rows[0])
+    if all(abs(a - b) < 0.1 * c for a, b, c in zip(touched, face, sides, strict=True)):
+        return None
+    return (
+        f"its face is {_by(face)}, but the elements that it touches are {_by(touched)}, so its "
+        "edges, and gaps beside them, are not where they are on the plate; columns and rows with "
+        "edges at those of the module mend this"
+    )
+
+
+def _by(sizes: tuple[float, float]) -> str:
+    return f"{1e3 * sizes[0]:.4g} mm x {1e3 * sizes[1]:.4g} mm"
+
+
+def covered_elements(
+    fields: Fields, places: Sequence[CellPlace], sheet: Datasheet, plate: Plate
 ) -> list[list[str]]:
     """Returns the elements that each cell covers: those whose centre lies under it, and at least
-    one."""
-    elements = names_of_elements(rows[0], columns[0])
+    one.
+
+    **Raises:** `RigError` if there is no cell or too many, one is beside the plate, or two cover
+    each other.
+    """
+    if not 1 <= len(places) <= MOST_CELLS:
+        fields.refuse("places", f"expected 1 to {MOST_CELLS} cells, got {len(places)}")
+    columns, rows = plate.columns, plate.rows
     taken: dict[str, int] = {}
     cells = []
     for number, place in enumerate(places, start=1):
         covered = []
-        for text, (count, size), face, axis in (
-            (place.x, columns, sheet.width, "x"),
-            (place.y, rows, sheet.height, "y"),
-        ):
+        for text, sides, face, axis in zip(place, (columns, rows), _face(sheet), "xy", strict=True):
+            count, size = len(sides), sides[0]
             at = fields.constant(f"cell {number}: {axis}", text, units.COORDINATE)
             if at > count * size * (1 + 1e-6):
                 fields.refuse(
                     f"cell {number}: {axis}",
                     f"expected a place on the plate, 0 to {100 * count * size:g} cm, got {text!r}",
                 )
-            half = (face or FACE) / 2
+            half = face / 2
             centres = [(k + 0.5) * size for k in range(count)]
             under = [k for k, centre in enumerate(centres) if abs(centre - at) <= half + 1e-9]
             covered.append(under or [min(count - 1, int(at / size))])
-        names = [elements[row * columns[0] + column] for row in covered[1] for column in covered[0]]
+        names = [
+            plate.element_names[row * len(columns) + column]
+            for row in covered[1]
+            for column in covered[0]
+        ]
         for element in names:
             if element in taken:
                 fields.refuse(
@@ -208,9 +259,10 @@ def _reader(reader: str, width: float, height: float) -> str:
     )
 
 
-def _cell_table(number: int, elements: list[str], area: float) -> str:
+def _cell_table(number: int, elements: list[str], area: float, note: str | None) -> str:
     contacts = ", ".join(f'{element} = "R_pc_{number}"' for element in elements)
-    return f"""[[cells]]
+    comment = f"# P{number}: {note}.\n" if note else ""
+    return f"""{comment}[[cells]]
 name = "P{number}"
 seebeck_coefficient = "alpha"
 electrical_resistance = "R_E"

@@ -102,7 +102,7 @@ class Rig:
         units = {name: (row.scale, row.offset) for name, row in self.parameters.items()}
         # What lacks a part has the text that it had before there was any such part.
         text = repr((equations, units))
-        for missing in ("registration", "lag", "current_limit", "area", "sink"):
+        for missing in ("point", "registration", "lag", "current_limit", "area", "sink"):
             text = text.replace(f", {missing}=None)", ")")
         return hashlib.sha256(text.encode()).hexdigest()
 

@@ -272,4 +272,4 @@ class MaterialTable(Table):
     density: Quantity
     specific_heat: Quantity
     conductivity: Quantity
-    diffusivity: Quantity
+    diffusivity: Quantity | None = None

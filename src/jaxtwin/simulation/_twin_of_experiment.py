@@ -1,5 +1,6 @@
 """Selects the twin for an experiment: a fit has a different one for each recording."""
 
+import os
 from typing import Protocol, runtime_checkable
 
 from .._arguments import of_kind
@@ -23,10 +24,16 @@ class FittedTwins(Protocol):
 def twin_of_experiment(twin: Twin | FittedTwins, experiment: Experiment) -> Twin:
     """Returns a twin unchanged, or the twin of a fit for an experiment.
 
-    **Raises:** `SimulationError` if it is neither; the errors of `Fit.twin_for`.
+    **Raises:** `SimulationError` if it is neither, or the experiment is none; the errors of
+    `Fit.twin_for`.
     """
-    if isinstance(twin, FittedTwins):
-        of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)
-        return twin.twin_for(experiment)
-    check_twin("twin", twin, SimulationError)
-    return twin
+    if not isinstance(twin, FittedTwins):
+        check_twin("twin", twin, SimulationError)
+    if isinstance(experiment, str | os.PathLike):
+        place = repr(os.fspath(experiment))
+        raise SimulationError(
+            f"experiment: expected {EXPERIMENT}, got {place}; read a file with "
+            f"read_recording({place}), or run a schedule in words with twin.simulate"
+        )
+    of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)
+    return twin.twin_for(experiment) if isinstance(twin, FittedTwins) else twin

@@ -92,7 +92,7 @@ def _head(twin: Twin, experiment: Experiment, values: Mapping[str, float]) -> li
         "*",
         "* Parameters in SI units:",
         *(
-            _comment(f"{name} = {value!r} ({table[name].description})")
+            _comment(f"{name} = {value!r} ({table[name].description})".removesuffix(" ()"))
             for name, value in values.items()
         ),
     ]
