@@ -206,6 +206,8 @@ def run_hazard(
     while any(device.pwm) and scene.since < 200:
         clock.turn(0.05)
         device.due(clock.now())
+    if hazard.begins is not None and "begin" not in scene.memory:
+        return Ran(0.0, reason, detail)  # the cells were off before
     begin = scene.memory.get("begin", scene.onset)
     off_at = scene.time if any(device.pwm) else scene.memory.get("off", begin)
     return Ran(max(0.0, off_at - begin), reason, detail)
@@ -473,7 +475,7 @@ def hotter(scene: Scene) -> bool:
 def hotter_inside(scene: Scene) -> bool:
     twin = scene.device.twin.system.wiring
     sides = np.array([twin.cold, twin.hot])
-    return float(scene.device.twin.nodes[sides].max()) > scene.room + 19.0
+    return float(scene.device.twin.nodes[sides].max()) > scene.room + 19.0 + TWIN_KELVIN
 
 
 def stopped_by_another(scene: Scene) -> None:
@@ -497,6 +499,13 @@ NEXT = 0.6
 
 BENCH = 100.0
 """Twice the time in which 70 % of full duty warms the plate by 28 K, s."""
+
+STILL = 15.0 / 0.4 + 1.0
+"""The heat of 15 s at full duty, with the lowest duty of a run, s."""
+
+TWIN_KELVIN = 7.0
+"""How far the side of a cell may be above its limit before its twin says so, K: the twin is that of
+other days, and the contact of a cell differs between days."""
 
 SILENCE = 3.6
 CHANGE = 2.4
@@ -530,7 +539,7 @@ HAZARDS = (
     Hazard("sensor: 1372 degC", HOT, NEXT, channel(lambda s, v: 1372.0), sensors=True),
     Hazard("sensor: 40 K off", ODD, NEXT, channel(lambda s, v: v + 40), sensors=True),
     Hazard(
-        "sensor: stands still", ("frozen", "deviation"), 31.0, channel(frozen_value), sensors=True
+        "sensor: stands still", ("frozen", "deviation"), STILL, channel(frozen_value), sensors=True
     ),
     Hazard(
         "sensor: on the bench",
@@ -543,7 +552,7 @@ HAZARDS = (
     ),
     Hazard(
         "sensors: all on the bench",
-        ("unresponsive", "deviation"),
+        ("unresponsive", "deviation", "rate"),  # the last one if the plate was warm
         BENCH,
         every_channel(lambda s: s.room + s.random.normal(0, 0.1)),
         sensors=True,
