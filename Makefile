@@ -86,6 +86,7 @@ docs: $(INSTALLED_DOCS)
 	$(BIN)/python -m docs.site
 
 pictures: $(INSTALLED)
+	$(BIN)/python docs/make_gallery.py
 	$(BIN)/python docs/make_pictures.py
 
 # The wheel must carry its data files, and need nothing but what it names: it is installed in an empty

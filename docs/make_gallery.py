@@ -1,0 +1,76 @@
+"""The thumbnails of the gallery, and the picture of the first page: `make pictures`.
+
+They are drawn from what comes with jaxtwin, and need no recordings of a rig.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import jaxtwin as jt
+from jaxtwin import plots
+from jaxtwin.control import PID
+from jaxtwin.data import synthetic_recordings
+
+FOLDER = Path(__file__).parent / "images"
+FREE = ("R_E", "R_pc", "R_Tfx", "T_amb", "T_start")
+
+
+def main() -> None:
+    """Draws and writes."""
+    (FOLDER / "gallery").mkdir(parents=True, exist_ok=True)
+    twin = jt.Twin("paper-2024")
+    experiments = [jt.read_recording(path) for path in synthetic_recordings()]
+    fit = jt.match(twin, experiments, free=FREE)
+    write("first-code", fit.plot(), dpi=80)
+    plate = jt.Twin("dual-cell")
+    run = plate.simulate("0:0.5,500:0.78", duration=1000)
+    sensitivity = jt.sensitivity(fit, draws=1000)
+    linear = jt.linearize(plate, duty=[0.4, 0.4])
+    loop = jt.simulate_closed_loop(
+        plate,
+        PID(Kp=0.1, Ki=0.001, measured=[["T11", "T21", "TAM"], ["T16", "T26", "TCM"]]),
+        "0:40/35,400:30/45",
+        duration_s=800,
+    )
+    schedule = jt.Experiment.schedule("0:0.5,300:-0.3", duration=600, cells=2)
+    draws = jt.simulate_batch(
+        plate,
+        schedule,
+        {"R_E": [1.6 + 0.01 * k for k in range(64)]},
+        reductions=["final", "plate_range", "energy"],
+    )
+    pictures: dict[str, Callable[[], object]] = {
+        "netlist": lambda: plots.plot_netlist(plate),
+        "module": lambda: plots.plot_dc_sweep(plate.module("P1"), T_hot=300.15),
+        "recordings": lambda: plots.plot_recordings(experiments),
+        "comparison": fit.plot,
+        "residuals": lambda: plots.plot_residual_tests(list(fit.runs.values())[:1]),
+        "parameters": lambda: plots.plot_parameters(fit),
+        "correlation": lambda: plots.plot_correlation(fit),
+        "plate": lambda: plots.plot_plate_map(
+            plate.rig, run.states[[120, 980], : run.elements], ["120 s", "980 s"]
+        ),
+        "tornado": lambda: sensitivity.tornado("TAM"),
+        "matrix": lambda: plots.plot_sensitivity_matrix(sensitivity),
+        "distributions": lambda: plots.plot_distributions(draws.to_xarray()),
+        "bode": lambda: plots.plot_bode(linear),
+        "closed-loop": lambda: plots.plot_closed_loop(loop),
+    }
+    for name, draw in pictures.items():
+        write(f"gallery/{name}", draw(), dpi=45)
+
+
+def write(name: str, picture: object, dpi: int) -> None:
+    """Writes a figure, or the figure of some axes."""
+    figure = picture.figure if isinstance(picture, Axes) else picture
+    assert isinstance(figure, Figure)
+    path = FOLDER / f"{name}.png"
+    path.write_bytes(plots.to_png(figure, dpi=dpi))
+    print(path)
+
+
+if __name__ == "__main__":
+    main()
