@@ -13,7 +13,8 @@ import time
 RIG, CELLS, COUNTS, WATCHDOG_S, PERIOD_S = "dual-cell", ("P1", "P2"), 255, 2, 0.1
 BOOT = binascii.hexlify(os.urandom(4)).decode()  # another one at every start
 LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-"
-KEYS = {"duty": ["n", "owner", "pwm"], "hello": ["version"], "relay": ["n", "name", "owner"]}
+KEYS = {"duty": ["n", "owner", "pwm"], "relay": ["n", "name", "owner"]}
+KEYS.update((word, ["n", "owner"]) for word in ("stop", "reset", "release"))
 RELAY = ""  # the name of the relay in [limits] of the rig file, such as "power%20off"
 
 
@@ -44,6 +45,7 @@ def fault():
 class Device:
     def __init__(self):
         self.numbers, self.out, self.trip, self.heard = {"data": 0, "event": 0}, b"", "", 0.0
+        self.newest = "", 0  # the owner and the number of the last duty that was applied
         self.off()
         self.supply(True)
 
@@ -71,46 +73,60 @@ class Device:
     def trips(self, why, now):
         self.supply(False)
         self.off()
-        self.trip = self.trip or why
-        self.tell("event", now, " kind=trip why=" + why)
+        if not self.trip:  # the first reason says what to look for
+            self.trip = why
+            self.tell("event", now, " kind=trip why=" + why)
+
+    def refusal(self, owner, n, pwm):
+        if self.owner not in ("", owner):
+            return "owner"
+        if self.trip:
+            return "tripped"
+        if len(pwm) != len(CELLS) or max(map(abs, pwm)) > COUNTS:
+            return "range"  # not cut to what is possible
+        old = owner == self.newest[0] and not 0 < (n - self.newest[1]) % 2**32 < 2**31
+        return "old" if old else ""
 
     def obey(self, line, now):
-        text, star, crc = line.rstrip(b"\r").rpartition(b"*")
-        if not star or crc != checksum(text).encode():
+        text, star, crc = (line[:-1] if line.endswith(b"\r") else line).rpartition(b"*")
+        if len(line) >= 1024 or not star or crc != checksum(text).encode():
             return
         word, *rest = text.decode().split(" ")
         fields = dict(part.split("=", 1) for part in rest)
-        if len(fields) < len(rest) or sorted(fields) != KEYS.get(word, ["n", "owner"]):
-            return
-        if word == "hello":
-            self.hello()
-            return
-        n, owner = whole(fields["n"], 0), fields["owner"]
+        if word == "hello" and "rig" not in fields:  # else it is a device that speaks
+            if fields["version"] != "2" or len(rest) == 1:
+                self.hello()
+        elif word in KEYS and len(fields) == len(rest) and sorted(fields) == KEYS[word]:
+            self.command(word, whole(fields["n"], 0), fields, now)
+
+    def command(self, word, n, fields, now):
+        owner = fields["owner"]
         if not 0 < len(owner) < 33 or any(letter not in LETTERS for letter in owner):
             return
-        pwm = [whole(part, -(2**31)) for part in fields.get("pwm", "0").split(",")]
-        about = f" owner={owner} n={n}"
-        if word == "stop":
+        about, refused = f" owner={owner} n={n}", ""
+        if word == "duty":
+            pwm = [whole(part, -(2**31)) for part in fields["pwm"].split(",")]
+            refused = self.refusal(owner, n, pwm)
+            if not refused:
+                self.pwm, self.owner, self.n, self.newest = pwm, owner, n, (owner, n)
+                self.heard = now  # only this feeds the watchdog
+                set_pins(pwm)
+        elif word == "stop":
             self.trips("stop", now)
         elif word == "relay" and RELAY and fields["name"] == RELAY:
             self.trips("relay", now)
         elif word == "relay":
-            self.tell("event", now, " kind=refused why=relay" + about)
+            refused = "relay"
         elif word == "reset" and self.trip:
             self.trip = ""
             self.supply(True)
             self.tell("event", now, " kind=reset" + about)
         elif self.owner not in ("", owner):
-            self.tell("event", now, " kind=refused why=owner" + about)
+            refused = "owner"
         elif word == "release":
             self.off()
-        elif word == "duty" and self.trip:
-            self.tell("event", now, " kind=refused why=tripped" + about)
-        elif word == "duty" and (len(pwm) != len(CELLS) or max(map(abs, pwm)) > COUNTS):
-            self.tell("event", now, " kind=refused why=range" + about)
-        elif word == "duty":
-            self.pwm, self.owner, self.n, self.heard = pwm, owner, n, now
-            set_pins(pwm)
+        if refused:
+            self.tell("event", now, " kind=refused why=" + refused + about)
 
     def check(self, now):
         if any(self.pwm) and fault():
@@ -130,8 +146,8 @@ def checksum(text):
 
 
 def whole(text, least):
-    number = int(text) if text.lstrip("-").isdigit() and text.count("-") < 2 else None
-    if number is None or not least <= number < 2**32:
+    number = int(text)
+    if str(number) != text or not least <= number < 2**32:  # no 007, no +1, no -0
         raise ValueError(text)
     return number
 
@@ -164,7 +180,7 @@ def serve(port):
             for line in lines:
                 try:
                     device.obey(line, now)
-                except (ValueError, UnicodeError):
+                except (ValueError, KeyError, UnicodeError):
                     continue  # a damaged or unknown line changes nothing
         device.check(now)
         if now - sent >= PERIOD_S:

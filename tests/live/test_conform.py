@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 from hand_clock import HandClock
+from mutant_devices import RIGS, STAGES, Stage
+from mutant_devices import Rig as HonestRig
 
 from jaxtwin.cli import run
 from jaxtwin.live import Ask, Duty, InProcess, VirtualRig, conform, encode
-from jaxtwin.live._output_stage import OutputStage
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 
@@ -43,54 +44,34 @@ def test_the_virtual_rig_conforms(rig: Rig, twin: Twin, clock: HandClock) -> Non
     assert wrong(rig, VirtualRig(twin, camera_hz=1), clock) == []
 
 
-def clamps(stage: OutputStage) -> None:
-    obey = stage.obey
-    stage.obey = (
-        lambda command, now: obey(  # pyright: ignore[reportAttributeAccessIssue]
-            replace(command, pwm=tuple(min(255, count) for count in command.pwm)[:2])
-            if isinstance(command, Duty)
-            else command,
-            now,
-        )
-    )
+def names(step: str, rig: Rig, device: VirtualRig, clock: HandClock) -> bool:
+    """Whether the conformance test finds a defect in a step."""
+    findings = conform(rig, Passing(InProcess(device, clock), clock), clock)
+    return any(finding.wrong and finding.step == step for finding in findings)
 
 
-def revives(stage: OutputStage) -> None:
-    obey = stage.obey
-
-    def ends_a_trip(command, now):
-        stage.trip_reason = ""
-        return obey(command, now)
-
-    stage.obey = ends_a_trip  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def obeys_anyone(stage: OutputStage) -> None:
-    obey = stage.obey
-
-    def as_the_owner(command, now):
-        return obey(replace(command, owner=stage.owner or command.owner), now)
-
-    stage.obey = as_the_owner  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def never_trips(stage: OutputStage) -> None:
-    stage.check = lambda now: None  # pyright: ignore[reportAttributeAccessIssue]
-
-
-@pytest.mark.parametrize(
-    ("fault", "step"),
-    [
-        (clamps, "refuses what it cannot apply"),
-        (revives, "refuses every duty after a trip"),
-        (obeys_anyone, "refuses another commander"),
-        (never_trips, "its watchdog trips"),
-    ],
-)
-def test_each_fault_is_found(rig: Rig, twin: Twin, clock: HandClock, fault, step: str) -> None:
+@pytest.mark.parametrize(("mutant", "step"), STAGES, ids=[kind.__name__ for kind, _ in STAGES])
+def test_each_defect_of_an_output_stage_is_named(
+    rig: Rig, twin: Twin, clock: HandClock, mutant: type[Stage], step: str
+) -> None:
     device = VirtualRig(twin, camera_hz=1)
-    fault(device.stage)
-    assert step in wrong(rig, device, clock)
+    device.stage = mutant(2, 255, 2.0)
+    assert names(step, rig, device, clock)
+
+
+@pytest.mark.parametrize(("mutant", "step"), RIGS, ids=[kind.__name__ for kind, _ in RIGS])
+def test_each_defect_in_the_reading_of_lines_is_named(
+    rig: Rig, twin: Twin, clock: HandClock, mutant: type[VirtualRig], step: str
+) -> None:
+    device = mutant(twin, camera_hz=1)
+    device.stage = Stage(2, 255, 2.0)
+    assert names(step, rig, device, clock)
+
+
+def test_the_honest_parts_of_the_mutants_conform(rig: Rig, twin: Twin, clock: HandClock) -> None:
+    device = HonestRig(twin, camera_hz=1)
+    device.stage = Stage(2, 255, 2.0)
+    assert wrong(rig, device, clock) == []
 
 
 def test_a_greeting_that_does_not_fit_ends_it(rig: Rig, twin: Twin, clock: HandClock) -> None:
@@ -117,7 +98,7 @@ def test_the_python_device_conforms(python_device: str, capsys: pytest.CaptureFi
     code = run(["conform", "dual-cell", "--link", python_device])
     printed = capsys.readouterr().out
     assert "WRONG" not in printed
-    assert (code, printed.count("ok ")) == (0, 26)
+    assert (code, printed.count("ok ")) == (0, 56)
 
 
 NARROW = """
@@ -180,7 +161,7 @@ def test_the_sketch_conforms(tmp_path: Path, rig: Rig, clock: HandClock) -> None
         findings = list(conform(rig, Stepped(process, clock), clock))
         process.kill()
     assert [finding for finding in findings if finding.wrong] == []
-    assert len(findings) == 26
+    assert len(findings) == 56
 
 
 class Stepped:

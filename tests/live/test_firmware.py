@@ -3,6 +3,7 @@
 What the pins do is what heats; what the sketch reports is only its word.
 """
 
+import runpy
 import shutil
 import subprocess
 from pathlib import Path
@@ -221,3 +222,54 @@ def test_no_direction_changes_under_current(sketch: Path) -> None:
             assert pins[PWM[0]] == 0
         pins[pin] = value
     assert ran.counts(at=100) == (-200, 200)
+
+
+def spoken(*sent: bytes | int, until: int) -> tuple[list, list[bool]]:
+    """What `device.py` says to lines that come at milliseconds, and the states of its relay."""
+    module = runpy.run_path(str(SKETCH.parents[1] / "device.py"))
+    pins: list[bool] = []
+    module["Device"].__init__.__globals__.update(RELAY="power%20off", set_relay=pins.append)
+    device, waiting, due = module["Device"](), list(sent), 0
+    for now in range(until):
+        while waiting and now >= due:
+            line = waiting.pop(0)
+            if isinstance(line, int):
+                due = line
+            else:
+                device.obey(line.rstrip(b"\n"), now / 1000)
+        device.check(now / 1000)
+        if now % 100 == 99:
+            device.sample(now / 1000)
+    return [parse(frame) for frame in deframe(b"", device.out).frames], pins
+
+
+def test_device_py_with_a_relay_does_what_the_sketch_does(tmp_path: Path) -> None:
+    sent: list[bytes | int] = [
+        encode(Duty(1, (10, -10), "me")),
+        150,
+        encode(Order("relay", 1, "other", "another")),
+        250,
+        encode(Order("relay", 2, "other", "power off")),
+        350,
+        encode(Order("stop", 3, "other")),
+        encode(Duty(2, (10, 10), "me")),
+        450,
+        encode(Order("reset", 4, "other")),
+        550,
+        encode(Duty(1, (10, 10), "me")),
+        encode(Duty(3, (20, 20), "me")),
+    ]
+    sketch = run(compiled(tmp_path, '-DRELAY="power%20off"'), 3000, *sent)
+    said, pins = spoken(*sent, until=3000)
+
+    def events(messages: list) -> list[tuple[str, str]]:
+        return [(m.kind, m.why) for m in messages if isinstance(m, Notice)]
+
+    def states(messages: list) -> list[tuple[object, ...]]:
+        samples = [m for m in messages if isinstance(m, Data)]
+        return [(m.pwm, m.owner, m.number, m.trip, m.relay) for m in samples]
+
+    assert events(said) == events(sketch.messages)
+    assert events(said)[:3] == [("refused", "relay"), ("trip", "relay"), ("refused", "tripped")]
+    assert states(said) == states(sketch.messages)
+    assert pins == [True, False, False, True, False]

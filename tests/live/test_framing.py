@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 
 from jaxtwin.live import deframe, encode_line, encode_packet
-from jaxtwin.live._framing import LINE_BYTES, PACKET_BYTES
+from jaxtwin.live._framing import LINE_BYTES, PACKET_BYTES, delines
 
 LINES = st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=60)
 PACKETS = st.binary(max_size=600).map(lambda tail: b"\x01\x00" + tail)
@@ -100,6 +100,15 @@ def test_a_line_without_end_is_discarded_and_the_next_one_found() -> None:
     found = deframe(b"", b"x" * 5 * LINE_BYTES + b"\n" + encode_line("beat t=1"))
     assert found.frames == ["beat t=1"]
     assert found.discarded == 5 * LINE_BYTES
+
+
+@pytest.mark.parametrize(("ending", "most"), [(b"\n", 1014), (b"\r\n", 1013)])
+def test_the_1024_bytes_of_a_line_include_checksum_and_ending(ending: bytes, most: int) -> None:
+    for length, found in ((most, 1), (most + 1, 0)):
+        content = b"x" * length
+        line = b"%s*%08X%s" % (content, zlib.crc32(content), ending)
+        assert len(deframe(b"", line).frames) == found
+        assert len(delines(b"", line)[0]) == found
 
 
 def test_lines_behind_a_false_beginning_of_a_packet_are_not_lost() -> None:

@@ -176,6 +176,16 @@ def test_silence_of_either_kind_trips() -> None:
         assert trip == Trip("silence", f"no {missing} for 3.5 s")
 
 
+def test_samples_of_a_device_without_cells_do_not_hide_a_silent_controller() -> None:
+    watch = Presence(3.0)
+    watch.begin(at(0), {})
+    for second in range(1, 5):
+        watch.see(reading(second, 20.0))
+        watch.see(sample(second, ()))  # pyright: ignore[reportArgumentType]
+    assert watch.check(at(3)) is None
+    assert watch.check(at(4)) == Trip("silence", "no controller sample for 4.0 s")
+
+
 @pytest.mark.parametrize(
     ("record", "kind"),
     [

@@ -103,6 +103,13 @@ def test_any_packet_is_a_message_or_a_clear_refusal(payload: bytes) -> None:
         ("data seq=1 t=1_0", "a whole number"),  # int() would take it
         ("data seq=+1 t=1", "a whole number"),
         ("data seq=4294967296 t=1", "a whole number from 0 to 4294967295"),
+        ("data seq=007 t=1", "a whole number"),  # eight to a reader that takes it for octal
+        ("duty n=1 owner=a pwm=-0", "a whole number"),
+        ("data seq=1 t=1 ambient=07.5", "expected a number"),
+        ("data seq=1 t=1 temp=-nan", "expected a number"),
+        ("data seq=1 t=1 temp=inf", "expected a number"),
+        ("hello version=2 colour=blue", "unknown key 'colour'"),
+        ("hello version=2 rig=a boot=b colour=blue", "unknown key 'colour'"),
         ("data seq=1 t=1 t=2", "each key once"),
         ("data seq=1 t=1 colour=red", "unknown key 'colour'"),
         ("data seq=1 t=1 temp=!", "expected 1 to 32"),
@@ -120,6 +127,13 @@ def test_any_packet_is_a_message_or_a_clear_refusal(payload: bytes) -> None:
 def test_a_wrong_line_is_refused_with_what_is_wrong(line: str, reason: str) -> None:
     with pytest.raises(JaxtwinError, match=reason):
         parse(line)
+
+
+def test_what_c_prints_for_no_number_and_just_below_zero_is_read() -> None:
+    data = parse("data seq=1 t=1 ambient=-0.00 temp=nan,-0.0,0.5")
+    assert isinstance(data, Data)
+    assert data.faults == {0: "nan"}
+    assert (data.ambient, *data.temperatures[1:]) == (0.0, 0.0, 0.5)
 
 
 def test_a_greeting_of_a_later_version_is_read_as_far_as_its_version() -> None:

@@ -27,6 +27,7 @@ from jaxtwin.live import (
     Record,
     Recorder,
     Sample,
+    Trip,
     encode,
 )
 from jaxtwin.rig import Rig
@@ -71,11 +72,76 @@ def test_an_alarm_is_raised_once_and_again_after_it_was_over(alarms: Alarms) -> 
         second
         for second in range(60)
         if alarms.check(
-            [sample(second), reading(second, 95.0 if second < 20 or second >= 40 else 20.0)],
+            [sample(second), reading(second, 95.0 if second < 20 or second >= 40 else 20.0, 20.0)],
             at(second),
         )
     ]
     assert raised == [0, 40]
+
+
+def test_a_failed_channel_hides_no_other_that_is_too_hot(tmp_path: Path) -> None:
+    names = tuple(f"T{number}" for number in range(15))
+    alarms = Alarms(names, 90.0, 10.0, tmp_path / "s.db", START)
+    hot = [500.0] * 14
+    worst, lesser = alarms.check([reading(1, float("nan"), *hot)], at(1))
+    assert [worst.kind, worst.severity] == ["over-temperature", "critical"]
+    assert all(f"{name} is at 500.0 degC" in worst.detail for name in names[1:])
+    assert (lesser, lesser.severity) == (Trip("channel-fault", "T0 failed"), "warning")
+
+
+def test_each_channel_has_an_alarm_of_its_own(alarms: Alarms) -> None:
+    details = []
+    for second, values in enumerate([(91, 20), (91, 95), (20, 95), (float("nan"), 95), (20, 95)]):
+        raised = alarms.check([reading(second, *map(float, values))], at(second))
+        details += [alarm.detail for alarm in raised]
+    assert details == ["T11 is at 91.0 degC", "T12 is at 95.0 degC", "T11 failed"]
+
+
+def test_a_hot_channel_that_fails_or_is_silent_remains_hot(alarms: Alarms) -> None:
+    raised = [
+        (second, alarm.kind)
+        for second in range(60)
+        for alarm in alarms.check(
+            [sample(second), reading(second, 95.0, 20.0)]
+            if second in (0, 55)
+            else [sample(second), reading(second, float("nan"), 20.0)]
+            if second < 30
+            else [sample(second)],
+            at(second),
+        )
+    ]
+    assert raised == [(0, "over-temperature"), (1, "channel-fault"), (40, "stale-temperature")]
+
+
+def test_heat_that_is_gone_with_the_next_record_is_an_alarm(alarms: Alarms) -> None:
+    (alarm,) = alarms.check([reading(1, 20.0, 91.0), reading(1.1, 20.0, 20.0)], at(1.1))
+    assert alarm == Trip("over-temperature", "T12 is at 91.0 degC")
+
+
+def test_each_link_has_an_alarm_until_it_is_live_again(alarms: Alarms) -> None:
+    def turn(second: int) -> list[Record]:
+        records: list[Record] = [sample(second), reading(second, 20.0, 20.0)]
+        if second in (0, 30):
+            records.append(LinkChange("a", at(second), LinkState.DOWN, "gone"))
+        if second in (5, 50):
+            records.append(LinkChange("b", at(second), LinkState.DOWN, "gone"))
+        if second in (20, 35):
+            records.append(LinkChange("b", at(second), LinkState.LIVE, ""))
+        return records
+
+    raised = [(s, alarm.detail) for s in range(60) for alarm in alarms.check(turn(s), at(s))]
+    assert raised == [(0, "a is down: gone"), (5, "b is down: gone"), (50, "b is down: gone")]
+
+
+def test_samples_of_a_device_without_cells_raise_the_alarm_of_a_silent_controller(
+    alarms: Alarms,
+) -> None:
+    kinds = []
+    for second in range(12):
+        other = Sample("l", "b", at(second), 0, 0, (), 20.0)
+        raised = alarms.check([other, reading(second, 20.0, 20.0)], at(second))
+        kinds += [alarm.kind for alarm in raised]
+    assert kinds == ["stale-controller"]
 
 
 def test_silence_and_recalibrations_without_end_are_alarms(alarms: Alarms) -> None:
@@ -191,8 +257,13 @@ def test_an_alarm_runs_the_command_and_shows_in_the_exit_code(
 ) -> None:
     told = tmp_path / "told"
     command = ["record", "dual-cell", "--link", "socket://127.0.0.1:1", "--duration", "1.5"]
-    command += ["--silence", "0.5", "--alarm", f'echo "$JAXTWIN_ALARM" >> "{told}"']
+    words = "$JAXTWIN_ALARM:$JAXTWIN_ALARM_SEVERITY"
+    command += ["--silence", "0.5", "--alarm", f'echo "{words}" >> "{told}"']
     command += ["--out", str(tmp_path / "s.db")]
     assert run(command) == 4
     assert "alarm: 3" in capsys.readouterr().out
-    assert set(told.read_text().split()) == {"link-down", "stale-controller", "stale-temperature"}
+    assert set(told.read_text().split()) == {
+        "link-down:warning",
+        "stale-controller:warning",
+        "stale-temperature:critical",
+    }

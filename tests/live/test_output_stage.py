@@ -38,8 +38,33 @@ def test_silence_with_cells_off_ends_the_command_without_a_trip(stage: OutputSta
 def test_anyone_may_stop_and_the_first_reason_is_kept(stage: OutputStage) -> None:
     assert stage.obey(Order("stop", 1, "passer-by"), 0.1) == ("trip", "stop")
     assert (stage.pwm, stage.trip_reason) == ((0, 0), "stop")
-    stage.trip("over-temperature")
+    assert stage.trip("over-temperature") is None
+    assert stage.obey(Order("stop", 2, "passer-by"), 0.2) is None
     assert stage.trip_reason == "stop"
+
+
+@pytest.mark.parametrize("number", [1, 0, 2**31 + 1])
+def test_a_duty_that_is_not_newer_is_refused_and_feeds_no_watchdog(
+    stage: OutputStage, number: int
+) -> None:
+    """As from a link that repeats a line for ever."""
+    for tenth in range(1, 20):
+        assert stage.obey(Duty(number, (200, 200), "first"), tenth / 10) == ("refused", "old")
+    assert stage.pwm == (100, -100)
+    assert stage.check(2.1) == ("trip", "watchdog")
+
+
+def test_numbers_go_on_behind_the_largest(stage: OutputStage) -> None:
+    for number in (2**31, 2**32 - 1, 0):
+        assert stage.obey(Duty(number, (5, 5), "first"), 0.1) is None
+    assert stage.obey(Duty(2**32 - 1, (9, 9), "first"), 0.1) == ("refused", "old")
+
+
+def test_a_delayed_duty_does_not_heat_after_the_release(stage: OutputStage) -> None:
+    stage.obey(Order("release", 2, "first"), 0.1)
+    assert stage.obey(Duty(1, (100, -100), "first"), 0.2) == ("refused", "old")
+    assert (stage.pwm, stage.owner) == ((0, 0), "")
+    assert stage.obey(Duty(3, (1, 1), "first"), 0.3) is None
 
 
 def test_who_releases_lets_another_command(stage: OutputStage) -> None:

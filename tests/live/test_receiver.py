@@ -26,7 +26,7 @@ from jaxtwin.live._identity import Identity
 from jaxtwin.live._link import Arrived
 from jaxtwin.live._messages import Message
 from jaxtwin.live._receiver import MOST_GARBAGE, Receiver
-from jaxtwin.rig import Rig
+from jaxtwin.rig import Rig, load_rig
 
 HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
 
@@ -53,6 +53,22 @@ def heard(receiver: Receiver, *messages: Message | bytes, at: float = 0.0) -> li
 
 def of(records: list[object], kind: type) -> list:
     return [record for record in records if isinstance(record, kind)]
+
+
+def test_a_sample_without_new_temperatures_is_no_reading() -> None:
+    """A slow sensor need not repeat its last value, which would look frozen."""
+    rig = load_rig("printer-bed")
+    names = tuple(channel.name for channel in rig.channels)
+    cells = tuple(cell.name for cell in rig.cells)
+    made = Receiver("link", Identity.of(rig))
+    made.changed(LinkChange("link", START, LinkState.CONNECTING, ""))
+    heard(made, Hello(2, rig.name, "b1", cells=cells, channels=names, watchdog=2.0))
+    off, warm = (0,) * len(cells), (20.0,) * len(names)
+    records = heard(made, data(0, pwm=off, temperatures=warm), data(1, pwm=off))
+    assert [record.seq for record in of(records, Sample)] == [0, 1]
+    assert [record.seq for record in of(records, Reading)] == [0]
+    wrong = heard(made, data(2, pwm=off, temperatures=(*warm, 1.0)))
+    assert "nonsense" in [event.kind for event in of(wrong, Event)]
 
 
 def test_nothing_counts_before_the_greeting(receiver: Receiver) -> None:

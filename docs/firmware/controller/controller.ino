@@ -32,10 +32,10 @@ const unsigned long WATCHDOG_MS = 2000;       // no command for so long: off
 const unsigned long PERIOD_MS = 100;
 
 int applied[CELLS];
-char owner[33] = "";                          // who commands; nobody while empty
+char owner[33] = "";                          // who commands, or did last
 const char *trip = "";                        // why it is off until a reset
 unsigned long boot, sequence, eventSequence, number, lastCommand, lastData;
-bool numbered = false, supplied = true;
+bool owned = false, supplied = true;          // whether the owner commands still
 
 // ---------------------------------------------------------------------------- lines, going out
 
@@ -118,8 +118,7 @@ void sendData() {
   put("data seq="), putNumber(sequence++);
   put(" t="), putNumber(now());
   putCounts(" pwm=", applied);
-  if (*owner) put(" owner="), put(owner);
-  if (numbered) put(" n="), putNumber(number);
+  if (owned) put(" owner="), put(owner), put(" n="), putNumber(number);
   if (*trip) put(" trip="), put(trip);
   if (*RELAY) put(" relay="), put(supplied ? "on" : "off");
   send();
@@ -151,8 +150,7 @@ void apply(const int *counts) {
 void switchOff() {  // and lets another command
   const int off[CELLS] = {0};
   apply(off);
-  *owner = '\0';
-  numbered = false;
+  owned = false;
 }
 
 void supply(bool on) {  // by the relay: off also where the bridge no longer obeys
@@ -163,7 +161,8 @@ void supply(bool on) {  // by the relay: off also where the bridge no longer obe
 void tripNow(const char *why) {
   supply(false);
   switchOff();
-  if (!*trip) trip = why;  // the first reason says what to look for
+  if (*trip) return;  // the first reason says what to look for
+  trip = why;
   sendEvent("trip", why);
 }
 
@@ -200,11 +199,12 @@ const char *field(const char *key) {
   return "";
 }
 
-// A whole number at the start of a text: digits, and a minus where one is allowed. Returns what
-// follows, or NULL.
+// A whole number at the start of a text: digits, without zeros before it, and a minus where one is
+// allowed. Returns what follows, or NULL.
 const char *readNumber(const char *text, bool isSigned, int *sign, uint32_t *magnitude) {
   *sign = 1;
   if (*text == '-' && isSigned) *sign = -1, text++;
+  if (*text == '0' && (*sign < 0 || (text[1] >= '0' && text[1] <= '9'))) return NULL;
   uint64_t number = 0;
   int digits = 0;
   while (*text >= '0' && *text <= '9' && digits++ < 10) number = 10 * number + (*text++ - '0');
@@ -254,7 +254,7 @@ void command(const char *word, const char *who, unsigned long about) {
     sendEvent("reset", "", who, about);
     return;
   }
-  if (*owner && strcmp(owner, who) != 0) {
+  if (owned && strcmp(owner, who) != 0) {
     sendEvent("refused", "owner", who, about);
     return;
   }
@@ -263,15 +263,16 @@ void command(const char *word, const char *who, unsigned long about) {
 
 void duty(const char *who, unsigned long about, const int *counts) {
   const char *why = "";
-  if (*owner && strcmp(owner, who) != 0) why = "owner";
+  if (owned && strcmp(owner, who) != 0) why = "owner";
   else if (*trip) why = "tripped";
   else if (!counts) why = "range";  // not cut to what is possible
+  else if (strcmp(owner, who) == 0 && (int32_t)((uint32_t)about - (uint32_t)number) <= 0) why = "old";
   if (*why) {
     sendEvent("refused", why, who, about);
     return;
   }
   strcpy(owner, who);
-  number = about, numbered = true, lastCommand = millis();
+  number = about, owned = true, lastCommand = millis();  // only this feeds the watchdog
   apply(counts);
 }
 
@@ -284,7 +285,8 @@ void obey(char *text, int count) {
   if (strlen(text) != (size_t)(count - 9)) return;
   bool whole = split(text);
   if (strcmp(text, "hello") == 0) {
-    if (strcmp(field("rig"), "") == 0) sendHello();  // else it is a device that speaks
+    if (*field("rig")) return;  // a device that speaks
+    if (strcmp(field("version"), "2") != 0 || (whole && fields == 1)) sendHello();
     return;
   }
   int sign;
@@ -343,7 +345,7 @@ void checkThermistors() {
 }
 
 void checkWatchdog() {
-  if (!*owner || millis() - lastCommand <= WATCHDOG_MS) return;
+  if (!owned || millis() - lastCommand <= WATCHDOG_MS) return;
   if (isOn()) tripNow("watchdog");
   else switchOff();
 }

@@ -22,8 +22,8 @@ class AlarmCommand:
 
     **Arguments:**
 
-    - `command`: a shell command, with `JAXTWIN_ALARM` (one word) and `JAXTWIN_ALARM_DETAIL` in its
-      environment; None: alarms are only logged.
+    - `command`: a shell command, with `JAXTWIN_ALARM` (one word), `JAXTWIN_ALARM_DETAIL` and
+      `JAXTWIN_ALARM_SEVERITY` in its environment; None: alarms are only logged.
     """
 
     def __init__(self, command: str | None):
@@ -48,11 +48,15 @@ class AlarmCommand:
     def ring(self, alarm: "Trip") -> None:
         """Logs an alarm and runs the command."""
         self.rung = True
-        log.warning("alarm: %s", alarm.detail)
+        log.warning("%s alarm: %s", alarm.severity, alarm.detail)
         self._running = [process for process in self._running if process.poll() is None]
         if self._command is None:
             return
-        words = {"JAXTWIN_ALARM": alarm.kind, "JAXTWIN_ALARM_DETAIL": alarm.detail}
+        words = {
+            "JAXTWIN_ALARM": alarm.kind,
+            "JAXTWIN_ALARM_DETAIL": alarm.detail,
+            "JAXTWIN_ALARM_SEVERITY": alarm.severity,
+        }
         self._running.append(
             subprocess.Popen(
                 self._command, shell=True, env={**os.environ, **words}, stdin=subprocess.DEVNULL

@@ -88,7 +88,8 @@ def record(
         while not stop.is_set() and (duration is None or time.monotonic() - begin < duration):
             records = bench.poll()
             for new in alarms.check(records, bench.clock.now()):
-                bench.note(Event("", bench.clock.now(), "alarm", f"{new.kind}: {new.detail}"))
+                detail = f"{new.kind}: {new.detail} ({new.severity})"
+                bench.note(Event("", bench.clock.now(), "alarm", detail))
                 command.ring(new)
             if publisher is not None:
                 publisher.publish(records)

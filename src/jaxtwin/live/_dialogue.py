@@ -1,7 +1,7 @@
 """Lines to and from a single device, for scripts that test it."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Literal, final
 
 from .._errors import LinkError
@@ -27,11 +27,11 @@ class Dialogue:
     """
 
     def __init__(self, transport: Transport, clock: Clock, owner: str):
+        self.owner = owner
         self.nonsense: list[str] = []
         """The bytes of the device that do not follow the protocol."""
         self.clock = clock
         self._transport = transport
-        self._owner = owner
         self._rest = b""
         self._waiting: deque[Message] = deque()
         self._number = 0
@@ -40,21 +40,27 @@ class Dialogue:
         """Sends bytes, whether or not they follow the protocol."""
         self._transport.write(content)
 
-    def command(self, *pwm: int, owner: str | None = None) -> int:
-        """Sends a duty. Returns its number."""
+    def next_number(self) -> int:
+        """The number of a new command."""
         self._number += 1
-        self.say(encode(Duty(self._number, pwm, owner or self._owner)))
         return self._number
 
-    def order(self, kind: Literal["stop", "reset", "release"], owner: str | None = None) -> None:
-        """Sends a command without counts."""
-        self._number += 1
-        self.say(encode(Order(kind, self._number, owner or self._owner)))
+    def command(self, *pwm: int, owner: str | None = None, number: int | None = None) -> int:
+        """Sends a duty, with a new number if none is given. Returns its number."""
+        number = self.next_number() if number is None else number
+        self.say(encode(Duty(number, pwm, owner or self.owner)))
+        return number
 
-    def open_relay(self, name: str, owner: str | None = None) -> None:
-        """Sends the command that opens the relay in the supply."""
-        self._number += 1
-        self.say(encode(Order("relay", self._number, owner or self._owner, name)))
+    def order(
+        self,
+        kind: Literal["stop", "reset", "release", "relay"],
+        owner: str | None = None,
+        name: str = "",
+    ) -> int:
+        """Sends a command without counts; `name` is that of the relay. Returns its number."""
+        number = self.next_number()
+        self.say(encode(Order(kind, number, owner or self.owner, name)))
+        return number
 
     def listen(self, seconds: float) -> Iterator[Message]:
         """Returns the messages that the device sends within a time."""
@@ -80,18 +86,25 @@ class Dialogue:
     def reports(self, seconds: float = PATIENCE, **wanted: object) -> bool:
         """Whether a sample has these values."""
         return self.hears(
-            lambda message: (
-                isinstance(message, Data)
-                and all(getattr(message, key) == value for key, value in wanted.items())
-            ),
-            seconds,
+            lambda message: isinstance(message, Data) and _has(message, wanted), seconds
         )
+
+    def keeps(self, seconds: float, **wanted: object) -> bool:
+        """Whether there are samples within a time, and all have these values."""
+        samples = [message for message in self.listen(seconds) if isinstance(message, Data)]
+        return bool(samples) and all(_has(sample, wanted) for sample in samples)
+
+    def tells(self, kind: str, why: str, number: int | None = None) -> bool:
+        """Whether the device sends an event of this kind and reason, about this command."""
+        wanted: dict[str, object] = {"kind": kind, "why": why}
+        if number is not None:
+            wanted["number"] = number
+        return self.hears(lambda message: isinstance(message, Notice) and _has(message, wanted))
 
     def refuses(self, number: int, why: str) -> bool:
         """Whether the device refuses the command with this number for this reason."""
-        return self.hears(
-            lambda message: (
-                isinstance(message, Notice)
-                and (message.kind, message.number, message.why) == ("refused", number, why)
-            )
-        )
+        return self.tells("refused", why, number)
+
+
+def _has(message: Message, wanted: Mapping[str, object]) -> bool:
+    return all(getattr(message, key) == value for key, value in wanted.items())

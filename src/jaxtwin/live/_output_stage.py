@@ -2,8 +2,8 @@
 its trips.
 
 A single host commands, the owner. It is the first host that sends a duty while there is no owner,
-and remains the owner as long as it keeps sending. A trip switches the cells off and lasts until a
-host resets it on purpose.
+and remains the owner as long as it keeps sending newer ones. A trip switches the cells off and
+lasts until a host resets it on purpose.
 """
 
 from typing import final
@@ -42,33 +42,27 @@ class OutputStage:
         self._counts = counts
         self._watchdog = watchdog
         self._commanded = 0.0
+        self._newest = "", 0  # the owner and the number of the last duty that was applied
 
     def obey(self, command: Duty | Order, now: float) -> Answer | None:
         """Handles a command at time `now`, s.
 
-        **Returns:** the event to send; `None` for an ordinary duty.
+        **Returns:** the event to send; `None` for an ordinary duty, and where nothing changes.
         """
-        match command:
-            case Order(kind="stop"):  # anyone may stop
+        if isinstance(command, Duty):
+            return self._drive(command, now)
+        match command.kind:
+            case "stop":  # anyone may stop
                 return self.trip("stop")
-            case Order(kind="relay"):  # anyone, too
+            case "relay":  # anyone, too
                 return self.trip("relay") if command.name == self._relay else ("refused", "relay")
-            case Order(kind="reset") if self.trip_reason:
+            case "reset" if self.trip_reason:  # anyone, because nobody commands
                 self.trip_reason, self.supplied = "", True
                 return "reset", ""
         if self.owner not in ("", command.owner):
             return "refused", "owner"
-        if isinstance(command, Order):
-            if command.kind == "release":
-                self._switch_off()
-            return None
-        if self.trip_reason:
-            return "refused", "tripped"
-        if len(command.pwm) != len(self.pwm) or max(map(abs, command.pwm)) > self._counts:
-            # The command is not clipped: a host that sends such a command has a defect.
-            return "refused", "range"
-        self.pwm, self.owner, self.number = command.pwm, command.owner, command.number
-        self._commanded = now
+        if command.kind == "release":
+            self._switch_off()
         return None
 
     def check(self, now: float) -> Answer | None:
@@ -80,12 +74,39 @@ class OutputStage:
             return None
         return self.trip("watchdog")
 
-    def trip(self, reason: str) -> Answer:
-        """Switches the cells off until a reset."""
+    def trip(self, reason: str) -> Answer | None:
+        """Switches the cells off until a reset. Returns the event to send: none if the device has
+        tripped already, because the first reason is kept."""
         self._switch_off()
         self.supplied = not self._relay
-        self.trip_reason = self.trip_reason or reason  # the first reason is kept
+        if self.trip_reason:
+            return None
+        self.trip_reason = reason
         return "trip", reason
+
+    def _drive(self, duty: Duty, now: float) -> Answer | None:
+        """Applies a duty, or refuses it. Only a duty that is applied feeds the watchdog."""
+        if why := self._refusal(duty):
+            return "refused", why
+        self.pwm, self.owner, self.number = duty.pwm, duty.owner, duty.number
+        self._newest = duty.owner, duty.number
+        self._commanded = now
+        return None
+
+    def _refusal(self, duty: Duty) -> str:
+        """The reason why a duty is not applied; `""` if it is."""
+        if self.owner not in ("", duty.owner):
+            return "owner"
+        if self.trip_reason:
+            return "tripped"
+        if len(duty.pwm) != len(self.pwm) or max(map(abs, duty.pwm)) > self._counts:
+            # It is not clipped: a host that sends such a command has a defect.
+            return "range"
+        owner, number = self._newest
+        if duty.owner == owner and not 0 < (duty.number - number) % 2**32 < 2**31:
+            # A link that repeats a line for ever must not keep the cells on without a host.
+            return "old"
+        return ""
 
     def _switch_off(self) -> None:
         self.pwm, self.owner, self.number = self._off, "", None

@@ -11,8 +11,9 @@ LONGEST_NAME = 32
 
 _WORD = re.compile(r"[A-Za-z0-9_.-]{1,32}")
 _QUOTED = re.compile(r"(?:[A-Za-z0-9_.-]|%[0-9A-F]{2})+")
-_INTEGER = re.compile(r"-?[0-9]{1,19}")
-_NUMBER = re.compile(r"-?[0-9]{1,6}(\.[0-9]{1,6})?")
+# Without leading zeros, because some readers take `010` for eight. C prints `-0.00` just below 0.
+_INTEGER = re.compile(r"0|-?[1-9][0-9]{0,18}")
+_NUMBER = re.compile(r"-?(0|[1-9][0-9]{0,5})(\.[0-9]{1,6})?")
 
 
 def read_integer(text: str, least: int, most: int) -> int:
