@@ -83,7 +83,7 @@ def revives(stage: OutputStage) -> None:
 def is_silent_about_trips(stage: OutputStage) -> None:
     trip = stage.trip
 
-    def trips(reason: str) -> Answer:
+    def trips(reason: str) -> Answer | None:
         answer = trip(reason)
         stage.trip_reason = ""
         return answer
@@ -94,7 +94,7 @@ def is_silent_about_trips(stage: OutputStage) -> None:
 def keeps_the_relay_closed(stage: OutputStage) -> None:
     trip = stage.trip
 
-    def trips(reason: str) -> Answer:
+    def trips(reason: str) -> Answer | None:
         answer = trip(reason)
         stage.supplied = True
         return answer
