@@ -237,11 +237,11 @@ def controlled(controller: Path) -> Callable[[Scene, Bench, Twin, bool], str]:
     onset. The duty follows at the next sample."""
 
     def command(scene: Scene, bench: Bench, twin: Twin, heats: bool) -> str:
-        hot = scene.room + scene.random.uniform(14, 17, 2)
+        hot = scene.room + scene.random.uniform(13, 15, 2)
         # Both ends reach these at the same time: cell 2 cools against what cell 1 heats.
-        warm, cool = scene.room + scene.random.uniform([12, 0], [15, 2])
+        warm, cool = scene.room + scene.random.uniform([9, 2], [10, 3])
         if heats:
-            (warm, cool) = hot = scene.room + scene.random.uniform(16, 17, 2)
+            (warm, cool) = hot = scene.room + scene.random.uniform(14, 15, 2)
         references = f"0:{hot[0]:.1f}/{hot[1]:.1f},{scene.onset + 0.4:.2f}:{warm:.1f}/{cool:.1f}"
 
         def spoil(loop: Any) -> None:
