@@ -10,6 +10,7 @@ from matplotlib import pyplot
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 
 from jaxtwin import Experiment, ParameterError, ThermoelectricModule, Twin, load_rig, plots
 from jaxtwin.plots import (
@@ -180,3 +181,13 @@ def test_the_page_of_pictures_names_every_function():
     page = (Path(__file__).parents[2] / "docs/pictures.md").read_text(encoding="utf-8")
     for name in plots.__all__:
         assert name == "styled" or name in page
+
+
+def test_labels_that_curves_may_cross_have_a_rim_of_the_background():
+    """The temperature differences of a module, each at the top of its curve."""
+    heat, _ = plot_dc_sweep(MODULE, T_hot=300.0).axes
+    labels = [text for text in heat.texts if text.get_text().endswith(" K")]
+    assert labels
+    for text in labels:
+        (stroke,) = text.get_path_effects()
+        assert isinstance(stroke, withStroke)

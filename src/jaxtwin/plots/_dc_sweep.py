@@ -6,11 +6,10 @@ import numpy as np
 from matplotlib import colormaps, pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 
 from ..physics import DCSweep, ThermoelectricModule
 from ..rig import Datasheet
-from ._style import palette, points, styled
+from ._style import palette, points, rim, styled
 
 
 @styled
@@ -58,7 +57,7 @@ def plot_dc_sweep(
             _mark(heat, best, most, color)
             heat.annotate(
                 f"{difference:g} K", (best, most), xytext=(0, 6), textcoords="offset points",
-                ha="center", color=palette().ink, fontsize=points(9),
+                ha="center", color=palette().ink, fontsize=points(9), path_effects=rim(),
             )  # fmt: skip
         if difference > 0:
             best = _best_cop_current(module, difference, T_hot)
@@ -114,7 +113,7 @@ def _draw_datasheet(heat: Axes, sheet: Datasheet, computed: float) -> None:
             words, (sheet.maximum_current, pumped), xytext=(-9, 0), textcoords="offset points",
             ha="right", va="bottom" if pumped == 0 else "center", zorder=4,
             color=palette().vermilion, fontsize=points(8.5), fontweight="bold",
-            path_effects=[withStroke(linewidth=3, foreground=palette().ground)],
+            path_effects=rim(),
         )  # fmt: skip
     heat.set_ylim(top=max(heat.get_ylim()[1], 1.13 * max(pumped for pumped, _ in stated)))
 

@@ -8,7 +8,7 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 
 from ..control import MEASURES, Frontier
-from ._style import palette, points, styled
+from ._style import palette, points, rim, styled
 from ._units import unit_text
 
 NEAR = 0.02
@@ -59,6 +59,7 @@ def plot_frontier(frontier: Frontier, measure: str, beside: Sequence[str]) -> Fi
                 ", ".join(f"{weight:g}" for weight in sorted(frontier.weights[together])),
                 (x[1, together[0]], y[1, together[0]]), (5, 5),
                 textcoords="offset points", fontsize=points(8), color=palette().muted,
+                path_effects=rim(),
             )  # fmt: skip
         axes.margins(x=0.1)
         axes.set_xlabel(_label(name))

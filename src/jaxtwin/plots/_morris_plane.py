@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import GlobalSensitivity
 from ._sensitivity_labels import title_output
-from ._style import palette, points, styled, symbol
+from ._style import palette, points, rim, styled, symbol
 from ._units import unit_text
 
 NAMED = 0.05
@@ -57,7 +57,7 @@ def plot_morris_plane(
     ax.annotate(
         "sigma = mu_star", (0.97 * diagonal, 0.97 * diagonal), xytext=(-4, 0),
         textcoords="offset points", ha="right", va="center", fontsize=points(8),
-        color=palette().muted,
+        color=palette().muted, path_effects=rim(),
     )  # fmt: skip
     unit = unit_text(sensitivity.outputs[row].unit)
     ends = f", {unit}" if unit else ""
@@ -71,7 +71,7 @@ def plot_morris_plane(
             written.append((x, above))
             ax.annotate(
                 symbol(sensitivity.names[column]), (x * limit, above * top), xytext=(5, 5),
-                textcoords="offset points", color=palette().ink,
+                textcoords="offset points", color=palette().ink, path_effects=rim(),
             )  # fmt: skip
     ax.set(xlabel=f"mu_star, mean size of the effects{ends}", ylabel=f"sigma{ends}")
     title_output(ax, sensitivity, row)

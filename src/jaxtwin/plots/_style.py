@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from .._arguments import finite_number
 from .._errors import ParameterError
@@ -167,6 +168,11 @@ def line_of(number: int) -> str | Dashes:
     """The dashes of a line among several that may cover each other: solid, then shorter ones, so
     that what is below shows in the gaps."""
     return ("-", (0.0, (5.0, 3.0)), (0.0, (2.0, 2.0)), (0.0, (7.0, 2.0, 1.5, 2.0)))[number % 4]
+
+
+def rim() -> list[AbstractPathEffect]:
+    """A rim of the background around text, so that it is read where a curve crosses it."""
+    return [withStroke(linewidth=3, foreground=palette().ground)]
 
 
 def points(size: float | int) -> float:
