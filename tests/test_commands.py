@@ -78,7 +78,7 @@ DEFAULTS = {
     "drive": {"duration": 1000.0, "silence": 3.0, "baud": 115_200},
     "export": {"step": 1.0},
     "match": {"starts": 1, "max_iterations": 200, "seed": 0},
-    "new-rig": {"supply_voltage": "12 V", "limit": "80 degC", "reader": "camera"},
+    "new-rig": {"supply_voltage": "12 V", "limit": "80 degC"},
     "prove": {"duty": 0.3, "silence": 3.0, "baud": 115_200},
     "record": {"silence": 10.0, "baud": 115_200},
     "report": {"out": Path("report"), "draws": 0},
