@@ -18,7 +18,7 @@ from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
 
 import jaxtwin as jt
 from jaxtwin import RecordingError
-from jaxtwin.io import Session, _session
+from jaxtwin.io import Session, _open_session, _session, _session_rows
 from jaxtwin.live import (
     Data,
     Gap,
@@ -292,7 +292,7 @@ def test_an_experiment_needs_no_more_memory_than_its_grid(
     with Recorder(file, rig) as recorder:
         records = [part for k in range(20_000) for part in (sample(k), reading(k))]
         recorder.write([GREETING, *records])
-    monkeypatch.setattr(_session, "BLOCK", 500)
+    monkeypatch.setattr(_session_rows, "BLOCK", 500)
     monkeypatch.setattr(_session, "MOST_STAMPS", 1000)
     with Session(file) as session:
         tracemalloc.start()
@@ -383,14 +383,14 @@ def test_a_recording_can_be_read_where_nothing_can_be_written(
     recorder.close()
     if not journal:
         shutil.copy(file, left)
-    real = _session._connect
+    real = _open_session._connect
 
     def connect(file: Path, access: str, locking: str) -> sqlite3.Connection:
         if f"{access} {locking}" in refused:
             raise sqlite3.OperationalError("unable to open database file")
         return real(file, access, locking)
 
-    monkeypatch.setattr(_session, "_connect", connect)
+    monkeypatch.setattr(_open_session, "_connect", connect)
     assert count(left) == 1
 
 

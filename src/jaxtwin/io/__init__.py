@@ -7,7 +7,8 @@ from ._fetch import fetch_recordings
 from ._locate import find_recordings
 from ._published import SINGLE_CELL, TWO_CELL, PublishedRecording
 from ._read import read_recording
-from ._session import DeviceClock, Series, Session
+from ._session import Session
+from ._session_rows import DeviceClock, Series
 from ._write import write_recording
 
 __all__ = [
