@@ -7,6 +7,9 @@ from ..io import Experiment
 from ..physics import Twin
 
 ZERO_CELSIUS = 273.15
+FIRST_SAMPLES = 50
+"""The number of samples at the start that are looked at, of all channels together."""
+
 NEAR_KELVIN = 60.0
 """How far from the room the first reading of a recording in kelvin is at most, K: a warm rig."""
 
@@ -24,7 +27,7 @@ def check_units(twin: Twin, name: str, experiment: Experiment) -> None:
         table = twin.rig.parameters
         values_si = {name: table[name].to_si(value) for name, value in values.items()}
         room = float(twin.rig.ambient_temperature.evaluate(values_si)) - ZERO_CELSIUS
-    first = float(np.nanmedian(experiment.temperatures[:10]))
+    first = float(np.median(experiment.temperatures[experiment.sampled][:FIRST_SAMPLES]))
     start = float(np.asarray(room).flat[0])
     if abs(first - ZERO_CELSIUS - start) < NEAR_KELVIN and abs(first - start) > NEAR_KELVIN:
         raise MatchError(
