@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from .._errors import RecordingError
 from ._checks import ABSOLUTE_ZERO, WrongSampleError, duty_from_counts
-from ._delimited import STAMPS, TIME, Column, read_columns
+from ._delimited import CELL, STAMPS, TEMPERATURE, TIME, Column, read_columns
 from ._experiment import Experiment
 
 EXPECTED = (
@@ -71,7 +71,7 @@ def experiment_of_columns(
             times.append((values - origin) / SECONDS[unit[1]])
         elif column.name.endswith(STAMPS):
             stamps[column.name[: -len(STAMPS) - 1]] = column
-        elif cell := re.fullmatch(r"(duty|pwm)_P([1-9]\d{0,3})(_%)?", column.name):
+        elif cell := CELL.fullmatch(column.name):
             kind, number = cell[1], int(cell[2])
             if number in duty:
                 raise RecordingError(
@@ -86,7 +86,7 @@ def experiment_of_columns(
                     )
                 values = duty_from_counts(values[:, None], counts, polarity)[:, 0]
             duty[number] = values / 100 if cell[3] else values
-        elif channel := re.fullmatch(r"(.+)_(degC|K)", column.name):
+        elif channel := TEMPERATURE.fullmatch(column.name):
             label, unit = channel.groups()
             if label in temperatures:
                 raise RecordingError(f"columns: expected one for the temperature {label}, got two")

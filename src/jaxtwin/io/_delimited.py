@@ -26,7 +26,7 @@ from jaxtyping import Float
 
 from .._errors import RecordingError
 from ._named_columns import named
-from ._timestamps import is_timestamp_title, microseconds_of_timestamps
+from ._timestamps import TITLES, is_timestamp_title, microseconds_of_timestamps
 
 MISSING = frozenset(
     {"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none", "-", "--", "---"}
@@ -35,6 +35,12 @@ MISSING = frozenset(
 
 TIME = re.compile("[Tt]ime_(s|ms|min|h|us since 1970)")
 """The name of the column that every recording has."""
+
+CELL = re.compile(r"(duty|pwm)_P([1-9]\d{0,3})(_%)?")
+"""The name of the drive of a cell."""
+
+TEMPERATURE = re.compile(r"(.+)_(degC|K)")
+"""The name of a temperature."""
 
 STAMPS = "time_us since 1970"
 """The end of the name of a column of time stamps."""
@@ -112,7 +118,7 @@ def read_columns(
             if not any(row) or (_is_note(row[0]) and not rows):
                 continue
             if not fields_in_line:
-                found = named(row, names, ignore)
+                found = named(row, names, ignore, _is_known)
                 fields_in_line, kept = len(row), [name is not None for name in found]
                 titles = [name for name in found if name is not None]
                 _check_titles(titles, separator, expected)
@@ -204,6 +210,13 @@ def column_name(title: str) -> str:
     unit = "".join(units).strip()
     unit = UNITS.get(unit, unit)
     return name if unit in ("", "1", "-") else f"{name}_{unit}"
+
+
+def _is_known(title: str) -> bool:
+    """Whether a title is read as it is."""
+    name = column_name(title)
+    forms = (TIME, CELL, TEMPERATURE)
+    return title.lower() in TITLES or any(form.fullmatch(name) for form in forms)
 
 
 def _truth(field: str) -> float:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 
@@ -254,15 +253,11 @@ class Experiment:
         the experiment with their number; the experiment itself if it has no gap."""
         if not len(self.gaps):
             return (self,)
-        starts = np.concatenate([[-np.inf], self.gaps[:, 1], [np.inf]])
-        spans = [
-            (begin, end)
-            for begin, end in pairwise(starts)
-            if np.count_nonzero((self.time >= begin) & (self.time < end)) > 1
-        ]
+        number = np.searchsorted(self.gaps[:, 1], self.time, side="right")
+        parts = [number == part for part in range(len(self.gaps) + 1)]
+        whole = [part for part in parts if np.count_nonzero(part) > 1]
         return tuple(
-            self._part((self.time >= begin) & (self.time < end), f"{self.name} part {number}")
-            for number, (begin, end) in enumerate(spans, start=1)
+            self._part(part, f"{self.name} part {count}") for count, part in enumerate(whole, 1)
         )
 
     @cached_property

@@ -1,7 +1,7 @@
 """Names that a reader of a file gives its columns, and columns that are left out."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -24,16 +24,12 @@ WORDS = {
 WITHOUT_UNIT = re.compile(r"(?:duty|pwm)_P\d+|(?:.+_)?time|timestamp|date", re.IGNORECASE)
 """Names that a reader gives and that need no unit."""
 
-KNOWN = re.compile(
-    r"^(duty|pwm)_P\d+|^(time|timestamp|date.?time|date)$|^time(_(s|ms|min|h)$|\s*[\[(])"
-    r"|_(degC|K|°C)$|[\[(](degC|K|°?C)",
-    re.IGNORECASE,
-)
-"""Titles that are read as they are."""
-
 
 def named(
-    titles: Sequence[str], columns: Mapping[str, str] | None, ignore: Sequence[str]
+    titles: Sequence[str],
+    columns: Mapping[str, str] | None,
+    ignore: Sequence[str],
+    is_known: Callable[[str], bool],
 ) -> list[str | None]:
     """The titles by which columns are read, in the order of the file; None for those left out.
 
@@ -44,6 +40,7 @@ def named(
       that of its title, or is in degC.
     - `ignore`: the titles that are left out; `*` and `?` stand for any characters. A title that
       `columns` names is never left out. `"*"` alone leaves out all that would be refused.
+    - `is_known`: whether a title is read as it is.
 
     **Raises:** `RecordingError` for a title that the file does not have.
     """
@@ -61,7 +58,7 @@ def named(
             f"columns: expected titles of the file, {known}, got {', '.join(unknown)}"
             f"{did_you_mean(unknown, titles)}"
         )
-    return [_name(title, chosen, ignore) for title in titles]
+    return [_name(title, chosen, ignore, is_known) for title in titles]
 
 
 def _patterns(ignore: Sequence[str]) -> Sequence[str]:
@@ -70,10 +67,15 @@ def _patterns(ignore: Sequence[str]) -> Sequence[str]:
     return ignore
 
 
-def _name(title: str, columns: Mapping[str, str], ignore: Sequence[str]) -> str | None:
+def _name(
+    title: str,
+    columns: Mapping[str, str],
+    ignore: Sequence[str],
+    is_known: Callable[[str], bool],
+) -> str | None:
     if title not in columns:
         english = in_english(title)
-        refused = KNOWN.search(english) is None
+        refused = not is_known(english)
         patterns = [pattern for pattern in ignore if pattern != "*" or refused]
         return None if title and any(fnmatchcase(title, p) for p in patterns) else english
     name = columns[title]

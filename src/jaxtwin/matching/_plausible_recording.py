@@ -5,8 +5,9 @@ import numpy as np
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
+from ._first_sample import first_sample
+from ._starting_parameters import ABSOLUTE_ZERO, room_temperature
 
-ZERO_CELSIUS = 273.15
 FIRST_SAMPLES = 50
 """The number of samples at the start that are looked at, of all channels together."""
 
@@ -20,20 +21,16 @@ def check_units(twin: Twin, name: str, experiment: Experiment) -> None:
     **Raises:** `MatchError` that names the recording and its first reading.
     """
     assert experiment.temperatures is not None, "named_recordings has checked it"
-    room = experiment.ambient
-    if room is None:
-        # Without JAX, which would compile each operation.
-        values = {name: float(np.mean(value)) for name, value in twin.values.items()}
-        table = twin.rig.parameters
-        values_si = {name: table[name].to_si(value) for name, value in values.items()}
-        room = float(twin.rig.ambient_temperature.evaluate(values_si)) - ZERO_CELSIUS
+    # A median, because the first sample of all may be a wrong one.
     first = float(np.median(experiment.temperatures[experiment.sampled][:FIRST_SAMPLES]))
-    start = float(np.asarray(room).flat[0])
-    if abs(first - ZERO_CELSIUS - start) < NEAR_KELVIN and abs(first - start) > NEAR_KELVIN:
+    recorded = first_sample(experiment).ambient
+    start = room_temperature(twin.rig, twin.numbers_si, recorded)
+    celsius = first + ABSOLUTE_ZERO
+    if abs(celsius - start) < NEAR_KELVIN and abs(first - start) > NEAR_KELVIN:
         raise MatchError(
             f"{name}: temperatures: expected degC, got {first:.1f} degC at the start in a room of "
-            f"{start:.0f} degC; are they in K, {first - ZERO_CELSIUS:.1f} degC? A column of kelvin "
-            "is called NAME_K"
+            f"{start:.0f} degC; are they in K, {celsius:.1f} degC? A column of kelvin is called "
+            "NAME_K"
         )
 
 
