@@ -75,3 +75,12 @@ def test_a_recording_counts_once_under_any_name():
     several = [recording(WARMING, name="a"), recording(WARMING, name="b")]
     with pytest.raises(MatchError, match="experiments: b is the same recording as a"):
         match(Twin("single-cell"), several, free=FREE)
+
+
+def test_a_recording_that_begins_beyond_the_bounds_of_its_start_is_refused():
+    words = (
+        r"x: temperatures: expected a start within the bounds of T_start, -10 to 100 degC, "
+        r"got 108\.0 degC; other bounds are given by bounds="
+    )
+    with pytest.raises(MatchError, match=words):
+        match(Twin("single-cell"), recording(WARMING + 90), free=FREE)

@@ -50,14 +50,15 @@ def experiment_of_dataset(data: "xarray.Dataset", *, name: str | None) -> Experi
     )
 
 
-def write_netcdf(experiment: Experiment, stream: IO[bytes]) -> None:
-    """Writes the experiment as a netCDF 3 file.
+def write_netcdf(dataset: "xarray.Dataset", stream: IO[bytes]) -> None:
+    """Writes labelled data to a file that is open, as netCDF 3.
 
     netCDF 3 is used instead of netCDF 4, because it needs no extra library, and because a damaged
     file cannot stop its reader: a zeroed block in a netCDF 4 file can keep the HDF5 library (2.0)
     in an endless loop.
     """
-    stream.write(experiment.to_xarray().to_netcdf(engine="scipy"))
+    # By the name of the file: as bytes, the whole content would be in memory once more.
+    dataset.to_netcdf(stream.name, engine="scipy")
 
 
 def _dataset(content: bytes) -> "xarray.Dataset":

@@ -42,7 +42,7 @@ def write_recording(experiment: Experiment, path: str | Path) -> Path:
         raise RecordingError(f"{file}: ending: expected .csv or .nc, got {ending!r}")
     with whole_file(file, RecordingError) as stream:
         if ending == ".nc":
-            write_netcdf(experiment, stream)
+            write_netcdf(experiment.to_xarray(), stream)
         else:
             write_csv(experiment, stream)
     return file
@@ -60,4 +60,4 @@ def save_dataset(dataset: "xarray.Dataset", path: str | os.PathLike[str]) -> Non
         if variable.dtype == bool:
             plain[name] = plain[name].astype("int8")
     with whole_file(path, RecordingError) as stream:
-        stream.write(plain.to_netcdf(engine="scipy"))
+        write_netcdf(plain, stream)

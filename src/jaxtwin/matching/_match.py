@@ -23,6 +23,7 @@ from ._make_fit import make_fit
 from ._masks_and_events import Span
 from ._nominal_twin import nominal_twin
 from ._objective import make_objective
+from ._plausible_recording import check_start
 from ._problem import (
     Events,
     MatchProblem,
@@ -113,9 +114,9 @@ def match(
     `Fit.solver_gap` is the difference between the two.
 
     **Raises:** `MatchError` if nothing is free; if a recording has no temperatures or is there
-    twice; if there are fewer samples than unknowns; if nothing changes in any recording; if bounds
-    exclude the start or the prior, or change the meaning of the prior's spread; if a held parameter
-    has a scope, or a parameter that is not free has bounds; if groups are not given for each
+    twice; if there are fewer samples than unknowns; if nothing changes in any recording; if a
+    recording begins outside the bounds of its start; if bounds exclude the start or the prior, or
+    change the meaning of the prior's spread; if a held parameter has a scope, or a parameter that is not free has bounds; if groups are not given for each
     recording; if values that each recording of a fit has are neither free nor fixed; if events or
     masks lie outside their recording; or if no start gives finite
     temperatures. `ParameterError` for unknown names and for a parameter with several values;
@@ -131,6 +132,8 @@ def match(
     held = without_starts(twin, fixed, initial)
     choice = ParameterChoice(free, held, shared, per_recording, bounds)
     unknowns = choose_unknowns(twin, group_numbers, choice)
+    for name, experiment in recordings.items():
+        check_start(twin.rig, unknowns.entry_parameters, name, experiment)
     if fit is not None:
         _check_own_values(fit, unknowns, held)
     whole_number("starts", starts, 1, MatchError)
