@@ -116,11 +116,11 @@ def match(
     **Raises:** `MatchError` if nothing is free; if a recording has no temperatures or is there
     twice; if there are fewer samples than unknowns; if nothing changes in any recording; if a
     recording begins outside the bounds of its start; if bounds exclude the start or the prior, or
-    change the meaning of the prior's spread; if a held parameter has a scope, or a parameter that is not free has bounds; if groups are not given for each
-    recording; if values that each recording of a fit has are neither free nor fixed; if events or
-    masks lie outside their recording; or if no start gives finite
-    temperatures. `ParameterError` for unknown names and for a parameter with several values;
-    `SimulationError` for recordings of another rig.
+    change the meaning of the prior's spread; if a held parameter has a scope, or a parameter that
+    is not free has bounds; if groups are not given for each recording; if values that each
+    recording of a fit has are neither free nor fixed; if events or masks lie outside their
+    recording; or if no start gives finite temperatures. `ParameterError` for unknown names and for
+    a parameter with several values; `SimulationError` for recordings of another rig.
     """
     began = time.perf_counter()
     fit = twin if isinstance(twin, Fit) else None
