@@ -31,8 +31,9 @@ from hazards import HAZARDS, run_hazard, save_pid
 
 import jaxtwin as jt
 from jaxtwin._errors import SafetyStop
-from jaxtwin.live import Faults, OperatingLimits, VirtualRig, drive
+from jaxtwin.live import OperatingLimits, VirtualRig, drive
 from jaxtwin.matching import posterior_draws
+from jaxtwin.physics import Faults
 from jaxtwin.rig import Sensors
 
 CAMERA = {"d_x", "d_y", "s_view", "r_view", "g_TAM", "g_TBM", "g_TCM"}

@@ -36,7 +36,6 @@ from jaxtwin.io import Session
 from jaxtwin.live import (
     Bench,
     Clock,
-    Faults,
     Moment,
     Recorder,
     SystemClock,
@@ -46,6 +45,7 @@ from jaxtwin.live import (
     report,
     serve,
 )
+from jaxtwin.physics import Faults
 from jaxtwin.rig import Rig
 
 OFF = (0, 0)

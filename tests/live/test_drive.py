@@ -20,7 +20,6 @@ from jaxtwin.io import Experiment, Session
 from jaxtwin.live import (
     Ask,
     Duty,
-    Faults,
     InProcess,
     Moment,
     Order,
@@ -35,7 +34,7 @@ from jaxtwin.live import (
     serve,
 )
 from jaxtwin.live._output_stage import Answer
-from jaxtwin.physics import Twin
+from jaxtwin.physics import Faults, Twin
 from jaxtwin.rig import Rig
 
 OFF = (0, 0)

@@ -17,7 +17,6 @@ from jaxtwin.io import Experiment
 from jaxtwin.live import (
     Ask,
     Duty,
-    Faults,
     Order,
     OutputStage,
     Recorder,
@@ -28,7 +27,7 @@ from jaxtwin.live import (
     encode,
 )
 from jaxtwin.live._output_stage import Answer
-from jaxtwin.physics import Twin
+from jaxtwin.physics import Faults, Twin
 from jaxtwin.rig import Rig
 
 OFF = (0, 0)

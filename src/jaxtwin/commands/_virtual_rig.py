@@ -39,7 +39,7 @@ def virtual_rig(
         typer.Option(
             metavar="WORDS",
             help="What goes wrong: some of drop=0.01, corrupt=0.001, jumps=164, stall=30/5, "
-            "disconnect=60, loosen=P1@300/10, fail=P2@600; docs/live.md explains them.",
+            "disconnect=60, loosen=P1@300/10, fail=P2@600, block=P1@300/3; docs/live.md has all.",
         ),
     ] = "",
     parameter_file: ParameterFileOption = None,
@@ -47,7 +47,8 @@ def virtual_rig(
     seed: SeedOption = 0,
 ) -> None:
     """Simulate a rig behind the protocol of a real one, with noise and faults, until Ctrl-C."""
-    from ..live import Faults, SystemClock, VirtualRig, serve
+    from ..live import SystemClock, VirtualRig, serve
+    from ..physics import Faults
     from ..rig import load_rig
 
     if [tcp is not None, pty, mqtt is not None].count(True) > 1:

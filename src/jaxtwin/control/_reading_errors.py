@@ -9,9 +9,8 @@ from jaxtyping import Bool, Float
 from .._arguments import finite_number, mapping_of
 from .._errors import ControlError
 from .._name_suggestions import unknown_name
-from ..live import Faults
-from ..live._recalibration import SHUTTER_SECONDS, Recalibrations
-from ..physics import pixel_weights
+from ..physics import Faults, pixel_weights
+from ..physics._recalibrations import SHUTTER_SECONDS, Recalibrations
 from ..rig import Rig
 from ._outages import is_within, longest_silence, periodic_spans
 
@@ -56,7 +55,7 @@ def reading_errors(
     simulated loop cannot have.
     """
     names = tuple(channel.name for channel in rig.channels)
-    if faults.loosen or faults.fail or faults.corrupt or faults.disconnect:
+    if faults.rig or faults.corrupt or faults.disconnect:
         raise ControlError(
             f"{where}: faults: expected drop, jumps and stall, which a simulated loop has, got "
             f"{faults}; the others are those of jaxtwin virtual-rig"

@@ -13,10 +13,9 @@ from .._arguments import finite_number, of_kind, true_or_false, whole_number
 from .._errors import ControlError
 from .._jax_settings import own_settings
 from ..io._checks import ABSOLUTE_ZERO
-from ..live import Faults
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
-from ..physics import Twin
+from ..physics import Faults, Twin
 from ._controller import AbstractController, ControlFunction, as_controller
 from ._disturbances import Disturbance, Draught, HeatInput, disturbance_tables
 from ._loop_checks import check_cells, check_reach, check_sample_time

@@ -10,7 +10,6 @@ from ._conform import Finding as Finding
 from ._conform import conform as conform
 from ._drive import drive as drive
 from ._drive import follow as follow
-from ._faults import Faults as Faults
 from ._follower import Follower as Follower
 from ._framing import deframe as deframe
 from ._framing import encode_line as encode_line

@@ -8,12 +8,13 @@ import math
 import secrets
 from typing import final
 
+import jax
 import numpy as np
 
 from .._errors import LinkError
-from ..physics import Twin
+from ..physics import Fault, Faults, Twin
+from ..physics._recalibrations import Recalibrations
 from ._codec import encode, parse
-from ._faults import Faults, failed, loosened
 from ._framing import delines
 from ._identity import Identity
 from ._live_twin import LiveTwin
@@ -31,7 +32,6 @@ from ._messages import (
 )
 from ._output_stage import Answer, OutputStage
 from ._picture import Picture
-from ._recalibration import Recalibrations
 
 OVER_LIMIT = 10.0
 """The device trips by itself if a channel is this far above the rig file's limit, K."""
@@ -57,8 +57,9 @@ class VirtualRig:
       0.1 to 5.
     - `boot`: names this start of the device; `None`: a new name.
 
-    **Raises:** `LinkError` if a fault names a cell or a camera that the rig does not have, and
-    for a device that every host would refuse, such as one with a watchdog of 20 s.
+    **Raises:** `SimulationError` if a fault names a part that the rig does not have;
+    `LinkError` for recalibrations of a camera that it does not have, and for a device that every
+    host would refuse, such as one with a watchdog of 20 s.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class VirtualRig:
     ):
         rig = twin.rig
         self.faults = faults or Faults()
-        self.faults.check_cells(tuple(cell.name for cell in rig.cells))
+        self._to_come = [(fault.time, fault.of(twin)) for fault in self.faults.rig]
         # The output stage runs in real time, because a watchdog counts real seconds.
         relay = "" if rig.limits is None else rig.limits.relay or ""
         self.stage = OutputStage(len(rig.cells), rig.driver.counts, float(watchdog), relay)
@@ -84,6 +85,7 @@ class VirtualRig:
         self._driver = rig.driver
         self._random = np.random.default_rng(seed)
         self._noise = rig.noise
+        self._twin, self._camera = twin, rig.camera
         camera, self._picture = rig.camera, None
         self._periods = {"data": 1 / controller_hz}
         if camera is not None:
@@ -105,7 +107,6 @@ class VirtualRig:
         self._rests: dict[object, bytes] = {}
         self._recalibrations = Recalibrations(self.faults.jumps, seed, rig.common_error)
         self._frozen: np.ndarray | None = None
-        self._done: set[str] = set()
         self._cuts = 0
         self._answer = b""
         self.hello = Hello(
@@ -198,20 +199,23 @@ class VirtualRig:
     def _advance(self, time: float) -> list[bytes]:
         """Advances physics, watchdog and slow faults to a time."""
         self.twin.advance(time)
-        faults = self.faults
-        if faults.loosen and time >= faults.loosen[1] and "loosen" not in self._done:
-            self._done.add("loosen")
-            cell = self._cells.index(faults.loosen[0])
-            self.twin.replace(loosened(self.twin.system, cell, faults.loosen[2]))
-        if faults.fail and time >= faults.fail[1] and "fail" not in self._done:
-            self._done.add("fail")
-            self.twin.replace(failed(self.twin.system, self._cells.index(faults.fail[0])))
+        for begin, fault in list(self._to_come):
+            if time >= begin:
+                self._to_come.remove((begin, fault))
+                self._replace(fault)
         self._recalibrations.advance(time)
         answer = self.stage.check(time / self.hello.rate)
         if any(self.pwm) and self.twin.temperatures.max() > self._hottest:
             answer = self.stage.trip("over-temperature")
         self._follow()
         return [] if answer is None else [self._notice(answer)]
+
+    def _replace(self, fault: Fault) -> None:
+        """Goes on with a faulty rig; its picture shows the channels as they are then."""
+        with jax.enable_x64(True):
+            self.twin.replace(fault(self.twin.system))
+        if self._camera is not None:
+            self._picture = Picture(self._twin, self._camera, self.twin.system)
 
     def _notice(self, answer: Answer, about: Duty | Order | None = None) -> bytes:
         kind, why = answer

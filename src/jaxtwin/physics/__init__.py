@@ -4,6 +4,8 @@ from ._assembly import build_netlist
 from ._camera import channel_weights, frame_to_channels, pixel_weights
 from ._dc_sweep import DCSweep
 from ._driver import Bridge, CellHeat
+from ._fault_models import FAULT_MODELS, Fault, FaultModel
+from ._faults import Faults, TimedFault
 from ._heat_loss import CALM, STEFAN_BOLTZMANN
 from ._netlist import Link, Loss, Netlist, Node, Reservoir, ThermoelectricElement
 from ._plate_edges import MeasuredRegistration, measure_registration
@@ -14,10 +16,14 @@ from ._twin import Twin
 
 __all__ = [
     "CALM",
+    "FAULT_MODELS",
     "STEFAN_BOLTZMANN",
     "Bridge",
     "CellHeat",
     "DCSweep",
+    "Fault",
+    "FaultModel",
+    "Faults",
     "Link",
     "Loss",
     "MeasuredRegistration",
@@ -28,6 +34,7 @@ __all__ = [
     "System",
     "ThermoelectricElement",
     "ThermoelectricModule",
+    "TimedFault",
     "Twin",
     "build_netlist",
     "channel_weights",

@@ -19,7 +19,7 @@ from typing import final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..rig import Registration, Rig
 from ._expressions import Expressions
@@ -66,9 +66,12 @@ class RegisteredZones:
         self._half_sizes = size[..., None] / TILES / 2
 
     def element_weights(
-        self, values_si: Mapping[str, Float[Array, ""]]
+        self,
+        values_si: Mapping[str, Float[Array, ""]],
+        moved: tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]] = (0.0, 0.0),
     ) -> Float[Array, "channels elements"]:
-        """The weight of each plate element in the mean over each channel's zone.
+        """The weight of each plate element in the mean over each channel's zone, where the picture
+        has `moved` by so much in addition, m.
 
         Rows of zones that reach beyond the plate sum to less than 1: the camera sees the
         surroundings there. In a zone that ends at the outline, they take an eighth of a pixel's
@@ -77,6 +80,7 @@ class RegisteredZones:
         shift_x, shift_y, scale, rotation = self.registration(values_si)
         cos, sin = scale * jnp.cos(rotation), scale * jnp.sin(rotation)
         x, y = self._tiles[:, 0], self._tiles[:, 1]
+        shift_x, shift_y = shift_x + moved[0], shift_y + moved[1]
         middles = cos * x - sin * y + shift_x, sin * x + cos * y + shift_y
         along = []
         for axis, middle in enumerate(middles):
