@@ -31,7 +31,7 @@ from hazards import HAZARDS, run_hazard, save_pid
 
 import jaxtwin as jt
 from jaxtwin._errors import SafetyStop
-from jaxtwin.live import OperatingLimits, VirtualRig, drive
+from jaxtwin.live import Guard, OperatingLimits, VirtualRig, drive
 from jaxtwin.matching import posterior_draws
 from jaxtwin.physics import Faults
 from jaxtwin.rig import Sensors
@@ -49,7 +49,7 @@ def healthy(twin: jt.Twin, truth: dict[str, float], seed: int) -> str:
     device, clock = VirtualRig(real, seed=seed, faults=faults), HandClock()
     plan = jt.Experiment.schedule("0:0.8,100:-0.5/0.6,200:0.3", duration=300, cells=2)
     try:
-        return drive(virtual_bench(twin.rig, device, clock), twin, plan)
+        return drive(virtual_bench(twin.rig, device, clock), Guard.of(twin), plan)
     except SafetyStop as stop:
         return str(stop)
 

@@ -29,6 +29,7 @@ from jaxtwin.live import (
     Image,
     Reading,
     Recorder,
+    RigState,
     Sample,
     connect,
     encode,
@@ -88,6 +89,7 @@ def main() -> None:
     os.sched_setaffinity(sender.pid or 0, {cores[-1]})
     rig = jt.load_rig("dual-cell")
     follower = None if options.without_twin else Follower(Twin(rig))
+    state = RigState()
     waits = []  # from the read of the bytes to the prediction, ns
     counts = {"samples": 0, "readings": 0, "gaps": 0}
     sent, sent_at = None, 0.0
@@ -103,8 +105,9 @@ def main() -> None:
             while sent is None or counts["samples"] + counts["readings"] < sum(sent):
                 records = bench.poll()
                 for record in records:
+                    state = state.after(record)
                     if follower is not None:
-                        follower.update([record])
+                        follower.on_record(record, state)
                     if isinstance(record, Reading):
                         waits.append(bench.clock.now() - record.arrival)
                     counts["samples"] += isinstance(record, Sample)

@@ -23,6 +23,7 @@ from jaxtwin.live import (
     Bench,
     Data,
     Duty,
+    Guard,
     Image,
     InProcess,
     Moment,
@@ -220,7 +221,7 @@ def driven(scene: Scene, bench: Bench, twin: Twin, heats: bool) -> str:
     schedule = f"0:{duty[0]:.2f}/{duty[1]:.2f},{scene.onset + 0.7:.2f}:{duty[2]:.2f}/{duty[3]:.2f}"
     plan = Experiment.schedule(schedule, duration=120, cells=2)
     with _failing("jaxtwin.live._drive.operate", scene, lambda source: None):
-        return drive(bench, twin, plan, ambient=scene.given)
+        return drive(bench, Guard.of(twin, ambient=scene.given), plan)
 
 
 def save_pid(file: Path, twin: Twin) -> Path:
@@ -244,14 +245,16 @@ def controlled(controller: Path) -> Callable[[Scene, Bench, Twin, bool], str]:
             (warm, cool) = hot = scene.room + scene.random.uniform(14, 15, 2)
         references = f"0:{hot[0]:.1f}/{hot[1]:.1f},{scene.onset + 0.4:.2f}:{warm:.1f}/{cool:.1f}"
 
-        def spoil(loop: Any) -> None:
+        pid = read_controller(controller, twin.rig)
+        # What can be reached depends on the room.
+        loop = LiveLoop(twin, pid, references, duration_s=120, ambient=scene.room)
+
+        def spoil(_: Any) -> None:
             """The controller's own numbers are lost, and so is what it asks for."""
             loop._state = jax.tree.map(lambda part: part * np.nan, loop._state)
 
         with _failing("jaxtwin.control._control.operate", scene, spoil):
-            pid = read_controller(controller, twin.rig)
-            # What can be reached depends on the room.
-            return control(bench, twin, pid, references, duration_s=120, ambient=scene.room)
+            return control(bench, Guard.of(twin, ambient=scene.room), loop)
 
     return command
 
@@ -259,7 +262,7 @@ def controlled(controller: Path) -> Callable[[Scene, Bench, Twin, bool], str]:
 def _failing(where: str, scene: Scene, spoil: Callable[[Any], None]) -> Any:
     """Puts what a failing controller does in place of what `operate` asks there for the duty."""
 
-    def operated(bench: Bench, twin: Twin, asked: Any, **options: Any) -> str:
+    def operated(bench: Bench, guard: Guard, asked: Any, **options: Any) -> str:
         def source(moment: Moment) -> Sequence[float] | np.ndarray | None:
             failing = scene.memory.get("controller")
             if failing is None:
@@ -267,7 +270,7 @@ def _failing(where: str, scene: Scene, spoil: Callable[[Any], None]) -> Any:
             spoil(asked)
             return failing(moment, asked)
 
-        return operate(bench, twin, source, **options)
+        return operate(bench, guard, source, **options)
 
     return patch(where, operated)
 

@@ -90,7 +90,7 @@ DEFAULTS = {
         },
         "Relay": {"timeout_s": 600.0, "limits": RANGE, "sample_time_s": 1.0},
         "UltimatePoint.pid": {"rule": "tyreus-luyben"},
-        "control": {"silence": 3.0},
+        "LiveLoop": {"silence_s": 3.0},
         "disk_margin": {"skew": 0.0},
         "frontier": {
             "against": "largest_plate_range",
@@ -108,13 +108,10 @@ DEFAULTS = {
     "jaxtwin.live": {
         "Bench": {"stale_after": 2.0},
         "Bench.poll": {"timeout": 0.1},
-        "Bench.view": {"capacity": 10_000},
-        "Faults": {"drop": 0.0, "corrupt": 0.0, "jumps": 0.0, "disconnect": 0.0},
-        "Guard": {"silence": 3.0},
+        "Guard.of": {"silence": 3.0},
         "Hello": {"counts": 255, "rate": 1.0},
         "Replay": {"speed": 1.0},
         "Replay.poll": {"timeout": 0.1},
-        "Replay.view": {"capacity": 10_000},
         "VirtualRig": {
             "speed": 1.0,
             "seed": 0,
@@ -123,9 +120,8 @@ DEFAULTS = {
             "watchdog": 2.0,
         },
         "connect": {"baud": 115_200},
-        "drive": {"silence": 3.0},
+        "interlocks_of": {"silence": 3.0},
         "opener": {"baud": 115_200},
-        "operate": {"silence": 3.0},
     },
     "jaxtwin.matching": {
         "BoundedLevenbergMarquardt": {"rtol": 1e-8, "atol": 1e-10, "gtol": 1e-7, "damping": 1e-3},

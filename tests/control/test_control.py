@@ -24,18 +24,19 @@ from jaxtwin.control import (
     AbstractController,
     DecoupledPI,
     FunctionController,
+    LiveLoop,
     Relay,
     control,
     read_controller,
     save_controller,
     ultimate_point,
 )
-from jaxtwin.control._control import LiveLoop
 from jaxtwin.control._stability import check_stability
 from jaxtwin.io import Session
 from jaxtwin.live import (
     Bench,
     Clock,
+    Guard,
     Moment,
     Recorder,
     SystemClock,
@@ -67,7 +68,9 @@ def test_the_rig_does_what_the_simulated_loop_did(
     device = VirtualRig(twin, speed=4, seed=4, faults=Faults.parse("jumps=60"))
     with Recorder(tmp_path / "session.db", twin.rig, clock=clock) as recorder:
         bench = virtual_bench(twin.rig, device, clock, journal=recorder)
-        outcome = control(bench, twin, controller, "0:30,100:35", duration_s=200)
+        outcome = control(
+            bench, Guard.of(twin), LiveLoop(twin, controller, "0:30,100:35", duration_s=200)
+        )
     assert outcome == "completed"
     assert device.pwm == OFF
     simulated = jt.simulate_closed_loop(
@@ -123,7 +126,7 @@ def test_a_rig_over_tcp_does_what_the_simulated_loop_did(twin: Twin, pid: PID, t
         Recorder(tmp_path / "session.db", twin.rig, clock=clock) as recorder,
         connect(twin.rig, url, journal=recorder, clock=clock) as bench,
     ):
-        outcome = control(bench, twin, pid, schedule, duration_s=120)
+        outcome = control(bench, Guard.of(twin), LiveLoop(twin, pid, schedule, duration_s=120))
     assert outcome == "completed"
     assert device.pwm == OFF
     with Session(tmp_path / "session.db") as session:
@@ -151,7 +154,11 @@ def test_a_rig_over_tcp_does_what_the_simulated_loop_did(twin: Twin, pid: PID, t
 def test_a_silent_rig_is_off(twin: Twin, pid: PID, clock: HandClock, faults: str, reason: str):
     device = VirtualRig(twin, faults=Faults.parse(faults))
     with pytest.raises(SafetyStop, match=reason):
-        control(virtual_bench(twin.rig, device, clock), twin, pid, 40, duration_s=60)
+        control(
+            virtual_bench(twin.rig, device, clock),
+            Guard.of(twin),
+            LiveLoop(twin, pid, 40, duration_s=60),
+        )
     for _ in range(30):
         clock.turn(0.1)
         device.due(clock.now())
@@ -162,7 +169,7 @@ def test_a_silent_rig_is_off(twin: Twin, pid: PID, clock: HandClock, faults: str
 def test_dropped_frames_do_not_stop_it(twin: Twin, pid: PID, clock: HandClock):
     device = VirtualRig(twin, speed=10, faults=Faults.parse("drop=0.2"))
     bench = virtual_bench(twin.rig, device, clock)
-    assert control(bench, twin, pid, 30, duration_s=100) == "completed"
+    assert control(bench, Guard.of(twin), LiveLoop(twin, pid, 30, duration_s=100)) == "completed"
     assert device.pwm == OFF
     assert device.twin.temperatures.mean() > 20
 
@@ -172,7 +179,7 @@ def test_a_loosened_contact_is_made_up_for(twin: Twin, pid: PID, clock: HandCloc
     """Ten times the contact resistances of a cell: the other cell, and more duty, hold the mean."""
     device = VirtualRig(twin, speed=4, faults=Faults.parse("loosen=P1@60/10"))
     bench = virtual_bench(twin.rig, device, clock)
-    assert control(bench, twin, pid, 40, duration_s=300) == "completed"
+    assert control(bench, Guard.of(twin), LiveLoop(twin, pid, 40, duration_s=300)) == "completed"
     assert device.twin.temperatures.mean() == pytest.approx(40, abs=0.5)
     assert device.pwm == OFF
 
@@ -191,7 +198,11 @@ def test_a_sensor_without_a_number_switches_a_rig_off(
 
     monkeypatch.setattr(device, "_sensors", sensors)
     with pytest.raises(SafetyStop, match="T_left has failed: nan"):
-        control(virtual_bench(twin.rig, device, clock), twin, PID(0.02), 40, duration_s=60)
+        control(
+            virtual_bench(twin.rig, device, clock),
+            Guard.of(twin),
+            LiveLoop(twin, PID(0.02), 40, duration_s=60),
+        )
     clock.turn(1.0)
     device.due(clock.now())
     assert device.pwm == OFF
@@ -221,18 +232,15 @@ def of_kind(twin: Twin, kind: str) -> AbstractController:
 @pytest.mark.parametrize(
     "kind", ["PID", "DecoupledPI", "LQI", "MPC", "MPC with preview", "Relay", "function"]
 )
-def test_a_live_controller_decides_as_in_the_simulated_loop(
-    twin: Twin, clock: HandClock, kind: str
-):
+def test_a_live_controller_decides_as_in_the_simulated_loop(twin: Twin, kind: str):
     """Given the readings of the simulated loop, with the references that it was given there."""
     controller, schedule = of_kind(twin, kind), "0:20,15:23"
     settings: dict[str, Any] = {"noise": False, "quantised": False}
     run = jt.simulate_closed_loop(twin, controller, schedule, duration_s=40, **settings)
-    bench = virtual_bench(twin.rig, VirtualRig(twin), clock)
-    loop = LiveLoop(bench, twin, controller, schedule, duration_s=40)
-    off = np.zeros(2)
+    loop = LiveLoop(twin, controller, schedule, duration_s=40)
+    off, new = np.zeros(2), np.zeros(len(twin.channels))
     decided = [
-        loop(Moment(float(time), temperatures, off, None))
+        loop(Moment(float(time), temperatures, new, off, None))
         for time, temperatures in zip(run.time[:-1], run.run.temperatures[:-1], strict=True)
     ]
     np.testing.assert_allclose(np.array(decided), run.duty[:-1], rtol=0, atol=1e-6)
@@ -251,7 +259,7 @@ def test_an_mpc_with_preview_from_a_file_runs_on_a_rig(
     with Recorder(tmp_path / "session.db", twin.rig, clock=clock) as recorder:
         bench = virtual_bench(twin.rig, device, clock, journal=recorder)
         mpc = read_controller(tmp_path / "mpc.toml", twin.rig)
-        outcome = control(bench, twin, mpc, "0:16,40:20", duration_s=60)
+        outcome = control(bench, Guard.of(twin), LiveLoop(twin, mpc, "0:16,40:20", duration_s=60))
     assert outcome == "completed"
     assert device.pwm == OFF
     with Session(tmp_path / "session.db") as session:
@@ -265,25 +273,30 @@ def test_an_mpc_with_preview_from_a_file_runs_on_a_rig(
     assert {d["reference"][0] for d in decisions if d["time"] < 39.5} == {16.0}
 
 
-def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(
-    twin: Twin, pid: PID, clock: HandClock
-):
+def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(twin: Twin, pid: PID):
     """As the simulated loop does, whose cells are off after as long."""
-    bench = virtual_bench(twin.rig, VirtualRig(twin), clock)
-    loop, again = (LiveLoop(bench, twin, pid, 40, duration_s=60) for _ in range(2))
-    good, bad = np.full(15, 20.0), np.full(15, 20.0)
-    bad[3] = np.nan
-    off = np.zeros(2)
-    np.testing.assert_array_equal(loop(Moment(0.0, bad, off, None)), off)  # nothing was read yet
+    loop, again = (LiveLoop(twin, pid, 40, duration_s=60) for _ in range(2))
+    values, new, off = np.full(15, 20.0), np.zeros(15), np.zeros(2)
+    never = np.where(np.arange(15) == 3, np.nan, values)  # channel 3 has not been read yet
+    np.testing.assert_array_equal(loop(Moment(0.0, never, new, off, None)), off)
     for time in (1.0, 2.0):
-        loop(Moment(time, good, off, None))
-        again(Moment(time, good, off, None))
+        loop(Moment(time, values, new, off, None))
+        again(Moment(time, values, new, off, None))
+    old = np.zeros(15)
     for time in (3.0, 4.0, 5.0):
-        held = loop(Moment(time, bad, off, None))
-        expected = again(Moment(time, good, off, None))
+        old[3] = time - 2.0
+        held = loop(Moment(time, values, old, off, None))
+        expected = again(Moment(time, values, new, off, None))
         np.testing.assert_allclose(np.asarray(held), np.asarray(expected))
+    old[3] = 4.0
     with pytest.raises(SafetyStop, match=r"no reading of what it controls for 4\.0 s"):
-        loop(Moment(6.0, bad, off, None))
+        loop(Moment(6.0, values, old, off, None))
+
+
+def test_an_old_reading_of_what_is_not_controlled_stops_nothing(twin: Twin):
+    loop = LiveLoop(twin, PID(0.1, measured=["TAM"]), 40, duration_s=60)
+    old = np.where(np.array(twin.channels) == "TAM", 0.0, 100.0)
+    assert loop(Moment(1.0, np.full(15, 20.0), old, np.zeros(2), None)) is not None
 
 
 @pytest.mark.slow
@@ -292,7 +305,11 @@ def test_a_duty_that_is_none_switches_off(twin: Twin, clock: HandClock, asked: f
     device = VirtualRig(twin)
     wrong = FunctionController(lambda t, r, y: 0.5 + asked * (t > 5))
     with pytest.raises(SafetyStop, match="the controller asked for duty"):
-        control(virtual_bench(twin.rig, device, clock), twin, wrong, 40, duration_s=60)
+        control(
+            virtual_bench(twin.rig, device, clock),
+            Guard.of(twin),
+            LiveLoop(twin, wrong, 40, duration_s=60),
+        )
     assert device.pwm == OFF
 
 
@@ -301,7 +318,11 @@ def test_a_reference_out_of_reach_is_refused_before_anything_is_sent(
 ):
     device = VirtualRig(twin)
     with pytest.raises(ControlError, match=r"can hold, got 300\.0 degC"):
-        control(virtual_bench(twin.rig, device, clock), twin, pid, 300, duration_s=60)
+        control(
+            virtual_bench(twin.rig, device, clock),
+            Guard.of(twin),
+            LiveLoop(twin, pid, 300, duration_s=60),
+        )
     assert device.pwm == OFF
 
 

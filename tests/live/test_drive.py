@@ -20,6 +20,7 @@ from jaxtwin.io import Experiment, Session
 from jaxtwin.live import (
     Ask,
     Duty,
+    Guard,
     InProcess,
     Moment,
     Order,
@@ -52,7 +53,7 @@ def test_a_schedule_is_driven_in_rig_time_and_ends_with_the_cells_off(
     bench = virtual_bench(rig, device, clock)
     drive(
         bench,
-        rig,
+        Guard.of(twin),
         plan("0:0.5,30:0.78/-0.2", 60),
         on_progress=lambda time, pwm: applied.append((time, pwm)),
     )
@@ -67,7 +68,7 @@ def test_a_zone_above_the_limit_stops_it(rig: Rig, twin: Twin, clock: HandClock)
     cautious = replace(rig, limits=replace(rig.limits, temperature=273.15 + 25))
     device = VirtualRig(twin, speed=10)
     with pytest.raises(SafetyStop, match="the rig's limit is 25; the cells are off"):
-        drive(virtual_bench(rig, device, clock), cautious, plan("0:1", 1000))
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(cautious)), plan("0:1", 1000))
     assert device.pwm == OFF
     assert device.twin.temperatures.max() < 27
 
@@ -77,14 +78,14 @@ def test_silence_stops_it_and_the_device_stops_itself(
 ) -> None:
     device = VirtualRig(twin, faults=Faults.parse("stall=8/7"))
     with pytest.raises(SafetyStop, match=r"no controller sample for 3\.\d s|is down"):
-        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60))
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), plan("0:1", 60))
     assert device.pwm == OFF
 
 
 def test_a_lost_link_stops_it_for_good(rig: Rig, twin: Twin, clock: HandClock) -> None:
     device = VirtualRig(twin, faults=Faults.parse("disconnect=8"))
     with pytest.raises(SafetyStop, match="is down: cut by a fault"):
-        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60))
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), plan("0:1", 60))
     for _ in range(30):
         clock.turn(0.1)
         device.due(clock.now())
@@ -100,7 +101,12 @@ def test_a_device_that_restarts_stops_it(rig: Rig, twin: Twin, clock: HandClock)
             device.receive(encode(Ask(2)))
 
     with pytest.raises(SafetyStop, match="the device on rig has restarted"):
-        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), on_progress=restart)
+        drive(
+            virtual_bench(rig, device, clock),
+            Guard.of(Twin(rig)),
+            plan("0:1", 60),
+            on_progress=restart,
+        )
     assert device.pwm == OFF
 
 
@@ -118,7 +124,7 @@ def test_a_controller_that_does_not_obey_is_reported(
     monkeypatch.setattr(device.stage, "obey", obeys_no_stop)
     # Its watchdog switches it off once no duty arrives any more.
     with pytest.raises(SafetyStop, match="reported heat 2 s after a stop; the cells are off now"):
-        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 2))
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), plan("0:1", 2))
     assert (device.pwm, device.stage.trip_reason) == (OFF, "watchdog")
 
 
@@ -134,7 +140,7 @@ def test_an_exception_switches_off_before_it_goes_on(
     with Recorder(tmp_path / "session.db", rig, clock=clock) as recorder:
         bench = virtual_bench(rig, device, clock, journal=recorder)
         with pytest.raises(ZeroDivisionError):
-            drive(bench, rig, plan("0:1", 60), on_progress=fails)
+            drive(bench, Guard.of(Twin(rig)), plan("0:1", 60), on_progress=fails)
     assert device.pwm == OFF
     with Session(tmp_path / "session.db") as session:
         query = "SELECT content FROM documents WHERE kind = 'stop'"
@@ -160,7 +166,7 @@ def test_a_journal_that_fails_does_not_keep_the_cells_on(
             recorder.close()  # from now on every write fails, as on a full disk
 
     with pytest.raises(JaxtwinError, match="closed"):
-        drive(bench, rig, plan("0:1", 60), on_progress=closes)
+        drive(bench, Guard.of(Twin(rig)), plan("0:1", 60), on_progress=closes)
     assert device.pwm == OFF
 
 
@@ -173,7 +179,13 @@ def test_a_set_stop_ends_it_politely(rig: Rig, twin: Twin, clock: HandClock) -> 
         if time > 5:
             stop.set()
 
-    drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60), stop=stop, on_progress=progress)
+    drive(
+        virtual_bench(rig, device, clock),
+        Guard.of(Twin(rig)),
+        plan("0:1", 60),
+        stop=stop,
+        on_progress=progress,
+    )
     assert 5 < seen[-1] < 6
     assert device.pwm == OFF
 
@@ -182,7 +194,7 @@ def test_a_rig_without_a_limit_is_not_driven(rig: Rig, twin: Twin, clock: HandCl
     device = VirtualRig(twin)
     unlimited = replace(rig, limits=None)
     with pytest.raises(JaxtwinError, match=r"limits\.temperature: expected the temperature"):
-        drive(virtual_bench(rig, device, clock), unlimited, plan("0:1", 60))
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(unlimited)), plan("0:1", 60))
 
 
 def test_a_rig_that_does_not_come_up_is_not_driven(rig: Rig, clock: HandClock) -> None:
@@ -191,7 +203,7 @@ def test_a_rig_that_does_not_come_up_is_not_driven(rig: Rig, clock: HandClock) -
 
     bench = stepped_bench(rig, {"link": refused}, clock)
     with pytest.raises(SafetyStop, match="not started: after 30 s: link down"):
-        drive(bench, rig, plan("0:1", 60))
+        drive(bench, Guard.of(Twin(rig)), plan("0:1", 60))
 
 
 def test_a_device_that_is_refused_is_not_waited_for(rig: Rig, twin: Twin, clock: HandClock) -> None:
@@ -201,7 +213,7 @@ def test_a_device_that_is_refused_is_not_waited_for(rig: Rig, twin: Twin, clock:
     with pytest.raises(
         SafetyStop, match=r"after 3 s: .*watchdog: expected 0\.1 to 5 s .* got 20 s"
     ):
-        drive(virtual_bench(rig, device, clock), rig, plan("0:1", 60))
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), plan("0:1", 60))
     assert device.pwm == OFF
 
 
@@ -213,7 +225,7 @@ def test_waiting_for_a_rig_can_be_stopped(rig: Rig, clock: HandClock) -> None:
     stop.set()
     bench = stepped_bench(rig, {"link": refused}, clock)
     with pytest.raises(SafetyStop, match="stopped before the rig was there"):
-        drive(bench, rig, plan("0:1", 60), stop=stop)
+        drive(bench, Guard.of(Twin(rig)), plan("0:1", 60), stop=stop)
 
 
 def test_a_limit_in_a_rig_file_is_a_temperature(tmp_path: Path, rig: Rig) -> None:
@@ -229,11 +241,11 @@ def test_a_limit_in_a_rig_file_is_a_temperature(tmp_path: Path, rig: Rig) -> Non
 DRIVING = """
 import sys
 import jaxtwin as jt
-from jaxtwin.live import connect, drive
+from jaxtwin.live import Guard, connect, drive
 rig = jt.load_rig("dual-cell")
 with connect(rig, sys.argv[1]) as bench:
     plan = jt.Experiment.schedule("0:0.5", duration=1000, cells=2)
-    drive(bench, rig, plan, on_progress=lambda *_: print("on", flush=True))
+    drive(bench, Guard.of(jt.Twin(rig)), plan, on_progress=lambda *_: print("on", flush=True))
 """
 
 
@@ -241,10 +253,11 @@ def test_a_trip_stays_until_a_reset_on_purpose(rig: Rig, twin: Twin, clock: Hand
     device = VirtualRig(twin)
     device.stage.trip("watchdog")
     with pytest.raises(SafetyStop, match=r"switched off by itself \(watchdog\); look why") as no:
-        drive(virtual_bench(rig, device, clock), rig, plan("0:0.5", 2))
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), plan("0:0.5", 2))
     assert no.value.kind == "device-trip"
     assert (
-        drive(virtual_bench(rig, device, clock), rig, plan("0:0.5", 2), reset=True) == "completed"
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), plan("0:0.5", 2), reset=True)
+        == "completed"
     )
     assert (device.pwm, device.stage.trip_reason, device.stage.owner) == (OFF, "", "")
 
@@ -254,7 +267,7 @@ def test_an_interlock_leaves_the_device_tripped(rig: Rig, twin: Twin, clock: Han
     cautious = replace(rig, limits=replace(rig.limits, cell_temperature=273.15 + 40))
     device = VirtualRig(twin)
     with pytest.raises(SafetyStop, match="inside, says the twin; its limit is 40; the cells are"):
-        drive(virtual_bench(rig, device, clock), cautious, plan("0:1", 1000))
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(cautious)), plan("0:1", 1000))
     assert device.stage.trip_reason == "stop"
 
 
@@ -265,7 +278,7 @@ def test_what_waited_before_the_start_is_no_silence(rig: Rig, twin: Twin, clock:
         clock.turn(0.02)
         bench.step_links()
     clock.turn(3.5)  # this process compiles
-    assert drive(bench, rig, plan("0:0.5", 2)) == "completed"
+    assert drive(bench, Guard.of(Twin(rig)), plan("0:0.5", 2)) == "completed"
 
 
 def test_two_drives_do_not_share_a_rig(rig: Rig, twin: Twin, clock: HandClock) -> None:
@@ -276,7 +289,7 @@ def test_two_drives_do_not_share_a_rig(rig: Rig, twin: Twin, clock: HandClock) -
     def meanwhile(time: float, pwm: tuple[int, ...]) -> None:
         if time > 3 and not refused:
             with pytest.raises(SafetyStop, match=r"another host, .* commands the cells") as stop:
-                drive(second, rig, plan("0:1", 10))
+                drive(second, Guard.of(Twin(rig)), plan("0:1", 10))
             refused.append(stop.value.kind)
             assert device.pwm == (128, 128)
 
@@ -284,7 +297,7 @@ def test_two_drives_do_not_share_a_rig(rig: Rig, twin: Twin, clock: HandClock) -
     device.stage = OutputStage(2, 255, 60.0)
     first = virtual_bench(rig, device, clock)
     with contextlib.suppress(SafetyStop):
-        drive(first, rig, plan("0:0.5", 6), on_progress=meanwhile)
+        drive(first, Guard.of(Twin(rig)), plan("0:0.5", 6), on_progress=meanwhile)
     assert refused == ["commander"]
 
 
@@ -292,7 +305,9 @@ def test_nothing_but_duties_reaches_a_device(rig: Rig, twin: Twin, clock: HandCl
     for wrong in ((float("nan"), 0.0), (2.0, 0.0), (0.5,), (0.5, 0.5, 0.5)):
         device = VirtualRig(twin)
         with pytest.raises(JaxtwinError, match="expected 2 numbers from -1 to 1"):
-            operate(virtual_bench(rig, device, clock), twin, lambda moment, duty=wrong: duty)
+            operate(
+                virtual_bench(rig, device, clock), Guard.of(twin), lambda moment, duty=wrong: duty
+            )
         assert device.pwm == OFF
 
 
@@ -308,7 +323,7 @@ def test_what_a_command_is_late_does_not_delay_the_next_ones(
         return (0.2, 0.2) if moment.time < 5 else None
 
     openers = {"rig": lambda: InProcess(device, clock)}
-    operate(stepped_bench(rig, openers, clock, step=0.07), twin, source)
+    operate(stepped_bench(rig, openers, clock, step=0.07), Guard.of(twin), source)
     late = np.array(times) - 0.25 * np.arange(len(times))
     assert len(times) == 21
     assert 0 <= late.min() <= late.max() < 0.0701
@@ -325,7 +340,7 @@ def test_a_controller_sees_what_is_measured_and_ends_the_run(
         on = moment.temperatures.max() < 20.0
         return (1.0 * on, 0.0) if moment.time < 120 else None
 
-    assert operate(virtual_bench(rig, device, clock), twin, thermostat) == "completed"
+    assert operate(virtual_bench(rig, device, clock), Guard.of(twin), thermostat) == "completed"
     assert device.pwm == OFF
     # The driver lags by seven seconds: it overshoots, and does not run away.
     assert 20.0 < max(float(moment.temperatures.max()) for moment in seen) < 30.0

@@ -5,12 +5,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import astuple, replace
 from typing import final
 
+import jax
 import numpy as np
 import pytest
+from folded import Watched, feed
 from hand_clock import START
 
 from jaxtwin._errors import JaxtwinError
 from jaxtwin.live import (
+    AbstractInterlock,
+    Command,
+    Event,
+    Finding,
     Greeting,
     Guard,
     Hello,
@@ -20,16 +26,16 @@ from jaxtwin.live import (
     OperatingLimits,
     Reading,
     Record,
+    RigState,
     Sample,
+    interlocks_of,
 )
-from jaxtwin.live._faults import failed
 from jaxtwin.live._obedience import Obedience
 from jaxtwin.live._plausibility import Plausibility
 from jaxtwin.live._presence import Presence
 from jaxtwin.live._responsiveness import MEMORY_SECONDS
-from jaxtwin.live._trip import Trip
 from jaxtwin.live._twin_watch import TwinWatch
-from jaxtwin.physics import Twin
+from jaxtwin.physics import FAULT_MODELS, Twin
 from jaxtwin.rig import Rig, load_rig
 
 LIMITS = OperatingLimits(
@@ -57,12 +63,13 @@ def reading(seconds: float, *values: float, recalibrating: bool = False) -> Read
 
 def sample(seconds: float, pwm: tuple[int, int] = ON, **state: object) -> Sample:
     known = {"owner": "me", "number": 1, **state}
-    return Sample("l", "b", at(seconds), 0, 0, pwm, None, **known)  # pyright: ignore
+    us = round(seconds * 1e6)
+    return Sample("l", "b", at(seconds), us, 0, pwm, None, **known)  # pyright: ignore
 
 
-def plausible(*records: Record) -> Trip | None:
+def plausible(*records: Record) -> Finding | None:
     """The first trip that these records cause."""
-    lock = Plausibility(("T11", "T12"), LIMITS, load_rig("dual-cell").driver)
+    lock = Watched(Plausibility(("T11", "T12"), LIMITS, load_rig("dual-cell").driver))
     return next(filter(None, map(lock.see, records)), None)
 
 
@@ -115,7 +122,7 @@ def test_a_jump_of_a_recalibration_is_no_rate() -> None:
 
 def stood_still(pwm: Callable[[int], tuple[int, int]]) -> int | None:
     """The time at which a reading that never changes trips, s; `pwm` are the counts at a time."""
-    lock = Plausibility(("T11", "T12"), LIMITS, load_rig("dual-cell").driver)
+    lock = Watched(Plausibility(("T11", "T12"), LIMITS, load_rig("dual-cell").driver))
     for n in range(100):
         trip = lock.see(sample(n, pwm(n))) or lock.see(reading(n, 20.0 + n / 100, 25.0))
         if trip is not None:
@@ -139,9 +146,18 @@ def test_a_reading_may_stand_still_for_the_heat_of_ten_seconds_at_full_duty(
     assert stood_still(pwm) == after
 
 
+def command(seconds: float, number: int = 1, pwm: tuple[int, int] = ON) -> Command:
+    return Command("l", at(seconds), number, pwm, "me")
+
+
+def commanded() -> Watched:
+    """The interlock of a rig that has been heard of and commanded at 0 s."""
+    greeting = Greeting("l", at(0), Hello(2, "r", "b"))
+    return Watched(Presence(3.0), greeting, sample(0), reading(0, 20.0), command(0))
+
+
 def test_frames_of_a_recalibration_end_no_silence() -> None:
-    lock = Presence(3.0)
-    lock.begin(at(0), {"l": "b"})
+    lock = commanded()
     for second in range(1, 5):
         assert lock.see(sample(second)) is None
         assert lock.see(reading(second, 20.0, 20.0, recalibrating=True)) is None
@@ -161,29 +177,26 @@ def test_frames_of_a_recalibration_end_no_silence() -> None:
     ],
 )
 def test_a_lost_link_and_a_restart_trip(record: Record, kind: str | None) -> None:
-    lock = Presence(3.0)
-    lock.begin(at(0), {"l": "b"})
+    lock = commanded()
     trip = lock.see(record)
     assert (trip and trip.kind) == kind
 
 
 def test_silence_of_either_kind_trips() -> None:
     for heard, missing in ((sample(3), "temperature"), (reading(3, 20.0), "controller sample")):
-        lock = Presence(3.0)
-        lock.begin(at(0), {"l": "b"})
+        lock = commanded()
         lock.see(heard)
         trip = lock.check(at(3.5))
-        assert trip == Trip("silence", f"no {missing} for 3.5 s")
+        assert trip == Finding("silence", f"no {missing} for 3.5 s")
 
 
 def test_samples_of_a_device_without_cells_do_not_hide_a_silent_controller() -> None:
-    watch = Presence(3.0)
-    watch.begin(at(0), {})
+    watch = commanded()
     for second in range(1, 5):
         watch.see(reading(second, 20.0))
         watch.see(sample(second, ()))  # pyright: ignore[reportArgumentType]
     assert watch.check(at(3)) is None
-    assert watch.check(at(4)) == Trip("silence", "no controller sample for 4.0 s")
+    assert watch.check(at(4)) == Finding("silence", "no controller sample for 4.0 s")
 
 
 @pytest.mark.parametrize(
@@ -203,8 +216,7 @@ def test_samples_of_a_device_without_cells_do_not_hide_a_silent_controller() -> 
     ],
 )
 def test_what_a_device_reports_is_what_was_commanded(record: Sample, kind: str | None) -> None:
-    lock = Obedience("me", ("P1", "P2"), 1.0)
-    lock.commanded(at(0.1), 1, ON)
+    lock = Watched(Obedience(("P1", "P2"), 1.0), command(0.1))
     trip = lock.see(record)
     assert (trip and trip.kind) == kind
 
@@ -212,9 +224,8 @@ def test_what_a_device_reports_is_what_was_commanded(record: Sample, kind: str |
 @pytest.mark.parametrize("last", [7, 2**31 + 7, 2**32 - 1, 0])
 def test_a_number_that_was_never_sent_acknowledges_nothing(last: int) -> None:
     """Numbers count modulo 2^32: half of all lie ahead of the last command, half behind it."""
-    lock = Obedience("me", ("P1", "P2"), 1.0)
-    lock.commanded(at(0), (last - 1) % 2**32, ON)
-    lock.commanded(at(0.25), last, ON)
+    before = command(0, (last - 1) % 2**32)
+    lock = Watched(Obedience(("P1", "P2"), 1.0), before, command(0.25, last))
     for behind in (0, 1):
         assert lock.see(sample(1.1, number=(last - behind) % 2**32)) is None
     for ahead in (1, 2, 1000, 2**31 - 1):
@@ -225,30 +236,30 @@ def test_a_number_that_was_never_sent_acknowledges_nothing(last: int) -> None:
 
 
 def test_a_change_may_take_its_time_and_no_longer() -> None:
-    lock = Obedience("me", ("P1", "P2"), 1.0)
+    lock = Watched(Obedience(("P1", "P2"), 1.0))
     for number in range(24):  # a quarter of a second each; off from 5 s on
-        lock.commanded(at(number / 4), number, ON if number < 20 else (0, 0))
+        lock.see(command(number / 4, number, ON if number < 20 else (0, 0)))
         lock.check(at(number / 4))
     assert lock.see(sample(5.9, (60, 0), number=19)) is None
     trip = lock.see(sample(6.1, (60, 0), number=22))
-    assert trip == Trip("disobedience", "P1 gets 60 counts; 0 were commanded")
+    assert trip == Finding("disobedience", "P1 gets 60 counts; 0 were commanded", "P1")
 
 
-def heated(twin: Twin, seconds: int, measured: float | None, limits: OperatingLimits) -> Trip:
+def heated(twin: Twin, seconds: int, measured: float | None, limits: OperatingLimits) -> Finding:
     """The first trip of a rig that gets full duty, its readings those of the twin or as given."""
-    lock, live = TwinWatch(twin, limits), LiveTwin(twin)
+    lock, live = Watched(TwinWatch(twin, limits)), LiveTwin(twin)
     live.start(0.0, live.ambient)
     off = np.zeros(2)
     for second in range(seconds):
         values = live.temperatures if measured is None else np.full(15, measured)
         trip = lock.see(reading(second, *values)) or lock.see(
-            Sample("l", "b", at(second), 0, 0, (255, 255), live.ambient)
+            Sample("l", "b", at(second), second * 10**6, 0, (255, 255), live.ambient)
         )
         if trip is not None:
             return trip
         live.drive(off + 1)
         live.advance(second + 1.0)
-    return Trip("", "")
+    return Finding("", "")
 
 
 @pytest.mark.slow
@@ -277,22 +288,22 @@ class Plate:
         self._random = np.random.default_rng(1)
 
     def trip(
-        self, lock: TwinWatch, seconds: int, *, measured: bool
-    ) -> tuple[Trip | None, float, float]:
+        self, watch: TwinWatch, seconds: int, *, measured: bool
+    ) -> tuple[Finding | None, float, float]:
         """The trip, and how far the duty has then warmed the plate under the detached sensors, says
         the twin, K; and the hottest zone of the plate, degC."""
-        ambient = self._room if measured else None
+        ambient, lock = self._room if measured else None, Watched(watch)
         for second in range(seconds):
             values = self._live.temperatures.copy()
             values[self._detached] = self._room
             values += self._random.normal(0, 0.1, len(values))
             counts = (255, 255) if second else (0, 0)
-            trip = lock.see(Sample("l", "b", at(second), 0, 0, counts, ambient))
+            trip = lock.see(Sample("l", "b", at(second), second * 10**6, 0, counts, ambient))
             trip = trip or lock.see(reading(second, *values))
             if trip is None and second == 0:
-                trip = lock.strange_room()
+                trip = lock.before_start()
             if trip is not None:
-                warmed = lock._response.by_duty[self._detached] if second else np.zeros(1)
+                warmed = watch._response.by_duty[self._detached] if second else np.zeros(1)
                 return trip, float(warmed.max(initial=0.0)), float(self._live.temperatures.max())
             self._live.drive(np.ones(2))
             self._live.advance(second + 1.0)
@@ -361,17 +372,19 @@ def test_a_reading_that_does_not_follow_the_duty_is_named(twin: Twin) -> None:
 
 
 def test_a_start_far_from_the_file_s_room_asks_for_the_ambient_temperature(twin: Twin) -> None:
-    lock = TwinWatch(twin, LIMITS)
+    lock = Watched(TwinWatch(twin, LIMITS))
     assert lock.see(reading(0, *[30.0] * 15)) is None
-    trip = lock.strange_room()
-    assert trip == Trip(
+    trip = lock.before_start()
+    assert trip == Finding(
         "ambient-unknown",
         "the first readings are 14 K from the room of the rig file, 16 degC, and the device does "
         "not measure the ambient temperature; give it (--ambient)",
     )
-    assert Guard(twin, "me", ambient=20).ready() is None
+    given = Guard.of(twin, ambient=20)
+    given.before_start(feed(given, [reading(0, *[30.0] * 15)], at(0), RigState()), at(0))
+    assert given.finding is None
     with pytest.raises(JaxtwinError, match=r"ambient: expected a temperature within 30 K of"):
-        Guard(twin, "me", ambient=47)
+        interlocks_of(twin, ambient=47)
 
 
 def test_a_cell_that_fails_while_it_is_driven_is_noticed() -> None:
@@ -380,13 +393,16 @@ def test_a_cell_that_fails_while_it_is_driven_is_noticed() -> None:
     rig = load_rig("single-cell")
     twin = Twin(rig)
     limits = replace(LIMITS, deviation=40.0, cell=138.0, room=18.0)
-    lock, live = TwinWatch(twin, limits), LiveTwin(twin)
+    lock, live = Watched(TwinWatch(twin, limits)), LiveTwin(twin)
     full = (rig.driver.counts * rig.driver.polarity,)
     trips: list[int] = []
     for second in range(700):
         if second == 300:
-            live.replace(failed(live.system, 0))
-        trip = lock.see(Sample("l", "b", at(second), 0, 0, full if second else (0,), live.ambient))
+            with jax.enable_x64(True):
+                live.replace(FAULT_MODELS["fail"](twin, "P1", 1.0)(live.system))
+        trip = lock.see(
+            Sample("l", "b", at(second), second * 10**6, 0, full if second else (0,), live.ambient)
+        )
         trip = trip or lock.see(reading(second, *live.temperatures))
         if trip is not None:
             assert trip.kind in ("unresponsive", "deviation")
@@ -403,7 +419,7 @@ def test_a_reading_of_a_plate_as_warm_as_the_room_may_deviate_by_the_limit(
     twin: Twin, value: float, trips: bool
 ) -> None:
     """10 K; half of the predicted rise, which is added, is nothing."""
-    lock = TwinWatch(twin, LIMITS)
+    lock = Watched(TwinWatch(twin, LIMITS))
     assert lock.see(Sample("l", "b", at(0), 0, 0, (0, 0), 16.0)) is None
     assert lock.see(reading(0, *[16.0] * 15)) is None
     trip = lock.see(reading(1, value, *[16.0] * 14))
@@ -442,14 +458,39 @@ def test_a_resistive_heater_cools_nothing_below_a_cold_room() -> None:
 
 
 def test_a_guard_tells_the_plainest_reason_first(twin: Twin) -> None:
-    guard = Guard(twin, "me", silence=3.0)
-    assert guard.wait([Greeting("l", at(0), Hello(2, "r", "b")), reading(0, *[16.0] * 15)]) is None
-    cold = guard.wait([reading(0, *[-273.15] * 15)])  # no rig is started so
-    assert cold is not None
-    assert cold.kind == "implausible"
-    guard.begin(at(0), {"l": "b"})
-    guard.commanded(at(0), 1, ON)
-    hot = reading(1, *[16.0] * 14, 95.0)
-    trip = guard.check([hot], at(5))
-    assert trip is not None
-    assert trip.kind == "over-temperature"
+    greeting = Greeting("l", at(0), Hello(2, "r", "b"))
+    cold = Guard.of(twin)
+    state = feed(cold, [greeting, reading(0, *[16.0] * 15)], at(0), RigState())
+    assert cold.finding is None
+    feed(cold, [reading(0, *[-273.15] * 15)], at(0), state)  # no rig is started so
+    assert cold.finding is not None
+    assert cold.finding.kind == "implausible"
+    guard = Guard.of(twin, silence=3.0)
+    state = feed(guard, [greeting, sample(0), reading(0, *[16.0] * 15)], at(0), RigState())
+    feed(guard, [command(0), reading(1, *[16.0] * 14, 95.0)], at(5), state)
+    assert guard.finding is not None
+    assert (guard.finding.kind, guard.finding.severity) == ("over-temperature", "critical")
+    assert guard.finding.since == at(1)
+
+
+def test_a_guard_is_for_one_run(twin: Twin) -> None:
+    guard = Guard.of(twin)
+    guard.begin()
+    with pytest.raises(JaxtwinError, match="expected a new one for each run"):
+        guard.begin()
+
+
+@final
+class DoorIsOpen(AbstractInterlock):
+    """An interlock of a user: the rig does not heat while its door is open."""
+
+    def on_record(self, record: Record, state: RigState) -> Finding | None:
+        if isinstance(record, Event) and record.kind == "device/door":
+            return Finding("door", "the door is open")
+        return None
+
+
+def test_an_interlock_of_a_user_stands_beside_the_others(twin: Twin) -> None:
+    guard = Guard([*interlocks_of(twin), DoorIsOpen()])
+    feed(guard, [Event("l", at(1), "device/door")], at(1), RigState())
+    assert guard.finding == Finding("door", "the door is open", since=at(1))

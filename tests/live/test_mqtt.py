@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from folded import feed
 
 from jaxtwin import JaxtwinError
 from jaxtwin.io import Session
@@ -18,7 +19,9 @@ from jaxtwin.live import (
     Event,
     Reading,
     Recorder,
+    RigState,
     Sample,
+    Service,
     SystemClock,
     VirtualRig,
     connect,
@@ -72,15 +75,14 @@ def test_a_rig_is_recorded_through_a_broker_and_its_readings_are_published(
     thread.start()
     json_topic = MqttAddress.parse(f"mqtt://{broker}/bench/json")
     subscriber = MqttTransport(json_topic, reads="readings", writes="none")
-    publisher = Publisher(f"mqtt://{broker}/bench/json", twin.channels, ("P1", "P2"))
+    publisher = Publisher(f"mqtt://{broker}/bench/json", rig)
     file = tmp_path / "session.db"
     try:
         with Recorder(file, rig) as recorder, connect(rig, url, journal=recorder) as bench:
             records: list = []
+            service = Service(bench, [publisher])
             while sum(isinstance(record, Reading) for record in records) < 20:
-                new = bench.poll()
-                records += new
-                publisher.publish(new)
+                records += service.turn()
             # A command goes the other way.
             bench.send_duty((64, -64))
             while not any(isinstance(r, Sample) and r.pwm == (64, -64) for r in records):
@@ -180,12 +182,13 @@ def test_a_link_is_encrypted_and_asks_for_certificates(tmp_path: Path) -> None:
 
 
 @pytest.mark.mosquitto
-def test_an_alarm_reaches_subscribers(broker: str) -> None:
+def test_an_alarm_reaches_subscribers(broker: str, rig: Rig) -> None:
     subscriber = MqttTransport(
         MqttAddress.parse(f"mqtt://{broker}/bench"), reads="events", writes="none"
     )
-    publisher = Publisher(f"mqtt://{broker}/bench", ("T11",), ("P1",))
-    publisher.publish([Event("", 10**9, "alarm", "over-temperature: T11 is at 91.0 degC")])
+    publisher = Publisher(f"mqtt://{broker}/bench", rig)
+    alarm = Event("", 10**9, "alarm", "over-temperature: T11 is at 91.0 degC")
+    feed(publisher, [alarm], alarm.arrival, RigState())
     received = b""
     while b"}" not in received:
         received += subscriber.read()
@@ -193,7 +196,7 @@ def test_an_alarm_reaches_subscribers(broker: str) -> None:
     subscriber.close()
     assert json.loads(received) == {
         "link": "",
-        "kind": "alarm",
+        "event": "alarm",
         "detail": "over-temperature: T11 is at 91.0 degC",
         "time": 1.0,
     }
@@ -224,9 +227,9 @@ def test_an_address_says_all_that_a_broker_wants() -> None:
         "mqtts://h/t?other=f",
     ],
 )
-def test_an_address_that_is_none_is_refused_with_what_is_expected(url: str) -> None:
+def test_an_address_that_is_none_is_refused_with_what_is_expected(url: str, rig: Rig) -> None:
     with pytest.raises(JaxtwinError, match="expected"):
-        Publisher(url, ("T11",), ("P1",))
+        Publisher(url, rig)
 
 
 def test_a_password_stands_in_no_error_and_in_no_name_of_a_link(rig: Rig) -> None:

@@ -5,10 +5,12 @@ import json
 import shutil
 import socket
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from folded import feed
 from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
 
 from jaxtwin import RecordingError
@@ -19,6 +21,7 @@ from jaxtwin.io import Session, backup_session
 from jaxtwin.live import (
     Alarms,
     Data,
+    Finding,
     Greeting,
     Hello,
     LinkChange,
@@ -26,8 +29,8 @@ from jaxtwin.live import (
     Reading,
     Record,
     Recorder,
+    RigState,
     Sample,
-    Trip,
     encode,
 )
 from jaxtwin.rig import Rig
@@ -47,9 +50,23 @@ def sample(seconds: float, trip: str = "") -> Sample:
     return Sample("l", "b", at(seconds), 0, 0, (0, 0), None, trip=trip)
 
 
+class Watch:
+    """The alarms of a recording, and what they have raised at each turn."""
+
+    def __init__(self, file: Path, channels: tuple[str, ...] = ("T11", "T12")):
+        self._raised: list[Finding] = []
+        self.alarms = Alarms(channels, 90.0, 10.0, file, START, self._raised.append)
+        self._state = RigState()
+
+    def check(self, records: Sequence[Record], now: int) -> list[Finding]:
+        self._raised.clear()
+        self._state = feed(self.alarms, records, now, self._state)
+        return list(self._raised)
+
+
 @pytest.fixture
-def alarms(tmp_path: Path) -> Alarms:
-    return Alarms(("T11", "T12"), 90.0, 10.0, tmp_path / "s.db", START)
+def alarms(tmp_path: Path) -> Watch:
+    return Watch(tmp_path / "s.db")
 
 
 @pytest.mark.parametrize(
@@ -61,13 +78,13 @@ def alarms(tmp_path: Path) -> Alarms:
         (LinkChange("l", at(1), LinkState.DOWN, "gone"), "link-down", "l is down: gone"),
     ],
 )
-def test_an_alarm_says_what_is_wrong(
-    alarms: Alarms, record: Record, kind: str, detail: str
-) -> None:
-    assert [tuple(alarm) for alarm in alarms.check([record], at(1))] == [(kind, detail)]
+def test_an_alarm_says_what_is_wrong(alarms: Watch, record: Record, kind: str, detail: str) -> None:
+    assert [(alarm.kind, alarm.detail) for alarm in alarms.check([record], at(1))] == [
+        (kind, detail)
+    ]
 
 
-def test_an_alarm_is_raised_once_and_again_after_it_was_over(alarms: Alarms) -> None:
+def test_an_alarm_is_raised_once_and_again_after_it_was_over(alarms: Watch) -> None:
     raised = [
         second
         for second in range(60)
@@ -81,15 +98,15 @@ def test_an_alarm_is_raised_once_and_again_after_it_was_over(alarms: Alarms) -> 
 
 def test_a_failed_channel_hides_no_other_that_is_too_hot(tmp_path: Path) -> None:
     names = tuple(f"T{number}" for number in range(15))
-    alarms = Alarms(names, 90.0, 10.0, tmp_path / "s.db", START)
+    alarms = Watch(tmp_path / "s.db", names)
     hot = [500.0] * 14
     worst, lesser = alarms.check([reading(1, float("nan"), *hot)], at(1))
     assert [worst.kind, worst.severity] == ["over-temperature", "critical"]
     assert all(f"{name} is at 500.0 degC" in worst.detail for name in names[1:])
-    assert (lesser, lesser.severity) == (Trip("channel-fault", "T0 failed"), "warning")
+    assert lesser == Finding("channel-fault", "T0 failed", "T0", at(1), "warning")
 
 
-def test_each_channel_has_an_alarm_of_its_own(alarms: Alarms) -> None:
+def test_each_channel_has_an_alarm_of_its_own(alarms: Watch) -> None:
     details = []
     for second, values in enumerate([(91, 20), (91, 95), (20, 95), (float("nan"), 95), (20, 95)]):
         raised = alarms.check([reading(second, *map(float, values))], at(second))
@@ -97,7 +114,7 @@ def test_each_channel_has_an_alarm_of_its_own(alarms: Alarms) -> None:
     assert details == ["T11 is at 91.0 degC", "T12 is at 95.0 degC", "T11 failed"]
 
 
-def test_a_hot_channel_that_fails_or_is_silent_remains_hot(alarms: Alarms) -> None:
+def test_a_hot_channel_that_fails_or_is_silent_remains_hot(alarms: Watch) -> None:
     raised = [
         (second, alarm.kind)
         for second in range(60)
@@ -113,12 +130,13 @@ def test_a_hot_channel_that_fails_or_is_silent_remains_hot(alarms: Alarms) -> No
     assert raised == [(0, "over-temperature"), (1, "channel-fault"), (40, "stale-temperature")]
 
 
-def test_heat_that_is_gone_with_the_next_record_is_an_alarm(alarms: Alarms) -> None:
+def test_heat_that_is_gone_with_the_next_record_is_an_alarm(alarms: Watch) -> None:
     (alarm,) = alarms.check([reading(1, 20.0, 91.0), reading(1.1, 20.0, 20.0)], at(1.1))
-    assert alarm == Trip("over-temperature", "T12 is at 91.0 degC")
+    found = "over-temperature", "T12 is at 91.0 degC", "T12", at(1.1), "critical"
+    assert alarm == Finding(*found)
 
 
-def test_each_link_has_an_alarm_until_it_is_live_again(alarms: Alarms) -> None:
+def test_each_link_has_an_alarm_until_it_is_live_again(alarms: Watch) -> None:
     def turn(second: int) -> list[Record]:
         records: list[Record] = [sample(second), reading(second, 20.0, 20.0)]
         if second in (0, 30):
@@ -134,7 +152,7 @@ def test_each_link_has_an_alarm_until_it_is_live_again(alarms: Alarms) -> None:
 
 
 def test_samples_of_a_device_without_cells_raise_the_alarm_of_a_silent_controller(
-    alarms: Alarms,
+    alarms: Watch,
 ) -> None:
     kinds = []
     for second in range(12):
@@ -144,7 +162,7 @@ def test_samples_of_a_device_without_cells_raise_the_alarm_of_a_silent_controlle
     assert kinds == ["stale-controller"]
 
 
-def test_silence_and_recalibrations_without_end_are_alarms(alarms: Alarms) -> None:
+def test_silence_and_recalibrations_without_end_are_alarms(alarms: Watch) -> None:
     kinds = []
     for second in range(12):
         records: list[Record] = [reading(second, 20.0, 20.0, recalibrating=True)]
@@ -153,7 +171,7 @@ def test_silence_and_recalibrations_without_end_are_alarms(alarms: Alarms) -> No
 
 
 def test_a_disk_that_is_nearly_full_is_an_alarm(
-    alarms: Alarms, monkeypatch: pytest.MonkeyPatch
+    alarms: Watch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     usage = shutil.disk_usage("/")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=50_000_000))

@@ -9,7 +9,7 @@ import pytest
 from hand_clock import HandClock, virtual_bench
 
 from jaxtwin.cli import run
-from jaxtwin.live import Duty, Order, Proof, Trip, VirtualRig, prove
+from jaxtwin.live import Duty, Finding, Order, Proof, VirtualRig, prove
 from jaxtwin.live import _prove as module
 from jaxtwin.live._output_stage import Answer, OutputStage
 from jaxtwin.live._provocations import provocations
@@ -138,7 +138,7 @@ def test_a_device_that_does_not_switch_off_ends_the_proof(rig: Rig, clock: HandC
 
     device.stage.obey = obeys  # pyright: ignore[reportAttributeAccessIssue]
 
-    def alarm(trip: Trip) -> None:
+    def alarm(trip: Finding) -> None:
         alarms.append(trip.kind)
         stop.set()
 

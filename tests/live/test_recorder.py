@@ -29,6 +29,7 @@ from jaxtwin.live import (
     Reading,
     Recorder,
     Sample,
+    Service,
     SystemClock,
     connect,
     encode,
@@ -93,28 +94,13 @@ def test_what_the_journal_refuses_nobody_sees(rig: Rig, file: Path, clock: HandC
     recorder = Recorder(file, rig, clock=clock)
     transport = ScriptedTransport(encode(HELLO), encode(Data(0, 0, (0, 0))))
     bench = stepped_bench(rig, {"link": lambda: transport}, clock, journal=recorder)
-    view = bench.view()
-    bench.poll()
-    bench.poll()
+    service = Service(bench)
+    service.turn()
+    service.turn()
     recorder.close()
     with pytest.raises(RecordingError, match="closed"):
-        bench.poll()
-    assert not [record for record in view.take() if isinstance(record, Sample)]
-
-
-def test_a_slow_view_loses_its_oldest_records_and_the_journal_none(
-    rig: Rig, file: Path, clock: HandClock
-) -> None:
-    reads = [encode(HELLO), *[encode(Data(seq, seq, (0, 0))) for seq in range(50)]]
-    with Recorder(file, rig, clock=clock) as recorder:
-        opener = lambda: ScriptedTransport(*reads)  # noqa: E731
-        bench = stepped_bench(rig, {"link": opener}, clock, journal=recorder)
-        view = bench.view(capacity=10)
-        for _ in range(55):
-            bench.poll()
-        assert [r.seq for r in view.take() if isinstance(r, Sample)] == list(range(40, 50))
-        assert view.dropped == 43  # 40 samples, the greeting, two changes of the link
-        assert count(file) == 50
+        service.turn()
+    assert service.state.sample is None
 
 
 def test_a_recording_is_append_only(rig: Rig, file: Path) -> None:

@@ -12,6 +12,7 @@ from jaxtwin.io import Experiment, Session
 from jaxtwin.live import (
     Data,
     Duty,
+    Guard,
     Hello,
     InProcess,
     Order,
@@ -100,7 +101,7 @@ def test_a_trip_opens_the_relay_and_a_completed_run_does_not(
     with Recorder(tmp_path / "session.db", relayed, clock=clock) as recorder:
         bench = virtual_bench(relayed, device, clock, journal=recorder)
         short = Experiment.schedule("0:0.5", duration=2, cells=2)
-        assert drive(bench, relayed, short) == "completed"
+        assert drive(bench, Guard.of(Twin(relayed)), short) == "completed"
         assert device.stage.supplied
 
         def fails(time: float, pwm: tuple[int, ...]) -> None:
@@ -108,11 +109,11 @@ def test_a_trip_opens_the_relay_and_a_completed_run_does_not(
                 raise SafetyStop("stopped: a test", "test")
 
         with pytest.raises(SafetyStop, match="a test; the cells are off, and the device has trip"):
-            drive(bench, relayed, PLAN, on_progress=fails)
+            drive(bench, Guard.of(Twin(relayed)), PLAN, on_progress=fails)
         assert (device.pwm, device.stage.supplied) == (OFF, False)
         with pytest.raises(SafetyStop, match="switched off by itself"):
-            drive(bench, relayed, short)
-        assert drive(bench, relayed, short, reset=True) == "completed"
+            drive(bench, Guard.of(Twin(relayed)), short)
+        assert drive(bench, Guard.of(Twin(relayed)), short, reset=True) == "completed"
         assert device.stage.supplied
     with Session(tmp_path / "session.db") as session:
         states = session.database.execute("SELECT detail FROM events WHERE kind = 'relay'")
@@ -141,7 +142,9 @@ def test_a_bridge_that_obeys_no_stop_is_cut_off_by_the_relay(
             raise SafetyStop("stopped: a test", "test")
 
     with pytest.raises(SafetyStop, match="off by the relay alone: look for the fault") as no:
-        drive(virtual_bench(relayed, device, clock), relayed, PLAN, on_progress=fails)
+        drive(
+            virtual_bench(relayed, device, clock), Guard.of(Twin(relayed)), PLAN, on_progress=fails
+        )
     assert no.value.kind == "test"
     assert (device.pwm, device.supplied) == ((128, 128), OFF)
     before = float(device.twin.temperatures.max())
@@ -189,7 +192,9 @@ def test_a_relay_on_a_link_of_its_own_is_opened_with_the_stop(
             raise SafetyStop("stopped: a test", "test")
 
     with pytest.raises(SafetyStop, match="a test; the cells are off, and the device has tripped"):
-        drive(stepped_bench(relayed, openers, clock), relayed, PLAN, on_progress=fails)
+        drive(
+            stepped_bench(relayed, openers, clock), Guard.of(Twin(relayed)), PLAN, on_progress=fails
+        )
     assert (device.stage.trip_reason, relay.stage.supplied) == ("stop", False)
 
 
@@ -204,7 +209,9 @@ def test_a_relay_that_is_opened_during_a_run_ends_it(
             relay.stage.trip("button")
 
     with pytest.raises(SafetyStop, match="the relay in the supply has been opened") as no:
-        drive(stepped_bench(relayed, openers, clock), relayed, PLAN, on_progress=opens)
+        drive(
+            stepped_bench(relayed, openers, clock), Guard.of(Twin(relayed)), PLAN, on_progress=opens
+        )
     assert no.value.kind == "device-trip"
     assert device.stage.trip_reason == "stop"
 
@@ -214,7 +221,7 @@ def test_a_rig_whose_relay_nobody_has_is_not_driven(
 ) -> None:
     device = VirtualRig(twin)
     with pytest.raises(SafetyStop, match=r"not started: after 30 s: .*no relay 'power off'"):
-        drive(virtual_bench(relayed, device, clock), relayed, PLAN)
+        drive(virtual_bench(relayed, device, clock), Guard.of(Twin(relayed)), PLAN)
     assert device.pwm == OFF
 
 

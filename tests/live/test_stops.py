@@ -17,11 +17,12 @@ from jaxtwin.io import Experiment
 from jaxtwin.live import (
     Ask,
     Duty,
+    Finding,
+    Guard,
     Order,
     OutputStage,
     Recorder,
     StopRequest,
-    Trip,
     VirtualRig,
     drive,
     encode,
@@ -41,11 +42,11 @@ def test_a_link_that_is_lost_and_returns_within_the_watchdog_leaves_a_trip(
 ) -> None:
     device = VirtualRig(twin, faults=Faults(disconnect=after))
     with pytest.raises(SafetyStop, match="is down: cut by a fault; the cells are off, and") as no:
-        drive(virtual_bench(rig, device, clock), rig, PLAN)
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), PLAN)
     assert no.value.kind == "link-down"
     assert (device.pwm, device.stage.trip_reason) == (OFF, "stop")
     with pytest.raises(SafetyStop, match=r"switched off by itself \(stop\)"):
-        drive(virtual_bench(rig, device, clock), rig, PLAN)
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), PLAN)
 
 
 def test_an_exception_leaves_a_trip(rig: Rig, twin: Twin, clock: HandClock) -> None:
@@ -56,7 +57,7 @@ def test_an_exception_leaves_a_trip(rig: Rig, twin: Twin, clock: HandClock) -> N
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        drive(virtual_bench(rig, device, clock), rig, PLAN, on_progress=fails)
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), PLAN, on_progress=fails)
     assert (device.pwm, device.stage.trip_reason) == (OFF, "stop")
 
 
@@ -80,7 +81,7 @@ def test_a_recording_that_fails_leaves_a_trip(
     bench = virtual_bench(rig, device, clock, journal=recorder)
     begin = clock.now()
     with pytest.raises(JaxtwinError, match="moved or deleted" if moved else "is closed"):
-        drive(bench, rig, PLAN, on_progress=fails)
+        drive(bench, Guard.of(Twin(rig)), PLAN, on_progress=fails)
     assert (device.pwm, device.stage.trip_reason) == (OFF, "stop")
     assert (clock.now() - begin) * 1e-9 < times[-1] + 2  # it did not wait in vain
 
@@ -101,7 +102,7 @@ def test_a_signal_of_the_system_leaves_a_trip_and_a_stop_by_the_user_does_not(
             ended = pytest.raises(SafetyStop, match=f"stopped: {name} ended the program")
         with ended:
             bench = virtual_bench(rig, device, clock)
-            assert drive(bench, rig, PLAN, stop=stop, on_progress=end) == "stopped"
+            assert drive(bench, Guard.of(Twin(rig)), PLAN, stop=stop, on_progress=end) == "stopped"
         assert (device.pwm, device.stage.trip_reason) == (OFF, left)
         assert device.stage.owner == ""
 
@@ -113,7 +114,7 @@ def test_ctrl_c_in_a_script_is_a_stop_by_the_user(rig: Rig, twin: Twin, clock: H
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        drive(virtual_bench(rig, device, clock), rig, PLAN, on_progress=press)
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), PLAN, on_progress=press)
     assert (device.pwm, device.stage.trip_reason, device.stage.owner) == (OFF, "", "")
 
 
@@ -130,7 +131,7 @@ def test_a_second_ctrl_c_does_not_keep_the_cells_on(rig: Rig, twin: Twin, clock:
 
     bench.poll = pressed  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(KeyboardInterrupt):
-        drive(bench, rig, PLAN)
+        drive(bench, Guard.of(Twin(rig)), PLAN)
     assert (device.pwm, device.stage.owner) == (OFF, "")
 
 
@@ -148,7 +149,7 @@ def test_a_device_that_greets_as_another_is_stopped_before_its_link_is_dropped(
             device.receive(encode(Ask(2)))
 
     with pytest.raises(SafetyStop, match=f"rig: {next(iter(change))}: expected") as no:
-        drive(virtual_bench(rig, device, clock), rig, PLAN, on_progress=greet)
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), PLAN, on_progress=greet)
     assert no.value.kind == "refused"
     assert (device.pwm, device.stage.trip_reason) == (OFF, "stop")
 
@@ -172,7 +173,7 @@ def test_a_device_that_reports_heat_is_told_to_stop_until_the_user_ends_it(
 ) -> None:
     device, heard = VirtualRig(twin), list[Duty | Order]()
     stuck(device, heard)
-    stop, alarms = StopRequest(), list[Trip]()
+    stop, alarms = StopRequest(), list[Finding]()
     bench = virtual_bench(rig, device, clock)
     poll, begin = bench.poll, clock.now()
 
@@ -185,7 +186,7 @@ def test_a_device_that_reports_heat_is_told_to_stop_until_the_user_ends_it(
     with pytest.raises(SafetyStop, match=r"STILL ON \(128, 128 counts\).*: CUT THE POWER") as no:
         drive(
             bench,
-            rig,
+            Guard.of(Twin(rig)),
             SHORT,
             stop=stop,
             on_alarm=alarms.append,
@@ -202,12 +203,12 @@ def test_a_device_that_reports_heat_is_told_to_stop_until_the_user_ends_it(
 def test_a_device_that_switches_off_late_ends_the_stop(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:
-    device, alarms = VirtualRig(twin), list[Trip]()
+    device, alarms = VirtualRig(twin), list[Finding]()
     stuck(device, [], frees=40.0)
     with pytest.raises(SafetyStop, match="reported heat 2 s after a stop; the cells are off now"):
         drive(
             virtual_bench(rig, device, clock),
-            rig,
+            Guard.of(Twin(rig)),
             SHORT,
             on_alarm=alarms.append,
         )
@@ -218,10 +219,10 @@ def test_a_device_that_switches_off_late_ends_the_stop(
 def test_a_device_that_is_gone_is_an_alarm_and_not_waited_for_without_end(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:
-    device, alarms = VirtualRig(twin, faults=Faults(stall=(4.0, 1000.0))), list[Trip]()
+    device, alarms = VirtualRig(twin, faults=Faults(stall=(4.0, 1000.0))), list[Finding]()
     begin = clock.now()
     with pytest.raises(SafetyStop, match="nothing was heard from it after the stop") as no:
-        drive(virtual_bench(rig, device, clock), rig, PLAN, on_alarm=alarms.append)
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), PLAN, on_alarm=alarms.append)
     assert no.value.kind == "silence"
     assert [alarm.kind for alarm in alarms] == ["unconfirmed"]
     assert (clock.now() - begin) * 1e-9 < 40
@@ -231,11 +232,11 @@ def test_an_alarm_that_fails_does_not_end_the_stop(rig: Rig, twin: Twin, clock: 
     device = VirtualRig(twin)
     stuck(device, [], frees=20.0)
 
-    def fails(alarm: Trip) -> None:
+    def fails(alarm: Finding) -> None:
         raise OSError("no mail")
 
     with pytest.raises(SafetyStop, match="the cells are off now"):
-        drive(virtual_bench(rig, device, clock), rig, SHORT, on_alarm=fails)
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), SHORT, on_alarm=fails)
     assert device.pwm == OFF
 
 
@@ -243,7 +244,7 @@ def test_an_alarm_that_fails_does_not_end_the_stop(rig: Rig, twin: Twin, clock: 
 def test_a_rig_is_not_driven_unseen(rig: Rig, twin: Twin, clock: HandClock, silence: float) -> None:
     device = VirtualRig(twin)
     with pytest.raises(JaxtwinError, match="silence: expected at most 5 s, for which the watchdog"):
-        drive(virtual_bench(rig, device, clock), rig, PLAN, silence=silence)
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig), silence=silence), PLAN)
 
 
 def test_the_command_exits_with_5_and_calls_the_alarm_if_the_device_reports_heat(
@@ -289,7 +290,7 @@ def test_heat_that_is_reported_is_named_also_if_the_user_ends_the_stop_at_once(
     stuck(device, [])
     bench = virtual_bench(rig, device, clock)
     with pytest.raises(SafetyStop, match="CUT THE POWER") as no:
-        drive(bench, rig, SHORT, stop=stop, on_alarm=lambda alarm: stop.set())
+        drive(bench, Guard.of(Twin(rig)), SHORT, stop=stop, on_alarm=lambda alarm: stop.set())
     assert no.value.kind == "still-on"
 
 
@@ -307,7 +308,7 @@ def test_a_run_that_ends_a_trip_and_does_not_start_puts_it_back(
 
     device.stage.obey = fails_after_the_reset  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(SafetyStop, match="not started: the ambient temperature reads -84"):
-        drive(virtual_bench(rig, device, clock), rig, SHORT, reset=True)
+        drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig)), SHORT, reset=True)
     assert device.stage.trip_reason == "stop"
 
 
@@ -318,5 +319,5 @@ def test_a_second_run_on_a_bench_knows_the_rate_of_the_device(
     bench = virtual_bench(rig, VirtualRig(twin, speed=10), clock)
     for _ in range(2):
         begin = clock.now()
-        drive(bench, rig, PLAN)
+        drive(bench, Guard.of(Twin(rig)), PLAN)
         assert 5 < (clock.now() - begin) * 1e-9 < 10  # 60 s of the rig

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from folded import feed
 from hand_clock import START, HandClock, virtual_bench
 
 import jaxtwin as jt
@@ -24,6 +25,7 @@ from jaxtwin.live import (
     Reading,
     Recorder,
     Replay,
+    RigState,
     Sample,
     VirtualRig,
     deframe,
@@ -354,7 +356,7 @@ def test_the_follower_predicts_what_is_measured_in_step(
     twin: Twin, recorded: tuple[Path, list]
 ) -> None:
     follower = Follower(twin)
-    follower.update(recorded[1])
+    feed(follower, recorded[1], START, RigState())
     assert follower.predicted is not None
     assert follower.measured is not None
     # 50 ms between two polls of the fixture are one second of the rig.

@@ -3,10 +3,21 @@
 import io
 
 import numpy as np
+from folded import feed
 from hand_clock import START
 from rich.console import Console
 
-from jaxtwin.live import Event, Gap, Greeting, Hello, LinkChange, LinkState, Reading, Sample
+from jaxtwin.live import (
+    Event,
+    Gap,
+    Greeting,
+    Hello,
+    LinkChange,
+    LinkState,
+    Reading,
+    RigState,
+    Sample,
+)
 from jaxtwin.live._watch import HEIGHT, WIDTH, Screen, _channel_map, _labels
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
@@ -23,7 +34,8 @@ def test_a_screen_shows_values_duty_links_and_losses_within_80_by_24(twin: Twin)
     screen = Screen(twin)
     assert "waiting for temperatures" in shown(screen)
     values = np.linspace(20.0, 48.0, 15)
-    screen.update(
+    state = feed(
+        screen,
         [
             LinkChange("link", START, LinkState.LIVE, ""),
             Greeting("link", START, Hello(2, "dual-cell", "b", cells=("P1", "P2"))),
@@ -33,13 +45,14 @@ def test_a_screen_shows_values_duty_links_and_losses_within_80_by_24(twin: Twin)
             Event("link", START, "garbage", "12 bytes"),
             Event("link", START, "recalibration-start"),
         ],
-        dropped=3,
+        START,
+        RigState(),
     )
+    assert state.counts == {"lost": 7, "garbage": 1}
     text = shown(screen)
     for part in ("T11", "20.0", "48.0", "50 %, 100 %", "ambient 16.0", "link live", "7 lost"):
         assert part in text
     assert "1 garbage" in text
-    assert "3 not shown" in text
     assert "recalibration-start" in text
     assert max(map(len, text.splitlines())) <= 80
     assert len(text.splitlines()) <= 24
@@ -49,9 +62,9 @@ def test_duty_is_positive_where_it_heats() -> None:
     """Positive counts cool the mirror."""
     screen = Screen(Twin("dew-point-mirror"))
     counts = screen._rig.driver.counts
-    screen.update([Sample("link", "b", START, 0, 0, (-counts // 2,), 20.0)])
+    feed(screen, [Sample("link", "b", START, 0, 0, (-counts // 2,), 20.0)], START, RigState())
     assert "duty 50 %" in shown(screen)
-    screen.update([Sample("link", "b", START, 1, 0, (0,), 20.0)])
+    feed(screen, [Sample("link", "b", START, 1, 0, (0,), 20.0)], START, RigState())
     assert "duty 0 %" in shown(screen)
 
 
@@ -59,17 +72,32 @@ def test_a_channel_that_has_failed_is_shown_as_failed(twin: Twin) -> None:
     screen = Screen(twin)
     values = np.full(15, 30.0)
     values[0] = np.nan
-    screen.update([Reading("link", "b", START, 0, 0, values, False, None, {0: "open"})])
+    feed(
+        screen,
+        [Reading("link", "b", START, 0, 0, values, False, None, {0: "open"})],
+        START,
+        RigState(),
+    )
     text = shown(screen)
     assert "nan" in text
     assert "?" in text
-    screen.update([Reading("link", "b", START, 0, 0, np.full(15, np.nan), False, None)])
+    feed(
+        screen,
+        [Reading("link", "b", START, 0, 0, np.full(15, np.nan), False, None)],
+        START,
+        RigState(),
+    )
     assert "all channels have failed" in shown(screen)
 
 
 def test_the_twin_stands_beside_the_measurement(twin: Twin) -> None:
     screen = Screen(twin)
-    screen.update([Reading("link", "b", START, 0, 0, np.full(15, 30.0), False, None)])
+    feed(
+        screen,
+        [Reading("link", "b", START, 0, 0, np.full(15, 30.0), False, None)],
+        START,
+        RigState(),
+    )
     row = next(line for line in shown(screen).splitlines() if "TBM" in line)
     words = row.split("TBM")[1].split()
     measured, predicted, difference = (float(word) for word in words)
@@ -108,15 +136,22 @@ def test_a_name_gives_way_to_a_channel_inside_of_its_own() -> None:
 def test_a_trip_the_owner_the_limits_and_the_age_of_temperatures_are_shown(twin: Twin) -> None:
     screen = Screen(twin)
     on = Sample("link", "b", START, 0, 0, (128, 255), 16.0, owner="lab", number=3)
-    screen.update([on, Reading("link", "b", START, 0, 0, np.full(15, 20.0), False, None)])
+    state = feed(
+        screen,
+        [on, Reading("link", "b", START, 0, 0, np.full(15, 20.0), False, None)],
+        START,
+        RigState(),
+    )
     text = shown(screen)
     assert "commanded by lab" in text
     assert "off above 90 degC, inside a cell above 125, temperatures 0.0 s old" in text
     assert "TRIPPED" not in text
     later = START + 4 * 10**9
-    off = Sample("link", "b", later, 0, 1, (0, 0), 16.0, trip="over-\x1b[2Jtemperature")
-    closed = Reading("link", "b", later, 0, 1, np.full(15, 20.0), True, None)  # is no reading
-    screen.update([off, closed])
+    off = Sample("link", "b", later, 4 * 10**6, 1, (0, 0), 16.0, trip="over-\x1b[2Jtemperature")
+    closed = Reading(
+        "link", "b", later, 4 * 10**6, 1, np.full(15, 20.0), True, None
+    )  # is no reading
+    feed(screen, [off, closed], later, state)
     text = shown(screen)
     assert "TRIPPED: over-�[2Jtemperature" in text
     assert "commanded by nobody" in text

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, final
 
 if TYPE_CHECKING:
-    from ..live import Trip
+    from ..live import Finding
 
 END_SECONDS = 10.0
 """The time that commands have to finish after the end of the recording, s."""
@@ -45,7 +45,7 @@ class AlarmCommand:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(END_SECONDS)
 
-    def ring(self, alarm: "Trip") -> None:
+    def ring(self, alarm: "Finding") -> None:
         """Logs an alarm and runs the command."""
         self.rung = True
         log.warning("%s alarm: %s", alarm.severity, alarm.detail)

@@ -65,20 +65,17 @@ def control(
     decisions: list[Decision] = []
 
     def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
-        from ..control import Relay, read_controller
+        from ..control import LiveLoop, Relay, read_controller
         from ..control import control as run_controller
-        from ..control._control import checked_loop
+        from ..live import Guard
 
         chosen = read_controller(controller, twin.rig)
-        checked_loop(twin, chosen, reference, duration, ambient)
-        run = partial(
-            run_controller,
-            twin=twin,
-            controller=chosen,
-            references=reference,
-            duration_s=duration,
-            on_decision=decisions.append if isinstance(chosen, Relay) else None,
+        loop = LiveLoop(
+            twin, chosen, reference, duration_s=duration, silence_s=silence, ambient=ambient
         )
+        guard = Guard.of(twin, silence=silence, ambient=ambient)
+        keep = decisions.append if isinstance(chosen, Relay) else None
+        run = partial(run_controller, guard=guard, loop=loop, on_decision=keep)
         about = {
             "plan": {"reference": reference, "duration_s": duration},
             "controller": controller.read_text(encoding="utf-8"),
@@ -92,8 +89,6 @@ def control(
         rig=rig,
         link=link,
         out=out,
-        silence=silence,
-        ambient=ambient,
         reset=reset,
         alarm=alarm,
         operator=operator,

@@ -75,13 +75,15 @@ def drive(
 
     def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
         from ..io import Experiment
+        from ..live import Guard
         from ..live import drive as run_plan
 
         cells = len(twin.rig.cells)
         schedule = recorded or Experiment.schedule(duty or "", duration=duration, cells=cells)
         source = {"duty": duty} if plan is None else {"file": plan}
         about = {"plan": {**source, "duration_s": duration}}
-        return partial(run_plan, rig=twin, plan=schedule), about
+        guard = Guard.of(twin, silence=silence, ambient=ambient)
+        return partial(run_plan, guard=guard, plan=schedule), about
 
     run_on_live_rig(
         prepare,
@@ -90,8 +92,6 @@ def drive(
         rig=rig,
         link=link,
         out=out,
-        silence=silence,
-        ambient=ambient,
         reset=reset,
         alarm=alarm,
         operator=operator,

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from ..physics import Twin
 
 Run = Callable[..., Literal["completed", "stopped"]]
-"""A function that commands a bench. Its arguments are the bench and the keywords `silence`,
-`ambient`, `reset`, `about`, `stop`, `on_progress` and `on_alarm`."""
+"""A function that commands a bench. Its arguments are the bench and the keywords `reset`, `about`,
+`stop`, `on_progress` and `on_alarm`."""
 
 
 def run_on_live_rig(
@@ -30,8 +30,6 @@ def run_on_live_rig(
     doing: str,
     duration: float | None,
     out: Path | None,
-    silence: float,
-    ambient: float | None,
     reset: bool,
     alarm: str | None,
     operator: str | None,
@@ -45,7 +43,8 @@ def run_on_live_rig(
 
     - `prepare`: a function of the twin that returns the `Run`, and the data that the recording
       stores beside operator and command line. It is called before a connection is opened or a file
-      is created, so that an error in it leaves neither behind.
+      is created, so that an error in it leaves neither behind, and
+      that what it compiles does not keep a rig waiting.
     - `doing`: the word for the run in the progress, such as `"driving"`.
     - `duration`: the duration of the run, s; `None` if nobody knows it.
     - the others: the options of the command.
@@ -53,7 +52,7 @@ def run_on_live_rig(
     **Raises:** `SafetyStop` if an interlock trips or a signal other than Ctrl-C ends the run;
     `KeyboardInterrupt` after Ctrl-C, with the cells off and the recording closed.
     """
-    from ..live import Guard, Recorder, connect, opener
+    from ..live import Recorder, connect, opener
     from ..live._mqtt_address import without_password
     from ..rig import load_rig
 
@@ -62,8 +61,6 @@ def run_on_live_rig(
         loaded = load_rig(rig)
         twin = open_twin(loaded, set_name, parameter_file)
         run, about = prepare(twin)
-        # This compiles before the rig is connected, because nothing would read what it sends.
-        Guard(twin, "", silence=silence, ambient=ambient)
         for url in link:  # an invalid link is refused before a file is created
             opener(url, baud=baud)
         command = stack.enter_context(AlarmCommand(alarm))
@@ -78,8 +75,6 @@ def run_on_live_rig(
 
         outcome = run(
             bench,
-            silence=silence,
-            ambient=ambient,
             reset=reset,
             about={
                 **about,

@@ -56,7 +56,12 @@ def prove(
     proofs: list[Proof] = []
 
     def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
-        return partial(_prove, twin=twin, duty=duty, proofs=proofs), {}
+        from ..live import interlocks_of
+
+        # This compiles before the rig is connected, because nothing would read what it sends.
+        interlocks_of(twin, silence=silence, ambient=ambient)
+        given = {"duty": duty, "silence": silence, "ambient": ambient}
+        return partial(_prove, twin=twin, proofs=proofs, **given), {}
 
     try:
         run_on_live_rig(
@@ -66,8 +71,6 @@ def prove(
             rig=rig,
             link=link,
             out=out,
-            silence=silence,
-            ambient=ambient,
             reset=reset,
             alarm=alarm,
             operator=operator,

@@ -56,7 +56,17 @@ def record(
     command that --alarm names. The exit code is 4 where there was one.
     """
     from ..io import Session
-    from ..live import Alarms, Event, connect, opener, report
+    from ..live import (
+        Alarms,
+        Event,
+        Finding,
+        RecordConsumer,
+        Service,
+        connect,
+        opener,
+        report,
+        state_as_json,
+    )
     from ..rig import load_rig
 
     check_output(out, ".db")
@@ -67,12 +77,13 @@ def record(
         for url in link:  # an invalid link is refused before a file is created
             opener(url, baud=baud)
         names = [channel.name for channel in loaded.channels]
-        publisher = None
+        consumers: list[RecordConsumer] = []
         if publish is not None:
             from ..live import Publisher
 
-            publisher = Publisher(publish, names, [cell.name for cell in loaded.cells])
+            publisher = Publisher(publish, loaded)
             stack.callback(publisher.close)
+            consumers.append(publisher)
         days = stack.enter_context(
             RecordedDays(out, loaded, daily=daily, append=append, keep_frames=frames)
         )
@@ -80,25 +91,25 @@ def record(
         bench = stack.enter_context(connect(loaded, *link, journal=days.recorder, baud=baud))
         limit = loaded.maximum_temperature
         hottest = None if limit is None else limit - 273.15
-        alarms = Alarms(names, hottest, silence, out, bench.clock.now())
+
+        def ring(alarm: Finding) -> None:
+            detail = f"{alarm.kind}: {alarm.detail} ({alarm.severity})"
+            bench.note(Event("", bench.clock.now(), "alarm", detail))
+            command.ring(alarm)
+
+        alarms = Alarms(names, hottest, silence, out, bench.clock.now(), ring)
+        service = Service(bench, [alarms, *consumers])
         heartbeat = Heartbeat(health)
         heartbeat.ready()
         progress.step(f"recording into {days.file} until Ctrl-C")
         begin = time.monotonic()
         while not stop.is_set() and (duration is None or time.monotonic() - begin < duration):
-            records = bench.poll()
-            for new in alarms.check(records, bench.clock.now()):
-                detail = f"{new.kind}: {new.detail} ({new.severity})"
-                bench.note(Event("", bench.clock.now(), "alarm", detail))
-                command.ring(new)
-            if publisher is not None:
-                publisher.publish(records)
+            service.turn()
             days.turn(bench)
-            states = {name: str(state) for name, state in bench.states.items()}
-            heartbeat.beat({"records": days.recorder.written, "links": states})
-            progress.update(
-                f"{days.recorder.written} records, link {' and '.join(states.values())}"
-            )
+            links = [str(state) for state in bench.states.values()]
+            written = days.recorder.written
+            heartbeat.beat({"records": written, **state_as_json(service.state, loaded)})
+            progress.update(f"{written} records, link {' and '.join(links)}")
     with Session(days.file) as session:
         content = report(session)
     say(_table(days.file, content), json)

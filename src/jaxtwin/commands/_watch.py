@@ -41,7 +41,7 @@ def watch(
     """Show a live rig or a recording, and the twin's prediction beside it."""
     from rich.live import Live
 
-    from ..live import Screen
+    from ..live import Screen, Service
 
     with stop_signals() as stop, contextlib.ExitStack() as stack:
         rig = _rig(source, link or [])
@@ -49,19 +49,17 @@ def watch(
         # for ever.
         screen = Screen(open_twin(rig, set_name, parameter_file))
         bench = stack.enter_context(_source(source, rig, link or [], speed, baud))
-        view = bench.view()
+        service = Service(bench, [screen])
         live = stack.enter_context(Live(screen.render(), refresh_per_second=1 / REDRAW))
         begin = shown = time.monotonic()
         while not (stop.is_set() or bench.ended):
-            bench.poll()
+            service.turn()
             now = time.monotonic()
             if now - shown >= REDRAW:
                 shown = now
-                screen.update(view.take(), view.dropped)
                 live.update(screen.render())
             if duration is not None and now - begin >= duration:
                 break
-        screen.update(view.take(), view.dropped)
         live.update(screen.render())
     if not live.console.is_terminal:
         say("")  # ends the last line, as rich does on a terminal

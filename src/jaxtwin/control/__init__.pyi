@@ -2,6 +2,7 @@
 
 from ._closed_loop import closed_loop as closed_loop  # a closed loop as a pure JAX function
 from ._closed_loop_run import ClosedLoopRun as ClosedLoopRun  # the result, with labels
+from ._control import LiveLoop as LiveLoop
 from ._control import control as control  # a controller on a live rig
 from ._controller import AbstractController as AbstractController
 from ._controller import FunctionController as FunctionController

@@ -1,7 +1,7 @@
 """A controller on a live rig, behind all interlocks."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, final
 
 import jax
@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, PyTree
 from .._compilation import persistent_jit
 from .._errors import SafetyStop
 from .._jax_settings import own_settings
-from ..live import Bench, Document, Moment, Trip, operate
+from ..live import Bench, Document, Finding, Guard, Moment, RecordConsumer, operate
 from ..physics import Twin
 from ._controller import AbstractController
 from ._decision import Decision
@@ -25,18 +25,15 @@ NEXT_SAMPLE = 1e-6
 
 def control(
     bench: Bench,
-    twin: Twin,
-    controller: AbstractController,
-    references: object,
+    guard: Guard,
+    loop: "LiveLoop",
     *,
-    duration_s: float | int,
-    silence: float | int = 3.0,
-    ambient: float | int | None = None,
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
+    consumers: Sequence[RecordConsumer] = (),
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
-    on_alarm: Callable[[Trip], None] | None = None,
+    on_alarm: Callable[[Finding], None] | None = None,
     on_decision: Callable[[Decision], None] | None = None,
 ) -> Literal["completed", "stopped"]:
     """Runs a controller on a live rig. The cells are off when the function returns or raises.
@@ -48,43 +45,39 @@ def control(
     **Arguments:**
 
     - `bench`: the started links of the rig.
-    - `twin`: the twin of the rig, which the interlocks compare with the readings. The rig file must
-      state `limits.temperature`.
-    - `controller`: the controller that commands the cells.
-    - `references`: as in `simulate_closed_loop`.
-    - `duration_s`: the duration in the time of the rig, s, a multiple of the sample time.
-    - `silence`, `ambient`, `reset`, `about`, `stop`, `on_progress`, `on_alarm`: as in
+    - `guard`: the guard of this run, such as `Guard.of(twin)`.
+    - `loop`: the controller with its references, which `LiveLoop` has checked against the twin.
+    - `reset`, `about`, `stop`, `consumers`, `on_progress`, `on_alarm`: as in
       `jaxtwin.live.operate`.
     - `on_decision`: called with each decision, while the rig waits for its command.
 
     **Returns:** `"completed"` at the end of the duration, `"stopped"` if `stop` was set before.
 
     **Raises:** `SafetyStop` if an interlock trips, if the rig does not start, or if the controller
-    returns something other than duty cycles; `ControlError`, before anything is sent, for a
-    controller of another number of cells, invalid references, references out of reach, a sample
-    time above the time constants of the rig, and a `PID`, a `DecoupledPI`, an `LQI` or an `MPC`
-    whose loop with the twin is not stable.
+    returns something other than duty cycles.
     """
-    loop = LiveLoop(
-        bench,
-        twin,
-        controller,
-        references,
-        duration_s=duration_s,
-        silence_s=float(silence),
-        ambient=ambient,
-        on_decision=on_decision,
-    )
-    plan = {"references": loop.text, "duration_s": float(duration_s)}
+
+    def duty(moment: Moment) -> Float[np.ndarray, " cells"] | None:
+        before = loop.decision
+        asked = loop(moment)
+        decision = loop.decision
+        if decision is not None and decision is not before:
+            content = {
+                name: np.asarray(value).tolist() for name, value in decision._asdict().items()
+            }
+            bench.note(Document(bench.clock.now(), "decision", "control", content))
+            if on_decision is not None:
+                on_decision(decision)
+        return asked
+
     return operate(
         bench,
-        twin,
-        loop,
-        silence=silence,
-        ambient=ambient,
+        guard,
+        duty,
         reset=reset,
-        about={"control": plan, **(about or {})},
+        about={"control": loop.plan, **(about or {})},
         stop=stop,
+        consumers=consumers,
         on_progress=on_progress,
         on_alarm=on_alarm,
     )
@@ -125,32 +118,41 @@ class LiveLoop:
 
     The duty is held between two samples. If `operate` calls later than the next sample, the samples
     in between are left out. The controller never receives a reading that is not a number: the last
-    complete reading replaces it, and after `silence_s` without one the run stops, as in
+    valid one of that channel replaces it, and after `silence_s` without one the run stops, as in
     `simulate_closed_loop`. The cells stay off until the first reading. (The interlocks of `operate`
     react faster: a channel that reports its failure stops the rig at the next frame.)
 
-    **Arguments:** those of `control`, and
+    **Arguments:**
 
+    - `twin`: the twin of the rig, for which the loop is checked.
+    - `controller`: the controller that commands the cells.
+    - `references`: as in `simulate_closed_loop`.
+    - `duration_s`: the duration in the time of the rig, s, a multiple of the sample time.
     - `silence_s`: the longest time without a reading, in the time of the rig, s.
     - `ambient`: the temperature of the room, degC; None: that of the rig file.
-    - `on_decision`: called with each decision.
+
+    **Raises:** `ControlError` for a controller of another number of cells, invalid references,
+    references out of reach, a sample time above the time constants of the rig, and a loop of a
+    linear controller that is not stable.
     """
 
     def __init__(
         self,
-        bench: Bench,
         twin: Twin,
         controller: AbstractController,
         references: object,
         *,
         duration_s: float | int,
-        silence_s: float = 3.0,
+        silence_s: float | int = 3.0,
         ambient: float | int | None = None,
-        on_decision: Callable[[Decision], None] | None = None,
     ):
-        self.text = references if isinstance(references, str) else np.asarray(references).tolist()
-        self._bench, self._controller = bench, controller
+        text = references if isinstance(references, str) else np.asarray(references).tolist()
         self._duration = float(duration_s)
+        self.plan = {"references": text, "duration_s": self._duration}
+        """References and duration, for the recording."""
+        self.decision: Decision | None = None
+        """The last decision; None before the first."""
+        self._controller = controller
         self._weights = np.asarray(controller.output_weights(twin.channels), float)
         self._references = checked_loop(twin, controller, references, duration_s, ambient)
         self._ahead = references_ahead(self._references, controller.preview_samples)
@@ -160,10 +162,8 @@ class LiveLoop:
             still = self._references[0]
             self._state: Any = jax.tree.map(np.asarray, controller.init(off, still))
             _step(controller, self._state, self._ahead[0], still)
-        self._silence = silence_s
-        self._on_decision = on_decision
+        self._silence = float(silence_s)
         self._sample: int | None = None
-        self._seen: tuple[float, Float[np.ndarray, " outputs"]] | None = None
         self._duty = np.zeros(len(twin.rig.cells))
 
     def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
@@ -186,28 +186,24 @@ class LiveLoop:
         if duty.shape != self._duty.shape or not np.isfinite(duty).all():
             raise SafetyStop(f"stopped: the controller asked for duty {duty}", "controller")
         self._sample, self._duty = sample, np.clip(duty, -1.0, 1.0)
-        decision = Decision(moment.time, self._references[sample], measurement, self._duty)
-        content = {name: np.asarray(value).tolist() for name, value in decision._asdict().items()}
-        bench = self._bench
-        bench.note(Document(bench.clock.now(), "decision", "control", content))
-        if self._on_decision is not None:
-            self._on_decision(decision)
+        self.decision = Decision(moment.time, self._references[sample], measurement, self._duty)
         return self._duty
 
     def _measured(self, moment: Moment) -> Float[np.ndarray, " outputs"] | None:
-        """Returns the present outputs, or the last ones that were read; None before the first
-        reading.
+        """Returns the outputs by the last valid readings; None before the first.
 
-        **Raises:** `SafetyStop` if the last reading is too old.
+        **Raises:** `SafetyStop` if a reading of what is controlled is too old.
         """
-        temperatures = np.asarray(moment.temperatures, float)
-        if np.isfinite(temperatures).all():
-            self._seen = moment.time, self._weights @ temperatures
-        last, measurement = (0.0, None) if self._seen is None else self._seen
-        if moment.time - last > self._silence:
+        controlled = (self._weights != 0).any(axis=0)
+        if np.isnan(moment.temperatures).any():
+            waited, measurement = moment.time, None
+        else:
+            waited = float(moment.age[controlled].max(initial=0.0))
+            measurement = self._weights @ moment.temperatures
+        if waited > self._silence:
             raise SafetyStop(
                 "stopped: the controller has had no reading of what it controls for "
-                f"{moment.time - last:.1f} s",
+                f"{waited:.1f} s",
                 "controller",
             )
         return measurement

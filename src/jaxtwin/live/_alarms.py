@@ -2,15 +2,16 @@
 after its cause was absent."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import final
 
 import numpy as np
 
+from ._finding import Finding
 from ._records import LinkChange, LinkState, Reading, Record, Sample
+from ._rig_state import RigState
 from ._time import seconds
-from ._trip import Trip
 
 DISK_BYTES = 2**30
 """Free space below which the disk counts as nearly full."""
@@ -21,12 +22,15 @@ DISK_SECONDS = 10.0
 CALM_SECONDS = 10.0
 """An alarm is over when its cause has been absent for this time, s."""
 
+_CRITICAL = frozenset({"over-temperature", "stale-temperature"})
+"""The alarms at which somebody must come: the rig is too hot, or nobody can know."""
+
 _Key = tuple[str, str]  # the kind of an alarm, and the channel or the link that has it
 
 
 @final
 class Alarms:
-    """Watches records as they are written. Apart from records it reads only the disk's free space.
+    """Raises alarms. It consumes the records of a source, and reads the disk's free space.
 
     Each channel and each link has alarms of its own, so that none hides another. A cause is absent
     only if a record says so: a hot channel whose sensor fails, or falls silent, remains hot.
@@ -38,48 +42,35 @@ class Alarms:
     - `silence`: the longest time without data or temperatures, s.
     - `file`: the recording; its disk is watched.
     - `now`: host time at the start, ns.
+    - `on_alarm`: called with each new alarm. Those of one kind that begin together are one alarm,
+      whose detail names all channels or links; critical ones come first.
     """
 
     def __init__(
-        self, channels: Sequence[str], hottest: float | None, silence: float, file: Path, now: int
+        self,
+        channels: Sequence[str],
+        hottest: float | None,
+        silence: float,
+        file: Path,
+        now: int,
+        on_alarm: Callable[[Finding], None],
     ):
         self._channels, self._hottest, self._silence = channels, hottest, silence
+        self._on_alarm = on_alarm
         self._folder = file.absolute().parent
-        self._sample = self._reading = now
+        self._begin = now
+        self._causes: dict[_Key, str] = {}  # those since the last turn
         self._looked = 0
         self._present: dict[_Key, str] = {}  # the causes that are there, and their details
         self._latched: dict[_Key, int] = {}  # alarms that are on, and when their cause was there
 
-    def check(self, records: Sequence[Record], now: int) -> list[Trip]:
-        """Returns the alarms that are new, critical ones first. Those of one kind are one alarm,
-        whose detail names all channels or links."""
-        causes: dict[_Key, str] = {}
-        for record in records:
-            self._see(record)
-            causes = self._present | causes  # also one that is gone with the next record
-        self._check_silence(now)
-        self._check_disk(now)
-        causes = self._present | causes
-        new: dict[str, list[str]] = {}
-        for kind, about in causes:
-            if (kind, about) not in self._latched:
-                new.setdefault(kind, []).append(causes[kind, about])
-        self._latched |= dict.fromkeys(causes, now)
-        self._latched = {
-            key: last for key, last in self._latched.items() if seconds(now - last) <= CALM_SECONDS
-        }
-        alarms = [Trip(kind, ", ".join(details)) for kind, details in new.items()]
-        return sorted(alarms, key=lambda alarm: alarm.severity)
-
-    def _see(self, record: Record) -> None:
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Looks for causes of alarms in a record."""
         match record:
             case Sample():
-                if record.pwm:  # that of another device hides no silent controller
-                    self._sample = record.arrival
                 detail = f"the device is off: {record.trip}"
                 self._set(("device-trip", record.link), bool(record.trip), detail)
             case Reading() if not record.recalibrating:
-                self._reading = record.arrival
                 for name, value in zip(self._channels, record.temperatures.tolist(), strict=True):
                     self._see_channel(name, value)
             case LinkChange(state=LinkState.DOWN):
@@ -87,6 +78,34 @@ class Alarms:
                 self._set(("link-down", record.link), True, detail)
             case LinkChange(state=LinkState.LIVE):
                 self._set(("link-down", record.link), False)
+        self._causes = self._present | self._causes  # also one that is gone with the next record
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Looks for silence and for a full disk, and raises the alarms that are new."""
+        self._check_silence(state, now)
+        self._check_disk(now)
+        causes = self._present | self._causes
+        self._causes = {}
+        new: dict[str, list[_Key]] = {}
+        for key in causes:
+            if key not in self._latched:
+                new.setdefault(key[0], []).append(key)
+        self._latched |= dict.fromkeys(causes, now)
+        self._latched = {
+            key: last for key, last in self._latched.items() if seconds(now - last) <= CALM_SECONDS
+        }
+        alarms = [
+            Finding(
+                kind,
+                ", ".join(causes[key] for key in keys),
+                ", ".join(about for _, about in keys),
+                now,
+                "critical" if kind in _CRITICAL else "warning",
+            )
+            for kind, keys in new.items()
+        ]
+        for alarm in sorted(alarms, key=lambda alarm: alarm.severity):
+            self._on_alarm(alarm)
 
     def _see_channel(self, name: str, value: float) -> None:
         failed = bool(np.isnan(value))
@@ -95,11 +114,12 @@ class Alarms:
             hot = value > self._hottest
             self._set(("over-temperature", name), hot, f"{name} is at {value:.1f} degC")
 
-    def _check_silence(self, now: int) -> None:
-        for what, last in (("controller sample", self._sample), ("temperature", self._reading)):
-            silent = seconds(now - last) > self._silence
+    def _check_silence(self, state: RigState, now: int) -> None:
+        newest = {"controller sample": state.sample, "temperature": state.reading}
+        for what, record in newest.items():
+            silent = seconds(now - (self._begin if record is None else record.arrival))
             detail = f"no {what} for more than {self._silence:g} s"
-            self._set((f"stale-{what.split()[0]}", ""), silent, detail)
+            self._set((f"stale-{what.split()[0]}", ""), silent > self._silence, detail)
 
     def _check_disk(self, now: int) -> None:
         if seconds(now - self._looked) < DISK_SECONDS:

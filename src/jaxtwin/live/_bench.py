@@ -18,7 +18,6 @@ from ._receiver import Receiver
 from ._records import Command, Greeting, LinkState, Record
 from ._time import Clock, SystemClock
 from ._transport import Opener
-from ._view import View
 
 BATCH = 128
 """Largest number of reads that are written to the journal together."""
@@ -69,6 +68,8 @@ class Bench:
         clock: Clock | None = None,
         stale_after: float | int = 2.0,
     ):
+        self.rig = rig
+        """The rig at the other end."""
         self.clock: Clock = clock or SystemClock()
         identity = Identity.of(rig)
         self.relay = identity.relay
@@ -91,14 +92,13 @@ class Bench:
         self._dropped: set[str] = set()
         self._driven: set[str] = set()
         self._journal = journal
-        self._views: list[View] = []
         self._commands: list[Record] = []
         self._number = 0
         self.owner = secrets.token_hex(4)
         """The name under which the bench commands; a device obeys a single host at a time. It is
         not a secret."""
         self.tap: Callable[[list[Record]], list[Record]] | None = None
-        """Changes the records that `poll` returns, for a proof test; journal and views get the true
+        """Changes the records that `poll` returns, for a proof test; the journal gets the true
         ones."""
         self.ended = False
         """Whether the bench has been closed; a replay also ends by itself."""
@@ -154,12 +154,6 @@ class Bench:
             journal.write(self.greetings)
         self._journal = journal
 
-    def view(self, capacity: int = 10_000) -> View:
-        """A view of all records from now on, of which at most `capacity` wait."""
-        view = View(capacity)
-        self._views.append(view)
-        return view
-
     def step_links(self) -> None:
         """Opens or reads each link once, in this thread instead of the links' own (see `Link`)."""
         for link in self._links.values():
@@ -185,11 +179,9 @@ class Bench:
         for name, receiver in self._receivers.items():
             if self._inbox.empty():
                 records += receiver.check(now)
-            self._look_after(name, receiver, now)
+            self._request_greeting(name, receiver, now)
         if self._journal is not None:
             self._journal.write(records)
-        for view in self._views:
-            view.put(records)
         return records if self.tap is None else self.tap(records)
 
     def send_duty(self, pwm: tuple[int, ...]) -> bool:
@@ -260,7 +252,7 @@ class Bench:
         except queue.Empty:
             return
 
-    def _look_after(self, name: str, receiver: Receiver, now: int) -> None:
+    def _request_greeting(self, name: str, receiver: Receiver, now: int) -> None:
         link = self._links[name]
         if receiver.verdict is not None:
             if name not in self._dropped:  # once for each connection

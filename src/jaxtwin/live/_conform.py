@@ -9,19 +9,19 @@ from collections.abc import Iterator
 
 from ..rig import Rig
 from ._codec import encode
-from ._conform_commands import command_findings, line_findings
-from ._conform_trips import trip_findings
-from ._conform_watchdog import watchdog_findings
+from ._conform_commands import command_results, line_results
+from ._conform_trips import trip_results
+from ._conform_watchdog import watchdog_results
 from ._dialogue import PATIENCE, Dialogue
-from ._finding import Finding, found
 from ._framing import encode_line
 from ._identity import Identity
 from ._messages import VERSION, Ask, Beat, Hello, Message
+from ._step_result import StepResult, found
 from ._time import Clock
 from ._transport import Transport
 
 
-def conform(rig: Rig, transport: Transport, clock: Clock) -> Iterator[Finding]:
+def conform(rig: Rig, transport: Transport, clock: Clock) -> Iterator[StepResult]:
     """Tests a device, step by step.
 
     **Arguments:**
@@ -36,21 +36,21 @@ def conform(rig: Rig, transport: Transport, clock: Clock) -> Iterator[Finding]:
     talk = Dialogue(transport, clock, f"conform-{secrets.token_hex(4)}")
     hello = _greeting(talk, encode(Ask(VERSION)))
     refusal = Identity.of(rig).refusal(hello) if hello else f"no hello in {PATIENCE:g} s"
-    yield Finding("answers hello with a greeting that fits the rig", refusal or "")
+    yield StepResult("answers hello with a greeting that fits the rig", refusal or "")
     if hello is None or refusal is not None:
         return
     again = _greeting(talk, encode(Ask(VERSION)))
     yield found("greets in the same way each time", again == hello, f"got {hello}, then {again}")
     later = _greeting(talk, encode_line(f"hello version={VERSION + 1} colour=blue"))
     yield found("answers the hello of another version", later == hello, "no hello with its own")
-    yield Finding("counts up its messages and its time, and speaks once a second", _counts(talk))
+    yield StepResult("counts up its messages and its time, and speaks once a second", _counts(talk))
     if hello.cells:
-        yield from command_findings(talk, hello)
-        yield from line_findings(talk, hello)
-        yield from watchdog_findings(talk, hello)
-        yield from trip_findings(talk, hello)
+        yield from command_results(talk, hello)
+        yield from line_results(talk, hello)
+        yield from watchdog_results(talk, hello)
+        yield from trip_results(talk, hello)
     wrong = "; ".join(dict.fromkeys(talk.nonsense[:5]))
-    yield Finding("all that it says is of the protocol", wrong)
+    yield StepResult("all that it says is of the protocol", wrong)
 
 
 def _greeting(talk: Dialogue, question: bytes) -> Hello | None:

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 from ._dialogue import Dialogue
-from ._finding import Finding, found
 from ._framing import encode_line
 from ._messages import Hello
+from ._step_result import StepResult, found
 
 SMALL = 10
 """The counts that the script commands."""
@@ -19,7 +19,7 @@ def few(hello: Hello) -> tuple[int, ...]:
     return (SMALL,) * len(hello.cells)
 
 
-def command_findings(talk: Dialogue, hello: Hello) -> Iterator[Finding]:
+def command_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     """Tests which duty a device applies, and whose."""
     cells, low = len(hello.cells), few(hello)
     talk.order("reset")
@@ -47,7 +47,7 @@ def command_findings(talk: Dialogue, hello: Hello) -> Iterator[Finding]:
     yield from _old(talk, low)
 
 
-def _of_another(talk: Dialogue, low: tuple[int, ...]) -> Iterator[Finding]:
+def _of_another(talk: Dialogue, low: tuple[int, ...]) -> Iterator[StepResult]:
     for pwm in (low, (0,) * len(low)):
         number = talk.command(*pwm, owner=OTHER)
         ok = talk.refuses(number, "owner")
@@ -64,7 +64,7 @@ def _of_another(talk: Dialogue, low: tuple[int, ...]) -> Iterator[Finding]:
     yield found("a reset without a trip changes nothing", ok, "it did, or no event with why=owner")
 
 
-def _beyond(talk: Dialogue, hello: Hello) -> Iterator[Finding]:
+def _beyond(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     cells, low, full = len(hello.cells), few(hello), hello.counts
     wrong = [(full + 1,) * cells, (-full - 1,) * cells, (*low[1:], full + 1), (*low[1:], -full - 1)]
     wrong += [(99_999,) * cells, (1,) * (cells + 1)] + ([(1,) * (cells - 1)] if cells > 1 else [])
@@ -75,7 +75,7 @@ def _beyond(talk: Dialogue, hello: Hello) -> Iterator[Finding]:
         yield found("refuses what it cannot apply", ok, f"did not refuse {counts} by why=range")
 
 
-def _old(talk: Dialogue, low: tuple[int, ...]) -> Iterator[Finding]:
+def _old(talk: Dialogue, low: tuple[int, ...]) -> Iterator[StepResult]:
     for what, ago in (("a repeated", 0), ("an older", 1)):
         talk.command(*low)
         last = talk.command(*low)
@@ -84,7 +84,7 @@ def _old(talk: Dialogue, low: tuple[int, ...]) -> Iterator[Finding]:
         yield found(f"refuses {what} number", ok, f"no event with why=old n={number}")
 
 
-def line_findings(talk: Dialogue, hello: Hello) -> Iterator[Finding]:
+def line_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     """Tests that lines with an error change nothing."""
     low = few(hello)
     for name in wrong_lines(talk, len(low)):

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 from ._conform_commands import OTHER, few
 from ._dialogue import Dialogue
-from ._finding import Finding, found
 from ._messages import Data, Hello, Notice
+from ._step_result import StepResult, found
 
 
-def trip_findings(talk: Dialogue, hello: Hello) -> Iterator[Finding]:
+def trip_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     """Tests trips, beginning with a device that its watchdog has tripped."""
     low = few(hello)
     off = (0,) * len(low)
@@ -34,7 +34,7 @@ def trip_findings(talk: Dialogue, hello: Hello) -> Iterator[Finding]:
     yield from _releases(talk, low)
 
 
-def _second_stop(talk: Dialogue) -> Iterator[Finding]:
+def _second_stop(talk: Dialogue) -> Iterator[StepResult]:
     talk.order("stop")
     talk.order("stop", OTHER)
     messages = list(talk.listen(1.0))
@@ -45,7 +45,7 @@ def _second_stop(talk: Dialogue) -> Iterator[Finding]:
     yield found("a stop after a trip is no second trip", ok, "another event with kind=trip")
 
 
-def _relay(talk: Dialogue, hello: Hello) -> Iterator[Finding]:
+def _relay(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     low = few(hello)
     off = (0,) * len(low)
     ok = talk.reports(relay="on")
@@ -65,7 +65,7 @@ def _relay(talk: Dialogue, hello: Hello) -> Iterator[Finding]:
     _reset(talk)
 
 
-def _releases(talk: Dialogue, low: tuple[int, ...]) -> Iterator[Finding]:
+def _releases(talk: Dialogue, low: tuple[int, ...]) -> Iterator[StepResult]:
     _heat(talk, low)
     number = talk.order("release")
     ok = talk.reports(pwm=(0,) * len(low), owner="", trip="")

@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterator
 from ._codec import encode
 from ._conform_commands import OTHER, few, wrong_lines
 from ._dialogue import Dialogue
-from ._finding import Finding, found
 from ._messages import VERSION, Ask, Hello
+from ._step_result import StepResult, found
 
 MARGIN = 1.5
 """The time by which a watchdog may be late, s; it includes the device's next sample."""
 
 
-def watchdog_findings(talk: Dialogue, hello: Hello) -> Iterator[Finding]:
+def watchdog_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     """Tests when the watchdog switches off. The device has tripped afterwards."""
     watchdog, low = hello.watchdog or 0.0, few(hello)
     off = (0,) * len(low)

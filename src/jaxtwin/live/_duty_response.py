@@ -2,15 +2,20 @@
 
 from typing import final
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
+from ..observers import OpenLoop, OpenLoopState
 from ..physics import System, Twin
-from ._live_twin import LiveTwin
-from ._records import Greeting, Reading, Record, Sample
+from ._records import Reading, Record, Sample
+from ._rig_state import RigState
+from ._time import seconds
 
 ROOM_KELVIN = 5.0
 """How much colder than in the rig file a room may be that nobody has measured, K."""
+
+DRIVEN, IDLE, OTHER = range(3)
 
 NOISE_TO_UNEVENNESS = 0.03
 """The noise of the first readings divided by the differences between them that a rig may have."""
@@ -37,16 +42,22 @@ class DutyResponse:
     """
 
     def __init__(self, twin: Twin, ambient: float | None = None):
-        self._driven, self._idle, self._other = (LiveTwin(twin) for _ in range(3))
-        self._file_room = self._driven.ambient
+        with jax.enable_x64(True):
+            self._observer = OpenLoop(twin)
+            self._file_room = float(self._observer.stepper.ambient)
         self._ambient = ambient
+        self._rooms = np.full(3, self._file_room)
         self._driver = twin.rig.driver
-        self._rate = 1.0
+        self._duty = np.zeros((3, len(twin.rig.cells)))
         self._begin: int | None = None
+        self._time = 0  # host time up to which the twins have been stepped, ns
+        system = self._observer.stepper.system
         self._first = self._began = np.zeros(0)
-        seen = np.any(np.asarray(self._driven.system.channel_weights) != 0, axis=0)
+        seen = np.any(np.asarray(system.channel_weights) != 0, axis=0)
         seen[: twin.wiring.elements] = True
         self._seen = seen
+        # This also compiles the steps before the first data arrive.
+        self._set([self._file_room] * 3)
 
     @property
     def has_begun(self) -> bool:
@@ -56,33 +67,33 @@ class DutyResponse:
     @property
     def nodes(self) -> Float[np.ndarray, " nodes"]:
         """The temperatures of all nodes of the driven twin, degC."""
-        return self._driven.nodes
+        return np.asarray(self._states.twin.nodes)[DRIVEN]
 
     @property
     def predicted(self) -> Float[np.ndarray, " channels"]:
         """The readings of the driven twin, degC."""
-        return self._driven.temperatures
+        return self._readings[DRIVEN]
 
     @property
     def by_duty(self) -> Float[np.ndarray, " channels"]:
         """The change of the readings by the duty since the start, K."""
-        return self._driven.temperatures - self._idle.temperatures
+        return self._readings[DRIVEN] - self._readings[IDLE]
 
     @property
     def without_duty(self) -> Float[np.ndarray, " channels"]:
         """The change of the readings without any duty since the start, K."""
-        return self._idle.temperatures - self._began
+        return self._readings[IDLE] - self._began
 
     @property
     def unknown(self) -> Float[np.ndarray, " channels"]:
         """The largest error of the twins by room and start, which stands for three standard
         deviations, K: the difference of the two idle twins."""
-        return np.abs(self._other.temperatures - self._idle.temperatures)
+        return np.abs(self._readings[OTHER] - self._readings[IDLE])
 
     @property
     def rise(self) -> float:
         """The largest difference of a predicted reading from the room, K."""
-        return float(np.abs(self.predicted - self._driven.ambient).max())
+        return float(np.abs(self.predicted - self._rooms[DRIVEN]).max())
 
     @property
     def first(self) -> Float[np.ndarray, " channels"]:
@@ -96,43 +107,76 @@ class DutyResponse:
         known = self._begin is None or self._ambient is not None
         return 0.0 if known else abs(float(self._first.mean()) - self._file_room)
 
-    def update(self, record: Record) -> None:
-        """Takes the next record."""
+    def update(self, record: Record, state: RigState) -> None:
+        """Takes the next record, and what is known after it."""
         match record:
-            case Greeting():
-                self._rate = record.hello.rate
             case Sample() if record.pwm:
-                self._advance(record.arrival)
+                self._advance(state.time_of(record), state.rate)
                 if record.ambient is not None:
                     self._ambient = record.ambient
-                self._driven.drive(self._driver.duty(record.pwm), self._ambient)
-                for twin in (self._idle, self._other):
-                    twin.drive(np.zeros(len(record.pwm)), self._ambient)
+                if self._ambient is not None and (self._rooms != self._ambient).any():
+                    self._rooms[:] = self._ambient
+                    self._step(0.0)
+                self._duty[DRIVEN] = self._driver.duty(record.pwm)
             case Reading() if not record.recalibrating:
                 if self._begin is None:
-                    self._start(record)
-                self._advance(record.arrival)
+                    self._start(record, state.time_of(record))
+                self._advance(state.time_of(record), state.rate)
 
-    def _start(self, reading: Reading) -> None:
-        self._begin, self._first = reading.arrival, reading.temperatures
+    def _start(self, reading: Reading, now: int) -> None:
+        self._begin = self._time = now
+        self._first = reading.temperatures
         mean = float(reading.temperatures.mean())
         warm = cold = self._ambient
         if warm is None or cold is None:
             warm = max(mean, self._file_room)
             cold = min(mean, self._file_room) - ROOM_KELVIN
-        self._idle.start(0.0, mean, warm)
-        nodes = mean + _uneven(self._idle.system, self._first - self._idle.temperatures)
-        for twin in (self._driven, self._idle):
-            twin.start(0.0, nodes, warm)
-        self._other.start(0.0, np.where(self._seen, nodes, cold), cold)
-        self._began = self._idle.temperatures
+        self._rooms = np.array([warm, warm, cold])
+        self._set([mean] * 3)
+        apart = self._first - self._readings[IDLE]
+        nodes = mean + _uneven(self._observer.stepper.system, apart)
+        self._set([nodes, nodes, np.where(self._seen, nodes, cold)])
+        self._began = self._readings[IDLE]
 
-    def _advance(self, arrival: int) -> None:
-        if self._begin is None:
+    def _advance(self, now: int, rate: float) -> None:
+        if self._begin is None or now <= self._time:
             return
-        time = (arrival - self._begin) * 1e-9 * self._rate
-        for twin in (self._driven, self._idle, self._other):
-            twin.advance(time)
+        self._step(seconds(now - self._time) * rate)
+        self._time = now
+
+    def _set(self, nodes: list[Float[np.ndarray, " nodes"]] | list[float]) -> None:
+        """Starts the twins at temperatures of their nodes, degC. A driver with a lag is assumed to
+        have reached its last command."""
+        with jax.enable_x64(True):
+            starts = [self._observer.init(*pair) for pair in zip(nodes, self._duty, strict=True)]
+            self._states: OpenLoopState = jax.tree.map(lambda *rows: np.stack(rows), *starts)
+        self._step(0.0)
+
+    def _step(self, dt: float) -> None:
+        with jax.enable_x64(True):
+            states, readings = _stepped(
+                self._observer, self._states, self._duty, self._rooms, np.float64(dt)
+            )
+        # The states are kept as NumPy arrays, because they are read between two steps.
+        self._states = jax.tree.map(np.asarray, states)
+        self._readings = np.asarray(readings)
+
+
+@jax.jit
+def _stepped(
+    observer: OpenLoop,
+    states: OpenLoopState,
+    duty: Float[Array, "twins cells"],
+    rooms: Float[Array, " twins"],
+    dt: Float[Array, ""],
+) -> tuple[OpenLoopState, Float[Array, "twins channels"]]:
+    """The twins after a time, and their readings."""
+
+    def step(state: OpenLoopState, duty: Array, room: Array) -> tuple[OpenLoopState, Array]:
+        state = observer.predict(state, duty, room, dt)
+        return state, observer.readings(state, room)
+
+    return jax.vmap(step)(states, duty, rooms)
 
 
 def _uneven(system: System, apart: Float[np.ndarray, " channels"]) -> Float[np.ndarray, " nodes"]:

@@ -1,15 +1,30 @@
-"""What one step of the conformance test found."""
+"""What a check has found on a rig: the reason of a trip or of an alarm."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Literal, final
 
-
-class Finding(NamedTuple):
-    """The test of one step of the script, and the error that it found (`""` for none)."""
-
-    step: str
-    wrong: str
+Severity = Literal["warning", "critical"]
 
 
-def found(step: str, ok: bool, wrong: str) -> Finding:
-    """The finding of a step that is `wrong` if it is not `ok`."""
-    return Finding(step, "" if ok else wrong)
+@final
+@dataclass(frozen=True)
+class Finding:
+    """What a check has found on a rig.
+
+    **Arguments:**
+
+    - `kind`: the reason in a single word, for programs.
+    - `detail`: the reason as a sentence, for people.
+    - `channel`: the channel, the cell or the link that it concerns; `""` for the rig as a whole.
+    - `since`: host time from which on it is there, ns since 1970; None if nobody says.
+    - `severity`: `critical` if the rig is too hot, or if nobody can know; somebody must come then.
+    """
+
+    kind: str
+    detail: str
+    channel: str = ""
+    since: int | None = None
+    severity: Severity = "warning"
+
+    def __str__(self) -> str:
+        return self.detail

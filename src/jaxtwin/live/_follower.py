@@ -1,64 +1,111 @@
-"""The twin beside the rig: it gets the same duty and predicts the same channels."""
+"""The twin beside the rig: an observer that gets the rig's duty and readings as they arrive."""
 
-from collections.abc import Sequence
-from typing import final
+from typing import Any, final
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
+from ..observers import AbstractObserver, OpenLoop
 from ..physics import Twin
-from ._live_twin import LiveTwin
-from ._records import Greeting, Reading, Record, Sample
+from ._records import Reading, Record, Sample
+from ._rig_state import RigState
+from ._time import seconds
 
 
 @final
 class Follower:
-    """Follows a live or replayed rig.
+    """Follows a live or replayed rig. It consumes the records of a source.
 
     All nodes of the twin start at the mean of the first temperatures, because the earlier state of
-    the rig is not known. If the rig was not at rest, the prediction is wrong for some minutes.
+    the rig is not known. If the rig was not at rest, the prediction of an open loop is wrong for
+    some minutes.
 
     **Arguments:**
 
     - `twin`: the twin.
+    - `observer`: the observer that follows; None: the twin in open loop.
     """
 
-    def __init__(self, twin: Twin):
+    def __init__(self, twin: Twin, observer: AbstractObserver[Any] | None = None):
         self.measured: Float[np.ndarray, " channels"] | None = None
         """The last measured temperatures, degC."""
         self.predicted: Float[np.ndarray, " channels"] | None = None
-        """The twin's prediction of them, degC."""
-        self._twin = LiveTwin(twin)
+        """The prediction of them, before they corrected anything, degC."""
+        with jax.enable_x64(True):
+            self._observer: AbstractObserver[Any] = OpenLoop(twin) if observer is None else observer
         self._driver = twin.rig.driver
-        self._rate = 1.0
-        self._begin: int | None = None
+        room = twin.rig.ambient_temperature.evaluate(twin.numbers_si)
+        self.ambient = float(room) - 273.15
+        """The ambient temperature of the twin, degC."""
+        self._duty = np.zeros(len(twin.rig.cells))
+        self._state: Any = None
+        self._time = 0  # host time up to which the observer has predicted, ns
+        # This compiles before the first data arrive.
+        self._start(self.ambient)
 
     @property
     def nodes(self) -> Float[np.ndarray, " nodes"]:
         """The temperatures of all nodes of the twin, degC."""
-        return self._twin.nodes
+        return np.asarray(self._observer.nodes(self._state))
 
-    @property
-    def ambient(self) -> float:
-        """The ambient temperature of the twin, degC."""
-        return self._twin.ambient
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Takes the next record, and what is known of the rig after it."""
+        match record:
+            case Sample() if record.pwm:
+                if self.measured is not None:
+                    self._advance(state.time_of(record), state.rate)
+                self._duty = np.asarray(self._driver.duty(record.pwm), np.float64)
+                self.ambient = self.ambient if record.ambient is None else record.ambient
+            case Reading() if not record.recalibrating:
+                if self.measured is None:
+                    self._time = state.time_of(record)
+                    self._start(float(np.nanmean(record.temperatures)))
+                self.measured = record.temperatures
+                self._advance(state.time_of(record), state.rate)
+                self._correct(record.temperatures)
 
-    def update(self, records: Sequence[Record]) -> None:
-        """Takes records in their order."""
-        for record in records:
-            match record:
-                case Greeting():
-                    self._rate = record.hello.rate
-                case Sample() if record.pwm:
-                    if self._begin is not None:
-                        self._twin.advance(self._time(record.arrival))
-                    self._twin.drive(self._driver.duty(record.pwm), record.ambient)
-                case Reading() if not record.recalibrating:
-                    self.measured = record.temperatures
-                    if self._begin is None:
-                        self._begin = record.arrival
-                        self._twin.start(0.0, float(np.nanmean(record.temperatures)))
-                    self.predicted = self._twin.advance(self._time(record.arrival))
+    def on_time(self, state: RigState, now: int) -> None:
+        """Does nothing: the twin advances with the records."""
 
-    def _time(self, arrival: int) -> float:
-        return (arrival - (self._begin or 0)) * 1e-9 * self._rate
+    def _start(self, temperature: float) -> None:
+        with jax.enable_x64(True):
+            self._state = self._observer.init(temperature, self._duty)
+        predicted = self._step(0.0)
+        self._correct(np.full(len(predicted), temperature))
+
+    def _advance(self, now: int, rate: float) -> None:
+        self.predicted = self._step(max(seconds(now - self._time) * rate, 0.0))
+        self._time = max(now, self._time)
+
+    def _step(self, dt: float) -> Float[np.ndarray, " channels"]:
+        with jax.enable_x64(True):
+            room = np.float64(self.ambient)
+            state, predicted = _predicted(
+                self._observer, self._state, self._duty, room, np.float64(dt)
+            )
+        # The state is kept as NumPy arrays, because it is read between two steps.
+        self._state = jax.tree.map(np.asarray, state)
+        return np.asarray(predicted)
+
+    def _correct(self, readings: Float[np.ndarray, " channels"]) -> None:
+        with jax.enable_x64(True):
+            room = np.float64(self.ambient)
+            mask = np.isfinite(readings)
+            state = _corrected(self._observer, self._state, readings, mask, room)
+        self._state = jax.tree.map(np.asarray, state)
+
+
+@jax.jit
+def _predicted(
+    observer: AbstractObserver[Any], state: Any, duty: Array, room: Array, dt: Array
+) -> tuple[Any, Float[Array, " channels"]]:
+    state = observer.predict(state, duty, room, dt)
+    return state, observer.readings(state, room)
+
+
+@jax.jit
+def _corrected(
+    observer: AbstractObserver[Any], state: Any, readings: Array, mask: Array, room: Array
+) -> Any:
+    return observer.correct(state, readings, mask, room)

@@ -1,102 +1,109 @@
-"""Interlocks: each checks the records of a rig and decides when the cells must be switched off.
+"""The guard of a rig: its interlocks, all of which are asked about every record."""
 
-They have no side effects: they compute a trip from records, commands and the time. `Guard` combines
-them, and checks every run that commands a rig.
-"""
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, final
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol, final, runtime_checkable
-
+from .._errors import JaxtwinError
 from ..physics import Twin
+from ._finding import Finding
+from ._interlock import AbstractInterlock
 from ._obedience import Obedience
 from ._operating_limits import OperatingLimits
 from ._plausibility import Plausibility, check_ambient
 from ._presence import Presence
 from ._records import Record
-from ._trip import Trip
+from ._rig_state import RigState
 from ._twin_watch import TwinWatch
 
 
-@runtime_checkable
-class Interlock(Protocol):
-    """Checks for one kind of danger."""
-
-    def see(self, record: Record) -> Trip | None:
-        """Checks a record of the rig. Returns the reason to stop, if there is any."""
-        ...
-
-    def check(self, now: int) -> Trip | None:
-        """Checks for missing records at host time `now`, ns. Returns the reason to stop, if any."""
-        ...
-
-
-@final
-class Guard:
-    """All interlocks of a rig.
+def interlocks_of(
+    twin: Twin,
+    *,
+    silence: float | int = 3.0,
+    ambient: float | int | None = None,
+    limits: OperatingLimits | None = None,
+) -> tuple[AbstractInterlock, ...]:
+    """The interlocks that guard every rig, the plainest reason first, because only the first is
+    reported.
 
     **Arguments:**
 
     - `twin`: the twin of the rig, whose file must state `limits.temperature`.
-    - `owner`: the name under which the rig is commanded (`Bench.owner`).
     - `silence`: the longest time without a controller sample, or without valid temperatures, s.
     - `ambient`: the ambient temperature of a rig that does not measure it, degC; None: unknown.
+    - `limits`: the limits of the rig; None: those of its file (`OperatingLimits.of`).
 
-    **Raises:** `JaxtwinError` if the rig file states no limit, or for an ambient temperature that
-    no room has.
+    **Raises:** `JaxtwinError` if the rig file states no limit, or for a silence or an ambient
+    temperature that cannot be.
+    """
+    limits = OperatingLimits.of(twin) if limits is None else limits
+    given = check_ambient(ambient, limits)
+    rig = twin.rig
+    cells = tuple(cell.name for cell in rig.cells)
+    return (
+        Plausibility(twin.channels, limits, rig.driver),
+        Presence(float(silence)),
+        Obedience(cells, limits.command_delay),
+        TwinWatch(twin, limits, given),
+    )
+
+
+@final
+class Guard:
+    """Watches a driven rig by its interlocks. It consumes the records of a source, and keeps the
+    first finding.
+
+    **Arguments:**
+
+    - `interlocks`: those of the rig (`interlocks_of`), and a user's own. They belong to this guard,
+      and a guard to one run.
     """
 
-    def __init__(
-        self,
+    def __init__(self, interlocks: Sequence[AbstractInterlock]):
+        self.finding: Finding | None = None
+        """The first reason to stop; None if there is none."""
+        self._interlocks = tuple(interlocks)
+        self._used = False
+
+    @classmethod
+    def of(
+        cls,
         twin: Twin,
-        owner: str,
         *,
         silence: float | int = 3.0,
         ambient: float | int | None = None,
-    ):
-        self.limits = OperatingLimits.of(twin)
-        given = check_ambient(ambient, self.limits)
-        rig = twin.rig
-        channels = tuple(channel.name for channel in rig.channels)
-        cells = tuple(cell.name for cell in rig.cells)
-        self._presence = Presence(float(silence))
-        self._obedience = Obedience(owner, cells, self.limits.command_delay)
-        self._readings = Plausibility(channels, self.limits, rig.driver)
-        self._twin = TwinWatch(twin, self.limits, given)
-        # The plainest reason first, because only the first is reported.
-        self._interlocks: tuple[Interlock, ...] = (
-            self._readings,
-            self._presence,
-            self._obedience,
-            self._twin,
-        )
+    ) -> "Guard":
+        """A guard with the interlocks of every rig, `interlocks_of`."""
+        return cls(interlocks_of(twin, silence=silence, ambient=ambient))
 
-    def wait(self, records: Sequence[Record]) -> Trip | None:
-        """Checks before the first command: links may be lost, readings must be plausible."""
-        return _first(lock.see(r) for r in records for lock in (self._readings, self._twin))
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the interlocks are set to."""
+        return {name: v for lock in self._interlocks for name, v in lock.settings.items()}
 
-    def ready(self) -> Trip | None:
-        """Checks at the first command, after samples and readings, that the room is known."""
-        return self._twin.strange_room()
+    def begin(self) -> None:
+        """Begins a run.
 
-    def begin(self, now: int, boots: Mapping[str, str]) -> None:
-        """Begins to check all interlocks; `boots` are the present starts of the devices by link."""
-        self._presence.begin(now, boots)
-
-    def commanded(self, now: int, number: int, pwm: tuple[int, ...]) -> None:
-        """Registers that a command was sent, with its number and its counts."""
-        self._obedience.commanded(now, number, pwm)
-
-    def check(self, records: Sequence[Record], now: int) -> Trip | None:
-        """Returns the reason to stop, or `None`.
-
-        **Arguments:**
-
-        - `records`: those since the last call.
-        - `now`: host time, ns.
+        **Raises:** `JaxtwinError` if the guard has guarded another run: its interlocks know it.
         """
-        trip = _first(lock.see(record) for record in records for lock in self._interlocks)
-        return trip or _first(lock.check(now) for lock in self._interlocks)
+        if self._used:
+            raise JaxtwinError("guard: expected a new one for each run, got one that has been used")
+        self._used = True
 
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Asks all interlocks about a record."""
+        self._keep((lock.on_record(record, state) for lock in self._interlocks), record.arrival)
 
-def _first(trips: Iterable[Trip | None]) -> Trip | None:
-    return next((trip for trip in trips if trip is not None), None)
+    def on_time(self, state: RigState, now: int) -> None:
+        """Asks all interlocks at host time `now`, ns."""
+        self._keep((lock.on_time(state, now) for lock in self._interlocks), now)
+
+    def before_start(self, state: RigState, now: int) -> None:
+        """Asks all interlocks before the first command."""
+        self._keep((lock.before_start(state) for lock in self._interlocks), now)
+
+    def _keep(self, findings: Iterable[Finding | None], since: int) -> None:
+        found = next((finding for finding in findings if finding is not None), None)
+        if self.finding is None and found is not None:
+            self.finding = found if found.since is not None else replace(found, since=since)

@@ -9,16 +9,17 @@ Needs the extra `mqtt` (paho-mqtt).
 import contextlib
 import json
 import logging
-import math
 import queue
 import threading
-from collections.abc import Sequence
 from typing import Any, final
 
 from .._errors import LinkError
+from ..rig import Rig
 from ._framing import PACKET_BYTES
+from ._json import record_as_json
 from ._mqtt_address import MqttAddress, without_password
-from ._records import Event, Gap, Greeting, LinkChange, Reading, Record, Sample
+from ._records import Record
+from ._rig_state import RigState
 from ._transport import READ_SECONDS
 
 CONNECT_SECONDS = 5.0
@@ -26,6 +27,9 @@ WAITING = 1000  # messages that wait at most, coming and going
 MOST_WAITING = 2**22  # bytes of those that come
 LARGEST = 2 * PACKET_BYTES
 """Largest message, bytes; the broker does not deliver larger ones (MQTT 5, maximum packet size)."""
+
+TOPICS = {"reading": "readings", "duty": "duty", "event": "events"}
+"""The kinds of records that are published -> the topics below that of the rig."""
 
 log = logging.getLogger("jaxtwin.live")
 
@@ -111,22 +115,22 @@ class MqttTransport:
 
 @final
 class Publisher:
-    """Publishes records as JSON: `TOPIC/readings`, `TOPIC/duty`, `TOPIC/events`.
+    """Publishes records as JSON: `TOPIC/readings`, `TOPIC/duty`, `TOPIC/events`. It consumes the
+    records of a source.
 
     If the broker is slow, messages are lost here, but never in the recording.
 
     **Arguments:**
 
     - `url`: `mqtt://host:port/topic`, as for `MqttAddress`.
-    - `channels`, `cells`: names of the columns.
+    - `rig`: the rig, whose channels and cells name the numbers.
 
     **Raises:** `LinkError` if the broker cannot be reached.
     """
 
-    def __init__(self, url: str, channels: Sequence[str], cells: Sequence[str]):
+    def __init__(self, url: str, rig: Rig):
         address = MqttAddress.parse(url)
-        self._topic = address.topic
-        self._channels, self._cells = channels, cells
+        self._topic, self._rig = address.topic, rig
         self._client = _client(address, reconnect=True)
         self._client.max_queued_messages_set(WAITING)
         try:
@@ -135,40 +139,20 @@ class Publisher:
             raise LinkError(f"{without_password(url)}: {error}") from None
         self._client.loop_start()
 
-    def publish(self, records: Sequence[Record]) -> None:
-        """Sends records to the broker without waiting for it."""
-        for record in records:
-            topic, content = self._message(record)
-            if topic:
-                content["time"] = record.arrival * 1e-9
-                self._client.publish(f"{self._topic}/{topic}", json.dumps(content), qos=0)
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Sends a record to the broker without waiting for it."""
+        content = record_as_json(record, self._rig)
+        topic = TOPICS.get(content.pop("kind"))
+        if topic is not None:
+            self._client.publish(f"{self._topic}/{topic}", json.dumps(content), qos=0)
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Does nothing: what is published are records."""
 
     def close(self) -> None:
         """Ends the connection."""
         self._client.disconnect()
         self._client.loop_stop()
-
-    def _message(self, record: Record) -> tuple[str, dict[str, Any]]:
-        match record:
-            case Reading():
-                # JSON has no NaN, which is the reading of a channel that has failed.
-                values = [
-                    None if math.isnan(value) else round(value, 3)
-                    for value in record.temperatures.tolist()
-                ]
-                return "readings", dict(zip(self._channels, values, strict=True))
-            case Sample():
-                return "duty", dict(zip(self._cells, record.pwm, strict=True))
-            case LinkChange():
-                return "events", {"link": record.link, "state": str(record.state)}
-            case Event() | Gap():
-                if isinstance(record, Gap):
-                    return "events", {"link": record.link, "kind": "gap"}
-                what = {"kind": record.kind, "detail": record.detail}
-                return "events", {"link": record.link, **what}
-            case Greeting():
-                return "events", {"link": record.link, "rig": record.hello.rig}
-        return "", {}
 
 
 def _client(address: MqttAddress, *, reconnect: bool) -> Any:

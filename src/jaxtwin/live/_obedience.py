@@ -3,8 +3,10 @@
 from collections import deque
 from typing import NamedTuple, final
 
-from ._records import Record, Sample
-from ._trip import Trip
+from ._finding import Finding
+from ._interlock import AbstractInterlock
+from ._records import Command, Document, Record, Sample
+from ._rig_state import RigState
 
 ROUNDING = 1
 """The largest accepted difference between applied and commanded counts."""
@@ -17,7 +19,7 @@ class _Sent(NamedTuple):
 
 
 @final
-class Obedience:
+class Obedience(AbstractInterlock):
     """Compares the counts that a device reports with those that were commanded.
 
     A driver may apply a command late and by a ramp. Its counts must therefore lie between the
@@ -27,42 +29,46 @@ class Obedience:
 
     **Arguments:**
 
-    - `owner`: the name of the host that commands.
     - `cells`: the names of the cells.
     - `delay`: longest time until a driver applies a command, ramp included, s.
     """
 
-    def __init__(self, owner: str, cells: tuple[str, ...], delay: float):
-        self._owner = owner
+    def __init__(self, cells: tuple[str, ...], delay: float):
+        self._owner = ""
         self._cells = cells
         self._delay = round(delay * 1e9)
         self._sent: deque[_Sent] = deque()
         self._off = (0,) * len(cells)
 
-    def commanded(self, now: int, number: int, pwm: tuple[int, ...]) -> None:
-        """Registers that a command was sent at host time `now`, ns."""
-        self._sent.append(_Sent(now, number, pwm))
+    def on_record(self, record: Record, state: RigState) -> Finding | None:
+        match record:
+            case Document(kind="start"):  # what was commanded before belongs to another run
+                self._sent.clear()
+            case Command(kind="duty"):
+                self._owner = record.owner
+                self._sent.append(_Sent(record.arrival, record.number, record.pwm))
+            case Sample() if self._sent:
+                return self._contradiction(record)
+        return None
 
-    def see(self, record: Record) -> Trip | None:
-        if not isinstance(record, Sample) or not self._sent:
-            return None
-        if record.relay == "off":
-            return Trip("device-trip", "the relay in the supply has been opened")
-        if not record.pwm:
-            return None
-        if record.trip:
-            return Trip("device-trip", f"the device has switched off by itself: {record.trip}")
-        if record.owner not in ("", self._owner):
-            return Trip("commander", f"another host, {record.owner}, commands the cells")
-        return self._disobedience(record) or self._unsent(record) or self._unacknowledged(record)
-
-    def check(self, now: int) -> Trip | None:
+    def on_time(self, state: RigState, now: int) -> Finding | None:
         # The command that was in force at the beginning of the delay is still needed.
         while len(self._sent) > 1 and self._sent[1].time <= now - 2 * self._delay:
             self._sent.popleft()
         return None
 
-    def _disobedience(self, sample: Sample) -> Trip | None:
+    def _contradiction(self, record: Sample) -> Finding | None:
+        if record.relay == "off":
+            return Finding("device-trip", "the relay in the supply has been opened")
+        if not record.pwm:
+            return None
+        if record.trip:
+            return Finding("device-trip", f"the device has switched off by itself: {record.trip}")
+        if record.owner not in ("", self._owner):
+            return Finding("commander", f"another host, {record.owner}, commands the cells")
+        return self._disobedience(record) or self._unsent(record) or self._unacknowledged(record)
+
+    def _disobedience(self, sample: Sample) -> Finding | None:
         earlier, within = self._off, []
         for sent in self._sent:
             if sent.time <= sample.arrival - self._delay:
@@ -73,26 +79,27 @@ class Obedience:
             self._cells, sample.pwm, earlier, *within, strict=True
         ):
             if not min(commanded) - ROUNDING <= applied <= max(commanded) + ROUNDING:
-                return Trip(
+                return Finding(
                     "disobedience",
                     f"{cell} gets {applied} counts; {commanded[-1]} were commanded",
+                    cell,
                 )
         return None
 
-    def _unsent(self, sample: Sample) -> Trip | None:
+    def _unsent(self, sample: Sample) -> Finding | None:
         last = self._sent[-1].number
         if sample.number is None or (last - sample.number) % 2**32 < 2**31:
             return None
-        return Trip(
+        return Finding(
             "disobedience",
             f"the device acknowledges command {sample.number}; the last one sent was {last}",
         )
 
-    def _unacknowledged(self, sample: Sample) -> Trip | None:
+    def _unacknowledged(self, sample: Sample) -> Finding | None:
         old = [sent for sent in self._sent if sent.time <= sample.arrival - self._delay]
         if not old:
             return None
         if sample.number is None or (sample.number - old[-1].number) % 2**32 >= 2**31:
             waited = (sample.arrival - old[-1].time) * 1e-9
-            return Trip("unacknowledged", f"no command was acknowledged for {waited:.1f} s")
+            return Finding("unacknowledged", f"no command was acknowledged for {waited:.1f} s")
         return None

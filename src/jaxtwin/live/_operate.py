@@ -3,7 +3,6 @@
 import secrets
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any, Literal, NamedTuple, final
 
 import numpy as np
@@ -11,16 +10,16 @@ from jaxtyping import Float
 
 from .._arguments import true_or_false
 from .._errors import JaxtwinError, SafetyStop
-from ..physics import Twin
 from ..rig import Rig
 from ._bench import Bench
+from ._finding import Finding
 from ._interlocks import Guard
 from ._readiness import wait_until_ready
-from ._records import Document, Reading, Record, Sample
+from ._records import Document
+from ._service import RecordConsumer, Service
 from ._stop_request import StopRequest
 from ._switch_off import STILL_ON, Ending, poll_whatever_happens, switch_off
 from ._time import seconds
-from ._trip import Trip
 
 INTERVAL = 0.25
 """The interval between two commands, s; each also resets the watchdog of the device."""
@@ -30,7 +29,10 @@ class Moment(NamedTuple):
     """The state of the rig that a controller gets when it is asked for the duty.
 
     - `time`: the time since the start of the run, s of the rig.
-    - `temperatures`: the last valid temperatures, degC `(channels,)`.
+    - `temperatures`: the last valid temperature of each channel, degC `(channels,)`; NaN where
+      there has been none.
+    - `age`: how long ago each was measured, by the clock of the device, s of the rig
+      `(channels,)`.
     - `duty`: the duty of the cells now, as the device reports it, -1 to 1, positive heats
       `(cells,)`.
     - `ambient`: the ambient temperature, degC; `None` if it is not measured.
@@ -38,6 +40,7 @@ class Moment(NamedTuple):
 
     time: float
     temperatures: Float[np.ndarray, " channels"]
+    age: Float[np.ndarray, " channels"]
     duty: Float[np.ndarray, " cells"]
     ambient: float | None
 
@@ -48,16 +51,15 @@ DutySource = Callable[[Moment], Sequence[float] | np.ndarray | None]
 
 def operate(
     bench: Bench,
-    twin: Twin,
+    guard: Guard,
     duty: DutySource,
     *,
-    silence: float | int = 3.0,
-    ambient: float | int | None = None,
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
+    consumers: Sequence[RecordConsumer] = (),
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
-    on_alarm: Callable[[Trip], None] | None = None,
+    on_alarm: Callable[[Finding], None] | None = None,
 ) -> Literal["completed", "stopped"]:
     """Commands a live rig. The cells are off when it returns, also after an error.
 
@@ -69,15 +71,14 @@ def operate(
     **Arguments:**
 
     - `bench`: the links of the rig, started.
-    - `twin`: the twin of the rig, whose file must state `limits.temperature`.
+    - `guard`: the guard of this run, such as `Guard.of(twin)`.
     - `duty`: the source of the duty, which is called every quarter of a second.
-    - `silence`: the longest time without data, s.
-    - `ambient`: the ambient temperature of a rig that does not measure it, degC. None: unknown;
-      the rig is then only started near the temperature of the rig file.
     - `reset`: whether a trip of the device is ended first, on purpose.
     - `about`: details that are recorded at the start of the run, such as a plan or a command line.
     - `stop`: an event that ends the run early when it is set. A `StopRequest` with the name of a
       signal leaves a trip.
+    - `consumers`: who else gets the records of the run, such as a `Follower`. If one fails, the
+      cells are switched off.
     - `on_progress`: called with the time (s of the rig) and the counts after each command.
     - `on_alarm`: called if the device reports heat, or nothing, two seconds after a stop.
 
@@ -85,15 +86,15 @@ def operate(
 
     **Raises:** `SafetyStop` if an interlock trips, a signal ends the run, or the rig does not
     become ready. Its kind is `still-on` if the device reported heat after the stop, `unconfirmed`
-    if it reported nothing. `JaxtwinError` if the rig file states no limit, or for an invalid
-    argument; the errors of `duty` and of the journal.
+    if it reported nothing. `JaxtwinError` for a guard that has been used before, or an invalid
+    argument; the errors of `duty`, of the consumers and of the journal.
     """
     true_or_false("operate: reset", reset, JaxtwinError)
-    guard = Guard(twin, bench.owner, silence=silence, ambient=ambient)
-    run, before = _Run(bench, twin.rig, guard), bench.number
+    guard.begin()
+    service = Service(bench, [guard, *consumers])
+    run, before = _Run(bench, service, guard), bench.number
     uid = secrets.token_hex(8)
-    content = {"rig": twin.rig.name, "owner": bench.owner, "limits": asdict(guard.limits)}
-    content |= {} if ambient is None else {"ambient_degC": float(ambient)}
+    content = {"rig": bench.rig.name, "owner": bench.owner, "limits": guard.settings}
     bench.note(Document(bench.clock.now(), "start", uid, {**(about or {}), **content}))
     status, error = "completed", None
     try:
@@ -108,7 +109,6 @@ def operate(
     # This is done even before the first command: an earlier host may have left the cells on.
     ending = switch_off(
         bench,
-        len(twin.rig.cells),
         trip=(run.commanding and status in ("tripped", "failed")) or reset_only,
         insist=run.commanding,
         stop=stop,
@@ -153,12 +153,10 @@ def _raise(error: BaseException | None, ending: Ending) -> None:
 class _Run:
     """The state of a run while it commands the rig."""
 
-    def __init__(self, bench: Bench, rig: Rig, guard: Guard):
+    def __init__(self, bench: Bench, service: Service, guard: Guard):
         self.commanding = False
         """Whether a command has been sent."""
-        self._bench, self._rig, self._guard = bench, rig, guard
-        self._reading: Reading | None = None
-        self._sample: Sample | None = None
+        self._bench, self._rig, self._service, self._guard = bench, bench.rig, service, guard
 
     def go(
         self,
@@ -167,18 +165,15 @@ class _Run:
         stop: threading.Event | None,
         on_progress: Callable[[float, tuple[int, ...]], None] | None,
     ) -> Literal["completed", "stopped"]:
-        bench, guard = self._bench, self._guard
-        rate, boots, records = wait_until_ready(bench, guard, reset, stop)
-        self._learn(records)
+        bench, guard, service = self._bench, self._guard, self._service
+        wait_until_ready(service, bench, guard, reset, stop)
+        rate = service.state.rate
         begin = bench.clock.now()
-        guard.begin(begin, boots)
         commanded = -1
         while True:
-            records = bench.poll(0.02)
-            self._learn(records)
-            trip = guard.check(records, bench.clock.now())
-            if trip is not None:
-                raise SafetyStop(f"stopped: {trip.detail}", trip.kind)
+            service.turn(0.02)
+            if guard.finding is not None:
+                raise SafetyStop(f"stopped: {guard.finding.detail}", guard.finding.kind)
             passed = bench.clock.now() - begin
             if stop is not None and stop.is_set():
                 if isinstance(stop, StopRequest) and stop.signal:
@@ -189,30 +184,22 @@ class _Run:
             if number == commanded:
                 continue
             commanded, elapsed = number, seconds(passed)
-            asked = duty(self._moment(elapsed * rate))
+            asked = duty(self._moment(elapsed * rate, rate))
             if asked is None:
                 return "completed"
             pwm = counts_of(self._rig, _checked(asked, len(self._rig.cells)))
             self.commanding = True
             if not bench.send_duty(pwm):
                 raise SafetyStop("stopped: a command could not be sent", "link-down")
-            guard.commanded(bench.clock.now(), bench.number, pwm)
             if on_progress is not None:
                 on_progress(elapsed * rate, pwm)
 
-    def _learn(self, records: Sequence[Record]) -> None:
-        for record in records:
-            if isinstance(record, Reading) and not record.recalibrating:
-                self._reading = record
-            elif isinstance(record, Sample) and record.pwm:
-                self._sample = record
-
-    def _moment(self, time: float) -> Moment:
-        assert self._reading is not None, "a rig is ready once it has sent temperatures"
-        sample = self._sample
-        pwm = sample.pwm if sample is not None else (0,) * len(self._rig.cells)
-        ambient = sample.ambient if sample is not None else None
-        return Moment(time, self._reading.temperatures, self._rig.driver.duty(pwm), ambient)
+    def _moment(self, time: float, rate: float) -> Moment:
+        state = self._service.state
+        pwm = state.sample.pwm if state.sample is not None else (0,) * len(self._rig.cells)
+        waited = np.where(state.measured > 0, self._bench.clock.now() - state.measured, np.inf)
+        duty = self._rig.driver.duty(pwm)
+        return Moment(time, state.temperatures, waited * 1e-9 * rate, duty, state.ambient)
 
 
 def _checked(duty: Sequence[float] | np.ndarray, cells: int) -> np.ndarray:

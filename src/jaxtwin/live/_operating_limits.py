@@ -10,7 +10,7 @@ from jaxtyping import ArrayLike
 from .._errors import JaxtwinError
 from ..physics import Twin
 from ..rig._limits import SOLDER
-from ._live_twin import LiveTwin
+from ..simulation import Stepper
 
 COLDEST = -73.0
 """The lowest temperature that a module of a single stage reaches, degC."""
@@ -18,6 +18,9 @@ COLDEST = -73.0
 RATE_FACTOR = 3.0
 """The limit of a reading's rate divided by the fastest change of the twin: contacts may be better
 than the rig file says."""
+
+PROBES_PER_SECOND = 10
+"""The steps of the twin in a second, while its fastest change is found."""
 
 PROBE_SECONDS = 120
 """Time for which the twin is driven to find its fastest change, s."""
@@ -72,8 +75,7 @@ class OperatingLimits:
                 f"{rig.source}: limits.temperature: expected the temperature at which the cells "
                 'are switched off, such as "90 degC", got none; a rig is not driven without it'
             )
-        live = LiveTwin(twin)
-        room = live.ambient
+        room = float(rig.ambient_temperature.evaluate(twin.numbers_si)) - 273.15
         lowest = _lowest(twin, room) if given.lowest is None else given.lowest - 273.15
         # A reading without any noise may stay the same.
         frozen = _FROZEN_CAMERA if rig.camera is not None else _FROZEN_SENSOR
@@ -82,7 +84,9 @@ class OperatingLimits:
             hottest=given.temperature - 273.15,
             lowest=lowest,
             cell=SOLDER if given.cell_temperature is None else given.cell_temperature - 273.15,
-            rate=_fastest(live) if given.rate is None else given.rate,
+            rate=_fastest(Stepper(twin, 1 / PROBES_PER_SECOND))
+            if given.rate is None
+            else given.rate,
             jump=6 * rig.noise + (0.0 if rig.camera is None else _CAMERA_JUMP),
             frozen=frozen if given.frozen is None else given.frozen,
             deviation=_DEVIATION if given.deviation is None else given.deviation,
@@ -112,14 +116,15 @@ def _number(value: ArrayLike) -> float:
     return np.asarray(value).item()
 
 
-def _fastest(live: LiveTwin) -> float:
+def _fastest(stepper: Stepper) -> float:
     """The fastest change of any reading, K/s: heated, cooled and heated again with full duty."""
-    full = np.ones(len(live.system.wiring.cold))
-    reading, fastest = live.temperatures, 0.0
+    full = np.ones(len(stepper.system.wiring.cold))
+    state = stepper.start()
+    reading, fastest = np.asarray(stepper.channels(state)), 0.0
     for duty in (full, -full, full):
-        live.drive(duty)
         for _ in range(PROBE_SECONDS):
-            changed = live.advance(live.time + 1.0)
+            state = stepper.step(state, duty, steps=PROBES_PER_SECOND)
+            changed = np.asarray(stepper.channels(state))
             fastest = max(fastest, float(np.abs(changed - reading).max()))
             reading = changed
     return RATE_FACTOR * fastest

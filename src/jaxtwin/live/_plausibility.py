@@ -1,16 +1,21 @@
 """Interlock: readings that are plausible and not too hot."""
 
 from collections import deque
-from typing import final
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any, final
 
 import numpy as np
 
 from .._arguments import finite_number
 from .._errors import JaxtwinError
 from ..rig import Driver
+from ._finding import Finding
+from ._interlock import AbstractInterlock
 from ._operating_limits import OperatingLimits
-from ._records import Greeting, Reading, Record, Sample
-from ._trip import Trip
+from ._records import Reading, Record, Sample
+from ._rig_state import RigState
+from ._time import seconds
 
 WINDOW = 2.0
 """The time over which a rate is computed, s of the rig, so that noise does not count as a rate."""
@@ -20,7 +25,7 @@ ROOM_KELVIN = 30.0
 
 
 @final
-class Plausibility:
+class Plausibility(AbstractInterlock):
     """Trips on a reading that is too hot, or that no working sensor can give.
 
     **Arguments:**
@@ -34,19 +39,20 @@ class Plausibility:
         self._channels = channels
         self._driver = driver
         self._limits = limits
-        self._rate = 1.0
         self._recent: deque[Reading] = deque()
         self._duty = 0.0  # the largest of all cells, 0 to 1
         self._sampled: int | None = None  # when, host time in ns
         self._still = np.zeros(len(channels))  # driven time without a change, s at full duty
         self._last: np.ndarray | None = None
 
-    def see(self, record: Record) -> Trip | None:
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        return asdict(self._limits)
+
+    def on_record(self, record: Record, state: RigState) -> Finding | None:
         match record:
-            case Greeting():
-                self._rate = record.hello.rate
             case Sample():
-                self._count_heat(record)
+                self._count_heat(record, state)
                 return self._another_room(record)
             case Reading() if not record.recalibrating:
                 return (
@@ -57,74 +63,76 @@ class Plausibility:
                 )
         return None
 
-    def check(self, now: int) -> Trip | None:
-        return None
-
-    def _failed(self, reading: Reading) -> Trip | None:
+    def _failed(self, reading: Reading) -> Finding | None:
         for place in np.flatnonzero(~np.isfinite(reading.temperatures)):
             why = reading.faults.get(int(place), "no number")
-            return Trip("channel-fault", f"{self._channels[place]} has failed: {why}")
+            name = self._channels[place]
+            return Finding("channel-fault", f"{name} has failed: {why}", name)
         return None
 
-    def _count_heat(self, sample: Sample) -> None:
+    def _count_heat(self, sample: Sample, state: RigState) -> None:
         """Adds the duty since the last sample. It is counted over all pauses: a heater that pulses
         heats as well."""
         if not sample.pwm:
             return
+        now = state.time_of(sample)
         if self._sampled is not None:
-            passed = (sample.arrival - self._sampled) * 1e-9 * self._rate
-            self._still += self._duty * passed
-        self._sampled = sample.arrival
+            self._still += self._duty * seconds(max(now - self._sampled, 0)) * state.rate
+        self._sampled = now
         self._duty = float(np.abs(self._driver.duty(sample.pwm)).max())
 
-    def _another_room(self, sample: Sample) -> Trip | None:
+    def _another_room(self, sample: Sample) -> Finding | None:
         """Checks the measured ambient temperature. The twin relies on it: a wrong one would hide
         cells that are too hot."""
         value, room = sample.ambient, self._limits.room
         if value is None or abs(value - room) <= ROOM_KELVIN:
             return None
-        return Trip(
+        return Finding(
             "implausible",
             f"the ambient temperature reads {value:.1f} degC; the rig file says {room:.0f}, "
             f"and no room is more than {ROOM_KELVIN:g} K from it",
         )
 
-    def _out_of_range(self, reading: Reading) -> Trip | None:
+    def _out_of_range(self, reading: Reading) -> Finding | None:
         values, limits = reading.temperatures, self._limits
         hottest, coldest = int(np.argmax(values)), int(np.argmin(values))
         if values[hottest] > limits.hottest:
             name, value = self._channels[hottest], values[hottest]
-            return Trip(
+            return Finding(
                 "over-temperature",
                 f"{name} is at {value:.1f} degC; the rig's limit is {limits.hottest:g}",
+                name,
+                severity="critical",
             )
         if values[coldest] < limits.lowest:
             name, value = self._channels[coldest], values[coldest]
-            return Trip(
+            return Finding(
                 "implausible",
                 f"{name} reads {value:.1f} degC; nothing here can be below {limits.lowest:.0f}",
+                name,
             )
         return None
 
-    def _too_fast(self, reading: Reading) -> Trip | None:
+    def _too_fast(self, reading: Reading) -> Finding | None:
         recent, limits = self._recent, self._limits
         if recent and recent[-1].boot != reading.boot:
             recent.clear()
-        while len(recent) > 1 and _seconds(recent[1], reading) >= WINDOW:
+        while len(recent) > 1 and _between(recent[1], reading) >= WINDOW:
             recent.popleft()
         recent.append(reading)
         change = reading.temperatures - recent[0].temperatures
-        time = max(_seconds(recent[0], reading), 0.0)
+        time = max(_between(recent[0], reading), 0.0)
         worst = int(np.argmax(np.abs(change)))
         if abs(change[worst]) > limits.rate * time + limits.jump:
-            return Trip(
+            return Finding(
                 "rate",
                 f"{self._channels[worst]} changed by {change[worst]:+.1f} K in {time:.1f} s; "
                 f"the rig cannot change faster than {limits.rate:.2g} K/s",
+                self._channels[worst],
             )
         return None
 
-    def _frozen(self, reading: Reading) -> Trip | None:
+    def _frozen(self, reading: Reading) -> Finding | None:
         values = reading.temperatures
         moved = np.ones(len(values), bool) if self._last is None else values != self._last
         self._last = values
@@ -132,10 +140,11 @@ class Plausibility:
         worst = int(np.argmax(self._still))
         if self._still[worst] <= self._limits.frozen:
             return None
-        return Trip(
+        return Finding(
             "frozen",
             f"{self._channels[worst]} has read {values[worst]:.2f} degC while the cells got the "
             f"heat of {self._still[worst]:.0f} s at full duty",
+            self._channels[worst],
         )
 
 
@@ -155,5 +164,5 @@ def check_ambient(ambient: float | int | None, limits: OperatingLimits) -> float
     return value
 
 
-def _seconds(earlier: Reading, later: Reading) -> float:
+def _between(earlier: Reading, later: Reading) -> float:
     return (later.device_us - earlier.device_us) * 1e-6

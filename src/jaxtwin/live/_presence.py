@@ -1,17 +1,20 @@
 """Interlock: silence, a lost link, or a device that restarts or greets as another."""
 
+import math
 from collections.abc import Mapping
 from typing import final
 
 from .._errors import JaxtwinError
+from ._finding import Finding
 from ._identity import WATCHDOG_SECONDS
-from ._records import Event, Greeting, LinkChange, LinkState, Reading, Record, Sample
+from ._interlock import AbstractInterlock
+from ._records import Command, Document, Event, Greeting, LinkChange, LinkState, Record
+from ._rig_state import RigState
 from ._time import seconds
-from ._trip import Trip
 
 
 @final
-class Presence:
+class Presence(AbstractInterlock):
     """Trips on silence, a lost link, or a device that has restarted or greets as another.
 
     A frame that the camera took while it recalibrated itself does not count as a reading.
@@ -32,36 +35,34 @@ class Presence:
                 f"wait too, and more than 0 s, got {silence:g} s; a rig does not heat unseen"
             )
         self._silence = silence
-        self._boots: Mapping[str, str] = {}
-        self._sample = self._reading = 0
-        self._recalibrating = False
+        self._boots: Mapping[str, str] | None = None  # at the first command
 
-    def begin(self, now: int, boots: Mapping[str, str]) -> None:
-        """Begins to check for silence; `boots` are the present starts of the devices by link."""
-        self._sample = self._reading = now
-        self._boots = boots
-
-    def see(self, record: Record) -> Trip | None:
+    def on_record(self, record: Record, state: RigState) -> Finding | None:
         match record:
-            case Sample() if record.pwm:  # that of another device hides no silent controller
-                self._sample = max(self._sample, record.arrival)
-            case Reading():
-                self._recalibrating = record.recalibrating
-                if not record.recalibrating:
-                    self._reading = max(self._reading, record.arrival)
+            case Document(kind="start"):  # what was commanded before belongs to another run
+                self._boots = None
+            case Command(kind="duty") if self._boots is None:
+                self._boots = state.boots
+            case _ if self._boots is None:
+                return None
             case Event(kind="refused"):
-                return Trip("refused", f"{record.link}: {record.detail}")
+                return Finding("refused", f"{record.link}: {record.detail}", record.link)
             case LinkChange(state=LinkState.DOWN):
-                return Trip("link-down", f"link {record.link} is down: {record.detail}")
+                detail = f"link {record.link} is down: {record.detail}"
+                return Finding("link-down", detail, record.link)
             case Greeting() if self._boots.get(record.link) != record.hello.boot:
-                return Trip("restart", f"the device on {record.link} has restarted")
+                return Finding("restart", f"the device on {record.link} has restarted", record.link)
         return None
 
-    def check(self, now: int) -> Trip | None:
-        for what, last in (("controller sample", self._sample), ("temperature", self._reading)):
-            silent = seconds(now - last)
+    def on_time(self, state: RigState, now: int) -> Finding | None:
+        if self._boots is None:
+            return None
+        newest = {"controller sample": state.sample, "temperature": state.reading}
+        for what, record in newest.items():
+            # The time of arrival: what waited in a buffer has been heard of nevertheless.
+            silent = math.inf if record is None else seconds(now - record.arrival)
             if silent > self._silence:
-                camera = ": the camera recalibrates itself" if self._recalibrating else ""
-                camera = camera if what == "temperature" else ""
-                return Trip("silence", f"no {what} for {silent:.1f} s{camera}")
+                camera = what == "temperature" and state.recalibrating
+                why = ": the camera recalibrates itself" if camera else ""
+                return Finding("silence", f"no {what} for {silent:.1f} s{why}")
         return None

@@ -9,13 +9,14 @@ from typing import Any, NamedTuple, final
 from .._errors import JaxtwinError, SafetyStop
 from ..physics import Twin
 from ._bench import Bench
+from ._finding import Finding
+from ._interlocks import Guard, interlocks_of
 from ._operate import Moment, counts_of, operate
 from ._operating_limits import OperatingLimits
 from ._provocations import PATIENCE, Provocation, Scene, provocations
 from ._records import Command, Event, Reading, Record, Sample
 from ._switch_off import switch_off
 from ._time import seconds
-from ._trip import Trip
 
 HEAT_SECONDS = 3.0
 """The time for which the rig is heated before each provocation, s."""
@@ -55,7 +56,7 @@ def prove(
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
-    on_alarm: Callable[[Trip], None] | None = None,
+    on_alarm: Callable[[Finding], None] | None = None,
 ) -> Iterator[Proof]:
     """Proves that each interlock switches a rig off, by heating it for seconds and provoking them.
 
@@ -69,7 +70,8 @@ def prove(
     - `twin`: the twin of the rig, whose file must state `limits.temperature`.
     - `duty`: the duty of each cell while it is heated, above 0 to 1.
     - `reset`: whether a trip of the device is ended before the first step.
-    - `silence`, `ambient`, `about`, `stop`, `on_progress`, `on_alarm`: as in `operate`.
+    - `silence`, `ambient`: as in `interlocks_of`.
+    - `about`, `stop`, `on_progress`, `on_alarm`: as in `operate`.
 
     **Returns:** an iterator over the proof of each step. It ends early if the device reports heat
     after a stop.
@@ -81,15 +83,14 @@ def prove(
         raise JaxtwinError(f"prove: duty: expected above 0 to 1, got {duty}")
     limits = OperatingLimits.of(twin)
     for number, step in enumerate([*provocations(limits, bench.relay), WATCHDOG]):
-        attempt = _Attempt(bench, twin, step, limits, float(duty))
+        attempt = _Attempt(bench, step, limits, float(duty))
+        locks = interlocks_of(twin, silence=silence, ambient=ambient, limits=attempt.limits)
         kind, wrong = "", ""
         try:
             outcome = operate(
                 bench,
-                attempt.twin,
+                Guard(locks),
                 attempt.duty,
-                silence=silence,
-                ambient=ambient,
                 reset=reset or number > 0,
                 about={**(about or {}), "plan": {"proof": step.name}},
                 stop=stop,
@@ -116,23 +117,20 @@ def prove(
 class _Attempt:
     """One provocation: the source of the duty, and the records that follow."""
 
-    def __init__(
-        self, bench: Bench, twin: Twin, step: Provocation, limits: OperatingLimits, duty: float
-    ):
+    def __init__(self, bench: Bench, step: Provocation, limits: OperatingLimits, duty: float):
         self.onset: int | None = None
         """Host time of the provocation, ns."""
         self.off_after = float("nan")
-        self.twin = twin
         self._bench, self._step = bench, step
-        cells = len(twin.rig.cells)
-        self._heat = (duty,) * cells
+        self._heat = (duty,) * len(bench.rig.cells)
         self._begin: int | None = None
         self._stopped = False
-        self._scene = Scene(limits, twin.rig.driver.counts, {})
-        self._view = bench.view()
+        self._scene = Scene(limits, bench.rig.driver.counts, {})
+        self._seen: list[Record] = []
+        self._distorts = True
         bench.tap = self._tapped
-        if step.cell_limit:
-            self.twin = self._with_a_low_limit(twin)
+        self.limits = self._low_limits(limits) if step.cell_limit else limits
+        """The limits of the interlocks."""
 
     def duty(self, moment: Moment) -> Sequence[float] | None:
         """The source of the duty: heats, then provokes."""
@@ -142,7 +140,7 @@ class _Attempt:
             if self._step.cell_limit:  # the heat itself provokes
                 self.onset = now
         if self.onset is not None and seconds(now - self.onset) > self._step.patience:
-            self.end()
+            self._distorts = False
             return None
         if self.onset is None and seconds(now - self._begin) >= HEAT_SECONDS:
             self.onset = now
@@ -153,26 +151,27 @@ class _Attempt:
         return self._heat
 
     def end(self) -> None:
-        """Ends the distortion."""
+        """Leaves the records of the bench as they are."""
         self._bench.tap = None
 
     def aftermath(
-        self, stop: threading.Event | None, on_alarm: Callable[[Trip], None] | None
+        self, stop: threading.Event | None, on_alarm: Callable[[Finding], None] | None
     ) -> str:
         """Checks what the device did and does. Returns what is wrong, `""` for nothing."""
         wrong = self._read_back() or self._watch("")
         if not wrong:
-            self._bench.send_duty(counts_of(self.twin.rig, self._heat))  # must be refused
+            self._bench.send_duty(counts_of(self._bench.rig, self._heat))  # must be refused
             wrong = self._watch("refused")
         if wrong:
-            switch_off(self._bench, len(self._heat), trip=True, stop=stop, on_alarm=on_alarm)
+            switch_off(self._bench, trip=True, stop=stop, on_alarm=on_alarm)
         return wrong
 
     def _tapped(self, records: list[Record]) -> list[Record]:
         """The records that the interlocks see: distorted from the onset to the first stop."""
+        self._seen += records
         self._stopped |= any(isinstance(r, Command) and r.kind == "stop" for r in records)
         distort = self._step.distort
-        if self.onset is None or self._stopped or distort is None:
+        if self.onset is None or self._stopped or distort is None or not self._distorts:
             return records
         changed: list[Record] = []
         for record in records:
@@ -192,7 +191,7 @@ class _Attempt:
         """Checks that the device has reported heat, and then, after the onset, none."""
         assert self.onset is not None
         heated = False
-        for record in self._view.take():
+        for record in self._seen:
             if not isinstance(record, Sample) or not record.pwm:
                 continue
             heated = heated or any(record.pwm)
@@ -230,17 +229,12 @@ class _Attempt:
             return "the device does not report that it refuses a duty until a reset"
         return ""
 
-    def _with_a_low_limit(self, twin: Twin) -> Twin:
-        """A twin whose cells are too hot inside after little heating."""
-        rig = twin.rig
-        assert rig.limits is not None
+    def _low_limits(self, limits: OperatingLimits) -> OperatingLimits:
+        """Limits at which the cells are too hot inside after little heating."""
         warmest: float | None = None
         begin = self._bench.clock.now()
         while warmest is None and seconds(self._bench.clock.now() - begin) < PATIENCE:
             for record in self._bench.poll(0.05):
                 if isinstance(record, Reading) and not record.recalibrating:
                     warmest = float(record.temperatures.max())
-        limit = (self._scene.limits.room if warmest is None else warmest) + 1.0 + 273.15
-        return Twin(
-            replace(rig, limits=replace(rig.limits, cell_temperature=limit)), dict(twin.values)
-        )
+        return replace(limits, cell=(limits.room if warmest is None else warmest) + 1.0)

@@ -10,7 +10,6 @@ from ..io import Session
 from ._records import LinkChange, LinkState, Record
 from ._row_reader import RowReader
 from ._time import Clock, SystemClock
-from ._view import View
 
 MOST_AT_ONCE = 1000
 """The largest number of records of one poll."""
@@ -42,7 +41,6 @@ class Replay:
         # Of records that arrived together, greetings come first: the others refer to them.
         self._records = heapq.merge(*self._tables, key=lambda record: record.arrival)
         self._upcoming: Record | None = next(self._records, None)
-        self._views: list[View] = []
         self._begin: int | None = None
         self._first = self._upcoming.arrival if self._upcoming else 0
         self._never = threading.Event()
@@ -63,12 +61,6 @@ class Replay:
         """Whether all records have been handed out."""
         return self._upcoming is None
 
-    def view(self, capacity: int = 10_000) -> View:
-        """A view of all records from now on, of which at most `capacity` wait."""
-        view = View(capacity)
-        self._views.append(view)
-        return view
-
     def poll(self, timeout: float | int = 0.1) -> list[Record]:
         """Returns the records that are due, after waiting for at most `timeout` seconds."""
         if self._begin is None:
@@ -81,8 +73,6 @@ class Replay:
             if isinstance(self._upcoming, LinkChange):
                 self.states[self._upcoming.link] = self._upcoming.state
             self._upcoming = next(self._records, None)
-        for view in self._views:
-            view.put(records)
         return records
 
     def send_duty(self, pwm: tuple[int, ...]) -> bool:

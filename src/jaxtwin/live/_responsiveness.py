@@ -46,7 +46,7 @@ class Responsiveness:
         self._sums = np.zeros((3, channels))  # of y d, sigma |d| and d^2
         self._last: int | None = None
 
-    def see(self, reading: Reading, response: DutyResponse) -> int | None:
+    def judge(self, reading: Reading, response: DutyResponse) -> int | None:
         """Takes a reading. Returns the number of a channel that does not follow, if there is one.
 
         **Arguments:**

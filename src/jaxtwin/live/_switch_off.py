@@ -10,9 +10,9 @@ from collections.abc import Callable
 from typing import NamedTuple, final
 
 from ._bench import Bench
+from ._finding import Finding
 from ._records import Record, Sample
 from ._time import seconds
-from ._trip import Trip
 
 AGAIN = 0.1
 """The time between two commands to switch off, s."""
@@ -92,12 +92,11 @@ class Ending(NamedTuple):
 
 def switch_off(
     bench: Bench,
-    cells: int,
     *,
     trip: bool = False,
     insist: bool = True,
     stop: threading.Event | None = None,
-    on_alarm: Callable[[Trip], None] | None = None,
+    on_alarm: Callable[[Finding], None] | None = None,
 ) -> Ending:
     """Switches the cells off and waits until the controller reports it.
 
@@ -109,7 +108,6 @@ def switch_off(
     **Arguments:**
 
     - `bench`: the links of the rig, started.
-    - `cells`: the number of cells.
     - `trip`: whether the device must trip.
     - `insist`: whether to go on after `OFF_SECONDS`; `False` for a device that another host may
       command.
@@ -118,7 +116,7 @@ def switch_off(
 
     **Returns:** what the controller reported last.
     """
-    switch = _Switch(bench, cells, trip, on_alarm)
+    switch = _Switch(bench, trip, on_alarm)
     while not switch.step():
         if switch.elapsed < OFF_SECONDS:
             continue
@@ -150,12 +148,10 @@ def poll_whatever_happens(bench: Bench, timeout: float) -> tuple[list[Record], E
 class _Switch:
     """The commands to switch off, and the answers of the controller."""
 
-    def __init__(
-        self, bench: Bench, cells: int, trip: bool, on_alarm: Callable[[Trip], None] | None
-    ):
+    def __init__(self, bench: Bench, trip: bool, on_alarm: Callable[[Finding], None] | None):
         self.insisting = self.interrupted = False
         self._bench, self._trip, self._on_alarm = bench, trip, on_alarm
-        self._off = (0,) * cells
+        self._off = (0,) * len(bench.rig.cells)
         self._begin = bench.clock.now()
         self._sent = -AGAIN
         self._alarms: set[str] = set()
@@ -200,7 +196,7 @@ class _Switch:
         log.error("%s", self.ending)
         if self._on_alarm is not None:
             try:
-                self._on_alarm(Trip(kind, str(self.ending)))
+                self._on_alarm(Finding(kind, str(self.ending), severity="critical"))
             except Exception:
                 log.exception("the alarm failed")
 

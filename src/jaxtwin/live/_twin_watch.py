@@ -1,15 +1,18 @@
 """Interlock: temperatures that the twin predicts, also where there is no sensor."""
 
-from typing import final
+from collections.abc import Mapping
+from typing import Any, final
 
 import numpy as np
 
 from ..physics import Twin
 from ._duty_response import DutyResponse
+from ._finding import Finding
+from ._interlock import AbstractInterlock
 from ._operating_limits import OperatingLimits
 from ._records import Reading, Record, Sample
 from ._responsiveness import Responsiveness
-from ._trip import Trip
+from ._rig_state import RigState
 
 SHARE = 0.5
 """The part of the predicted rise by which a reading may differ from it: a rig may be driven before
@@ -22,7 +25,7 @@ lies beside a cold plate cannot be told apart by their first readings."""
 
 
 @final
-class TwinWatch:
+class TwinWatch(AbstractInterlock):
     """Runs the twin beside the rig. Trips if its cells are too hot, or if a reading deviates from
     the twin or does not follow the duty.
 
@@ -40,47 +43,50 @@ class TwinWatch:
     def __init__(self, twin: Twin, limits: OperatingLimits, ambient: float | None = None):
         self._response = DutyResponse(twin, ambient)
         self._limits = limits
+        self._given = ambient
         self._cells = tuple(cell.name for cell in twin.rig.cells)
         self._channels = twin.channels
         self._sides = np.array([twin.wiring.cold, twin.wiring.hot])
         self._following = Responsiveness(len(self._channels), limits)
 
-    def see(self, record: Record) -> Trip | None:
-        self._response.update(record)
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        return {} if self._given is None else {"ambient_degC": self._given}
+
+    def on_record(self, record: Record, state: RigState) -> Finding | None:
+        self._response.update(record, state)
         if not self._response.has_begun:
             return None
         if isinstance(record, Reading) and not record.recalibrating:
-            trip = self._deviation(record) or self._unresponsive(record)
-            if trip is not None:
-                return trip
+            found = self._deviation(record) or self._unresponsive(record)
+            if found is not None:
+                return found
         return self._cell_too_hot() if isinstance(record, Reading | Sample) else None
 
-    def check(self, now: int) -> Trip | None:
-        return None
-
-    def strange_room(self) -> Trip | None:
-        """Checks before the first command that the room is known well enough."""
+    def before_start(self, state: RigState) -> Finding | None:
+        """Checks that the room is known well enough."""
         apart, room = self._response.surprise, self._limits.room
         if apart <= STRANGE_ROOM_KELVIN:
             return None
-        return Trip(
+        return Finding(
             "ambient-unknown",
             f"the first readings are {apart:.0f} K from the room of the rig file, {room:.0f} degC, "
             "and the device does not measure the ambient temperature; give it (--ambient)",
         )
 
-    def _cell_too_hot(self) -> Trip | None:
+    def _cell_too_hot(self) -> Finding | None:
         hottest = self._response.nodes[self._sides].max(axis=0)
         worst = int(np.argmax(hottest))
         if hottest[worst] <= self._limits.cell:
             return None
-        return Trip(
+        return Finding(
             "cell-temperature",
             f"cell {self._cells[worst]} is at {hottest[worst]:.0f} degC inside, says the twin; its "
             f"limit is {self._limits.cell:g}",
+            self._cells[worst],
         )
 
-    def _deviation(self, reading: Reading) -> Trip | None:
+    def _deviation(self, reading: Reading) -> Finding | None:
         predicted = self._response.predicted
         unknown = np.hypot(self._limits.deviation, self._response.unknown)
         limit = SHARE * self._response.rise + unknown
@@ -88,20 +94,22 @@ class TwinWatch:
         worst = int(np.argmax(np.abs(apart) - limit))
         if abs(apart[worst]) <= limit[worst]:
             return None
-        return Trip(
+        return Finding(
             "deviation",
             f"{self._channels[worst]} reads {reading.temperatures[worst]:.1f} degC where the twin "
             f"has {predicted[worst]:.1f}, more than {limit[worst]:.0f} K apart",
+            self._channels[worst],
         )
 
-    def _unresponsive(self, reading: Reading) -> Trip | None:
-        still = self._following.see(reading, self._response)
+    def _unresponsive(self, reading: Reading) -> Finding | None:
+        still = self._following.judge(reading, self._response)
         if still is None:
             return None
         changed = reading.temperatures[still] - self._response.first[still]
-        return Trip(
+        return Finding(
             "unresponsive",
             f"{self._channels[still]} does not follow the duty: it has changed by {changed:+.1f} K "
             f"where the duty alone makes {self._response.by_duty[still]:+.0f} K, says the twin; is "
             "the sensor on the plate?",
+            self._channels[still],
         )

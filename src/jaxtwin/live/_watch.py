@@ -1,7 +1,7 @@
 """A terminal view of a rig: its zones as a coloured map, with duty, rates, losses and the twin
 beside it."""
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Sequence
 from typing import final
 
@@ -16,11 +16,13 @@ from rich.text import Text
 from ..physics import Twin
 from ..rig import Channel, Plate
 from ._follower import Follower
-from ._records import Event, Gap, LinkChange, LinkState, Reading, Record, Sample
+from ._records import Event, LinkState, Reading, Record, Sample
+from ._rig_state import RigState
 
 WIDTH, HEIGHT = 40, 14  # of the map, characters: with the table it fits into 80 x 24
 _COLOURS = ((20, 11, 53), (101, 21, 110), (187, 55, 84), (249, 142, 9), (252, 255, 164))
 _LINK = {LinkState.LIVE: "green", LinkState.STALE: "yellow", LinkState.CONNECTING: "cyan"}
+_COUNTED = ("garbage", "nonsense", "duplicate")  # events that the state counts
 _RATE_SECONDS = 5.0
 
 OLD_SECONDS = 3.0
@@ -29,8 +31,8 @@ OLD_SECONDS = 3.0
 
 @final
 class Screen:
-    """The contents of the screen, computed from records: a link, a recording or a test may provide
-    them.
+    """The contents of the screen. It consumes the records of a source: of a link, a recording or a
+    test.
 
     **Arguments:**
 
@@ -41,38 +43,25 @@ class Screen:
         self._rig = twin.rig
         self._follower = Follower(twin)
         self._map = _channel_map(twin.rig.plate, twin.rig.channels)
-        self._links: dict[str, LinkState] = {}
+        self._state = RigState()
         self._arrivals: dict[str, deque[int]] = {"frames": deque(), "samples": deque()}
-        self._lost: Counter[str] = Counter()
-        self._sample: Sample | None = None
-        self._read: int | None = None  # when the last valid reading arrived
         self._last = ""
         self._now = 0
 
-    def update(self, records: Sequence[Record], dropped: int = 0) -> None:
-        """Takes records in their order; `dropped` is the number of records that this view has
-        missed so far."""
-        self._follower.update(records)
-        self._lost["not shown"] = dropped
-        for record in records:
-            self._now = max(self._now, record.arrival)
-            match record:
-                case Sample():
-                    if record.pwm:
-                        self._sample = record
-                    self._arrivals["samples"].append(record.arrival)
-                case Reading():
-                    if not record.recalibrating:
-                        self._read = record.arrival
-                    self._arrivals["frames"].append(record.arrival)
-                case Gap():
-                    self._lost["lost"] += record.count
-                case LinkChange():
-                    self._links[record.link] = record.state
-                case Event(kind="garbage" | "nonsense" | "duplicate"):
-                    self._lost[record.kind] += 1
-                case Event():
-                    self._last = _plain(f"{record.kind} {record.detail}".strip())
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Takes the next record, and what is known of the rig after it."""
+        self._follower.on_record(record, state)
+        self._state, self._now = state, max(self._now, record.arrival)
+        match record:
+            case Sample():
+                self._arrivals["samples"].append(record.arrival)
+            case Reading():
+                self._arrivals["frames"].append(record.arrival)
+            case Event() if record.kind not in _COUNTED:
+                self._last = _plain(f"{record.kind} {record.detail}".strip())
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Does nothing: the picture shows the time of the records, also of a replay."""
 
     def render(self) -> RenderableType:
         """Renders the whole view."""
@@ -119,17 +108,17 @@ class Screen:
 
     def _status(self) -> Text:
         text = Text()
-        for link, state in self._links.items():
+        for link, state in self._state.links.items():
             text.append(f"{link} {state}  ", _LINK.get(state, "red"))
-        sample = self._sample
+        sample = self._state.sample
         parts = self._rig.driver.duty(() if sample is None else sample.pwm)
         duty = ", ".join(f"{100 * part:.0f} %" for part in parts) or "-"
         text.append(f"\nduty {duty}")
         if sample is not None:
             room = "" if sample.ambient is None else f", ambient {sample.ambient:.1f} degC"
             text.append(f"{room}, commanded by {_plain(sample.owner) or 'nobody'}")
-        if sample is not None and sample.trip:
-            text.append(f"\nTRIPPED: {_plain(sample.trip)}", "bold red")
+        if self._state.trip:
+            text.append(f"\nTRIPPED: {_plain(self._state.trip)}", "bold red")
         text.append(f"\n{self._limits()}")
         text.append(*self._age())
         text.append("\n")
@@ -137,7 +126,7 @@ class Screen:
             while arrivals and self._now - arrivals[0] > _RATE_SECONDS * 1e9:
                 arrivals.popleft()
             text.append(f"{len(arrivals) / _RATE_SECONDS:.1f} {what}/s  ")
-        text.append(", ".join(f"{n} {what}" for what, n in self._lost.items() if n))
+        text.append(", ".join(f"{n} {what}" for what, n in self._state.counts.items() if n))
         if self._last:
             text.append(f"\n{self._last}")
         return text
@@ -154,9 +143,10 @@ class Screen:
 
     def _age(self) -> tuple[str, str]:
         """The age of the last temperatures, and its colour."""
-        if self._read is None:
+        newest = self._state.measured
+        if not newest.any():
             return "", ""
-        age = (self._now - self._read) * 1e-9
+        age = (self._now - int(newest.max())) * 1e-9
         return f", temperatures {age:.1f} s old", "bold red" if age > OLD_SECONDS else ""
 
 

@@ -1,0 +1,91 @@
+"""A record, and what is known of a rig, as JSON: for a broker, a health file, a page."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ..rig import Rig
+from ._records import Command, Document, Event, Gap, Greeting, LinkChange, Reading, Record, Sample
+from ._rig_state import RigState
+
+MILLIKELVIN = 3  # digits of a temperature
+
+
+def record_as_json(record: Record, rig: Rig) -> dict[str, Any]:
+    """A record as a dictionary that JSON can hold.
+
+    **Returns:** `kind` (`reading`, `duty`, `event`, `command`, `document`), `time`, its arrival, s
+    since 1970, and what a record of that kind holds: temperatures (degC) by the names of channels,
+    None for a channel that has failed, and counts by the names of cells.
+    """
+    return {"kind": _kind(record), "time": record.arrival * 1e-9, **_content(record, rig)}
+
+
+def state_as_json(state: RigState, rig: Rig) -> dict[str, Any]:
+    """What is known of a rig as a dictionary that JSON can hold.
+
+    **Returns:** `links`, `temperatures_degC`, `measured` (s since 1970), `faults`, `duty`,
+    `ambient_degC`, `owner`, `trip`, `recalibrating` and `counts`.
+    """
+    names = [channel.name for channel in rig.channels]
+    sample = state.sample
+    cells = [cell.name for cell in rig.cells]
+    duty = [] if sample is None else rig.driver.duty(sample.pwm).tolist()
+    return {
+        "links": {name: str(link) for name, link in state.links.items()},
+        "temperatures_degC": dict(
+            zip(names, map(_number, state.temperatures.tolist()), strict=False)
+        ),
+        "measured": dict(zip(names, (state.measured * 1e-9).tolist(), strict=False)),
+        "faults": {names[place]: why for place, why in state.faults.items()},
+        "duty": dict(zip(cells, duty, strict=False)),
+        "ambient_degC": state.ambient,
+        "owner": "" if sample is None else sample.owner,
+        "trip": state.trip,
+        "recalibrating": state.recalibrating,
+        "counts": dict(state.counts),
+    }
+
+
+def _kind(record: Record) -> str:
+    match record:
+        case Reading():
+            return "reading"
+        case Sample():
+            return "duty"
+        case Command():
+            return "command"
+        case Document():
+            return "document"
+    return "event"
+
+
+def _content(record: Record, rig: Rig) -> dict[str, Any]:
+    match record:
+        case Reading():
+            names: Sequence[str] = [channel.name for channel in rig.channels]
+            return dict(zip(names, map(_number, record.temperatures.tolist()), strict=True))
+        case Sample():
+            return dict(zip((cell.name for cell in rig.cells), record.pwm, strict=False))
+        case LinkChange():
+            return {"link": record.link, "state": str(record.state)}
+        case Gap():
+            return {
+                "link": record.link,
+                "event": "gap",
+                "stream": record.stream,
+                "count": record.count,
+            }
+        case Event():
+            return {"link": record.link, "event": record.kind, "detail": record.detail}
+        case Greeting():
+            return {"link": record.link, "rig": record.hello.rig}
+        case Command():
+            return {"link": record.link, "command": record.kind, "pwm": list(record.pwm)}
+        case Document():
+            return {"document": record.kind, "uid": record.uid, **record.content}
+
+
+def _number(value: float) -> float | None:
+    """JSON has no NaN, which is the reading of a channel that has failed."""
+    return None if math.isnan(value) else round(value, MILLIKELVIN)

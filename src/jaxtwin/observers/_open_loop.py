@@ -1,0 +1,83 @@
+"""The open-loop observer: a twin that gets the duty of its rig, and no correction by readings."""
+
+from typing import final
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+from numpy.typing import ArrayLike
+
+from ..physics import System, Twin
+from ..simulation import Stepper, StepperState
+from ._observer import AbstractObserver
+
+STEP_SECONDS = 0.1
+"""The step of the stepper, s. Its error is far below a camera's noise, and ten steps a second cost
+little."""
+
+ROUNDING = 1e-6
+"""The part of a step by which a time may be short of a step, by rounding."""
+
+
+@final
+class OpenLoopState(eqx.Module):
+    """The state of an `OpenLoop`.
+
+    - `twin`: that of its stepper.
+    - `rest`: the time since the last step, s, less than a step.
+    """
+
+    twin: StepperState
+    rest: Float[Array | ArrayLike, ""]
+
+
+@final
+class OpenLoop(AbstractObserver[OpenLoopState]):
+    """A twin that follows the duty of its rig: an observer of gain zero.
+
+    A command takes effect at the next step of 0.1 s, and then passes through the driver's delay and
+    lag.
+
+    **Arguments:**
+
+    - `twin`: the twin; or its equations, as `twin.system()` makes them.
+    """
+
+    stepper: Stepper
+
+    def __init__(self, twin: Twin | System):
+        self.stepper = Stepper(twin, STEP_SECONDS)
+
+    def init(
+        self, nodes: Float[ArrayLike, "..."] | None, duty: Float[ArrayLike, " cells"]
+    ) -> OpenLoopState:
+        return OpenLoopState(self.stepper.start(nodes, duty), jnp.zeros(()))
+
+    def predict(
+        self,
+        state: OpenLoopState,
+        duty: Float[ArrayLike, " cells"],
+        ambient: Float[ArrayLike, ""],
+        dt: Float[ArrayLike, ""],
+    ) -> OpenLoopState:
+        passed = jnp.asarray(state.rest) + jnp.asarray(dt)
+        steps = jnp.floor(passed / STEP_SECONDS + ROUNDING).astype(int)
+        twin = self.stepper.step(state.twin, duty, ambient, steps=steps)
+        return OpenLoopState(twin, passed - steps * STEP_SECONDS)
+
+    def correct(
+        self,
+        state: OpenLoopState,
+        readings: Float[ArrayLike, " channels"],
+        mask: Bool[ArrayLike, " channels"],
+        ambient: Float[ArrayLike, ""],
+    ) -> OpenLoopState:
+        return state
+
+    def readings(
+        self, state: OpenLoopState, ambient: Float[ArrayLike, ""]
+    ) -> Float[Array, " channels"]:
+        return self.stepper.channels(state.twin, ambient)
+
+    def nodes(self, state: OpenLoopState) -> Float[Array, " nodes"]:
+        return jnp.asarray(state.twin.nodes)
