@@ -215,18 +215,35 @@ def test_another_recording_is_refused(saved: Path, recordings: list[Experiment])
 
 
 @pytest.mark.slow
-def test_another_rig_is_refused(saved: Path, tmp_path: Path):
+def test_another_rig_is_refused(saved: Path):
     with pytest.raises(ParameterError, match=r"fit.rig_fingerprint: the rig 'dual-cell' .* not"):
         Fit.load(saved, rig="dual-cell")
     assert Fit.load(saved, rig=load_rig("single-cell")).twin.rig.name == "single-cell"
-    lost = tmp_path / "fit.toml"
-    text = saved.read_text("utf-8")
-    lost.write_text(text.replace("single-cell.toml (bundled)", "lost.toml"), "utf-8")
-    with pytest.raises(
-        ParameterError, match=r"fit.rig_file: expected the rig file 'lost.toml', which is not ther"
-    ):
-        Fit.load(lost)
-    assert Fit.load(lost, rig="single-cell").recordings == NAMES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("comment", ["# \u00b0C, 'as' built", "# '''", '# \\ """', "#\t\u200b"])
+def test_a_fit_holds_the_text_of_its_rig(fit: Fit, tmp_path: Path, comment: str):
+    """Neither the rig file nor the folder of the match is needed, whatever stands in the file."""
+    file = tmp_path / "own.toml"
+    file.write_bytes(f"{comment}\r\n{fit.twin.rig.text}".encode())
+    own = replace(fit, twin=Twin(load_rig(file), dict(fit.twin.values)))
+    own.save(tmp_path / "fit.toml")
+    file.unlink()
+    text = Fit.load(tmp_path / "fit.toml").twin.rig.text
+    assert text.replace("\r\n", "\n") == f"{comment}\n{fit.twin.rig.text}"
+
+
+@pytest.mark.slow
+def test_a_rig_that_is_not_as_its_file_says_must_be_given(
+    fit: Fit, recordings: list[Experiment], tmp_path: Path
+):
+    changed = replace(fit.twin.rig, cells=(replace(fit.twin.rig.cells[0], name="Q"),))
+    other = match(Twin(changed, dict(fit.twin.values)), recordings, free=["C_load"])
+    other.save(tmp_path / "fit.toml")
+    with pytest.raises(ParameterError, match=r"fit.rig_text: expected the text of the rig file"):
+        Fit.load(tmp_path / "fit.toml")
+    assert Fit.load(tmp_path / "fit.toml", rig=changed).twin.rig == changed
 
 
 @pytest.mark.slow

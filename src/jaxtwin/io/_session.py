@@ -83,11 +83,9 @@ class Session:
 
         **Raises:** `RigError` if this version of the program does not understand it.
         """
-        from ..rig._build import build_rig  # with pydantic, which reading numbers does not need
-        from ..rig._bundled import parse_toml
+        from ..rig._build import parse_rig  # with pydantic, which reading numbers does not need
 
-        source = f"{self.file}: rig file"
-        return build_rig(parse_toml(self.metadata["rig_file"].encode(), source), source)
+        return parse_rig(self.metadata["rig_file"].encode(), f"{self.file}: rig file")
 
     def clocks(self) -> list[DeviceClock]:
         """The clock of each start of each device, in each run of the recorder.

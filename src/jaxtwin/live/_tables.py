@@ -5,8 +5,6 @@ import json
 import platform
 import sqlite3
 from importlib.metadata import version
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from .._errors import RecordingError
@@ -52,7 +50,7 @@ def metadata_of(rig: Rig) -> dict[str, Any]:
         "camera": identity.camera,
         "counts": identity.counts,
         "polarity": rig.driver.polarity,
-        "rig_file": _rig_file(rig),
+        "rig_file": rig.text,
     }
 
 
@@ -117,12 +115,3 @@ def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> Non
             "BEGIN SELECT RAISE(ABORT, 'a recording is append-only'); END"
         )
     database.execute(f"PRAGMA user_version = {FORMAT}")
-
-
-def _rig_file(rig: Rig) -> str:
-    """The text of the rig file as it is now."""
-    path = Path(rig.source)
-    if path.is_file():
-        return path.read_text(encoding="utf-8")
-    bundled = files("jaxtwin.data") / "rigs" / f"{rig.name}.toml"
-    return bundled.read_text(encoding="utf-8") if bundled.is_file() else ""

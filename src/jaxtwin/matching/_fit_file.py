@@ -29,7 +29,8 @@ from typing import Any, Literal, final
 import numpy as np
 from jaxtyping import Float
 
-from ..rig import bundled_rigs
+from .._errors import RigError
+from ..rig import Rig
 from ..simulation._initial import Initial
 from ._first_sample import FirstSample
 from ._fit import Fit, solution_of
@@ -112,7 +113,7 @@ class StoredFit:
     """The table [fit] of a saved fit.
 
     - `rig`, `rig_file`, `rig_fingerprint`: the rig's name, its file, and the digest of its
-      contents.
+      contents. `rig_text`: the text of that file; None for a rig that is not as its file says.
     - `noise`: noise of channels and common mode, as estimated at the end. `assumed_noise`: as
       assumed in the weights of the last round.
     - the others: as in `Fit`.
@@ -138,6 +139,7 @@ class StoredFit:
     parameters: dict[str, FittedParameter]
     history: tuple[Iteration, ...]
     optima: tuple[Optimum, ...]
+    rig_text: str | None = None
     robust: float | None = None
     initial: Literal["steady"] | float | tuple[float, ...] | None = None
 
@@ -177,7 +179,7 @@ def fit_tables(fit: Fit) -> str:
         "inverse_hessian": known.inverse_hessian,
         "between_recordings": known.between_recordings,
     }
-    parts = [_table("fit", head), _table("fit.unknowns", unknowns)]
+    parts = [_table("fit", head) + _rig_text(rig), _table("fit.unknowns", unknowns)]
     for name, row in fit.parameters.items():
         own = {f.name: getattr(row, f.name) for f in fields(row) if f.name not in TABLE}
         parts.append(_table(f"fit.parameters.{_key(name)}", own))
@@ -186,10 +188,21 @@ def fit_tables(fit: Fit) -> str:
     return "\n".join(parts)
 
 
-def rig_to_load(stored_rig: str, stored_file: str) -> str:
-    """The rig of a saved fit, as `load_rig` takes it."""
-    bundled = stored_rig in bundled_rigs() and stored_file == f"{stored_rig}.toml (bundled)"
-    return stored_rig if bundled else stored_file
+def _rig_text(rig: Rig) -> str:
+    """The text of the rig's file as a key of the table [fit]; nothing for a rig that is not as its
+    file says."""
+    from ..rig._build import parse_rig  # with pydantic
+
+    try:
+        same = parse_rig(rig.text.encode(), rig.source).fingerprint == rig.fingerprint
+    except RigError:
+        same = False
+    if not same:
+        return ""
+    # Literally, as people wrote it, where TOML can say that.
+    lines = rig.text.replace("\r\n", "\n")
+    literal = "'''" not in lines and all(c.isprintable() or c in "\n\t" for c in lines)
+    return f"rig_text = '''\n{lines}'''\n" if literal else f"rig_text = {_text(rig.text)}\n"
 
 
 def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarray, "times columns"]:

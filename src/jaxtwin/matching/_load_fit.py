@@ -6,7 +6,6 @@ import os
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NoReturn
 
 import jax
@@ -19,13 +18,14 @@ from .._errors import MatchError, ParameterError
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Rig, load_rig
+from ..rig._build import parse_rig
 from ..rig._bundled import read_toml
 from ..rig._parameter_file import parsed_values
 from ..rig._problems import refuse
 from ..simulation import simulate
 from ._comparison import CameraError, Comparison
 from ._fit import Fit, Solution, solution_of
-from ._fit_file import FORMAT, StoredFit, StoredRecording, rig_to_load, unrolled
+from ._fit_file import FORMAT, StoredFit, StoredRecording, unrolled
 from ._fitted_parameters import FittedParameters
 from ._linear_prior import LinearPrior
 from ._noise_model import NoiseModel
@@ -96,14 +96,15 @@ def _rig(source: str, table: dict[str, Any], given: Rig | str | os.PathLike[str]
         if not isinstance(table.get(key), str):
             _refuse(source, f"fit.{key}", f"expected text, got {table.get(key)!r}")
     if given is None:
-        given = rig_to_load(table["rig"], table["rig_file"])
-        if given == table["rig_file"] and not Path(given).exists():
+        text = table.get("rig_text")
+        if not isinstance(text, str):
             _refuse(
                 source,
-                "fit.rig_file",
-                f"expected the rig file {given!r}, which is not there; pass Fit.load(path, "
-                "rig=...)",
+                "fit.rig_text",
+                f"expected the text of the rig file, got {text!r}, as for a rig that is not as its "
+                "file says; pass Fit.load(path, rig=...)",
             )
+        given = parse_rig(text.encode(), table["rig_file"])
     rig = given if isinstance(given, Rig) else load_rig(given)
     if rig.fingerprint != table["rig_fingerprint"]:
         _refuse(

@@ -1,10 +1,12 @@
 """Builds a `Rig` from the tables of a rig file: types are checked first, then units, names and
 geometry, part by part."""
 
+from dataclasses import replace
 from typing import Any
 
 from ._bench_table import build_camera, build_channel, build_driver, build_limits
 from ._body_table import build_bodies, build_links, check_bodies_grounded
+from ._bundled import parse_toml
 from ._camera import Sensors
 from ._cell_table import build_cell
 from ._circuit_table import build_circuit
@@ -15,6 +17,20 @@ from ._rig import Rig
 from ._schema import RigTable
 from ._units import NOISE, TEMPERATURE, TEMPERATURE_RATE
 from ._validate import validate
+
+
+def parse_rig(content: bytes, source: str) -> Rig:
+    """The rig that a rig file describes.
+
+    **Arguments:**
+
+    - `content`: the content of the file.
+    - `source`: the file, for messages.
+
+    **Raises:** `RigError` for the first mistake.
+    """
+    data = parse_toml(content, source)
+    return replace(build_rig(data, source), text=content.decode("utf-8"))
 
 
 def build_rig(data: dict[str, Any], source: str) -> Rig:

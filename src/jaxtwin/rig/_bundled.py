@@ -31,10 +31,18 @@ def read_bundled(folder: str, name: str) -> tuple[dict[str, Any], str]:
 
     **Raises:** `RigError` if there is no file of that name.
     """
+    content, source = bundled_content(folder, name)
+    return parse_toml(content, source), source
+
+
+def bundled_content(folder: str, name: str) -> tuple[bytes, str]:
+    """Returns the content of a bundled file, and its name in messages.
+
+    **Raises:** `RigError` if there is no file of that name.
+    """
     if name not in _names(folder):
         refuse(name, "", unknown_name(f"name of the bundled {folder}", name, _names(folder)))
-    source = f"{name}.toml (bundled)"
-    return parse_toml((_folder(folder) / f"{name}.toml").read_bytes(), source), source
+    return (_folder(folder) / f"{name}.toml").read_bytes(), f"{name}.toml (bundled)"
 
 
 def read_toml(
@@ -44,14 +52,24 @@ def read_toml(
 
     **Raises:** the error if it cannot be read or is not TOML.
     """
+    content, source = file_content(path, error)
+    return parse_toml(content, source, error), source
+
+
+def file_content(
+    path: str | os.PathLike[str], error: type[JaxtwinError] = RigError
+) -> tuple[bytes, str]:
+    """Returns the content of a TOML file, and its name in messages.
+
+    **Raises:** the error if it cannot be read.
+    """
     place = path_of("path", path, error)
     source = os.fspath(place)
     try:
-        content = place.read_bytes()
+        return place.read_bytes(), source
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or problem
         refuse(source, "", f"expected a TOML file, which cannot be read: {reason}", error)
-    return parse_toml(content, source, error), source
 
 
 def parse_toml(content: bytes, source: str, error: type[JaxtwinError] = RigError) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import os
 from .._arguments import path_of
 from .._errors import RigError
 from .._name_suggestions import unknown_name
-from ._bundled import bundled_rigs, read_bundled, read_toml
+from ._bundled import bundled_content, bundled_rigs, file_content, parse_toml
 from ._problems import refuse
 from ._rig import Rig
 
@@ -23,15 +23,16 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
     **Raises:** `RigError` for the first mistake, naming file, field, what was expected and what
     was found.
     """
-    from ._build import build_rig  # with pydantic, which only readers of a rig should pay for
+    from ._build import parse_rig  # with pydantic, which only readers of a rig should pay for
 
     place = path_of("load_rig", name_or_path, RigError)
     name = os.fspath(name_or_path)
     if name in bundled_rigs():
-        return build_rig(*read_bundled("rigs", name))
+        return parse_rig(*bundled_content("rigs", name))
     if not place.exists():
         refuse(name, "", f"no such file, {unknown_name('bundled rig', name, bundled_rigs())}")
-    data, source = read_toml(place)
+    content, source = file_content(place)
+    data = parse_toml(content, source)
     if "parameters" in data and not {"plate", "cells", "driver", "channels"} & data.keys():
         refuse(
             source,
@@ -39,4 +40,4 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
             "expected a rig file, got a parameter file, such as a saved fit; Fit.load reads a fit, "
             "and Twin(rig, file) or --parameters takes its values, beside the rig that it is of",
         )
-    return build_rig(data, source)
+    return parse_rig(content, source)

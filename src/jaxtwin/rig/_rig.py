@@ -3,7 +3,7 @@
 import hashlib
 import html
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import final
 
@@ -35,7 +35,7 @@ class Rig:
       the plate at the start, K.
     - `parameters`: the parameter table, name -> `Parameter`, in the order of the file.
     - `parameter_sets`: named sets of values, set -> name -> value in the parameter's unit.
-    - `source`: the file that it was read from.
+    - `source`: the file that it was read from. `text`: the text of that file.
     - `limits`: the limits beyond which the cells are switched off; `None` for a rig that must not
       be driven.
     - `sensors`: the point sensors that read the channels; `None` if a camera reads them.
@@ -59,6 +59,7 @@ class Rig:
     parameters: Mapping[str, Parameter]
     parameter_sets: Mapping[str, Mapping[str, float]]
     source: str
+    text: str = field(default="", repr=False, compare=False)
     limits: Limits | None = None
     ambient_drift: Value | None = None
     sensors: Sensors | None = None
@@ -85,8 +86,8 @@ class Rig:
     def fingerprint(self) -> str:
         """The SHA-256 of everything that affects the rig's temperatures except the values of its
         parameters, as hexadecimal digits."""
-        words = ("name", "title", "description", "references", "source", "parameters")
-        parts = {field.name: getattr(self, field.name) for field in fields(self)}
+        words = ("name", "title", "description", "references", "source", "text", "parameters")
+        parts = {part.name: getattr(self, part.name) for part in fields(self)}
         # Fingerprints in earlier saved fits contain only this one of the limits.
         parts = {
             "maximum_temperature" if name == "limits" else name: part
