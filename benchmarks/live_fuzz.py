@@ -18,11 +18,11 @@ import atheris
 with atheris.instrument_imports(include=["jaxtwin.live"]):  # pyright: ignore
     import jaxtwin as jt
     from jaxtwin.live import Hello, LinkState, deframe, encode
-    from jaxtwin.live._framing import PACKET_BYTES, encode_line, encode_packet
-    from jaxtwin.live._identity import Identity
-    from jaxtwin.live._link import Arrived
-    from jaxtwin.live._receiver import Receiver
-    from jaxtwin.live._records import LinkChange
+    from jaxtwin.live.protocol._framing import PACKET_BYTES, encode_line, encode_packet
+    from jaxtwin.live.protocol._identity import Identity
+    from jaxtwin.live.protocol._link import Arrived
+    from jaxtwin.live.protocol._receiver import Receiver
+    from jaxtwin.live.protocol._records import LinkChange
 
 IDENTITY = Identity.of(jt.load_rig("dual-cell"))
 HELLO = encode(Hello(2, "dual-cell", "fuzz", ("P1", "P2"), camera=(80, 60), watchdog=2.0))

@@ -29,14 +29,14 @@ from jaxtwin.live import (
     Record,
     Recorder,
     Sample,
-    _link,
     connect,
     encode,
 )
-from jaxtwin.live._identity import Identity
-from jaxtwin.live._link import Arrived
-from jaxtwin.live._receiver import Receiver
-from jaxtwin.live._records import LinkChange
+from jaxtwin.live.protocol._identity import Identity
+from jaxtwin.live.protocol import _link
+from jaxtwin.live.protocol._link import Arrived
+from jaxtwin.live.protocol._receiver import Receiver
+from jaxtwin.live.protocol._records import LinkChange
 
 HELLO = Hello(2, "dual-cell", "bench", ("P1", "P2"), camera=(80, 60), watchdog=2.0)
 FRAME_EVERY = 20  # messages; an image among so many lines

@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 import jaxtwin as jt
-from jaxtwin.live import LiveTwin
+from jaxtwin.live import Plant
 from jaxtwin.physics import Twin
 
 
@@ -24,7 +24,7 @@ def main() -> None:
     options = parser.parse_args()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     for name in ("dual-cell", "paper-2024"):
-        live = LiveTwin(Twin(jt.load_rig(name)))
+        live = Plant(Twin(jt.load_rig(name)))
         live.drive(np.array([0.5, 0.78]))
         frames, begin, cpu = 0, time.monotonic(), time.process_time()
         while time.monotonic() - begin < options.seconds:

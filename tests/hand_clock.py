@@ -4,8 +4,8 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
-from jaxtwin.live import Bench, Recorder, VirtualRig
-from jaxtwin.live._serve import InProcess
+from jaxtwin.live import Recorder, RigConnection, VirtualRig
+from jaxtwin.live.virtual_rig._serve import InProcess
 from jaxtwin.rig import Rig
 
 START = 1_700_000_000_000_000_000  # ns since 1970: the size that real stamps have
@@ -64,9 +64,9 @@ def stepped_bench(
     *,
     journal: Recorder | None = None,
     step: float = 0.05,
-) -> Bench:
+) -> RigConnection:
     """A bench whose polls turn the clock and read the links themselves."""
-    bench = Bench(rig, openers, journal=journal, clock=clock)
+    bench = RigConnection(rig, openers, journal=journal, clock=clock)
     poll = bench.poll
 
     def stepped(timeout: float = 0.1) -> list[Any]:
@@ -80,7 +80,7 @@ def stepped_bench(
 
 def virtual_bench(
     rig: Rig, device: VirtualRig, clock: HandClock, *, journal: Recorder | None = None
-) -> Bench:
+) -> RigConnection:
     """A stepped bench with a virtual rig at its end."""
     openers = {"rig": lambda: InProcess(device, clock)}
     return stepped_bench(rig, openers, clock, journal=journal)

@@ -20,7 +20,6 @@ from jaxtwin.control import PID, control, read_controller, save_controller
 from jaxtwin.control._control import LiveLoop
 from jaxtwin.io import Experiment
 from jaxtwin.live import (
-    Bench,
     Data,
     Duty,
     Guard,
@@ -28,6 +27,7 @@ from jaxtwin.live import (
     InProcess,
     Moment,
     Order,
+    RigConnection,
     VirtualRig,
     deframe,
     drive,
@@ -51,7 +51,7 @@ class Scene:
     onset: float
     room: float
     is_measured: bool
-    bench: Bench | None = None
+    bench: RigConnection | None = None
     memory: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -214,7 +214,7 @@ def run_hazard(
     return Ran(max(0.0, off_at - begin), reason, detail)
 
 
-def driven(scene: Scene, bench: Bench, twin: Twin, heats: bool) -> str:
+def driven(scene: Scene, bench: RigConnection, twin: Twin, heats: bool) -> str:
     """`drive`: two duties for each cell, which change 0.7 s after the onset."""
     duty = scene.random.uniform(0.7 if heats else 0.4, 0.9, 4)
     duty[3] *= 1 if heats else -1
@@ -233,11 +233,11 @@ def save_pid(file: Path, twin: Twin) -> Path:
     return file
 
 
-def controlled(controller: Path) -> Callable[[Scene, Bench, Twin, bool], str]:
+def controlled(controller: Path) -> Callable[[Scene, RigConnection, Twin, bool], str]:
     """`control` by a file: two references for each end of the plate, which change 0.4 s after the
     onset. The duty follows at the next sample."""
 
-    def command(scene: Scene, bench: Bench, twin: Twin, heats: bool) -> str:
+    def command(scene: Scene, bench: RigConnection, twin: Twin, heats: bool) -> str:
         hot = scene.room + scene.random.uniform(13, 15, 2)
         # Both ends reach these at the same time: cell 2 cools against what cell 1 heats.
         warm, cool = scene.room + scene.random.uniform([9, 2], [10, 3])
@@ -262,7 +262,7 @@ def controlled(controller: Path) -> Callable[[Scene, Bench, Twin, bool], str]:
 def _failing(where: str, scene: Scene, spoil: Callable[[Any], None]) -> Any:
     """Puts what a failing controller does in place of what `operate` asks there for the duty."""
 
-    def operated(bench: Bench, guard: Guard, asked: Any, **options: Any) -> str:
+    def operated(bench: RigConnection, guard: Guard, asked: Any, **options: Any) -> str:
         def source(moment: Moment) -> Sequence[float] | np.ndarray | None:
             failing = scene.memory.get("controller")
             if failing is None:

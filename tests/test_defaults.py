@@ -106,8 +106,8 @@ DEFAULTS = {
     },
     "jaxtwin.io": {"Session.experiment": {"step": 1.0}},
     "jaxtwin.live": {
-        "Bench": {"stale_after": 2.0},
-        "Bench.poll": {"timeout": 0.1},
+        "RigConnection": {"stale_after": 2.0},
+        "RigConnection.poll": {"timeout": 0.1},
         "Guard.of": {"silence": 3.0},
         "Hello": {"counts": 255, "rate": 1.0},
         "Replay": {"speed": 1.0},

@@ -18,41 +18,66 @@ NUMBERS = [
     (
         "docs/protocol.md",
         "and a newline. It has at most {} bytes.",
-        LIVE + "_framing.LINE_BYTES",
+        LIVE + "protocol._framing.LINE_BYTES",
         1,
     ),
-    ("docs/protocol.md", "at most {} entries.", LIVE + "_messages.MOST_NAMES", 1),
+    ("docs/protocol.md", "at most {} entries.", LIVE + "protocol._messages.MOST_NAMES", 1),
     (
         "docs/protocol.md",
         "is that of the rig file: 1 to {} characters",
-        LIVE + "_words.LONGEST_NAME",
+        LIVE + "protocol._words.LONGEST_NAME",
         1,
     ),
     ("docs/protocol.md", "repeats it every {} s", LIVE + "_operate.INTERVAL", 1),
     ("docs/protocol.md", "and ends after {} s without driving", LIVE + "_readiness.REFUSED", 1),
-    ("docs/protocol.md", "after {} bytes without a valid", LIVE + "_receiver.MOST_GARBAGE", 1),
+    (
+        "docs/protocol.md",
+        "after {} bytes without a valid",
+        LIVE + "protocol._receiver.MOST_GARBAGE",
+        1,
+    ),
     (
         "docs/protocol.md",
         "at more than {} messages in a second",
-        LIVE + "_receiver.MOST_MESSAGES",
+        LIVE + "protocol._receiver.MOST_MESSAGES",
         1,
     ),
-    ("docs/protocol.md", "16 bits each, in units of {} K", LIVE + "_identity.CENTIKELVIN", 1),
-    ("docs/reliability.md", "packets to {} kB", LIVE + "_framing.PACKET_BYTES", KIB),
-    ("docs/reliability.md", "lines to {} kB", LIVE + "_framing.LINE_BYTES", KIB),
-    ("docs/reliability.md", "a `hello` to {} names", LIVE + "_messages.MOST_NAMES", 1),
-    ("docs/reliability.md", "*implausible* beyond {} K", LIVE + "_plausibility.ROOM_KELVIN", 1),
+    (
+        "docs/protocol.md",
+        "16 bits each, in units of {} K",
+        LIVE + "protocol._identity.CENTIKELVIN",
+        1,
+    ),
+    ("docs/reliability.md", "packets to {} kB", LIVE + "protocol._framing.PACKET_BYTES", KIB),
+    ("docs/reliability.md", "lines to {} kB", LIVE + "protocol._framing.LINE_BYTES", KIB),
+    ("docs/reliability.md", "a `hello` to {} names", LIVE + "protocol._messages.MOST_NAMES", 1),
+    (
+        "docs/reliability.md",
+        "*implausible* beyond {} K",
+        LIVE + "safety._plausibility.ROOM_KELVIN",
+        1,
+    ),
     (
         "docs/reliability.md",
         "{} s at full duty with a camera,",
-        LIVE + "_operating_limits._FROZEN_CAMERA",
+        LIVE + "safety._operating_limits._FROZEN_CAMERA",
         1,
     ),
-    ("docs/reliability.md", ", {} s with sensors", LIVE + "_operating_limits._FROZEN_SENSOR", 1),
-    ("docs/live.md", "rig file by more than {} K;", LIVE + "_plausibility.ROOM_KELVIN", 1),
+    (
+        "docs/reliability.md",
+        ", {} s with sensors",
+        LIVE + "safety._operating_limits._FROZEN_SENSOR",
+        1,
+    ),
+    ("docs/live.md", "rig file by more than {} K;", LIVE + "safety._plausibility.ROOM_KELVIN", 1),
     ("docs/live.md", "less than {} GiB of free space", LIVE + "_alarms.DISK_BYTES", GIB),
-    ("docs/live.md", "freezes the picture for {} s", LIVE + "_recalibration.SHUTTER_SECONDS", 1),
-    ("docs/live.md", "more than {} MiB is waiting", LIVE + "_serve.MOST_UNSENT", MIB),
+    (
+        "docs/live.md",
+        "freezes the picture for {} s",
+        "jaxtwin.physics._recalibrations.SHUTTER_SECONDS",
+        1,
+    ),
+    ("docs/live.md", "more than {} MiB is waiting", LIVE + "virtual_rig._serve.MOST_UNSENT", MIB),
     ("docs/cluster.md", "{} draws, or fewer where whole", "jaxtwin.simulation._draw_units.UNIT", 1),
     (
         "README.md",
@@ -82,7 +107,7 @@ def test_a_number_of_the_documentation_is_that_of_the_code(name, sentence, path,
 
 
 def test_a_host_refuses_a_watchdog_and_a_rate_beyond_those_of_the_protocol():
-    shortest, longest = constant(LIVE + "_identity.WATCHDOG_SECONDS")  # pyright: ignore[reportGeneralTypeIssues]
+    shortest, longest = constant(LIVE + "protocol._identity.WATCHDOG_SECONDS")  # pyright: ignore[reportGeneralTypeIssues]
     assert f"switches its cells off, {shortest:g} to {longest:g} s" in page("docs/protocol.md")
 
 
@@ -102,7 +127,7 @@ def test_a_number_that_other_tests_replace_is_this_for_users(path):
 FORMATS = {
     "jaxtwin.sweeps._plan.FORMAT": 2,
     "jaxtwin.matching._fit_file.FORMAT": 1,
-    "jaxtwin.live._messages.VERSION": 2,
+    "jaxtwin.live.protocol._messages.VERSION": 2,
 }
 
 

@@ -17,10 +17,10 @@ from jaxtwin.control._controller import check_non_negative, checked_deviations
 from jaxtwin.control._disturbances import Draught, HeatInput, disturbance_tables
 from jaxtwin.experiment_design._schedules import make_schedules
 from jaxtwin.live import opener
-from jaxtwin.live._codec import parse
-from jaxtwin.live._framing import encode_line
-from jaxtwin.live._serve import TcpServer
-from jaxtwin.live._words import read_integer, read_name, read_number, read_word, split
+from jaxtwin.live.protocol._codec import parse
+from jaxtwin.live.protocol._framing import encode_line
+from jaxtwin.live.protocol._words import read_integer, read_name, read_number, read_word, split
+from jaxtwin.live.virtual_rig._serve import TcpServer
 from jaxtwin.physics import Faults
 from jaxtwin.sensitivity_analysis import Morris, Normal, Uniform
 from jaxtwin.sensitivity_analysis._sampling import checked_seed, checked_spread

@@ -24,7 +24,7 @@ from jaxtwin import (
 from jaxtwin.cli import app
 from jaxtwin.io import write_recording
 from jaxtwin.live import Reading, Recorder, Replay, Sample, VirtualRig
-from jaxtwin.live._identity import Identity
+from jaxtwin.live.protocol._identity import Identity
 from jaxtwin.physics import Faults, frame_to_channels
 from jaxtwin.rig import Rig
 

@@ -34,11 +34,11 @@ from jaxtwin.control import (
 from jaxtwin.control._stability import check_stability
 from jaxtwin.io import Session
 from jaxtwin.live import (
-    Bench,
     Clock,
     Guard,
     Moment,
     Recorder,
+    RigConnection,
     SystemClock,
     TcpServer,
     VirtualRig,
@@ -354,7 +354,7 @@ def test_a_relay_on_a_rig_finds_what_it_finds_in_the_simulated_loop(
 
     def connected(
         rig: Rig, *urls: str, journal: Recorder | None, baud: int
-    ) -> contextlib.AbstractContextManager[Bench]:
+    ) -> contextlib.AbstractContextManager[RigConnection]:
         # Not entered, because that would start a thread that reads the link besides.
         return contextlib.nullcontext(virtual_bench(rig, device, clock, journal=journal))
 

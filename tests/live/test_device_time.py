@@ -20,10 +20,10 @@ from jaxtwin.live import (
     Sample,
     encode,
 )
-from jaxtwin.live._device_time import AGREE, DeviceTime
-from jaxtwin.live._identity import Identity
-from jaxtwin.live._link import Arrived
-from jaxtwin.live._receiver import Receiver
+from jaxtwin.live.protocol._device_time import AGREE, DeviceTime
+from jaxtwin.live.protocol._identity import Identity
+from jaxtwin.live.protocol._link import Arrived
+from jaxtwin.live.protocol._receiver import Receiver
 from jaxtwin.rig import Rig
 
 HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 
 from jaxtwin.live import deframe, encode_line, encode_packet
-from jaxtwin.live._framing import LINE_BYTES, PACKET_BYTES, delines
+from jaxtwin.live.protocol._framing import LINE_BYTES, PACKET_BYTES, delines
 
 LINES = st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=60)
 PACKETS = st.binary(max_size=600).map(lambda tail: b"\x01\x00" + tail)

@@ -22,19 +22,19 @@ from jaxtwin.live import (
     Hello,
     LinkChange,
     LinkState,
-    LiveTwin,
     OperatingLimits,
+    Plant,
     Reading,
     Record,
     RigState,
     Sample,
     interlocks_of,
 )
-from jaxtwin.live._obedience import Obedience
-from jaxtwin.live._plausibility import Plausibility
-from jaxtwin.live._presence import Presence
-from jaxtwin.live._responsiveness import MEMORY_SECONDS
-from jaxtwin.live._twin_watch import TwinWatch
+from jaxtwin.live.safety._obedience import Obedience
+from jaxtwin.live.safety._plausibility import Plausibility
+from jaxtwin.live.safety._presence import Presence
+from jaxtwin.live.safety._responsiveness import MEMORY_SECONDS
+from jaxtwin.live.safety._twin_watch import TwinWatch
 from jaxtwin.physics import FAULT_MODELS, Twin
 from jaxtwin.rig import Rig, load_rig
 
@@ -247,7 +247,7 @@ def test_a_change_may_take_its_time_and_no_longer() -> None:
 
 def heated(twin: Twin, seconds: int, measured: float | None, limits: OperatingLimits) -> Finding:
     """The first trip of a rig that gets full duty, its readings those of the twin or as given."""
-    lock, live = Watched(TwinWatch(twin, limits)), LiveTwin(twin)
+    lock, live = Watched(TwinWatch(twin, limits)), Plant(twin)
     live.start(0.0, live.ambient)
     off = np.zeros(2)
     for second in range(seconds):
@@ -281,7 +281,7 @@ class Plate:
     """
 
     def __init__(self, twin: Twin, room: float, start: float, detached: Sequence[int] = ()):
-        self._live, self._room, self._detached = LiveTwin(twin), room, list(detached)
+        self._live, self._room, self._detached = Plant(twin), room, list(detached)
         nodes = np.full(len(self._live.nodes), room)
         nodes[: twin.wiring.elements] = start
         self._live.start(0.0, nodes, room)
@@ -393,7 +393,7 @@ def test_a_cell_that_fails_while_it_is_driven_is_noticed() -> None:
     rig = load_rig("single-cell")
     twin = Twin(rig)
     limits = replace(LIMITS, deviation=40.0, cell=138.0, room=18.0)
-    lock, live = Watched(TwinWatch(twin, limits)), LiveTwin(twin)
+    lock, live = Watched(TwinWatch(twin, limits)), Plant(twin)
     full = (rig.driver.counts * rig.driver.polarity,)
     trips: list[int] = []
     for second in range(700):

@@ -13,8 +13,8 @@ from serial.rfc2217 import PortManager
 
 from jaxtwin import JaxtwinError, Rig
 from jaxtwin.live import LinkChange, LinkState, PtyServer, opener
-from jaxtwin.live._link import FIRST_RETRY, LONGEST_RETRY, Arrived, Inbox, Link
-from jaxtwin.live._transport import SocketTransport
+from jaxtwin.live.protocol._link import FIRST_RETRY, LONGEST_RETRY, Arrived, Inbox, Link
+from jaxtwin.live.protocol._transport import SocketTransport
 
 
 def scripted(clock: HandClock, *openings: ScriptedTransport | OSError) -> tuple[Link, Inbox]:
@@ -64,7 +64,7 @@ def test_after_a_connection_that_lasted_the_next_retry_is_quick_again(
         link.step()
     if lasted:
         clock.turn(5.0)
-    link.heard()
+    link.mark_valid()
     link.step()
     assert clock.waits[-1] == (FIRST_RETRY if lasted else 8 * FIRST_RETRY)
 

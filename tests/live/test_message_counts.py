@@ -1,7 +1,6 @@
 """Numbers of messages over many starts of a device."""
 
-from jaxtwin.live._counted import Counted, Counters
-from jaxtwin.live._message_counts import BOOTS, MessageCounts
+from jaxtwin.live.protocol._message_counts import BOOTS, Counted, Counters, MessageCounts
 
 
 def test_a_start_that_greets_again_after_many_others_goes_on_counting():

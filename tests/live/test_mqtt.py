@@ -17,6 +17,7 @@ from jaxtwin.io import Session
 from jaxtwin.live import (
     Duty,
     Event,
+    Publisher,
     Reading,
     Recorder,
     RigState,
@@ -29,9 +30,9 @@ from jaxtwin.live import (
     opener,
     serve,
 )
-from jaxtwin.live._mqtt import LARGEST, MqttTransport, Publisher
-from jaxtwin.live._mqtt_address import MqttAddress, without_password
-from jaxtwin.live._serve import MqttServer
+from jaxtwin.live.protocol._mqtt_address import MqttAddress, without_password
+from jaxtwin.live.protocol._mqtt_transport import LARGEST, MqttTransport
+from jaxtwin.live.virtual_rig._serve import MqttServer
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 

@@ -19,13 +19,13 @@ from jaxtwin.live import (
     Notice,
     Reading,
     Sample,
-    _receiver,
     encode,
 )
-from jaxtwin.live._identity import Identity
-from jaxtwin.live._link import Arrived
-from jaxtwin.live._messages import Message
-from jaxtwin.live._receiver import MOST_GARBAGE, Receiver
+from jaxtwin.live.protocol import _receiver
+from jaxtwin.live.protocol._identity import Identity
+from jaxtwin.live.protocol._link import Arrived
+from jaxtwin.live.protocol._messages import Message
+from jaxtwin.live.protocol._receiver import MOST_GARBAGE, Receiver
 from jaxtwin.rig import Rig, load_rig
 
 HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)

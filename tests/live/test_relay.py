@@ -24,9 +24,9 @@ from jaxtwin.live import (
     encode,
     parse,
 )
-from jaxtwin.live._conform import conform
-from jaxtwin.live._identity import Identity
-from jaxtwin.live._output_stage import Answer
+from jaxtwin.live.conformance._conform import conform
+from jaxtwin.live.protocol._identity import Identity
+from jaxtwin.live.safety._output_stage import Answer
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 

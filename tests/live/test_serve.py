@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import pytest
 
 from jaxtwin.live import Ask, Duty, TcpServer, VirtualRig, encode
-from jaxtwin.live._framing import delines
-from jaxtwin.live._serve import MOST_CLIENTS
+from jaxtwin.live.protocol._framing import delines
+from jaxtwin.live.virtual_rig._serve import MOST_CLIENTS
 from jaxtwin.physics import Twin
 
 

@@ -21,7 +21,7 @@ from jaxtwin.live import (
     Image,
     LinkChange,
     LinkState,
-    LiveTwin,
+    Plant,
     Reading,
     Recorder,
     Replay,
@@ -33,7 +33,7 @@ from jaxtwin.live import (
     parse,
     report,
 )
-from jaxtwin.live._picture import Picture
+from jaxtwin.live.virtual_rig._picture import Picture
 from jaxtwin.physics import Faults, Twin, frame_to_channels
 from jaxtwin.rig import Rig
 
@@ -41,7 +41,7 @@ from jaxtwin.rig import Rig
 def in_step(twin: Twin, experiment: Experiment) -> np.ndarray:
     """Channels of a twin that is stepped through an experiment, `(times, channels)`."""
     assert isinstance(experiment.ambient, float)
-    live = LiveTwin(twin)
+    live = Plant(twin)
     channels = []
     for time, duty in zip(experiment.time, experiment.duty, strict=True):
         channels.append(live.advance(float(time)))
@@ -61,7 +61,7 @@ def test_the_twin_in_step_is_the_twin_simulated(name: str) -> None:
 
 @pytest.mark.usefixtures("float64")
 def test_a_warmer_room_is_in_the_readings_at_once(twin: Twin) -> None:
-    live = LiveTwin(twin)
+    live = Plant(twin)
     cold = live.temperatures
     live.drive(np.zeros(2), ambient=live.ambient + 10)
     # The camera sees ambient + gain (T - ambient) on the plate.
@@ -72,7 +72,7 @@ def test_a_warmer_room_is_in_the_readings_at_once(twin: Twin) -> None:
 
 
 def test_a_frame_shows_each_channel_what_the_twin_says_it_reads(rig: Rig, twin: Twin) -> None:
-    live = LiveTwin(twin)
+    live = Plant(twin)
     live.drive(np.array([0.78, 0.3]))
     live.advance(400.0)
     assert rig.camera is not None

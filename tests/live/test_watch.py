@@ -18,7 +18,7 @@ from jaxtwin.live import (
     RigState,
     Sample,
 )
-from jaxtwin.live._watch import HEIGHT, WIDTH, Screen, _channel_map, _labels
+from jaxtwin.live._screen import HEIGHT, WIDTH, Screen, _channel_map, _labels
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 

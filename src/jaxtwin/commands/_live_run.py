@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from ..physics import Twin
 
 Run = Callable[..., Literal["completed", "stopped"]]
-"""A function that commands a bench. Its arguments are the bench and the keywords `reset`, `about`,
-`stop`, `on_progress` and `on_alarm`."""
+"""A function that commands a rig. Its arguments are the connection and the keywords `reset`,
+`about`, `stop`, `on_progress` and `on_alarm`."""
 
 
 def run_on_live_rig(
@@ -53,7 +53,7 @@ def run_on_live_rig(
     `KeyboardInterrupt` after Ctrl-C, with the cells off and the recording closed.
     """
     from ..live import Recorder, connect, opener
-    from ..live._mqtt_address import without_password
+    from ..live.protocol._mqtt_address import without_password
     from ..rig import load_rig
 
     check_output(out, ".db")
@@ -65,7 +65,7 @@ def run_on_live_rig(
             opener(url, baud=baud)
         command = stack.enter_context(AlarmCommand(alarm))
         recorder = stack.enter_context(Recorder(out, loaded)) if out else None
-        bench = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
+        connection = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))
         length = "" if duration is None else f" for {duration:g} s"
         progress.step(f"{doing} {loaded.name}{length}")
 
@@ -74,7 +74,7 @@ def run_on_live_rig(
             progress.update(f"{time:.0f} s, duty {duty}")
 
         outcome = run(
-            bench,
+            connection,
             reset=reset,
             about={
                 **about,

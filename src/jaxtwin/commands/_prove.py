@@ -24,7 +24,7 @@ from ._options import (
 from ._output import say
 
 if TYPE_CHECKING:
-    from ..live import Bench, Proof
+    from ..live import Proof, RigConnection
     from ..physics import Twin
 
 
@@ -86,7 +86,7 @@ def prove(
 
 
 def _prove(
-    bench: "Bench", *, proofs: "list[Proof]", **options: Any
+    connection: "RigConnection", *, proofs: "list[Proof]", **options: Any
 ) -> Literal["completed", "stopped"]:
     """Collects the proofs.
 
@@ -95,7 +95,7 @@ def _prove(
     from .._errors import SafetyStop
     from ..live import prove as run
 
-    for proof in run(bench, **options):
+    for proof in run(connection, **options):
         proofs.append(proof)
         if proof.kind == "still-on":
             raise SafetyStop(proof.wrong, proof.kind)

@@ -88,25 +88,25 @@ def record(
             RecordedDays(out, loaded, daily=daily, append=append, keep_frames=frames)
         )
         command = stack.enter_context(AlarmCommand(alarm))
-        bench = stack.enter_context(connect(loaded, *link, journal=days.recorder, baud=baud))
+        connection = stack.enter_context(connect(loaded, *link, journal=days.recorder, baud=baud))
         limit = loaded.maximum_temperature
         hottest = None if limit is None else limit - 273.15
 
         def ring(alarm: Finding) -> None:
             detail = f"{alarm.kind}: {alarm.detail} ({alarm.severity})"
-            bench.note(Event("", bench.clock.now(), "alarm", detail))
+            connection.note(Event("", connection.clock.now(), "alarm", detail))
             command.ring(alarm)
 
-        alarms = Alarms(names, hottest, silence, out, bench.clock.now(), ring)
-        service = Service(bench, [alarms, *consumers])
+        alarms = Alarms(names, hottest, silence, out, connection.clock.now(), ring)
+        service = Service(connection, [alarms, *consumers])
         heartbeat = Heartbeat(health)
         heartbeat.ready()
         progress.step(f"recording into {days.file} until Ctrl-C")
         begin = time.monotonic()
         while not stop.is_set() and (duration is None or time.monotonic() - begin < duration):
             service.turn()
-            days.turn(bench)
-            links = [str(state) for state in bench.states.values()]
+            days.turn(connection)
+            links = [str(state) for state in connection.states.values()]
             written = days.recorder.written
             heartbeat.beat({"records": written, **state_as_json(service.state, loaded)})
             progress.update(f"{written} records, link {' and '.join(links)}")

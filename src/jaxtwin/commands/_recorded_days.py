@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, final
 
 if TYPE_CHECKING:
-    from ..live import Bench, Recorder
+    from ..live import Recorder, RigConnection
     from ..rig import Rig
 
 
@@ -40,7 +40,7 @@ class RecordedDays:
     ) -> None:
         self.recorder.__exit__(kind, error, where)
 
-    def turn(self, bench: "Bench") -> None:
+    def turn(self, connection: "RigConnection") -> None:
         """Begins the next day's file after midnight."""
         today = self._today()
         if not self._daily or today == self._day:
@@ -48,7 +48,7 @@ class RecordedDays:
         ended, before = self.file, self.recorder
         self._day, self.file = today, self._named(today)
         self.recorder = self._opened()
-        bench.record_into(self.recorder)
+        connection.record_into(self.recorder)
         before.close("the day is over")
         with ended.open("rb") as stream:
             checksum = hashlib.file_digest(stream, "sha256").hexdigest()

@@ -13,7 +13,7 @@ from ._signals import stop_signals
 from ._sources import open_twin
 
 if TYPE_CHECKING:
-    from ..live import Bench, Replay
+    from ..live import Replay, RigConnection
     from ..rig import Rig
 
 REDRAW = 0.25
@@ -48,11 +48,11 @@ def watch(
         # This compiles before the link is opened, because it takes a second and data do not wait
         # for ever.
         screen = Screen(open_twin(rig, set_name, parameter_file))
-        bench = stack.enter_context(_source(source, rig, link or [], speed, baud))
-        service = Service(bench, [screen])
+        connection = stack.enter_context(_source(source, rig, link or [], speed, baud))
+        service = Service(connection, [screen])
         live = stack.enter_context(Live(screen.render(), refresh_per_second=1 / REDRAW))
         begin = shown = time.monotonic()
-        while not (stop.is_set() or bench.ended):
+        while not (stop.is_set() or connection.ended):
             service.turn()
             now = time.monotonic()
             if now - shown >= REDRAW:
@@ -80,7 +80,9 @@ def _rig(source: str, links: list[str]) -> "Rig":
         return session.rig
 
 
-def _source(source: str, rig: "Rig", links: list[str], speed: float, baud: int) -> "Bench | Replay":
+def _source(
+    source: str, rig: "Rig", links: list[str], speed: float, baud: int
+) -> "RigConnection | Replay":
     from ..live import Replay, connect
 
     return connect(rig, *links, baud=baud) if links else Replay(source, speed=speed)

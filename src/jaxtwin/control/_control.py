@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, PyTree
 from .._compilation import persistent_jit
 from .._errors import SafetyStop
 from .._jax_settings import own_settings
-from ..live import Bench, Document, Finding, Guard, Moment, RecordConsumer, operate
+from ..live import Document, Finding, Guard, Moment, RecordConsumer, RigConnection, operate
 from ..physics import Twin
 from ._controller import AbstractController
 from ._decision import Decision
@@ -24,7 +24,7 @@ NEXT_SAMPLE = 1e-6
 
 
 def control(
-    bench: Bench,
+    connection: RigConnection,
     guard: Guard,
     loop: "LiveLoop",
     *,
@@ -44,7 +44,7 @@ def control(
 
     **Arguments:**
 
-    - `bench`: the started links of the rig.
+    - `connection`: the started links of the rig.
     - `guard`: the guard of this run, such as `Guard.of(twin)`.
     - `loop`: the controller with its references, which `LiveLoop` has checked against the twin.
     - `reset`, `about`, `stop`, `consumers`, `on_progress`, `on_alarm`: as in
@@ -65,13 +65,13 @@ def control(
             content = {
                 name: np.asarray(value).tolist() for name, value in decision._asdict().items()
             }
-            bench.note(Document(bench.clock.now(), "decision", "control", content))
+            connection.note(Document(connection.clock.now(), "decision", "control", content))
             if on_decision is not None:
                 on_decision(decision)
         return asked
 
     return operate(
-        bench,
+        connection,
         guard,
         duty,
         reset=reset,

@@ -1,7 +1,7 @@
 """The file into which a live session is recorded: how it is recognised, and its metadata about the
 rig.
 
-Its tables are made by `live/_tables.py`; docs/protocol.md describes them for other programs.
+`live/recording/_tables.py` makes its tables; docs/protocol.md describes them for other programs.
 """
 
 import contextlib

@@ -8,10 +8,10 @@ from typing import final
 
 import numpy as np
 
-from ._finding import Finding
-from ._records import LinkChange, LinkState, Reading, Record, Sample
-from ._rig_state import RigState
-from ._time import seconds
+from .protocol._clock import seconds
+from .protocol._records import LinkChange, LinkState, Reading, Record, Sample
+from .protocol._rig_state import RigState
+from .safety._finding import Finding
 
 DISK_BYTES = 2**30
 """Free space below which the disk counts as nearly full."""

@@ -8,15 +8,15 @@ import numpy as np
 
 from .._errors import JaxtwinError
 from ..io import Experiment
-from ._bench import Bench
-from ._finding import Finding
-from ._interlocks import Guard
 from ._operate import DutySource, Moment, operate
 from ._service import RecordConsumer
+from .protocol._rig_connection import RigConnection
+from .safety._finding import Finding
+from .safety._guard import Guard
 
 
 def drive(
-    bench: Bench,
+    connection: RigConnection,
     guard: Guard,
     plan: Experiment,
     *,
@@ -31,7 +31,7 @@ def drive(
 
     **Arguments:**
 
-    - `bench`: the links of the rig, started.
+    - `connection`: the links of the rig, started.
     - `guard`: the guard of this run, such as `Guard.of(twin)`; its twin may have the
       parameters of a fit.
     - `plan`: the experiment whose duty is applied, in the time of the rig: a recording, or a
@@ -43,13 +43,13 @@ def drive(
     **Raises:** `SafetyStop` if an interlock trips, or the rig does not become ready;
     `JaxtwinError` if the plan is for another number of cells.
     """
-    cells = len(bench.rig.cells)
+    cells = len(connection.rig.cells)
     if plan.n_cells != cells:
         raise JaxtwinError(
-            f"{bench.rig.name}: expected a plan for {cells} cells, got one for {plan.n_cells}"
+            f"{connection.rig.name}: expected a plan for {cells} cells, got one for {plan.n_cells}"
         )
     return operate(
-        bench,
+        connection,
         guard,
         follow(plan),
         reset=reset,

@@ -8,9 +8,9 @@ from jaxtyping import Array, Float
 
 from ..observers import AbstractObserver, OpenLoop
 from ..physics import Twin
-from ._records import Reading, Record, Sample
-from ._rig_state import RigState
-from ._time import seconds
+from .protocol._clock import seconds
+from .protocol._records import Reading, Record, Sample
+from .protocol._rig_state import RigState
 
 
 @final

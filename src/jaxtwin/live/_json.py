@@ -5,8 +5,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..rig import Rig
-from ._records import Command, Document, Event, Gap, Greeting, LinkChange, Reading, Record, Sample
-from ._rig_state import RigState
+from .protocol._records import (
+    Command,
+    Document,
+    Event,
+    Gap,
+    Greeting,
+    LinkChange,
+    Reading,
+    Record,
+    Sample,
+)
+from .protocol._rig_state import RigState
 
 MILLIKELVIN = 3  # digits of a temperature
 

@@ -11,15 +11,15 @@ from jaxtyping import Float
 from .._arguments import true_or_false
 from .._errors import JaxtwinError, SafetyStop
 from ..rig import Rig
-from ._bench import Bench
-from ._finding import Finding
-from ._interlocks import Guard
 from ._readiness import wait_until_ready
-from ._records import Document
 from ._service import RecordConsumer, Service
 from ._stop_request import StopRequest
 from ._switch_off import STILL_ON, Ending, poll_whatever_happens, switch_off
-from ._time import seconds
+from .protocol._clock import seconds
+from .protocol._records import Document
+from .protocol._rig_connection import RigConnection
+from .safety._finding import Finding
+from .safety._guard import Guard
 
 INTERVAL = 0.25
 """The interval between two commands, s; each also resets the watchdog of the device."""
@@ -50,7 +50,7 @@ DutySource = Callable[[Moment], Sequence[float] | np.ndarray | None]
 
 
 def operate(
-    bench: Bench,
+    connection: RigConnection,
     guard: Guard,
     duty: DutySource,
     *,
@@ -70,7 +70,7 @@ def operate(
 
     **Arguments:**
 
-    - `bench`: the links of the rig, started.
+    - `connection`: the links of the rig, started.
     - `guard`: the guard of this run, such as `Guard.of(twin)`.
     - `duty`: the source of the duty, which is called every quarter of a second.
     - `reset`: whether a trip of the device is ended first, on purpose.
@@ -91,11 +91,11 @@ def operate(
     """
     true_or_false("operate: reset", reset, JaxtwinError)
     guard.begin()
-    service = Service(bench, [guard, *consumers])
-    run, before = _Run(bench, service, guard), bench.number
+    service = Service(connection, [guard, *consumers])
+    run, before = _Run(connection, service, guard), connection.number
     uid = secrets.token_hex(8)
-    content = {"rig": bench.rig.name, "owner": bench.owner, "limits": guard.settings}
-    bench.note(Document(bench.clock.now(), "start", uid, {**(about or {}), **content}))
+    content = {"rig": connection.rig.name, "owner": connection.owner, "limits": guard.settings}
+    connection.note(Document(connection.clock.now(), "start", uid, {**(about or {}), **content}))
     status, error = "completed", None
     try:
         status = run.go(duty, reset, stop, on_progress)
@@ -105,23 +105,23 @@ def operate(
             status = "tripped" if isinstance(raised, SafetyStop) else "failed"
     kind = error.kind if isinstance(error, SafetyStop) else type(error).__name__ if error else ""
     # A run that has ended a trip and does not start puts it back, except on another host's rig.
-    reset_only = bench.number != before and not run.commanding and kind != "commander"
+    reset_only = connection.number != before and not run.commanding and kind != "commander"
     # This is done even before the first command: an earlier host may have left the cells on.
     ending = switch_off(
-        bench,
+        connection,
         trip=(run.commanding and status in ("tripped", "failed")) or reset_only,
         insist=run.commanding,
         stop=stop,
         on_alarm=on_alarm,
     )
     if ending.tripped or not ending.stopped:  # otherwise only the watchdog ends the command
-        bench.send_order("release")
+        connection.send_order("release")
     error = error or ending.failure
     kind = error.kind if isinstance(error, SafetyStop) else type(error).__name__ if error else ""
     reported = {"off": ending.off, "tripped": ending.tripped}
     end = {"status": status, "kind": kind, "reason": str(error or ""), **reported}
-    bench.note(Document(bench.clock.now(), "stop", uid, end))
-    _, failure = poll_whatever_happens(bench, 0.0)  # journals it
+    connection.note(Document(connection.clock.now(), "stop", uid, end))
+    _, failure = poll_whatever_happens(connection, 0.0)  # journals it
     error = error or failure
     if run.commanding:
         _raise(error, ending)
@@ -153,10 +153,15 @@ def _raise(error: BaseException | None, ending: Ending) -> None:
 class _Run:
     """The state of a run while it commands the rig."""
 
-    def __init__(self, bench: Bench, service: Service, guard: Guard):
+    def __init__(self, connection: RigConnection, service: Service, guard: Guard):
         self.commanding = False
         """Whether a command has been sent."""
-        self._bench, self._rig, self._service, self._guard = bench, bench.rig, service, guard
+        self._connection, self._rig, self._service, self._guard = (
+            connection,
+            connection.rig,
+            service,
+            guard,
+        )
 
     def go(
         self,
@@ -165,16 +170,16 @@ class _Run:
         stop: threading.Event | None,
         on_progress: Callable[[float, tuple[int, ...]], None] | None,
     ) -> Literal["completed", "stopped"]:
-        bench, guard, service = self._bench, self._guard, self._service
-        wait_until_ready(service, bench, guard, reset, stop)
+        connection, guard, service = self._connection, self._guard, self._service
+        wait_until_ready(service, connection, guard, reset, stop)
         rate = service.state.rate
-        begin = bench.clock.now()
+        begin = connection.clock.now()
         commanded = -1
         while True:
             service.turn(0.02)
             if guard.finding is not None:
                 raise SafetyStop(f"stopped: {guard.finding.detail}", guard.finding.kind)
-            passed = bench.clock.now() - begin
+            passed = connection.clock.now() - begin
             if stop is not None and stop.is_set():
                 if isinstance(stop, StopRequest) and stop.signal:
                     raise SafetyStop(f"stopped: {stop.signal} ended the program", "signal")
@@ -189,7 +194,7 @@ class _Run:
                 return "completed"
             pwm = counts_of(self._rig, _checked(asked, len(self._rig.cells)))
             self.commanding = True
-            if not bench.send_duty(pwm):
+            if not connection.send_duty(pwm):
                 raise SafetyStop("stopped: a command could not be sent", "link-down")
             if on_progress is not None:
                 on_progress(elapsed * rate, pwm)
@@ -197,7 +202,7 @@ class _Run:
     def _moment(self, time: float, rate: float) -> Moment:
         state = self._service.state
         pwm = state.sample.pwm if state.sample is not None else (0,) * len(self._rig.cells)
-        waited = np.where(state.measured > 0, self._bench.clock.now() - state.measured, np.inf)
+        waited = np.where(state.measured > 0, self._connection.clock.now() - state.measured, np.inf)
         duty = self._rig.driver.duty(pwm)
         return Moment(time, state.temperatures, waited * 1e-9 * rate, duty, state.ambient)
 

@@ -8,15 +8,15 @@ from typing import Any, NamedTuple, final
 
 from .._errors import JaxtwinError, SafetyStop
 from ..physics import Twin
-from ._bench import Bench
-from ._finding import Finding
-from ._interlocks import Guard, interlocks_of
 from ._operate import Moment, counts_of, operate
-from ._operating_limits import OperatingLimits
 from ._provocations import PATIENCE, Provocation, Scene, provocations
-from ._records import Command, Event, Reading, Record, Sample
 from ._switch_off import switch_off
-from ._time import seconds
+from .protocol._clock import seconds
+from .protocol._records import Command, Event, Reading, Record, Sample
+from .protocol._rig_connection import RigConnection
+from .safety._finding import Finding
+from .safety._guard import Guard, interlocks_of
+from .safety._operating_limits import OperatingLimits
 
 HEAT_SECONDS = 3.0
 """The time for which the rig is heated before each provocation, s."""
@@ -46,7 +46,7 @@ class Proof(NamedTuple):
 
 
 def prove(
-    bench: Bench,
+    connection: RigConnection,
     twin: Twin,
     *,
     duty: float | int = 0.3,
@@ -66,7 +66,7 @@ def prove(
 
     **Arguments:**
 
-    - `bench`: the links of the rig, started.
+    - `connection`: the links of the rig, started.
     - `twin`: the twin of the rig, whose file must state `limits.temperature`.
     - `duty`: the duty of each cell while it is heated, above 0 to 1.
     - `reset`: whether a trip of the device is ended before the first step.
@@ -82,13 +82,13 @@ def prove(
     if not 0 < duty <= 1:
         raise JaxtwinError(f"prove: duty: expected above 0 to 1, got {duty}")
     limits = OperatingLimits.of(twin)
-    for number, step in enumerate([*provocations(limits, bench.relay), WATCHDOG]):
-        attempt = _Attempt(bench, step, limits, float(duty))
+    for number, step in enumerate([*provocations(limits, connection.relay), WATCHDOG]):
+        attempt = _Attempt(connection, step, limits, float(duty))
         locks = interlocks_of(twin, silence=silence, ambient=ambient, limits=attempt.limits)
         kind, wrong = "", ""
         try:
             outcome = operate(
-                bench,
+                connection,
                 Guard(locks),
                 attempt.duty,
                 reset=reset or number > 0,
@@ -117,24 +117,26 @@ def prove(
 class _Attempt:
     """One provocation: the source of the duty, and the records that follow."""
 
-    def __init__(self, bench: Bench, step: Provocation, limits: OperatingLimits, duty: float):
+    def __init__(
+        self, connection: RigConnection, step: Provocation, limits: OperatingLimits, duty: float
+    ):
         self.onset: int | None = None
         """Host time of the provocation, ns."""
         self.off_after = float("nan")
-        self._bench, self._step = bench, step
-        self._heat = (duty,) * len(bench.rig.cells)
+        self._connection, self._step = connection, step
+        self._heat = (duty,) * len(connection.rig.cells)
         self._begin: int | None = None
         self._stopped = False
-        self._scene = Scene(limits, bench.rig.driver.counts, {})
+        self._scene = Scene(limits, connection.rig.driver.counts, {})
         self._seen: list[Record] = []
         self._distorts = True
-        bench.tap = self._tapped
+        connection.tap = self._tapped
         self.limits = self._low_limits(limits) if step.cell_limit else limits
         """The limits of the interlocks."""
 
     def duty(self, moment: Moment) -> Sequence[float] | None:
         """The source of the duty: heats, then provokes."""
-        now = self._bench.clock.now()
+        now = self._connection.clock.now()
         if self._begin is None:
             self._begin = now
             if self._step.cell_limit:  # the heat itself provokes
@@ -145,14 +147,14 @@ class _Attempt:
         if self.onset is None and seconds(now - self._begin) >= HEAT_SECONDS:
             self.onset = now
             if self._step.act is not None:
-                self._step.act(self._bench)
+                self._step.act(self._connection)
             if self._step is WATCHDOG:
                 self._fall_silent()
         return self._heat
 
     def end(self) -> None:
-        """Leaves the records of the bench as they are."""
-        self._bench.tap = None
+        """Leaves the records of the connection as they are."""
+        self._connection.tap = None
 
     def aftermath(
         self, stop: threading.Event | None, on_alarm: Callable[[Finding], None] | None
@@ -160,10 +162,12 @@ class _Attempt:
         """Checks what the device did and does. Returns what is wrong, `""` for nothing."""
         wrong = self._read_back() or self._watch("")
         if not wrong:
-            self._bench.send_duty(counts_of(self._bench.rig, self._heat))  # must be refused
+            self._connection.send_duty(
+                counts_of(self._connection.rig, self._heat)
+            )  # must be refused
             wrong = self._watch("refused")
         if wrong:
-            switch_off(self._bench, trip=True, stop=stop, on_alarm=on_alarm)
+            switch_off(self._connection, trip=True, stop=stop, on_alarm=on_alarm)
         return wrong
 
     def _tapped(self, records: list[Record]) -> list[Record]:
@@ -182,10 +186,10 @@ class _Attempt:
 
     def _fall_silent(self) -> None:
         """Sends nothing until the longest watchdog must have tripped, as a host that hangs."""
-        begin = self._bench.clock.now()
-        longest = max(greeting.hello.watchdog or 0.0 for greeting in self._bench.greetings)
-        while seconds(self._bench.clock.now() - begin) < longest + SETTLED:
-            self._bench.poll(0.05)
+        begin = self._connection.clock.now()
+        longest = max(greeting.hello.watchdog or 0.0 for greeting in self._connection.greetings)
+        while seconds(self._connection.clock.now() - begin) < longest + SETTLED:
+            self._connection.poll(0.05)
 
     def _read_back(self) -> str:
         """Checks that the device has reported heat, and then, after the onset, none."""
@@ -204,11 +208,11 @@ class _Attempt:
 
     def _watch(self, event: str) -> str:
         """Polls for a while, in which the device must report off, and one event."""
-        begin = self._bench.clock.now()
+        begin = self._connection.clock.now()
         samples: list[Sample] = []
         events: set[str] = set()
-        while seconds(self._bench.clock.now() - begin) < SETTLED:
-            for record in self._bench.poll(0.05):
+        while seconds(self._connection.clock.now() - begin) < SETTLED:
+            for record in self._connection.poll(0.05):
                 if isinstance(record, Sample) and record.arrival > begin:
                     samples.append(record)
                 elif isinstance(record, Event):
@@ -223,7 +227,7 @@ class _Attempt:
         if not trip or self._step.trip not in ("", trip):
             expected = self._step.trip or "a reason"
             return f"the device reports trip={trip or 'nothing'}, expected {expected}"
-        if self._bench.relay and set(relay) != {"off"}:
+        if self._connection.relay and set(relay) != {"off"}:
             return f"the relay is not reported as open, but as {', '.join(relay) or 'nothing'}"
         if event and f"device/{event}" not in events:
             return "the device does not report that it refuses a duty until a reset"
@@ -232,9 +236,9 @@ class _Attempt:
     def _low_limits(self, limits: OperatingLimits) -> OperatingLimits:
         """Limits at which the cells are too hot inside after little heating."""
         warmest: float | None = None
-        begin = self._bench.clock.now()
-        while warmest is None and seconds(self._bench.clock.now() - begin) < PATIENCE:
-            for record in self._bench.poll(0.05):
+        begin = self._connection.clock.now()
+        while warmest is None and seconds(self._connection.clock.now() - begin) < PATIENCE:
+            for record in self._connection.poll(0.05):
                 if isinstance(record, Reading) and not record.recalibrating:
                     warmest = float(record.temperatures.max())
         return replace(limits, cell=(limits.room if warmest is None else warmest) + 1.0)

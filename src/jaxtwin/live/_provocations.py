@@ -1,7 +1,7 @@
 """What a proof test does to a heated rig, so that each interlock must switch it off.
 
-A distortion changes the records between the bench and the interlocks, and nothing on the rig. An
-act is done to the rig itself.
+A distortion changes the records between the rig and the interlocks, and nothing on the rig. An act
+is done to the rig itself.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ._bench import Bench
-from ._messages import VERSION, Hello
-from ._operating_limits import OperatingLimits
-from ._records import Event, Greeting, Reading, Record, Sample
+from .protocol._messages import VERSION, Hello
+from .protocol._records import Event, Greeting, Reading, Record, Sample
+from .protocol._rig_connection import RigConnection
+from .safety._operating_limits import OperatingLimits
 
 PATIENCE = 120.0
 """The longest time from a provocation to the stop, s. A drift at a low rate takes the longest."""
@@ -54,7 +54,7 @@ class Provocation(NamedTuple):
     name: str
     kinds: tuple[str, ...]
     distort: Distortion | None = None
-    act: Callable[[Bench], object] | None = None
+    act: Callable[[RigConnection], object] | None = None
     trip: str = ""
     cell_limit: bool = False
     patience: float = PATIENCE
@@ -69,7 +69,7 @@ def provocations(limits: OperatingLimits, relay: str) -> list[Provocation]:
         chosen.append(still)
     if relay:
         opened = Provocation(
-            "somebody opens the relay", ("device-trip",), act=Bench.open_relay, trip="relay"
+            "somebody opens the relay", ("device-trip",), act=RigConnection.open_relay, trip="relay"
         )
         chosen.append(opened)
     return chosen
@@ -186,6 +186,10 @@ _ALWAYS: Sequence[Provocation] = (
         ("refused",),
         _instead(lambda d: Event(d.link, d.arrival, "refused", "proof test")),
     ),
-    Provocation("a lost link", ("link-down",), act=lambda bench: bench.drop_links("proof test")),
-    Provocation("somebody stops it", ("device-trip",), act=lambda bench: bench.send_order("stop")),
+    Provocation(
+        "a lost link", ("link-down",), act=lambda connection: connection.drop_links("proof test")
+    ),
+    Provocation(
+        "somebody stops it", ("device-trip",), act=lambda connection: connection.send_order("stop")
+    ),
 )

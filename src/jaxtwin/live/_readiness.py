@@ -3,12 +3,12 @@
 import threading
 
 from .._errors import SafetyStop
-from ._bench import Bench
-from ._interlocks import Guard
-from ._records import LinkState, Reading, Sample
-from ._rig_state import RigState
 from ._service import Service
-from ._time import seconds
+from .protocol._clock import seconds
+from .protocol._records import LinkState, Reading, Sample
+from .protocol._rig_connection import RigConnection
+from .protocol._rig_state import RigState
+from .safety._guard import Guard
 
 LONGEST_START = 30.0
 """The longest time until a rig is ready, s."""
@@ -26,38 +26,42 @@ RESET_AGAIN = 0.5
 
 
 def wait_until_ready(
-    service: Service, bench: Bench, guard: Guard, reset: bool, stop: threading.Event | None
+    service: Service,
+    connection: RigConnection,
+    guard: Guard,
+    reset: bool,
+    stop: threading.Event | None,
 ) -> None:
     """Waits for all links, temperatures and a controller.
 
     **Arguments:**
 
-    - `service`: the loop around the bench; the guard is among its consumers.
-    - `bench`: the links of the rig, started.
+    - `service`: the loop around the connection; the guard is among its consumers.
+    - `connection`: the links of the rig, started.
     - `guard`: the interlocks, which check the readings meanwhile.
     - `reset`: whether a trip of the device is ended.
     - `stop`: an event that ends the waiting when it is set.
 
     **Raises:** `SafetyStop` if the rig does not become ready, or must not be driven.
     """
-    begin = bench.clock.now()
+    begin = connection.clock.now()
     asked = -RESET_AGAIN
-    service.take(bench.greetings)  # of an earlier run on this bench
+    service.take(connection.greetings)  # of an earlier run on this connection
     while True:
         service.turn(0.05)
-        elapsed = seconds(bench.clock.now() - begin)
+        elapsed = seconds(connection.clock.now() - begin)
         _raise_finding(guard)
         state = service.state
-        live = set(bench.states.values()) == {LinkState.LIVE}
-        needed = [state.sample, state.reading, *([state.relay] if bench.relay else [])]
-        if live and all(_is_fresh(record, state, bench) for record in needed):
+        live = set(connection.states.values()) == {LinkState.LIVE}
+        needed = [state.sample, state.reading, *([state.relay] if connection.relay else [])]
+        if live and all(_is_fresh(record, state, connection) for record in needed):
             assert state.sample is not None
             owner = state.sample.owner
-            if not state.trip and owner in ("", bench.owner):
-                guard.before_start(state, bench.clock.now())
+            if not state.trip and owner in ("", connection.owner):
+                guard.before_start(state, connection.clock.now())
                 _raise_finding(guard)
                 return
-            if owner not in ("", bench.owner):
+            if owner not in ("", connection.owner):
                 raise SafetyStop(
                     f"not started: another host, {owner}, commands the cells", "commander"
                 )
@@ -69,12 +73,12 @@ def wait_until_ready(
                 )
             if elapsed - asked >= RESET_AGAIN:
                 asked = elapsed
-                bench.send_order("reset")
+                connection.send_order("reset")
         if stop is not None and stop.is_set():
             raise SafetyStop("not started: stopped before the rig was there", "stopped")
-        longest = REFUSED if bench.refusals else LONGEST_START
+        longest = REFUSED if connection.refusals else LONGEST_START
         if elapsed > longest:
-            raise SafetyStop(f"not started: after {longest:g} s: {_missing(bench, state)}")
+            raise SafetyStop(f"not started: after {longest:g} s: {_missing(connection, state)}")
 
 
 def _raise_finding(guard: Guard) -> None:
@@ -82,16 +86,16 @@ def _raise_finding(guard: Guard) -> None:
         raise SafetyStop(f"not started: {guard.finding.detail}", guard.finding.kind)
 
 
-def _is_fresh(record: Sample | Reading | None, state: RigState, bench: Bench) -> bool:
-    return record is not None and seconds(bench.clock.now() - state.time_of(record)) <= FRESH
+def _is_fresh(record: Sample | Reading | None, state: RigState, connection: RigConnection) -> bool:
+    return record is not None and seconds(connection.clock.now() - state.time_of(record)) <= FRESH
 
 
-def _missing(bench: Bench, state: RigState) -> str:
+def _missing(connection: RigConnection, state: RigState) -> str:
     """Describes what is missing from a rig that did not become ready."""
-    words = [", ".join(f"{name} {link}" for name, link in bench.states.items())]
-    words += [f"{name}: {why}" for name, why in bench.refusals.items()]
+    words = [", ".join(f"{name} {link}" for name, link in connection.states.items())]
+    words += [f"{name}: {why}" for name, why in connection.refusals.items()]
     words += [] if state.reading is not None else ["no temperatures"]
     words += [] if state.sample is not None else ["nobody who drives cells"]
-    words += [f"no relay {bench.relay!r}"] if bench.relay and state.relay is None else []
+    words += [f"no relay {connection.relay!r}"] if connection.relay and state.relay is None else []
     words += [f"tripped: {state.trip}"] if state.trip else []
     return "; ".join(words)

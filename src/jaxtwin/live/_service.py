@@ -3,15 +3,15 @@
 from collections.abc import Callable, Sequence
 from typing import Protocol, final, runtime_checkable
 
-from ._records import Record
-from ._rig_state import RigState
-from ._time import Clock
+from .protocol._clock import Clock
+from .protocol._records import Record
+from .protocol._rig_state import RigState
 
 
 @runtime_checkable
 class RecordSource(Protocol):
-    """Where records come from: a live rig (`Bench`), a recording (`Replay`), or a virtual rig in
-    this process (`Bench` with an `InProcess` link)."""
+    """Where records come from: a live rig (`RigConnection`), a recording (`Replay`), or a virtual
+    rig in this process (`RigConnection` with an `InProcess` link)."""
 
     clock: Clock
 

@@ -9,10 +9,10 @@ import threading
 from collections.abc import Callable
 from typing import NamedTuple, final
 
-from ._bench import Bench
-from ._finding import Finding
-from ._records import Record, Sample
-from ._time import seconds
+from .protocol._clock import seconds
+from .protocol._records import Record, Sample
+from .protocol._rig_connection import RigConnection
+from .safety._finding import Finding
 
 AGAIN = 0.1
 """The time between two commands to switch off, s."""
@@ -91,7 +91,7 @@ class Ending(NamedTuple):
 
 
 def switch_off(
-    bench: Bench,
+    connection: RigConnection,
     *,
     trip: bool = False,
     insist: bool = True,
@@ -107,7 +107,7 @@ def switch_off(
 
     **Arguments:**
 
-    - `bench`: the links of the rig, started.
+    - `connection`: the links of the rig, started.
     - `trip`: whether the device must trip.
     - `insist`: whether to go on after `OFF_SECONDS`; `False` for a device that another host may
       command.
@@ -116,7 +116,7 @@ def switch_off(
 
     **Returns:** what the controller reported last.
     """
-    switch = _Switch(bench, trip, on_alarm)
+    switch = _Switch(connection, trip, on_alarm)
     while not switch.step():
         if switch.elapsed < OFF_SECONDS:
             continue
@@ -130,17 +130,19 @@ def switch_off(
     return switch.ending
 
 
-def poll_whatever_happens(bench: Bench, timeout: float) -> tuple[list[Record], Exception | None]:
-    """Polls a bench. A journal that fails, as on a full disk, must not keep the cells on: the bench
+def poll_whatever_happens(
+    connection: RigConnection, timeout: float
+) -> tuple[list[Record], Exception | None]:
+    """Polls a connection. A journal that fails, as on a full disk, must not keep the cells on: it
     goes on without it.
 
     **Returns:** the records, and the error of the journal.
     """
     try:
-        return bench.poll(timeout), None
+        return connection.poll(timeout), None
     except Exception as error:
         log.error("the recording has ended: %s", error)
-        bench.record_into(None)
+        connection.record_into(None)
         return [], error
 
 
@@ -148,25 +150,27 @@ def poll_whatever_happens(bench: Bench, timeout: float) -> tuple[list[Record], E
 class _Switch:
     """The commands to switch off, and the answers of the controller."""
 
-    def __init__(self, bench: Bench, trip: bool, on_alarm: Callable[[Finding], None] | None):
+    def __init__(
+        self, connection: RigConnection, trip: bool, on_alarm: Callable[[Finding], None] | None
+    ):
         self.insisting = self.interrupted = False
-        self._bench, self._trip, self._on_alarm = bench, trip, on_alarm
-        self._off = (0,) * len(bench.rig.cells)
-        self._begin = bench.clock.now()
+        self._connection, self._trip, self._on_alarm = connection, trip, on_alarm
+        self._off = (0,) * len(connection.rig.cells)
+        self._begin = connection.clock.now()
         self._sent = -AGAIN
         self._alarms: set[str] = set()
         self.ending = Ending(None, "", False, trip, None)
 
     @property
     def elapsed(self) -> float:
-        return seconds(self._bench.clock.now() - self._begin)
+        return seconds(self._connection.clock.now() - self._begin)
 
     def step(self) -> bool:
         """Sends what is due and reads what has arrived. Returns whether the controller reports what
         was commanded."""
         try:
             self._send()
-            records, failure = poll_whatever_happens(self._bench, 0.05)
+            records, failure = poll_whatever_happens(self._connection, 0.05)
         except KeyboardInterrupt as interrupt:  # an early one does not keep the cells on
             self.interrupted = self.insisting
             self.ending = self.ending._replace(failure=interrupt)
@@ -205,7 +209,7 @@ class _Switch:
         return not self.ending.is_on and self.elapsed > REACH_SECONDS
 
     def _is_open(self, ending: Ending) -> bool:
-        return ending.relay == "off" or not self._bench.relay
+        return ending.relay == "off" or not self._connection.relay
 
     def _send(self) -> None:
         elapsed = self.elapsed
@@ -213,6 +217,6 @@ class _Switch:
             return
         self._sent = elapsed
         if self._trip:
-            self._bench.send_order("stop")
+            self._connection.send_order("stop")
         if elapsed < OFF_SECONDS:  # a device that keeps its counts must not count them as commands
-            self._bench.send_duty(self._off)
+            self._connection.send_duty(self._off)

@@ -1,0 +1,57 @@
+"""Records as JSON for the subscribers of an MQTT broker."""
+
+import json
+from typing import final
+
+from .._errors import LinkError
+from ..rig import Rig
+from ._json import record_as_json
+from .protocol._mqtt_address import MqttAddress, without_password
+from .protocol._mqtt_transport import WAITING, connect_client, mqtt_client
+from .protocol._records import Record
+from .protocol._rig_state import RigState
+
+TOPICS = {"reading": "readings", "duty": "duty", "event": "events"}
+"""The kinds of records that are published -> the topics below that of the rig."""
+
+
+@final
+class Publisher:
+    """Publishes records as JSON: `TOPIC/readings`, `TOPIC/duty`, `TOPIC/events`. It consumes the
+    records of a source.
+
+    If the broker is slow, messages are lost here, but never in the recording.
+
+    **Arguments:**
+
+    - `url`: `mqtt://host:port/topic`, as for `MqttAddress`.
+    - `rig`: the rig, whose channels and cells name the numbers.
+
+    **Raises:** `LinkError` if the broker cannot be reached.
+    """
+
+    def __init__(self, url: str, rig: Rig):
+        address = MqttAddress.parse(url)
+        self._topic, self._rig = address.topic, rig
+        self._client = mqtt_client(address, reconnect=True)
+        self._client.max_queued_messages_set(WAITING)
+        try:
+            connect_client(self._client, address)
+        except OSError as error:
+            raise LinkError(f"{without_password(url)}: {error}") from None
+        self._client.loop_start()
+
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Sends a record to the broker without waiting for it."""
+        content = record_as_json(record, self._rig)
+        topic = TOPICS.get(content.pop("kind"))
+        if topic is not None:
+            self._client.publish(f"{self._topic}/{topic}", json.dumps(content), qos=0)
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Does nothing: what is published are records."""
+
+    def close(self) -> None:
+        """Ends the connection."""
+        self._client.disconnect()
+        self._client.loop_stop()

@@ -1,0 +1,114 @@
+"""The names and sizes that the devices of a rig must state in their greetings, and the channels in
+camera frames."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, UInt16
+
+from ..._errors import LinkError
+from ...physics import pixel_weights
+from ...rig import Rig
+from ._messages import VERSION, Hello
+from ._words import LONGEST_NAME, read_name, write_name
+
+CENTIKELVIN = 0.01
+ZERO_CELSIUS = 273.15
+
+WATCHDOG_SECONDS = 0.1, 5.0
+"""The shortest and the longest time of a device's watchdog, s."""
+
+RATES = 0.1, 1000.0
+"""The lowest and the highest ratio of device time to host time."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Identity:
+    """The properties of a rig that the protocol uses.
+
+    **Arguments:**
+
+    - `rig`, `cells`, `channels`: the names of the rig, its cells and its channels.
+    - `camera`: width and height of its frames, pixels; `None` if sensors read the channels.
+    - `counts`: the PWM counts of full duty.
+    - `relay`: the name of the relay in the supply; `""` if there is none.
+    - `weights`: share of each pixel in each channel, `(channels, pixels)`; rows sum to 1. Without
+      a camera there are no pixels.
+    """
+
+    rig: str
+    cells: tuple[str, ...]
+    channels: tuple[str, ...]
+    camera: tuple[int, int] | None
+    counts: int
+    relay: str
+    weights: Float[np.ndarray, "channels pixels"]
+
+    @classmethod
+    def of(cls, rig: Rig) -> "Identity":
+        """The identity of a rig.
+
+        **Raises:** `LinkError` if a name is too long for a greeting.
+        """
+        camera, channels = rig.camera, len(rig.channels)
+        return cls(
+            rig=_checked(rig.name),
+            cells=tuple(_checked(cell.name) for cell in rig.cells),
+            channels=tuple(_checked(channel.name) for channel in rig.channels),
+            camera=camera and (camera.width, camera.height),
+            counts=rig.driver.counts,
+            relay="" if rig.limits is None else rig.limits.relay or "",
+            weights=np.zeros((channels, 0))
+            if camera is None
+            else pixel_weights(rig).reshape(channels, -1),
+        )
+
+    def refusal(self, hello: Hello) -> str | None:
+        """The reason why a device does not belong to this rig; `None` if it does."""
+        if hello.version != VERSION:
+            return f"expected version {VERSION} of the protocol, got {hello.version}"
+        pairs = (
+            ("rig", hello.rig, self.rig),
+            ("cells", hello.cells or self.cells, self.cells),
+            ("channels", hello.channels or self.channels, self.channels),
+            ("camera", hello.camera or self.camera, self.camera),
+            ("counts", hello.counts if hello.cells else self.counts, self.counts),
+            ("limits.relay", hello.relay or self.relay, self.relay),
+        )
+        for field, got, expected in pairs:
+            if got != expected:
+                return f"{field}: expected {expected} as in the rig file, got {got}"
+        if not RATES[0] <= hello.rate <= RATES[1]:
+            return (
+                f"rate: expected {RATES[0]:g} to {RATES[1]:g} s of the device's time in a second, "
+                f"got {hello.rate:g}"
+            )
+        if hello.cells:
+            return _watchdog_refusal(hello.watchdog)
+        return None
+
+    def temperatures(
+        self, pixels: UInt16[np.ndarray, "height width"]
+    ) -> Float[np.ndarray, " channels"]:
+        """Computes the temperatures of the channels, degC, from a frame in 0.01 K: the means by
+        area over the pixels of each channel."""
+        return self.weights @ pixels.ravel() * CENTIKELVIN - ZERO_CELSIUS
+
+
+def _watchdog_refusal(watchdog: float | None) -> str | None:
+    shortest, longest = WATCHDOG_SECONDS
+    if watchdog is not None and shortest <= watchdog <= longest:
+        return None
+    got = "none" if watchdog is None else f"{watchdog:g} s"
+    return f"watchdog: expected {shortest:g} to {longest:g} s of a device that drives, got {got}"
+
+
+def _checked(name: str) -> str:
+    try:
+        return read_name(write_name(name))
+    except ValueError:
+        raise LinkError(
+            f"name: expected 1 to {LONGEST_NAME} printable characters, got {name!r}"
+        ) from None

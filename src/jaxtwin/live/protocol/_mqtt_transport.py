@@ -1,0 +1,139 @@
+"""MQTT: the protocol through a broker, and decoded records for subscribers.
+
+A broker carries the bytes of a link unchanged, device to host on `TOPIC/up` and host to device on
+`TOPIC/down`. Sequence numbers show which messages a broker has lost, as on other links. Retained
+messages are ignored, because an old command must not heat a rig that has just been switched on.
+Needs the extra `mqtt` (paho-mqtt).
+"""
+
+import contextlib
+import logging
+import queue
+import threading
+from typing import Any, final
+
+from ..._errors import LinkError
+from ._framing import PACKET_BYTES
+from ._mqtt_address import MqttAddress
+from ._transport import READ_SECONDS
+
+CONNECT_SECONDS = 5.0
+WAITING = 1000  # messages that wait at most, coming and going
+MOST_WAITING = 2**22  # bytes of those that come
+LARGEST = 2 * PACKET_BYTES
+"""Largest message, bytes; the broker does not deliver larger ones (MQTT 5, maximum packet size)."""
+
+log = logging.getLogger("jaxtwin.live")
+
+
+@final
+class MqttTransport:
+    """A link through a broker: it reads messages from `TOPIC/up` and publishes on `TOPIC/down`.
+
+    **Arguments:**
+
+    - `address`: the address of the broker, with the topic.
+    - `reads`, `writes`: the two topics below that topic.
+
+    **Raises:** `OSError` if the broker cannot be reached, `LinkError` without paho-mqtt.
+    """
+
+    def __init__(self, address: MqttAddress, *, reads: str = "up", writes: str = "down"):
+        topic = address.topic
+        self._inbox: queue.Queue[bytes] = queue.Queue(WAITING)
+        self._lost = False
+        self._waiting = 0  # bytes
+        self._reads, self._writes = f"{topic}/{reads}", f"{topic}/{writes}"
+        self._client = mqtt_client(address, reconnect=False)  # the link does that
+        ready = threading.Event()
+
+        def on_connect(client: Any, *_: Any) -> None:
+            client.subscribe(self._reads, qos=1)
+
+        def on_subscribe(*_: Any) -> None:
+            ready.set()
+
+        def on_disconnect(*_: Any) -> None:
+            self._lost = True
+
+        def on_message(_client: Any, _userdata: Any, message: Any) -> None:
+            if message.retain:
+                log.warning("%s: a retained message is passed over", message.topic)
+                return
+            # If the queue is full the message is lost, which the sequence numbers show.
+            if self._waiting + len(message.payload) <= MOST_WAITING:
+                with contextlib.suppress(queue.Full):
+                    self._inbox.put_nowait(message.payload)
+                    self._waiting += len(message.payload)
+
+        self._client.on_connect, self._client.on_subscribe = on_connect, on_subscribe
+        self._client.on_disconnect, self._client.on_message = on_disconnect, on_message
+        connect_client(self._client, address)
+        self._client.loop_start()
+        if not ready.wait(CONNECT_SECONDS):
+            self.close()
+            raise TimeoutError(
+                f"the broker {address.host}:{address.port} does not answer, or refuses"
+            )
+
+    def read(self) -> bytes:
+        if self._lost:
+            raise ConnectionResetError("the broker is gone")
+        try:
+            first = self._inbox.get(timeout=READ_SECONDS)
+        except queue.Empty:
+            return b""
+        self._waiting -= len(first)
+        return first + self.waiting()
+
+    def waiting(self) -> bytes:
+        """The bytes that have arrived."""
+        parts = []
+        with contextlib.suppress(queue.Empty):
+            while True:
+                parts.append(self._inbox.get_nowait())
+                self._waiting -= len(parts[-1])
+        return b"".join(parts)
+
+    def write(self, data: bytes) -> None:
+        if self._lost:
+            raise ConnectionResetError("the broker is gone")
+        self._client.publish(self._writes, data, qos=1)
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+def mqtt_client(address: MqttAddress, *, reconnect: bool) -> Any:
+    """A client of a broker that is not connected yet.
+
+    **Raises:** `LinkError` without paho-mqtt.
+    """
+    try:
+        from paho.mqtt.client import Client, MQTTv5
+        from paho.mqtt.enums import CallbackAPIVersion
+    except ImportError:
+        raise LinkError(
+            "mqtt:// needs paho-mqtt: pip install 'jaxtwin[mqtt]', in a checkout "
+            "pip install -e '.[mqtt]'"
+        ) from None
+    client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTv5, reconnect_on_failure=reconnect)
+    if address.user is not None:
+        client.username_pw_set(address.user, address.password)
+    if address.tls:
+        client.tls_set(address.ca, address.cert, address.key)
+    return client
+
+
+def connect_client(client: Any, address: MqttAddress) -> None:
+    """Connects a client.
+
+    **Raises:** `OSError` if the broker cannot be reached.
+    """
+    from paho.mqtt.packettypes import PacketTypes
+    from paho.mqtt.properties import Properties
+
+    properties = Properties(PacketTypes.CONNECT)
+    properties.MaximumPacketSize = LARGEST
+    client.connect(address.host, address.port, keepalive=10, properties=properties)

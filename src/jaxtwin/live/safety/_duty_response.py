@@ -1,0 +1,194 @@
+"""What the duty does to the readings, as the twin says, and what else of a rig is not known."""
+
+from typing import final
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...observers import OpenLoop, OpenLoopState
+from ...physics import System, Twin
+from ..protocol._clock import seconds
+from ..protocol._records import Reading, Record, Sample
+from ..protocol._rig_state import RigState
+
+ROOM_KELVIN = 5.0
+"""How much colder than in the rig file a room may be that nobody has measured, K."""
+
+DRIVEN, IDLE, OTHER = range(3)
+
+NOISE_TO_UNEVENNESS = 0.03
+"""The noise of the first readings divided by the differences between them that a rig may have."""
+
+
+@final
+class DutyResponse:
+    """Twins beside a rig whose earlier state is unknown, and whose room may be.
+
+    - `driven` gets the rig's duty. It starts at the first readings (`_uneven`), in the warmer of
+      the two rooms that are possible: one as warm as the first readings, since the rig was at rest,
+      or that of the rig file. A measured or given ambient temperature leaves only one. The warmer
+      one is taken because it makes the cells hotter.
+    - `idle` starts in the same way and gets no duty. The difference of the two is what the duty
+      does to the readings. An error of the room or of the start hardly changes it.
+    - `other` gets no duty either, and is the other extreme of what is possible: it stands in the
+      colder room, by `ROOM_KELVIN` colder still if it is not measured, and what no channel sees,
+      such as sinks, starts at the temperature of that room.
+
+    **Arguments:**
+
+    - `twin`: the twin of the rig.
+    - `ambient`: the ambient temperature of a rig that does not measure it, degC; None: unknown.
+    """
+
+    def __init__(self, twin: Twin, ambient: float | None = None):
+        with jax.enable_x64(True):
+            self._observer = OpenLoop(twin)
+            self._file_room = float(self._observer.stepper.ambient)
+        self._ambient = ambient
+        self._rooms = np.full(3, self._file_room)
+        self._driver = twin.rig.driver
+        self._duty = np.zeros((3, len(twin.rig.cells)))
+        self._begin: int | None = None
+        self._time = 0  # host time up to which the twins have been stepped, ns
+        system = self._observer.stepper.system
+        self._first = self._began = np.zeros(0)
+        seen = np.any(np.asarray(system.channel_weights) != 0, axis=0)
+        seen[: twin.wiring.elements] = True
+        self._seen = seen
+        # This also compiles the steps before the first data arrive.
+        self._set([self._file_room] * 3)
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether there has been a reading."""
+        return self._begin is not None
+
+    @property
+    def nodes(self) -> Float[np.ndarray, " nodes"]:
+        """The temperatures of all nodes of the driven twin, degC."""
+        return np.asarray(self._states.twin.nodes)[DRIVEN]
+
+    @property
+    def predicted(self) -> Float[np.ndarray, " channels"]:
+        """The readings of the driven twin, degC."""
+        return self._readings[DRIVEN]
+
+    @property
+    def by_duty(self) -> Float[np.ndarray, " channels"]:
+        """The change of the readings by the duty since the start, K."""
+        return self._readings[DRIVEN] - self._readings[IDLE]
+
+    @property
+    def without_duty(self) -> Float[np.ndarray, " channels"]:
+        """The change of the readings without any duty since the start, K."""
+        return self._readings[IDLE] - self._began
+
+    @property
+    def unknown(self) -> Float[np.ndarray, " channels"]:
+        """The largest error of the twins by room and start, which stands for three standard
+        deviations, K: the difference of the two idle twins."""
+        return np.abs(self._readings[OTHER] - self._readings[IDLE])
+
+    @property
+    def rise(self) -> float:
+        """The largest difference of a predicted reading from the room, K."""
+        return float(np.abs(self.predicted - self._rooms[DRIVEN]).max())
+
+    @property
+    def first(self) -> Float[np.ndarray, " channels"]:
+        """The first readings, degC."""
+        return self._first
+
+    @property
+    def surprise(self) -> float:
+        """How far the first readings are from a room that is only known from the rig file, K; 0 if
+        the ambient temperature is measured or given."""
+        known = self._begin is None or self._ambient is not None
+        return 0.0 if known else abs(float(self._first.mean()) - self._file_room)
+
+    def update(self, record: Record, state: RigState) -> None:
+        """Takes the next record, and what is known after it."""
+        match record:
+            case Sample() if record.pwm:
+                self._advance(state.time_of(record), state.rate)
+                if record.ambient is not None:
+                    self._ambient = record.ambient
+                if self._ambient is not None and (self._rooms != self._ambient).any():
+                    self._rooms[:] = self._ambient
+                    self._step(0.0)
+                self._duty[DRIVEN] = self._driver.duty(record.pwm)
+            case Reading() if not record.recalibrating:
+                if self._begin is None:
+                    self._start(record, state.time_of(record))
+                self._advance(state.time_of(record), state.rate)
+
+    def _start(self, reading: Reading, now: int) -> None:
+        self._begin = self._time = now
+        self._first = reading.temperatures
+        mean = float(reading.temperatures.mean())
+        warm = cold = self._ambient
+        if warm is None or cold is None:
+            warm = max(mean, self._file_room)
+            cold = min(mean, self._file_room) - ROOM_KELVIN
+        self._rooms = np.array([warm, warm, cold])
+        self._set([mean] * 3)
+        apart = self._first - self._readings[IDLE]
+        nodes = mean + _uneven(self._observer.stepper.system, apart)
+        self._set([nodes, nodes, np.where(self._seen, nodes, cold)])
+        self._began = self._readings[IDLE]
+
+    def _advance(self, now: int, rate: float) -> None:
+        if self._begin is None or now <= self._time:
+            return
+        self._step(seconds(now - self._time) * rate)
+        self._time = now
+
+    def _set(self, nodes: list[Float[np.ndarray, " nodes"]] | list[float]) -> None:
+        """Starts the twins at temperatures of their nodes, degC. A driver with a lag is assumed to
+        have reached its last command."""
+        with jax.enable_x64(True):
+            starts = [self._observer.init(*pair) for pair in zip(nodes, self._duty, strict=True)]
+            self._states: OpenLoopState = jax.tree.map(lambda *rows: np.stack(rows), *starts)
+        self._step(0.0)
+
+    def _step(self, dt: float) -> None:
+        with jax.enable_x64(True):
+            states, readings = _stepped(
+                self._observer, self._states, self._duty, self._rooms, np.float64(dt)
+            )
+        # The states are kept as NumPy arrays, because they are read between two steps.
+        self._states = jax.tree.map(np.asarray, states)
+        self._readings = np.asarray(readings)
+
+
+@jax.jit
+def _stepped(
+    observer: OpenLoop,
+    states: OpenLoopState,
+    duty: Float[Array, "twins cells"],
+    rooms: Float[Array, " twins"],
+    dt: Float[Array, ""],
+) -> tuple[OpenLoopState, Float[Array, "twins channels"]]:
+    """The twins after a time, and their readings."""
+
+    def step(state: OpenLoopState, duty: Array, room: Array) -> tuple[OpenLoopState, Array]:
+        state = observer.predict(state, duty, room, dt)
+        return state, observer.readings(state, room)
+
+    return jax.vmap(step)(states, duty, rooms)
+
+
+def _uneven(system: System, apart: Float[np.ndarray, " channels"]) -> Float[np.ndarray, " nodes"]:
+    r"""The smoothest temperatures of the nodes, as rises above a uniform one, that change the
+    readings by `apart`, K.
+
+    A rig with the conductance matrix $G$ is as uneven as its links allow: the rises have the
+    covariance $G^{-1}$. Given the readings $A x$, their mean is
+    $G^{-1} A^T (A G^{-1} A^T + \epsilon I)^{-1} A x$ (Gauss-Markov estimate).
+    """
+    weights = np.asarray(system.gain)[:, None] * np.asarray(system.channel_weights)
+    spread = np.linalg.solve(np.asarray(system.conductance), weights.T)
+    between = weights @ spread
+    noise = NOISE_TO_UNEVENNESS**2 * float(np.trace(between)) / len(between)
+    return spread @ np.linalg.solve(between + noise * np.eye(len(between)), apart)

@@ -1,0 +1,109 @@
+"""The guard of a rig: its interlocks, all of which are asked about every record."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, final
+
+from ..._errors import JaxtwinError
+from ...physics import Twin
+from ..protocol._records import Record
+from ..protocol._rig_state import RigState
+from ._finding import Finding
+from ._interlock import AbstractInterlock
+from ._obedience import Obedience
+from ._operating_limits import OperatingLimits
+from ._plausibility import Plausibility, check_ambient
+from ._presence import Presence
+from ._twin_watch import TwinWatch
+
+
+def interlocks_of(
+    twin: Twin,
+    *,
+    silence: float | int = 3.0,
+    ambient: float | int | None = None,
+    limits: OperatingLimits | None = None,
+) -> tuple[AbstractInterlock, ...]:
+    """The interlocks that guard every rig, the plainest reason first, because only the first is
+    reported.
+
+    **Arguments:**
+
+    - `twin`: the twin of the rig, whose file must state `limits.temperature`.
+    - `silence`: the longest time without a controller sample, or without valid temperatures, s.
+    - `ambient`: the ambient temperature of a rig that does not measure it, degC; None: unknown.
+    - `limits`: the limits of the rig; None: those of its file (`OperatingLimits.of`).
+
+    **Raises:** `JaxtwinError` if the rig file states no limit, or for a silence or an ambient
+    temperature that cannot be.
+    """
+    limits = OperatingLimits.of(twin) if limits is None else limits
+    given = check_ambient(ambient, limits)
+    rig = twin.rig
+    cells = tuple(cell.name for cell in rig.cells)
+    return (
+        Plausibility(twin.channels, limits, rig.driver),
+        Presence(float(silence)),
+        Obedience(cells, limits.command_delay),
+        TwinWatch(twin, limits, given),
+    )
+
+
+@final
+class Guard:
+    """Watches a driven rig by its interlocks. It consumes the records of a source, and keeps the
+    first finding.
+
+    **Arguments:**
+
+    - `interlocks`: those of the rig (`interlocks_of`), and a user's own. They belong to this guard,
+      and a guard to one run.
+    """
+
+    def __init__(self, interlocks: Sequence[AbstractInterlock]):
+        self.finding: Finding | None = None
+        """The first reason to stop; None if there is none."""
+        self._interlocks = tuple(interlocks)
+        self._used = False
+
+    @classmethod
+    def of(
+        cls,
+        twin: Twin,
+        *,
+        silence: float | int = 3.0,
+        ambient: float | int | None = None,
+    ) -> "Guard":
+        """A guard with the interlocks of every rig, `interlocks_of`."""
+        return cls(interlocks_of(twin, silence=silence, ambient=ambient))
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the interlocks are set to."""
+        return {name: v for lock in self._interlocks for name, v in lock.settings.items()}
+
+    def begin(self) -> None:
+        """Begins a run.
+
+        **Raises:** `JaxtwinError` if the guard has guarded another run: its interlocks know it.
+        """
+        if self._used:
+            raise JaxtwinError("guard: expected a new one for each run, got one that has been used")
+        self._used = True
+
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Asks all interlocks about a record."""
+        self._keep((lock.on_record(record, state) for lock in self._interlocks), record.arrival)
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Asks all interlocks at host time `now`, ns."""
+        self._keep((lock.on_time(state, now) for lock in self._interlocks), now)
+
+    def before_start(self, state: RigState, now: int) -> None:
+        """Asks all interlocks before the first command."""
+        self._keep((lock.before_start(state) for lock in self._interlocks), now)
+
+    def _keep(self, findings: Iterable[Finding | None], since: int) -> None:
+        found = next((finding for finding in findings if finding is not None), None)
+        if self.finding is None and found is not None:
+            self.finding = found if found.since is not None else replace(found, since=since)

@@ -1,0 +1,115 @@
+"""Interlock: temperatures that the twin predicts, also where there is no sensor."""
+
+from collections.abc import Mapping
+from typing import Any, final
+
+import numpy as np
+
+from ...physics import Twin
+from ..protocol._records import Reading, Record, Sample
+from ..protocol._rig_state import RigState
+from ._duty_response import DutyResponse
+from ._finding import Finding
+from ._interlock import AbstractInterlock
+from ._operating_limits import OperatingLimits
+from ._responsiveness import Responsiveness
+
+SHARE = 0.5
+"""The part of the predicted rise by which a reading may differ from it: a rig may be driven before
+its twin is matched."""
+
+STRANGE_ROOM_KELVIN = 10.0
+"""The largest difference between the first readings and the room of the rig file with which a rig
+is started whose ambient temperature nobody knows, K. A warm rig in a cool room and a sensor that
+lies beside a cold plate cannot be told apart by their first readings."""
+
+
+@final
+class TwinWatch(AbstractInterlock):
+    """Runs the twin beside the rig. Trips if its cells are too hot, or if a reading deviates from
+    the twin or does not follow the duty.
+
+    A reading may deviate by half of the predicted rise, since a twin may not have been matched yet,
+    and by three standard deviations of everything else that is not known: the twin
+    (`limits.deviation`), the room and the temperatures at the start (`DutyResponse.unknown`).
+
+    **Arguments:**
+
+    - `twin`: the twin of the rig.
+    - `limits`: the limits of the rig.
+    - `ambient`: the ambient temperature of a rig that does not measure it, degC; None: unknown.
+    """
+
+    def __init__(self, twin: Twin, limits: OperatingLimits, ambient: float | None = None):
+        self._response = DutyResponse(twin, ambient)
+        self._limits = limits
+        self._given = ambient
+        self._cells = tuple(cell.name for cell in twin.rig.cells)
+        self._channels = twin.channels
+        self._sides = np.array([twin.wiring.cold, twin.wiring.hot])
+        self._following = Responsiveness(len(self._channels), limits)
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        return {} if self._given is None else {"ambient_degC": self._given}
+
+    def on_record(self, record: Record, state: RigState) -> Finding | None:
+        self._response.update(record, state)
+        if not self._response.has_begun:
+            return None
+        if isinstance(record, Reading) and not record.recalibrating:
+            found = self._deviation(record) or self._unresponsive(record)
+            if found is not None:
+                return found
+        return self._cell_too_hot() if isinstance(record, Reading | Sample) else None
+
+    def before_start(self, state: RigState) -> Finding | None:
+        """Checks that the room is known well enough."""
+        apart, room = self._response.surprise, self._limits.room
+        if apart <= STRANGE_ROOM_KELVIN:
+            return None
+        return Finding(
+            "ambient-unknown",
+            f"the first readings are {apart:.0f} K from the room of the rig file, {room:.0f} degC, "
+            "and the device does not measure the ambient temperature; give it (--ambient)",
+        )
+
+    def _cell_too_hot(self) -> Finding | None:
+        hottest = self._response.nodes[self._sides].max(axis=0)
+        worst = int(np.argmax(hottest))
+        if hottest[worst] <= self._limits.cell:
+            return None
+        return Finding(
+            "cell-temperature",
+            f"cell {self._cells[worst]} is at {hottest[worst]:.0f} degC inside, says the twin; its "
+            f"limit is {self._limits.cell:g}",
+            self._cells[worst],
+        )
+
+    def _deviation(self, reading: Reading) -> Finding | None:
+        predicted = self._response.predicted
+        unknown = np.hypot(self._limits.deviation, self._response.unknown)
+        limit = SHARE * self._response.rise + unknown
+        apart = reading.temperatures - predicted
+        worst = int(np.argmax(np.abs(apart) - limit))
+        if abs(apart[worst]) <= limit[worst]:
+            return None
+        return Finding(
+            "deviation",
+            f"{self._channels[worst]} reads {reading.temperatures[worst]:.1f} degC where the twin "
+            f"has {predicted[worst]:.1f}, more than {limit[worst]:.0f} K apart",
+            self._channels[worst],
+        )
+
+    def _unresponsive(self, reading: Reading) -> Finding | None:
+        still = self._following.judge(reading, self._response)
+        if still is None:
+            return None
+        changed = reading.temperatures[still] - self._response.first[still]
+        return Finding(
+            "unresponsive",
+            f"{self._channels[still]} does not follow the duty: it has changed by {changed:+.1f} K "
+            f"where the duty alone makes {self._response.by_duty[still]:+.0f} K, says the twin; is "
+            "the sensor on the plate?",
+            self._channels[still],
+        )
