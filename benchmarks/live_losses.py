@@ -32,8 +32,8 @@ from jaxtwin.live import (
     connect,
     encode,
 )
-from jaxtwin.live.protocol._identity import Identity
 from jaxtwin.live.protocol import _link
+from jaxtwin.live.protocol._identity import Identity
 from jaxtwin.live.protocol._link import Arrived
 from jaxtwin.live.protocol._receiver import Receiver
 from jaxtwin.live.protocol._records import LinkChange
