@@ -109,5 +109,28 @@ def test_a_package_imports_only_what_stands_before_it(package: str):
     assert not wrong
 
 
+LIVE_ROOMS = ("protocol", "recording", "conformance", "safety", "virtual_rig")
+"""The rooms of `live/`, from the lowest to the highest; the modules beside them stand above all."""
+
+
+@pytest.mark.parametrize("room", LIVE_ROOMS)
+def test_a_room_of_live_imports_only_what_stands_before_it(room: str):
+    allowed = LIVE_ROOMS[: LIVE_ROOMS.index(room) + 1]
+    for file in sorted((SOURCE / "live" / room).glob("*.py")):
+        package = file.relative_to(SOURCE).parts[:-1]
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            for target in targets(node, package):
+                if target[:1] == ("live",):
+                    assert target[1] in allowed, f"{file.name} imports {'/'.join(target)}"
+
+
+def test_the_rooms_of_live_are_those_of_the_page():
+    found = {path.parent.name for path in (SOURCE / "live").glob("*/__init__.py")}
+    assert found == set(LIVE_ROOMS)
+    text = PAGE.read_text(encoding="utf-8")
+    for room in LIVE_ROOMS:
+        assert f"`live/{room}/`" in text
+
+
 def test_the_private_modules_import_no_package():
     assert not [found for found in imports() if found.source == FOUNDATION]
