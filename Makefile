@@ -35,7 +35,7 @@ help:
 	@echo "make lab          open the notebooks in JupyterLab; ARGS=--no-browser on a server"
 	@echo "make docs         build the documentation site, build/site/index.html, and check its links"
 	@echo "make pictures     draw the pictures of the documentation again"
-	@echo "make wheel-check  build the wheel and use it from a fresh environment"
+	@echo "make wheel-check  build sdist and wheel, check both, and use the wheel from a fresh environment"
 	@echo "make test-lowest  a selection on the oldest libraries that pyproject.toml allows"
 	@echo "make test-newest  the selection on Python 3.13, where it is installed"
 	@echo "make bench        measure beside other tools; ARGS=--quick is small"
@@ -89,15 +89,18 @@ pictures: $(INSTALLED)
 	$(BIN)/python docs/make_gallery.py
 	$(BIN)/python docs/make_pictures.py
 
-# The wheel must carry its data files, and need nothing but what it names: it is installed in an empty
-# environment and used from outside the checkout.
+# The wheel must carry the data files as they are, and need nothing but what it names: it is installed
+# in an empty environment and used from outside the checkout. `twine check` renders the README.
 wheel-check:
 	rm -f $(INSTALLED_WHEEL)
 	$(MAKE) $(INSTALLED_WHEEL)
+	$(BIN)/python -m twine check --strict dist/*
 	set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
-	wheel=$$PWD/.venv-wheel/bin; cd "$$fresh"; \
+	checkout=$$PWD; wheel=$$PWD/.venv-wheel/bin; cd "$$fresh"; \
 	$$wheel/jaxtwin rigs; \
-	$$wheel/python -c 'import jaxtwin.data; print(jaxtwin.data.table(4).title)'
+	$$wheel/python -c 'import jaxtwin.data; print(jaxtwin.data.table(4).title)'; \
+	diff --recursive --exclude='.*' "$$checkout/data" \
+	    "$$($$wheel/python -c 'import jaxtwin.data; print(jaxtwin.data.data_folder())')"
 
 bench: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
@@ -144,9 +147,10 @@ $(INSTALLED_DOCS): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@
 
-$(INSTALLED_WHEEL): $(INSTALLED) $(shell find src -type f -not -path '*/__pycache__/*') README.md
+# The wheel is built from the source distribution, which shows that nothing is missing in that either.
+$(INSTALLED_WHEEL): $(INSTALLED_DEV) $(shell find src data -type f -not -path '*/__pycache__/*') README.md
 	rm -rf dist .venv-wheel
-	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	$(BIN)/python -m build .
 	$(PYTHON) -m venv .venv-wheel
 	.venv-wheel/bin/python -m pip install --quiet dist/*.whl
 	@touch $@
