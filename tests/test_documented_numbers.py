@@ -51,7 +51,12 @@ NUMBERS = [
     ("docs/reliability.md", ", {} s with sensors", LIVE + "_operating_limits._FROZEN_SENSOR", 1),
     ("docs/live.md", "rig file by more than {} K;", LIVE + "_plausibility.ROOM_KELVIN", 1),
     ("docs/live.md", "less than {} GiB of free space", LIVE + "_alarms.DISK_BYTES", GIB),
-    ("docs/live.md", "freezes the picture for {} s", LIVE + "_recalibration.SHUTTER_SECONDS", 1),
+    (
+        "docs/live.md",
+        "freezes the picture for {} s",
+        "jaxtwin.physics._recalibrations.SHUTTER_SECONDS",
+        1,
+    ),
     ("docs/live.md", "more than {} MiB is waiting", LIVE + "_serve.MOST_UNSENT", MIB),
     ("docs/cluster.md", "{} draws, or fewer where whole", "jaxtwin.simulation._draw_units.UNIT", 1),
     (
