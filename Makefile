@@ -8,7 +8,7 @@ INSTALLED_DEV := .venv/installed-dev
 INSTALLED_DOCS := .venv/installed-docs
 INSTALLED_WHEEL := .venv-wheel/installed
 RECORDINGS := $(abspath $(wildcard ../shared/recordings))
-PARALLEL := --numprocesses=auto --dist=loadfile
+PARALLEL := --numprocesses=auto --dist=loadfile --no-loadscope-reorder
 
 # What tells in a few minutes whether another environment will do: every library is asked for
 # something here. ARGS=tests runs all.
@@ -23,12 +23,13 @@ NEWEST ?= $(firstword $(shell for python in python3.13 \
     "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/3.13.*/bin/python; do \
     "$$python" -c pass 2>/dev/null && echo "$$python"; done))
 
-.PHONY: help bench bench-gpu demo docs test test-slow test-all test-lowest test-newest lint types lab notebook notebook-check pictures wheel-check clean
+.PHONY: help bench bench-gpu demo docs test test-slow test-all test-long test-lowest test-newest lint types lab notebook notebook-check pictures wheel-check clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
 	@echo "make test         the tests to run before a commit; ARGS='-k rig' picks some"
 	@echo "make test-slow    those that take longer; test-all runs both"
+	@echo "make test-long    repetitions: more rigs, solvers and kills than test-all"
 	@echo "make lint         ruff: rules and layout"
 	@echo "make types        pyright"
 	@echo "make notebook     run the notebooks again, in place; notebook-check runs them from the wheel"
@@ -46,13 +47,17 @@ demo: $(INSTALLED)
 	$(BIN)/jaxtwin demo --out report
 
 test: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest $(PARALLEL) -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest $(PARALLEL) -m "not slow and not long" $(ARGS)
 
 test-slow: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest $(PARALLEL) -m slow $(ARGS)
+	$(BIN)/python -m pytest $(PARALLEL) -m "slow and not long" $(ARGS)
 
 test-all: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest $(PARALLEL) $(ARGS)
+	$(BIN)/python -m pytest $(PARALLEL) -m "not long" $(ARGS)
+
+# More rigs, solvers and kills of what the other tests check already.
+test-long: $(INSTALLED_DEV)
+	$(BIN)/python -m pytest $(PARALLEL) -m long $(ARGS)
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
@@ -118,7 +123,7 @@ test-lowest:
 	.venv-lowest/bin/python -m pip install --quiet uv
 	.venv-lowest/bin/uv pip install --python .venv-lowest/bin/python \
 	    --resolution lowest-direct --editable '.[dev]'
-	.venv-lowest/bin/python -m pytest $(PARALLEL) -m "not slow" -W default::DeprecationWarning \
+	.venv-lowest/bin/python -m pytest $(PARALLEL) -m "not slow and not long" -W default::DeprecationWarning \
 	    $(or $(ARGS),$(SELECTION))
 
 test-newest:
@@ -127,7 +132,7 @@ ifeq ($(NEWEST),)
 else
 	$(NEWEST) -m venv .venv-newest
 	.venv-newest/bin/python -m pip install --quiet --editable '.[dev]'
-	.venv-newest/bin/python -m pytest $(PARALLEL) -m "not slow" $(or $(ARGS),$(SELECTION))
+	.venv-newest/bin/python -m pytest $(PARALLEL) -m "not slow and not long" $(or $(ARGS),$(SELECTION))
 endif
 
 clean:
