@@ -8,7 +8,7 @@ INSTALLED_DEV := .venv/installed-dev
 INSTALLED_DOCS := .venv/installed-docs
 INSTALLED_WHEEL := .venv-wheel/installed
 RECORDINGS := $(abspath $(wildcard ../shared/recordings))
-PARALLEL := --numprocesses=auto --dist=loadfile
+PARALLEL := --numprocesses=auto --dist=loadfile --no-loadscope-reorder
 
 # What tells in a few minutes whether another environment will do: every library is asked for
 # something here. ARGS=tests runs all.
@@ -23,19 +23,20 @@ NEWEST ?= $(firstword $(shell for python in python3.13 \
     "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/3.13.*/bin/python; do \
     "$$python" -c pass 2>/dev/null && echo "$$python"; done))
 
-.PHONY: help bench bench-gpu demo docs test test-slow test-all test-lowest test-newest lint types lab notebook notebook-check pictures wheel-check clean
+.PHONY: help bench bench-gpu demo docs test test-slow test-all test-long test-lowest test-newest lint types lab notebook notebook-check pictures wheel-check clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
 	@echo "make test         the tests to run before a commit; ARGS='-k rig' picks some"
 	@echo "make test-slow    those that take longer; test-all runs both"
+	@echo "make test-long    repetitions: more rigs, solvers and kills than test-all"
 	@echo "make lint         ruff: rules and layout"
 	@echo "make types        pyright"
 	@echo "make notebook     run the notebooks again, in place; notebook-check runs them from the wheel"
 	@echo "make lab          open the notebooks in JupyterLab; ARGS=--no-browser on a server"
 	@echo "make docs         build the documentation site, build/site/index.html, and check its links"
 	@echo "make pictures     draw the pictures of the documentation again"
-	@echo "make wheel-check  build the wheel and use it from a fresh environment"
+	@echo "make wheel-check  build sdist and wheel, check both, and use the wheel from a fresh environment"
 	@echo "make test-lowest  a selection on the oldest libraries that pyproject.toml allows"
 	@echo "make test-newest  the selection on Python 3.13, where it is installed"
 	@echo "make bench        measure beside other tools; ARGS=--quick is small"
@@ -46,13 +47,17 @@ demo: $(INSTALLED)
 	$(BIN)/jaxtwin demo --out report
 
 test: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest $(PARALLEL) -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest $(PARALLEL) -m "$(MARKS)" $(ARGS)
 
 test-slow: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest $(PARALLEL) -m slow $(ARGS)
+	$(BIN)/python -m pytest $(PARALLEL) -m "slow and not long" $(ARGS)
 
 test-all: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest $(PARALLEL) $(ARGS)
+	$(BIN)/python -m pytest $(PARALLEL) -m "not long" $(ARGS)
+
+# More rigs, solvers and kills of what the other tests check already.
+test-long: $(INSTALLED_DEV)
+	$(BIN)/python -m pytest $(PARALLEL) -m long $(ARGS)
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
@@ -89,15 +94,18 @@ pictures: $(INSTALLED)
 	$(BIN)/python docs/make_gallery.py
 	$(BIN)/python docs/make_pictures.py
 
-# The wheel must carry its data files, and need nothing but what it names: it is installed in an empty
-# environment and used from outside the checkout.
+# The wheel must carry the data files as they are, and need nothing but what it names: it is installed
+# in an empty environment and used from outside the checkout. `twine check` renders the README.
 wheel-check:
 	rm -f $(INSTALLED_WHEEL)
 	$(MAKE) $(INSTALLED_WHEEL)
+	$(BIN)/python -m twine check --strict dist/*
 	set -e; fresh=$$(mktemp -d); trap 'rm -rf "$$fresh"' EXIT; \
-	wheel=$$PWD/.venv-wheel/bin; cd "$$fresh"; \
+	checkout=$$PWD; wheel=$$PWD/.venv-wheel/bin; cd "$$fresh"; \
 	$$wheel/jaxtwin rigs; \
-	$$wheel/python -c 'import jaxtwin.data; print(jaxtwin.data.table(4).title)'
+	$$wheel/python -c 'import jaxtwin.data; print(jaxtwin.data.table(4).title)'; \
+	diff --recursive --exclude='.*' "$$checkout/data" \
+	    "$$($$wheel/python -c 'import jaxtwin.data; print(jaxtwin.data.data_folder())')"
 
 bench: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
@@ -115,7 +123,7 @@ test-lowest:
 	.venv-lowest/bin/python -m pip install --quiet uv
 	.venv-lowest/bin/uv pip install --python .venv-lowest/bin/python \
 	    --resolution lowest-direct --editable '.[dev]'
-	.venv-lowest/bin/python -m pytest $(PARALLEL) -m "not slow" -W default::DeprecationWarning \
+	.venv-lowest/bin/python -m pytest $(PARALLEL) -m "not slow and not long" -W default::DeprecationWarning \
 	    $(or $(ARGS),$(SELECTION))
 
 test-newest:
@@ -124,7 +132,7 @@ ifeq ($(NEWEST),)
 else
 	$(NEWEST) -m venv .venv-newest
 	.venv-newest/bin/python -m pip install --quiet --editable '.[dev]'
-	.venv-newest/bin/python -m pytest $(PARALLEL) -m "not slow" $(or $(ARGS),$(SELECTION))
+	.venv-newest/bin/python -m pytest $(PARALLEL) -m "not slow and not long" $(or $(ARGS),$(SELECTION))
 endif
 
 clean:
@@ -144,9 +152,10 @@ $(INSTALLED_DOCS): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@
 
-$(INSTALLED_WHEEL): $(INSTALLED) $(shell find src -type f -not -path '*/__pycache__/*') README.md
+# The wheel is built from the source distribution, which shows that nothing is missing in that either.
+$(INSTALLED_WHEEL): $(INSTALLED_DEV) $(shell find src data -type f -not -path '*/__pycache__/*') README.md
 	rm -rf dist .venv-wheel
-	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	$(BIN)/python -m build .
 	$(PYTHON) -m venv .venv-wheel
 	.venv-wheel/bin/python -m pip install --quiet dist/*.whl
 	@touch $@

@@ -13,13 +13,13 @@ import argparse
 import copy
 import tomllib
 from collections.abc import Callable, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jaxtwin import Experiment, Fit, Run, Twin, match, read_recording
+from jaxtwin.data import data_folder
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.rig._build import build_rig
 from jaxtwin.simulation import fit_percent
@@ -85,7 +85,7 @@ PARTS: tuple[tuple[str, Callable[[Document], None]], ...] = (
 
 def stages() -> list[tuple[str, Twin]]:
     """Twins by geometry, each with one part more."""
-    full = tomllib.loads((files("jaxtwin") / "data" / "rigs" / "dual-cell.toml").read_text())
+    full = tomllib.loads((data_folder() / "rigs" / "dual-cell.toml").read_text())
     names = ["geometry: 1 mm copper, handbook priors", *(name for name, _ in PARTS)]
     found = []
     for count, name in enumerate(names):

@@ -12,12 +12,12 @@
 
 import argparse
 import tomllib
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 
 from jaxtwin import Experiment, Fit, Twin, leave_one_out, match, match_many, plots, read_recording
+from jaxtwin.data import data_folder
 from jaxtwin.matching._descent import descend
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._match import default_solver
@@ -30,7 +30,7 @@ BETWEEN = 0.2
 
 def with_values_for_each_session() -> Twin:
     """The rig with every shared parameter that has a prior as one of each group."""
-    rig = tomllib.loads((files("jaxtwin") / "data" / "rigs" / "single-cell.toml").read_text())
+    rig = tomllib.loads((data_folder() / "rigs" / "single-cell.toml").read_text())
     for row in rig["parameters"].values():
         if "prior" in row and "scope" not in row:
             row["scope"] = "group"

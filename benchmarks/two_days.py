@@ -30,7 +30,6 @@ import json
 import time
 import tomllib
 from collections.abc import Iterator, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +37,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from jaxtwin import Experiment, Fit, Twin, match_many, prediction_band, simulate
+from jaxtwin.data import data_folder
 from jaxtwin.rig._build import build_rig
 
 RESULTS = Path(__file__).parent / "results"
@@ -87,7 +87,7 @@ def draw(twin: Twin, rng: np.random.Generator) -> dict[str, dict[str, float]]:
 
 def finer_plant() -> Twin:
     """A rig that the twin does not describe exactly."""
-    rig = tomllib.loads((files("jaxtwin") / "data" / "rigs" / "dual-cell.toml").read_text())
+    rig = tomllib.loads((data_folder() / "rigs" / "dual-cell.toml").read_text())
     plate = rig["plate"]
     for axis in ("columns", "rows"):
         halves = [f"{float(size.split()[0]) / 2} cm" for size in plate[axis]]

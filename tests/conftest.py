@@ -6,6 +6,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import jax
@@ -120,8 +121,26 @@ def found() -> dict[str, str | None]:
     return places
 
 
+PAGES = "test_snippets.py"
+"""Its tests share nothing, and one takes as long as a whole folder of others."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Gives each process a file at a time, whose fixtures are then made once, or one page."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class FilesAndPages(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return nodeid if PAGES in nodeid else super()._split_scope(nodeid)
+
+    return FilesAndPages(config, log)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leaves out what needs a program or module that is not installed; it counts as deselected."""
+    """Leaves out what needs a program or module that is not installed; it counts as deselected.
+    The pages come first, so that no process works on one when the others have finished."""
+    items.sort(key=lambda item: item.path.name != PAGES)
     for marker, place in found().items():
         if place:
             continue

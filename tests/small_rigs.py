@@ -2,13 +2,13 @@
 
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from jaxtwin import Twin
+from jaxtwin.data import data_folder
 from jaxtwin.rig import Rig, load_rig
 from jaxtwin.rig._build import build_rig
 
@@ -24,7 +24,7 @@ view = { x = [0, 80], y = [0, 60] }
 
 def bundled(name: str, driver: Mapping[str, str]) -> Twin:
     """A bundled rig whose driver has other values."""
-    text = (files("jaxtwin") / "data" / "rigs" / f"{name}.toml").read_text()
+    text = (data_folder() / "rigs" / f"{name}.toml").read_text()
     document: dict[str, Any] = tomllib.loads(text)
     document["driver"] |= driver
     return Twin(build_rig(document, name))

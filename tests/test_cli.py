@@ -104,8 +104,8 @@ def fresh(*arguments: str, **environment: str) -> subprocess.CompletedProcess[st
     )
 
 
-def test_the_overview_has_every_command():
-    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+def test_the_page_of_commands_has_every_command():
+    text = (Path(__file__).parents[1] / "docs/commands.md").read_text(encoding="utf-8")
     rows = re.search(r"These are all commands:\n\n(.*?)\n\n", text, re.DOTALL)
     assert rows is not None
     listed = re.findall(r"`([\w -]+)`", " ".join(row.split("|")[1] for row in rows[1].split("\n")))
@@ -575,7 +575,7 @@ def test_every_command_is_tested_for_help():
 
 @pytest.mark.slow
 def test_compiled_programs_are_kept_unless_one_says_no(tmp_path):
-    """README: JAXTWIN_COMPILATION_CACHE rules it."""
+    """docs/performance.md: JAXTWIN_COMPILATION_CACHE rules it."""
     arguments = ["simulate", "paper-2024", "--duty", "0:0.5", "--duration", "10", "--out", "r.nc"]
     folder = tmp_path / "compiled"
     for setting, kept in (("off", False), (str(folder), True)):

@@ -62,7 +62,7 @@ def test_what_is_used_imports_no_library_of_other_things(used, left_out):
 
 @pytest.mark.slow
 def test_import_leaves_the_settings_of_jax_alone():
-    """The README promises it: no setting changes, whatever public names are used."""
+    """docs/performance.md promises it: no setting changes, whatever public names are used."""
     code = (
         "import jax; before = dict(jax.config.values)\n"
         "from jaxtwin import *\n"

@@ -21,7 +21,7 @@ import pytest
 
 import jaxtwin as jt
 import jaxtwin.io
-from jaxtwin.data import synthetic_recordings
+from jaxtwin.data import data_folder, synthetic_recordings
 from jaxtwin.live import Reading, SystemClock, TcpServer, VirtualRig, connect, serve
 
 CHECKOUT = Path(__file__).parent.parent
@@ -128,7 +128,7 @@ def surroundings_of(page: str, names: dict[str, Any]) -> Iterator[None]:
         with rig_that_listens():
             yield
     elif page == "docs/experiment-design.md":
-        shutil.copy(Path(jaxtwin.__file__).parent / "data/rigs/single-cell.toml", "my-rig.toml")
+        shutil.copy(data_folder() / "rigs/single-cell.toml", "my-rig.toml")
         names["recordings"] = [jt.read_recording("session-0.csv")]
         yield
     elif page == "docs/firmware/lepton.md":

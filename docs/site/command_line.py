@@ -11,8 +11,8 @@ from jaxtwin.cli import app
 
 ABOUT = """\
 This page is generated from the code of the commands; `jaxtwin COMMAND --help` says the same. The
-[overview](../overview.md#on-the-command-line) shows in which order the commands are used, and what
-the exit codes mean.""".splitlines()
+page [Commands](../commands.md) shows in which order they are used, and what the exit codes
+mean.""".splitlines()
 
 _MARKUP = re.compile(r"\[/?[a-z ]*\]")
 

@@ -19,6 +19,7 @@ ROOTS = {
     "README.md": "overview.md",
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security.md",
 }
 """Pages that stand beside docs/ in the repository."""
 
@@ -37,6 +38,7 @@ LANGUAGES = {
     ".pyi": "python",
     ".service": "ini",
     ".toml": "toml",
+    ".yaml": "yaml",
 }
 PICTURES = {".png", ".svg", ".gif"}
 

@@ -17,7 +17,6 @@ from scipy.linalg import toeplitz
 from scipy.stats import chi2
 from small_results import fit
 
-import jaxtwin
 from jaxtwin import (
     Experiment,
     ExperimentDesign,
@@ -35,6 +34,7 @@ from jaxtwin import (
 )
 from jaxtwin._compilation import compiling_seconds
 from jaxtwin.cli import run
+from jaxtwin.data import data_folder
 from jaxtwin.experiment_design._design_experiment import _Search
 from jaxtwin.experiment_design._exchange import random_schedules
 from jaxtwin.experiment_design._experiment_design import PlannedSchedule
@@ -57,7 +57,7 @@ def recorded(drive: Experiment, seed: int) -> Experiment:
     )
 
 
-BUNDLED = Path(jaxtwin.__file__).parent / "data" / "rigs" / "single-cell.toml"
+BUNDLED = data_folder() / "rigs" / "single-cell.toml"
 STEPS = Experiment.schedule("0:0.4,300:-0.3", duration=600, channels=("T",))
 
 

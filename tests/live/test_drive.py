@@ -16,6 +16,7 @@ from hand_clock import HandClock, stepped_bench, virtual_bench
 import jaxtwin as jt
 from jaxtwin import JaxtwinError
 from jaxtwin._errors import SafetyStop
+from jaxtwin.data import data_folder
 from jaxtwin.io import Experiment, Session
 from jaxtwin.live import (
     Ask,
@@ -230,8 +231,7 @@ def test_waiting_for_a_rig_can_be_stopped(rig: Rig, clock: HandClock) -> None:
 
 def test_a_limit_in_a_rig_file_is_a_temperature(tmp_path: Path, rig: Rig) -> None:
     assert rig.maximum_temperature == pytest.approx(273.15 + 90)
-    bundled = Path(jt.__file__).parent / "data" / "rigs" / "dual-cell.toml"
-    text = bundled.read_text()
+    text = (data_folder() / "rigs" / "dual-cell.toml").read_text()
     file = tmp_path / "rig.toml"
     file.write_text(text.replace('temperature = "90 degC"', 'temperature = "90 cm"'))
     with pytest.raises(jt.RigError, match=r"limits.temperature: expected .* got '90 cm'"):

@@ -8,6 +8,7 @@ from hand_clock import HandClock, stepped_bench, virtual_bench
 
 import jaxtwin as jt
 from jaxtwin._errors import SafetyStop
+from jaxtwin.data import data_folder
 from jaxtwin.io import Experiment, Session
 from jaxtwin.live import (
     Data,
@@ -226,7 +227,7 @@ def test_a_rig_whose_relay_nobody_has_is_not_driven(
 
 
 def test_the_relay_of_a_rig_file_has_a_name(tmp_path: Path) -> None:
-    text = (Path(jt.__file__).parent / "data" / "rigs" / "dual-cell.toml").read_text()
+    text = (data_folder() / "rigs" / "dual-cell.toml").read_text()
     file = tmp_path / "rig.toml"
     limit = 'temperature = "90 degC"'
     file.write_text(text.replace(limit, f'{limit}\nrelay = "power off"'))

@@ -29,7 +29,9 @@ def ours(recording: Experiment) -> Fit:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [optx.LevenbergMarquardt, optx.Dogleg])
+@pytest.mark.parametrize(
+    "kind", [pytest.param(optx.LevenbergMarquardt, marks=pytest.mark.long), optx.Dogleg]
+)
 def test_another_solver_ends_at_the_same_optimum(
     recording: Experiment, ours: Fit, kind: type[optx.AbstractLeastSquaresSolver]
 ):

@@ -3,7 +3,6 @@ and the laws that they come from."""
 
 import subprocess
 import tomllib
-from importlib.resources import files
 
 import diffrax
 import jax.numpy as jnp
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Rig, Twin, simulate
+from jaxtwin.data import data_folder
 from jaxtwin.physics._heat_loss import NonlinearLoss
 from jaxtwin.rig._build import build_rig
 from jaxtwin.spice import to_spice
@@ -20,7 +20,7 @@ DRIVE = Experiment.schedule("0:0.5/0.7,60:0.8", duration=120, step=2.0, cells=2)
 
 def changed(name: str, *changes: tuple[str, str]) -> Rig:
     """A bundled rig with some texts of its file replaced."""
-    text = (files("jaxtwin") / "data" / "rigs" / f"{name}.toml").read_text()
+    text = (data_folder() / "rigs" / f"{name}.toml").read_text()
     for old, new in changes:
         assert old in text
         text = text.replace(old, new, 1)
@@ -85,7 +85,7 @@ def test_each_part_can_be_left_out():
         ('delay = "t_delay"\n', ""),
         *(
             (line + "\n", "")
-            for line in (files("jaxtwin") / "data/rigs/dual-cell.toml").read_text().splitlines()
+            for line in (data_folder() / "rigs/dual-cell.toml").read_text().splitlines()
             if line.startswith(("n_film", "e_copper", "t_lag", "t_delay"))
         ),
     )

@@ -4,7 +4,6 @@ import copy
 import json
 import tomllib
 from collections.abc import Iterable, Iterator
-from importlib.resources import files
 from typing import Any
 
 import jsonschema
@@ -14,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxtwin.cli import run
+from jaxtwin.data import data_folder
 from jaxtwin.rig import bundled_rigs, json_schema
 from jaxtwin.rig._schema import RigTable
 
@@ -21,7 +21,7 @@ VALIDATOR = jsonschema.Draft202012Validator(json_schema())
 
 
 def tables(name: str) -> dict[str, Any]:
-    return tomllib.loads((files("jaxtwin") / "data" / "rigs" / f"{name}.toml").read_text("utf-8"))
+    return tomllib.loads((data_folder() / "rigs" / f"{name}.toml").read_text("utf-8"))
 
 
 def test_it_is_a_schema():

@@ -4,7 +4,6 @@ import copy
 import datetime
 import tomllib
 from collections.abc import Callable
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxtwin import RigError
+from jaxtwin.data import data_folder
 from jaxtwin.rig import Rig, load_rig
 from jaxtwin.rig._build import build_rig
 
 TEXTS = {
-    name: (files("jaxtwin") / "data" / "rigs" / f"{name}.toml").read_bytes()
+    name: (data_folder() / "rigs" / f"{name}.toml").read_bytes()
     for name in ("paper-2024", "dual-cell")
 }
 TEXTS["many parts"] = text_of_many_parts("on-off").encode()

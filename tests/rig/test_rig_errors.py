@@ -4,11 +4,10 @@ Each case takes a bundled file, replaces one text in it and loads the result.
 """
 # ruff: noqa: E501  (a table of cases reads best with one case a line)
 
-from importlib.resources import files
-
 import pytest
 
 from jaxtwin import RigError
+from jaxtwin.data import data_folder
 from jaxtwin.rig import load_rig
 
 # id: (bundled rig, text that stands in it, text in its place, field, what else the message says)
@@ -98,7 +97,7 @@ MISTAKES = {
 
 def bundled_text(short: str) -> str:
     name = {"paper": "paper-2024", "dual": "dual-cell", "printer": "printer-bed"}[short]
-    return (files("jaxtwin") / "data" / "rigs" / f"{name}.toml").read_text("utf-8")
+    return (data_folder() / "rigs" / f"{name}.toml").read_text("utf-8")
 
 
 @pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES)

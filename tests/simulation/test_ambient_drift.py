@@ -9,6 +9,7 @@ from diffrax import Kvaerno5
 from scipy.integrate import solve_ivp
 
 from jaxtwin import Experiment, Twin, load_rig, match, match_many, response, simulate_batch
+from jaxtwin.data import data_folder
 
 RATE = 20.0
 """K/hour: a room that a sunny window heats drifts a tenth as fast."""
@@ -32,9 +33,7 @@ def drifting(tmp_path_factory) -> Twin:
 
 
 def load_rig_text() -> str:
-    from importlib.resources import files
-
-    return (files("jaxtwin") / "data/rigs/paper-2024.toml").read_text(encoding="utf-8")
+    return (data_folder() / "rigs/paper-2024.toml").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ At every saved time, in each cell: q_h - q_c = I V.
 """
 
 import tomllib
-from importlib.resources import files
 from itertools import pairwise
 
 import jax
@@ -15,6 +14,7 @@ import pytest
 from scipy.integrate import simpson
 
 from jaxtwin import Experiment, Run, Twin
+from jaxtwin.data import data_folder
 from jaxtwin.rig._build import build_rig
 
 # Powered, then reversed in one cell and full in the other, then off: 40 s each. Samples are 0.02 s
@@ -95,7 +95,7 @@ def test_heat_in_is_heat_out_plus_stored(values, circuits, twins):
 def test_heat_in_is_heat_out_plus_stored_with_on_off_switching():
     """`dual-cell` with a command that is followed at once: capacitances and links of the netlist,
     sinks with a mass, losses that grow with the rise."""
-    document = tomllib.loads((files("jaxtwin") / "data" / "rigs" / "dual-cell.toml").read_text())
+    document = tomllib.loads((data_folder() / "rigs" / "dual-cell.toml").read_text())
     for part in ("lag", "delay"):
         del document["parameters"][document["driver"].pop(part)]
     twin = Twin(build_rig(document, "at once"))

@@ -3,12 +3,11 @@
 Sizes and constants are written out here again, from handbooks and datasheets.
 """
 
-from importlib.resources import files
-
 import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Twin, simulate
+from jaxtwin.data import data_folder
 from jaxtwin.rig import load_rig
 from jaxtwin.rig._value import Value
 from jaxtwin.simulation import Run
@@ -35,7 +34,7 @@ def test_what_a_recording_can_tell_is_free_and_has_a_prior(name):
 
 @pytest.mark.parametrize("name", ["pcr-block", "printer-bed", "dew-point-mirror"])
 def test_forty_lines_of_toml_describe_it(name):
-    text = files("jaxtwin.data").joinpath(f"rigs/{name}.toml").read_text(encoding="utf-8")
+    text = (data_folder() / "rigs" / f"{name}.toml").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     assert len(lines) <= 40
 

@@ -33,7 +33,9 @@ numpy.savez("found.npz", batch=batch.call(draws), value=value, gradient=gradient
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("float64")
-@pytest.mark.parametrize("name", ["paper-2024", "dual-cell"])  # dual-cell has a lag and a delay
+@pytest.mark.parametrize(
+    "name", [pytest.param("paper-2024", marks=pytest.mark.long), "dual-cell"]
+)  # dual-cell has a lag and a delay
 def test_an_artefact_runs_without_jaxtwin(name: str, tmp_path: Path):
     twin = jt.Twin(name)
     drive = jt.Experiment.schedule("0:0.5,60:0.8", duration=120, cells=2)

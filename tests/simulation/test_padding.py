@@ -76,7 +76,7 @@ def test_sizes_grow_by_an_eighth_at_most():
     ("rig", "ambient"),
     [
         ("paper-2024", None),
-        pytest.param("dual-cell", None, marks=pytest.mark.slow),
+        pytest.param("dual-cell", None, marks=pytest.mark.long),
         pytest.param("dual-cell", "recorded", marks=pytest.mark.slow),
     ],
 )

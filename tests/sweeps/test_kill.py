@@ -43,8 +43,13 @@ for line in sys.stdin:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "stops",
+    [(0, 14, 32), pytest.param((0, 3, 8, 14, 20, 26, 32, 38, 44), marks=pytest.mark.long)],
+    ids=["few", "many"],
+)
 def test_killed_at_random_moments_no_draw_is_lost_or_done_twice(
-    stored, tmp_path, twin, experiment, engine
+    stored, tmp_path, twin, experiment, engine, stops
 ):
     """A process is killed some milliseconds after it has done some more chunks, so that the kill
     falls into any part of a chunk's work; a mark that is there is never written again."""
@@ -60,7 +65,7 @@ def test_killed_at_random_moments_no_draw_is_lost_or_done_twice(
     ) as nursery:
         assert nursery.stdin is not None
         assert nursery.stdout is not None
-        for stop in (0, 3, 8, 14, 20, 26, 32, 38, 44, None):
+        for stop in (*stops, None):
             print("next", file=nursery.stdin, flush=True)
             child = int(nursery.stdout.readline())
             if stop is not None:

@@ -3,8 +3,9 @@
 `python -m jaxtwin.data._make_synthetic` makes them again.
 """
 
-from importlib import resources
 from pathlib import Path
+
+from .._data_folder import data_folder
 
 SYNTHETIC = ("synthetic-A", "synthetic-B", "synthetic-C")
 """Zones A, B and C of the two-cell plate, as the paper's recordings have them."""
@@ -25,4 +26,4 @@ def synthetic_truth() -> Path:
 
 
 def _file(name: str) -> Path:
-    return Path(str(resources.files("jaxtwin") / "data" / "recordings" / name))
+    return data_folder() / "recordings" / name

@@ -7,9 +7,9 @@ with the authors' model file, the note of its row says so.
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 
-from jaxtwin._errors import JaxtwinError
+from .._data_folder import data_folder
+from .._errors import JaxtwinError
 
 _numbers = (1, 2, 3, 4)
 
@@ -60,7 +60,7 @@ def table(number: int) -> Table:
     """
     if number not in _numbers:
         raise JaxtwinError(f"table: expected 1, 2, 3 or 4, got {number}")
-    file = resources.files("jaxtwin").joinpath("data", "tables", f"table{number}.toml")
+    file = data_folder() / "tables" / f"table{number}.toml"
     content = tomllib.loads(file.read_text(encoding="utf-8"))
     rows = tuple({**_plain(row), "note": row.get("note", "")} for row in content["rows"])
     return Table(number, content["title"], content["condition"], rows)

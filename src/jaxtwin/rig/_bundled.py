@@ -2,10 +2,10 @@
 
 import os
 import tomllib
-from importlib.resources import files
 from typing import Any
 
 from .._arguments import path_of
+from .._data_folder import data_folder
 from .._errors import JaxtwinError, RigError
 from .._name_suggestions import unknown_name
 from ._problems import refuse
@@ -42,7 +42,7 @@ def bundled_content(folder: str, name: str) -> tuple[bytes, str]:
     """
     if name not in _names(folder):
         refuse(name, "", unknown_name(f"name of the bundled {folder}", name, _names(folder)))
-    return (_folder(folder) / f"{name}.toml").read_bytes(), f"{name}.toml (bundled)"
+    return (data_folder() / folder / f"{name}.toml").read_bytes(), f"{name}.toml (bundled)"
 
 
 def read_toml(
@@ -95,10 +95,5 @@ def parse_toml(content: bytes, source: str, error: type[JaxtwinError] = RigError
         refuse(source, "", "no valid TOML: nested too deeply", error)
 
 
-def _folder(name: str) -> Any:
-    return files("jaxtwin") / "data" / name
-
-
 def _names(folder: str) -> tuple[str, ...]:
-    entries = (entry.name for entry in _folder(folder).iterdir())
-    return tuple(sorted(name.removesuffix(".toml") for name in entries if name.endswith(".toml")))
+    return tuple(sorted(file.stem for file in (data_folder() / folder).glob("*.toml")))
