@@ -9,6 +9,8 @@ INSTALLED_DOCS := .venv/installed-docs
 INSTALLED_WHEEL := .venv-wheel/installed
 RECORDINGS := $(abspath $(wildcard ../shared/recordings))
 PARALLEL := --numprocesses=auto --dist=loadfile --no-loadscope-reorder
+# Which tests `make test` runs; `make test-all` and .ci/run leave out only long repetitions.
+MARKS ?= not slow and not long
 
 # What tells in a few minutes whether another environment will do: every library is asked for
 # something here. ARGS=tests runs all.
@@ -49,15 +51,15 @@ demo: $(INSTALLED)
 test: $(INSTALLED_DEV)
 	$(BIN)/python -m pytest $(PARALLEL) -m "$(MARKS)" $(ARGS)
 
-test-slow: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest $(PARALLEL) -m "slow and not long" $(ARGS)
+test-slow:
+	$(MAKE) test MARKS="slow and not long"
 
-test-all: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest $(PARALLEL) -m "not long" $(ARGS)
+test-all:
+	$(MAKE) test MARKS="not long"
 
 # More rigs, solvers and kills of what the other tests check already.
-test-long: $(INSTALLED_DEV)
-	$(BIN)/python -m pytest $(PARALLEL) -m long $(ARGS)
+test-long:
+	$(MAKE) test MARKS=long
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
