@@ -6,7 +6,9 @@ from ._control import LiveLoop as LiveLoop
 from ._control import control as control  # a controller on a live rig
 from ._controller import AbstractController as AbstractController
 from ._controller import FunctionController as FunctionController
+from ._controller_fields import ControllerField as ControllerField  # a number with its unit
 from ._controller_file import read_controller as read_controller  # .toml -> controller
+from ._controller_file import register_controller as register_controller  # a class with files
 from ._controller_file import save_controller as save_controller
 from ._decision import Decision as Decision  # a sample of a controller on a live rig
 from ._decoupled_pi import DecoupledPI as DecoupledPI  # on the mean and on differences

@@ -3,7 +3,7 @@
 import dataclasses
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias, TypeVar, final
+from typing import Any, ClassVar, TypeAlias, TypeVar, final
 
 import equinox as eqx
 import jax
@@ -16,6 +16,13 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from .._arguments import check_callable, finite_number, is_ordered
 from .._errors import ControlError
 from .._name_suggestions import unknown_name
+from ._controller_fields import (
+    ControllerField,
+    FileContents,
+    check_cells_of_fields,
+    field_arguments,
+    field_lines,
+)
 from ._controller_text import controller_text
 
 Numbers: TypeAlias = npt.ArrayLike | float | int
@@ -38,7 +45,17 @@ class AbstractController(eqx.Module):
 
     References and measurements are temperatures of the controller's outputs. Each output is a
     weighted sum of channels of the rig, see `output_weights`.
+
+    A class with a name (`kind`) can have a file: `register_controller` makes `read_controller`
+    know it.
     """
+
+    kind: ClassVar[str] = ""
+    """The name of the class in controller files; empty for a class without a file."""
+
+    fields: ClassVar[Mapping[str, ControllerField]] = {}
+    """The fields of its files beside those of all controllers. A field is the argument of the
+    constructor of the same name, or with `_s` at its end for one in seconds."""
 
     sample_time_s: eqx.AbstractVar[float]
     """The time between two samples, s."""
@@ -46,6 +63,13 @@ class AbstractController(eqx.Module):
     limits: eqx.AbstractVar[tuple[float, float]]
     """The lowest and the highest duty that the controller commands, -1 to 1. A reference that no
     duty between them can hold is refused before a loop runs, simulated or on a rig."""
+
+    @property
+    @abstractmethod
+    def is_linear(self) -> bool:
+        """Whether `step` is linear about a steady state within the limits. `control` refuses a
+        linear controller whose loop with the twin is not stable; of others, such as a relay, it
+        cannot tell."""
 
     @property
     def preview_samples(self) -> int:
@@ -65,6 +89,41 @@ class AbstractController(eqx.Module):
 
         **Raises:** `ControlError` that names the parameter.
         """
+
+    @classmethod
+    def fits_outputs(cls, outputs: int, cells: int) -> bool:
+        """Whether a controller of this class can have so many outputs on a rig with so many cells.
+        By default it can."""
+        return True
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> "AbstractController":
+        """Makes a controller from the contents of its file. By default all fields are numbers with
+        units.
+
+        **Arguments:**
+
+        - `contents`: the fields of the file, of which the names are checked.
+
+        **Raises:** `ControlError` that names the file and the field.
+        """
+        arguments = field_arguments(cls, cls.fields, contents)
+        cells = len(contents.rig.cells)
+        try:
+            controller = cls(**contents.common, **arguments)
+            outputs = len(controller.output_weights(contents.channels))
+        except ControlError as error:
+            contents.refuse("", str(error))
+        if not cls.fits_outputs(outputs, cells):
+            contents.refuse(
+                "measured", f"expected an output for each of the {cells} cells, got {outputs}"
+            )
+        check_cells_of_fields(cls, cls.fields, arguments, contents)
+        return controller
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the controller's file, without those of all controllers."""
+        return field_lines(self, self.fields)
 
     def __repr__(self) -> str:
         return controller_text(self)
@@ -142,6 +201,11 @@ class FunctionController(AbstractController):
         self.function = function
         self.sample_time_s = checked_sample_time("FunctionController", sample_time_s)
         self.limits = (-1.0, 1.0)
+
+    @property
+    def is_linear(self) -> bool:
+        """False: a function may be anything."""
+        return False
 
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
         """Returns the unit matrix: each channel is an output."""

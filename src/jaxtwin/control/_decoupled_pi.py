@@ -8,8 +8,10 @@ Two cells on a plate warm each other: a duty that is meant for the difference al
 The matrix $D$, the inverse of the plate's gain, compensates for this.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, final
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,13 +22,15 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from .._errors import ControlError
 from ._controller import (
     AbstractChannelGroupController,
+    AbstractController,
     Numbers,
     check_non_negative,
     checked_limits,
     checked_measured,
     checked_sample_time,
 )
-from ._pid import Parameter, as_parameter, tracking_share
+from ._controller_fields import OWN, REQUIRED_OWN, ControllerField, FileContents, numbers
+from ._pid import INTEGRAL, PROPORTIONAL, WEIGHT, Parameter, as_parameter, tracking_share
 
 
 class DecoupledPIState(NamedTuple):
@@ -54,6 +58,17 @@ class DecoupledPI(AbstractChannelGroupController):
     singular or has another shape, the limits are not within -1 to 1, or the sample time is not
     positive.
     """
+
+    kind: ClassVar[str] = "decoupled-pi"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        "Kp_mean": PROPORTIONAL,
+        "Ki_mean": replace(INTEGRAL, is_required=True),
+        "Kp_difference": PROPORTIONAL,
+        "Ki_difference": replace(INTEGRAL, is_required=True),
+        "setpoint_weight": WEIGHT,
+        "measured": REQUIRED_OWN,
+        "decoupling": OWN,
+    }
 
     Kp_mean: Parameter
     Ki_mean: Parameter
@@ -111,6 +126,31 @@ class DecoupledPI(AbstractChannelGroupController):
         if isinstance(decoupling, np.ndarray) and decoupling.ndim:
             check_decoupling("DecoupledPI", decoupling, len(decoupling))
         check_non_negative("DecoupledPI", **values)
+
+    @property
+    def is_linear(self) -> bool:
+        """True within the limits."""
+        return True
+
+    @classmethod
+    def fits_outputs(cls, outputs: int, cells: int) -> bool:
+        """Each cell has an output."""
+        return outputs == cells
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> AbstractController:
+        """Makes a controller from its file, whose decoupling is a list of rows."""
+        if "decoupling" in contents.data:
+            found = contents.data["decoupling"]
+            rows = found if isinstance(found, list) else [found]
+            matrix = [numbers(row, "decoupling", contents.refuse) for row in rows]
+            contents = contents._replace(common={**contents.common, "decoupling": matrix})
+        return super().from_file(contents)
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the gains and of the decoupling."""
+        rows = json.dumps(np.asarray(self.decoupling).tolist())
+        return [*super().file_lines(), f"decoupling = {rows}"]
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

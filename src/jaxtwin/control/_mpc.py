@@ -16,8 +16,10 @@ linear-quadratic regulator, whatever the horizon (Rawlings, Mayne and Diehl, *Mo
 Control*, 2017, chapters 1 and 2).
 """
 
+import json
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, final
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -38,15 +40,36 @@ from ._condensed_program import (
 )
 from ._controller import (
     AbstractChannelGroupController,
+    AbstractController,
     Numbers,
     checked_deviations,
     checked_limits,
     checked_measured,
 )
+from ._controller_fields import (
+    OWN,
+    REQUIRED_OWN,
+    ControllerField,
+    FileContents,
+    as_quantity,
+    field_arguments,
+)
 from ._discrete_model import DiscreteModel
 from ._kalman import KalmanFilter, kalman_filter
+from ._model_fields import (
+    MODEL_FIELDS,
+    designed,
+    limit_lines,
+    model_lines,
+    point_lines,
+    read_model,
+    temperature_limits,
+)
 from ._plant import Plant, plant_of
 from ._quadratic_program import QuadraticProgram, minimised
+
+_TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
+_DUTY = ControllerField("a duty", "", "0.05", is_required=True)
 
 
 class MPCState(NamedTuple):
@@ -88,6 +111,19 @@ class MPC(AbstractChannelGroupController):
     deviation, a noise or the rate is not a finite positive number, the horizon is not a positive
     whole number, the limits are not within -1 to 1, or a temperature limit is not one.
     """
+
+    kind: ClassVar[str] = "mpc"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        **MODEL_FIELDS,
+        "horizon": REQUIRED_OWN,
+        "preview": OWN,
+        "output_deviation": replace(_TEMPERATURE, is_required=True),
+        "duty_deviation": _DUTY,
+        "duty_change_deviation": _DUTY,
+        "rate_limit": ControllerField("a rate of the duty", "1/s", "0.05 1/s"),
+        "excess_deviation": _TEMPERATURE,
+        "temperature_limits": OWN,
+    }
 
     condensed: Condensed
     kalman: KalmanFilter
@@ -153,9 +189,55 @@ class MPC(AbstractChannelGroupController):
         self.duty, self.outputs = plant.duty, plant.outputs
 
     @property
+    def is_linear(self) -> bool:
+        """True within the limits."""
+        return True
+
+    @property
     def preview_samples(self) -> int:
         """The horizon, with `preview`."""
         return self.horizon if self.preview else 0
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> AbstractController:
+        """Makes a controller from its file: the model, the filter and the accepted deviations."""
+        model = read_model(contents, cls.kind)
+        names = ("limits", "measured")
+        settings = {key: contents.common[key] for key in names if key in contents.common}
+        settings |= field_arguments(cls, cls.fields, contents)
+        limits = temperature_limits(contents)
+        if limits and "excess_deviation" not in contents.data:
+            contents.refuse("excess_deviation", "expected this field, got none")
+        preview = contents.data.get("preview", False)
+        if not isinstance(preview, bool):
+            contents.refuse("preview", f"expected true or false, got {preview!r}")
+        settings |= {"horizon": contents.data["horizon"], "preview": preview}
+        return designed(cls, model, {**settings, "temperature_limits": limits}, contents.refuse)
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the operating point, the deviations, the limits, and the model."""
+        of_fields = dict(zip(Deviations._fields, self.deviations, strict=True))
+        values: dict[str, Any] = {f"{name}_deviation": value for name, value in of_fields.items()}
+        values["duty_change_deviation"] = values.pop("change_deviation")
+        tables: list[str] = []
+        if self.rate_limit is not None:
+            values["rate_limit"] = self.rate_limit
+        if self.soft is not None:
+            values["excess_deviation"] = self.soft.excess
+            for row, (name, *limits) in enumerate(self.temperature_limits):
+                at, C = float(self.soft.outputs[row]), np.asarray(self.soft.C)[row]
+                tables += limit_lines(name, (limits[0], limits[1]), at, C)
+        return [
+            *point_lines(self.duty, self.outputs),
+            f"horizon = {self.horizon}",
+            f"preview = {json.dumps(self.preview)}",
+            *(
+                f"{name} = {as_quantity(value, self.fields[name].quantity)}"
+                for name, value in values.items()
+            ),
+            *tables,
+            *model_lines(self.kalman),
+        ]
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

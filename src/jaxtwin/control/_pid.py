@@ -12,8 +12,8 @@ I_{k+1} = I_k + K_i h\,e_k + \frac{h}{T_t} (u_k - v_k)$$
 differences, which is stable for every sample time).
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias, final
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple, TypeAlias, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -28,6 +28,11 @@ from ._controller import (
     checked_measured,
     checked_sample_time,
 )
+from ._controller_fields import ControllerField
+
+PROPORTIONAL = ControllerField("a gain", "1/K", "0.1 1/K", "zero", is_required=True)
+INTEGRAL = ControllerField("a gain", "1/(K s)", "0.002 1/(K s)", "zero")
+WEIGHT = ControllerField("a number without unit", "", "0.7", "zero")
 
 Parameter: TypeAlias = Float[Array | np.ndarray, "..."]
 """A single value, or one for each cell."""
@@ -70,6 +75,17 @@ class PID(AbstractChannelGroupController):
     **Raises:** `ControlError` if a gain is not a finite number of at least 0, the limits are not
     within -1 to 1, or the sample time is not positive.
     """
+
+    kind: ClassVar[str] = "pid"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        "Kp": PROPORTIONAL,
+        "Ki": INTEGRAL,
+        "Kd": ControllerField("a gain", "s/K", "0.5 s/K", "zero"),
+        "Tf": ControllerField("a time", "s", "2 s", "zero"),
+        "setpoint_weight": WEIGHT,
+        "derivative_weight": WEIGHT,
+        "tracking_time": ControllerField("a time", "s", "1 s"),
+    }
 
     Kp: Parameter
     Ki: Parameter
@@ -117,6 +133,16 @@ class PID(AbstractChannelGroupController):
     def check_parameters(cls, **values: Any) -> None:
         """Refuses parameters that are not finite numbers of at least 0."""
         check_non_negative("PID", **values)
+
+    @property
+    def is_linear(self) -> bool:
+        """True within the limits."""
+        return True
+
+    @classmethod
+    def fits_outputs(cls, outputs: int, cells: int) -> bool:
+        """All cells follow one output, or each its own."""
+        return outputs in (1, cells)
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
