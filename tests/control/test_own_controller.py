@@ -1,24 +1,53 @@
-"""A controller of a user: in one class and one line, it has a file and is checked for stability."""
+"""A controller of a user: in one class and one line, it has a file and C, and is checked for
+stability."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiled_c import compiled, ran
 
 from jaxtwin import ControlError, Twin, simulate_closed_loop
+from jaxtwin.c_export import export_c
 from jaxtwin.control import (
     PID,
     ControllerField,
+    Law,
     read_controller,
     register_controller,
     save_controller,
 )
 from jaxtwin.control._controller import AbstractChannelGroupController, AbstractController
 from jaxtwin.control._stability import check_stability
+
+LAW = """
+static void model_law_init(model_state *state, const model_real *duty,
+                           const model_real *measurement)
+{
+    int i;
+    (void)measurement;
+    for (i = 0; i < MODEL_CELLS; ++i) {
+        state->integral[i] = duty[i];
+    }
+}
+
+static void model_law(model_state *state, const model_real *reference, int samples,
+                      model_real *duty)
+{
+    int i;
+    (void)samples;
+    for (i = 0; i < MODEL_CELLS; ++i) {
+        const model_real proportional = model_gain[i] * (reference[0] - state->seen[0]);
+        duty[i] = model_limited(proportional + state->integral[i]);
+        model_integrate(state, i, model_share[i] * (duty[i] - state->integral[i]));
+    }
+}
+"""
 
 
 @register_controller
@@ -58,6 +87,12 @@ class AutomaticReset(AbstractChannelGroupController):
     @classmethod
     def fits_outputs(cls, outputs: int, cells: int) -> bool:
         return outputs == 1
+
+    def law(self, cells: int) -> Law:
+        gain = np.broadcast_to(self.gain, (cells,))
+        share = np.broadcast_to(self.sample_time_s / self.reset_time_s, (cells,))
+        tables = {"gain": (gain, "1/K"), "share": (share, "sample time / reset time")}
+        return Law(LAW, "a PI by automatic reset", tables, integrals=cells)
 
     def init(self, duty: Any, measurement: Any) -> Any:
         return jnp.asarray(duty)
@@ -113,6 +148,52 @@ def test_a_loop_that_is_not_stable_is_refused(twin: Twin):
 def test_it_controls_the_twin(twin: Twin):
     run = simulate_closed_loop(twin, AutomaticReset(0.1, 80.0), 35, duration_s=900, noise=False)
     np.testing.assert_allclose(run.measurement[-1], 35, atol=0.1)
+
+
+MAIN = """
+#include <stdio.h>
+#include "reset.h"
+
+int main(void)
+{
+    static reset_state state;
+    static reset_real duty[RESET_CELLS], row[2];
+    double reference, measurement;
+    int begun = 0;
+    while (scanf("%lf %lf", &reference, &measurement) == 2) {
+        row[0] = (reset_real)reference;
+        row[1] = (reset_real)measurement;
+        if (!begun) {
+            reset_init(&state, duty, row + 1);
+            begun = 1;
+        }
+        reset_step(&state, row, row + 1, duty);
+        printf("%.17g %.17g\\n", (double)duty[0], (double)duty[1]);
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.c_compiler
+@pytest.mark.parametrize(("precision", "allowed"), [("double", 1e-13), ("float", 1e-6)])
+def test_its_c_commands_the_duty_of_python(
+    tmp_path: Path, twin: Twin, precision: Any, allowed: float
+):
+    controller = AutomaticReset([0.1, 0.05], 80.0)
+    sources = export_c(controller, tmp_path, rig=twin.rig, name="reset", precision=precision)
+    assert "a PI by automatic reset for the rig dual-cell" in sources.header.read_text()
+    random = np.random.default_rng(0)
+    rows = np.column_stack([np.full(300, 35.0), 34.0 + 3 * random.normal(size=300)]).round(3)
+    expected = []
+    with jax.enable_x64(True):
+        state = controller.init(np.zeros(2), rows[0, 1:])
+        for reference, measurement in rows:
+            duty, state = controller.step(state, reference[None], measurement[None])
+            expected.append(np.asarray(duty))
+    found = ran(compiled(sources, MAIN), rows)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=allowed)
+    assert (found.min(), found.max()) == (0.0, 1.0)  # both limits are reached
 
 
 def test_a_class_that_does_not_say_whether_it_is_linear_makes_no_controller():

@@ -20,6 +20,7 @@ from ._disturbances import HeatInput as HeatInput  # a hand upon the plate
 from ._frontier import Frontier as Frontier  # the trade between two aims
 from ._frontier import frontier as frontier  # controllers tuned by several weights
 from ._kalman import KalmanFilter as KalmanFilter  # with the disturbance
+from ._law import Law as Law  # the law of a controller in C
 from ._linear_model import LinearModel as LinearModel  # a twin near an operating point
 from ._linearize import linearize as linearize  # twin or fit -> LinearModel
 from ._loop_signals import ClosedLoop as ClosedLoop  # what happened in a closed loop

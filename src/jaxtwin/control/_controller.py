@@ -24,6 +24,7 @@ from ._controller_fields import (
     field_lines,
 )
 from ._controller_text import controller_text
+from ._law import Law
 
 Numbers: TypeAlias = npt.ArrayLike | float | int
 """A parameter: a number or an array."""
@@ -124,6 +125,16 @@ class AbstractController(eqx.Module):
     def file_lines(self) -> list[str]:
         """Returns the lines of the controller's file, without those of all controllers."""
         return field_lines(self, self.fields)
+
+    def law(self, cells: int) -> Law:
+        """Returns the controller's law in C for a rig with so many cells. By default there is none.
+
+        **Raises:** `ControlError` if there is no law, or the controller does not fit the cells.
+        """
+        raise ControlError(
+            f"export_c: model: expected a controller whose class has a law in C, got a "
+            f"{type(self).__name__}; give the class a method law, see jaxtwin.control.Law"
+        )
 
     def __repr__(self) -> str:
         return controller_text(self)

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from .._errors import ControlError
+from .._jax_settings import own_settings
 from ._controller import (
     AbstractChannelGroupController,
     AbstractController,
@@ -30,6 +31,7 @@ from ._controller import (
     checked_sample_time,
 )
 from ._controller_fields import OWN, REQUIRED_OWN, ControllerField, FileContents, numbers
+from ._law import Law, bundled_law, of_cells, parameter_text
 from ._pid import INTEGRAL, PROPORTIONAL, WEIGHT, Parameter, as_parameter, tracking_share
 
 
@@ -152,6 +154,44 @@ class DecoupledPI(AbstractChannelGroupController):
         rows = json.dumps(np.asarray(self.decoupling).tolist())
         return [*super().file_lines(), f"decoupling = {rows}"]
 
+    def law(self, cells: int) -> Law:
+        r"""The law, in which each pair of gains, for the mean and for the differences, is a matrix
+        $K_{mean} \frac{1}{n} + K_{diff} (I - \frac{1}{n})$ of the errors."""
+        h = self.sample_time_s
+        with own_settings():
+            of_mean = tracking_share(self.Kp_mean, self.Ki_mean, None, h)
+            of_difference = tracking_share(self.Kp_difference, self.Ki_difference, None, h)
+            back = _gain_matrix("share", np.asarray(of_mean), np.asarray(of_difference), cells)
+        D = np.asarray(self.decoupling, float)
+        check_decoupling("export_c", D, cells)
+        undo = np.linalg.inv(D)
+        Kp = _gain_matrix("Kp", self.Kp_mean, self.Kp_difference, cells)
+        Ki = _gain_matrix("Ki", self.Ki_mean, self.Ki_difference, cells)
+        b = of_cells("setpoint_weight", self.setpoint_weight, cells)
+        tables = {
+            "Kp": (Kp, "duty before the decoupling by the errors, 1/K"),
+            "b": (b, "set-point weight"),
+            "Ki_h": (Ki * h, "what a sample adds to the integral, 1/K"),
+            "D": (D, "decoupling"),
+            "undo": (undo, "its inverse"),
+            "back": (back @ undo, "what the limits cut off, out of the integral"),
+        }
+        parameters = [
+            parameter_text("Kp of the mean", self.Kp_mean, "1/K"),
+            parameter_text("Ki of the mean", self.Ki_mean, "1/(K s)"),
+            parameter_text("Kp of the differences", self.Kp_difference, "1/K"),
+            parameter_text("Ki of the differences", self.Ki_difference, "1/(K s)"),
+            parameter_text("set-point weight", self.setpoint_weight, ""),
+            parameter_text("decoupling", D, ""),
+        ]
+        return Law(
+            bundled_law("decoupled_pi.c"),
+            "a PI on the mean and the differences of the outputs",
+            tables,
+            parameters=parameters,
+            integrals=cells,
+        )
+
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
     ) -> PyTree:
@@ -200,6 +240,16 @@ class DecoupledPI(AbstractChannelGroupController):
 
     def _undo(self, duty: Float[Array, " cells"]) -> Float[Array, " cells"]:
         return inverse(jnp.asarray(self.decoupling, duty.dtype)) @ duty
+
+
+def _gain_matrix(
+    name: str, mean: object, difference: object, cells: int
+) -> Float[np.ndarray, "cells cells"]:
+    """The matrix of the two gains, from the errors to the cells."""
+    of_mean = np.full((cells, cells), 1 / cells)
+    return of_cells(f"{name}_mean", mean, cells)[:, None] * of_mean + of_cells(
+        f"{name}_difference", difference, cells
+    )[:, None] * (np.eye(cells) - of_mean)
 
 
 def decoupling_of(gain: npt.ArrayLike) -> Float[np.ndarray, "cells cells"]:

@@ -40,7 +40,8 @@ from ._controller_fields import (
     matrix,
 )
 from ._discrete_model import DiscreteModel
-from ._kalman import KalmanFilter, kalman_filter
+from ._kalman import KalmanFilter, kalman_filter, kalman_tables
+from ._law import Law, bundled_law, check_designed_cells, of_cells, parameter_text
 from ._model_fields import (
     MODEL_FIELDS,
     PER_KELVIN,
@@ -221,6 +222,34 @@ class LQI(AbstractChannelGroupController):
                 [plant.A - plant.B @ Kx, plant.B @ Ki],
                 [-plant.sample_time_s * plant.C, np.eye(len(plant.C))],
             ]
+        )
+
+    def law(self, cells: int) -> Law:
+        """The law, with its Kalman filter."""
+        Kx, Ki, Kt, N = (np.asarray(getattr(self, name), float) for name in GAINS)
+        check_designed_cells(len(Ki), cells)
+        states, outputs = np.shape(self.kalman.L)
+        b = of_cells("setpoint_weight", self.setpoint_weight, cells)
+        tables = {
+            **kalman_tables(self.kalman, self.duty, self.outputs),
+            "Kx": (Kx, "duty by the states"),
+            "Ki": (Ki, "duty by the integrals, 1/(K s)"),
+            "Kt": (Kt, "what the limits cut off, out of the integrals, K s"),
+            "bN": (b[:, None] * N, "duty by the references at once, 1/K"),
+        }
+        parameters = [
+            parameter_text("Kx", Kx, "1/K and 1"),
+            parameter_text("Ki", Ki, "1/(K s)"),
+            parameter_text("set-point weight", self.setpoint_weight, ""),
+        ]
+        return Law(
+            bundled_law("lqi.c"),
+            f"state feedback with {outputs} integrals and a Kalman filter",
+            tables,
+            {"x": states, "duty_offset": cells},
+            parameters,
+            {"STATES": states, "PLANT_STATES": Kx.shape[1]},
+            integrals=outputs,
         )
 
     def init(

@@ -36,6 +36,7 @@ from ._condensed_program import (
     SoftLimits,
     condense,
     predict,
+    rest_cost,
     soft_limits,
 )
 from ._controller import (
@@ -55,7 +56,8 @@ from ._controller_fields import (
     field_arguments,
 )
 from ._discrete_model import DiscreteModel
-from ._kalman import KalmanFilter, kalman_filter
+from ._kalman import KalmanFilter, kalman_filter, kalman_tables
+from ._law import Law, bundled_law, check_designed_cells, parameter_text
 from ._model_fields import (
     MODEL_FIELDS,
     designed,
@@ -66,6 +68,7 @@ from ._model_fields import (
     temperature_limits,
 )
 from ._plant import Plant, plant_of
+from ._program_numbers import program_numbers, work_of
 from ._quadratic_program import QuadraticProgram, minimised
 
 _TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
@@ -239,6 +242,48 @@ class MPC(AbstractChannelGroupController):
             *model_lines(self.kalman),
         ]
 
+    def law(self, cells: int) -> Law:
+        """The law: its Kalman filter, its target at rest and its plan."""
+        check_designed_cells(len(self.duty), cells)
+        states, outputs = np.shape(self.kalman.L)
+        inverse = np.asarray(self.inverse, float)
+        accepted = np.asarray(self.deviations.output, float)
+        scaled, rest = rest_cost(np.asarray(self.gain, float), inverse, accepted)
+        by_missing = -np.asarray(scaled).T / accepted
+        numbers = program_numbers(self.condensed, np.asarray(rest), by_missing, self.soft, inverse)
+        moves, watched = self.horizon * cells, len(self.temperature_limits)
+        limits = moves * (1 if self.rate_limit is None else 2) + self.horizon * watched
+        constants = {"STATES": states, "MOVES": moves, **numbers.constants}
+        if self.rate_limit is not None:
+            constants["REACH"] = self.rate_limit * self.sample_time_s
+        tables = {**kalman_tables(self.kalman, self.duty, self.outputs), **numbers.tables}
+        return Law(
+            bundled_law("mpc.c"),
+            f"model predictive control of {outputs} outputs over {self.horizon} samples",
+            {name: (np.ravel(values), text) for name, (values, text) in tables.items()},
+            {"x": states, "moved": cells, "targets": moves, **work_of(moves, limits)},
+            self._parameter_lines(),
+            constants,
+            horizon=self.horizon,
+        )
+
+    def _parameter_lines(self) -> list[str]:
+        y, u, change = self.deviations
+        rate = self.rate_limit
+        lines = [
+            parameter_text("accepted deviations of the outputs", y, "K"),
+            parameter_text("accepted deviations of the duty", u, ""),
+            parameter_text("accepted changes of the duty", change, ""),
+            f"limit of the rate of the duty: {'none' if rate is None else f'{rate!r} 1/s'}",
+        ]
+        if self.preview:
+            lines.append("designed for the references of the whole horizon: see ..._step_ahead")
+        for channel, lowest, highest in self.temperature_limits:
+            lines.append(f"soft limits of {channel}: {lowest!r} to {highest!r} degC")
+        if self.soft is not None:
+            lines.append(parameter_text("accepted excess", self.soft.excess, "K"))
+        return lines
+
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
     ) -> PyTree:
@@ -319,13 +364,11 @@ class MPC(AbstractChannelGroupController):
 
         - `heat`: the disturbance, as a duty.
         """
-        gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
         accepted = jnp.asarray(self.deviations.output)
-        scaled = gain / accepted[:, None]
-        size = jnp.sum(scaled**2) / len(gain)
-        unseen = jnp.eye(len(self.duty), dtype=gain.dtype) - inverse @ gain
+        found = rest_cost(jnp.asarray(self.gain), jnp.asarray(self.inverse), accepted)
+        scaled, hessian = map(jnp.asarray, found)
         low, high = (limit - jnp.asarray(self.duty) for limit in self.limits)
-        matrix, softness = jnp.eye(len(low), dtype=gain.dtype), 0.0
+        matrix, softness = jnp.eye(len(low), dtype=hessian.dtype), 0.0
         if self.soft is not None:
             soft, rows = self.soft, len(self.soft.rest_gain)
             coming = jnp.asarray(soft.rest_gain) @ heat
@@ -334,7 +377,7 @@ class MPC(AbstractChannelGroupController):
             low = jnp.concatenate([low, soft.lowest[:rows] - coming])
             high = jnp.concatenate([high, soft.highest[:rows] - coming])
         program = QuadraticProgram(
-            scaled.T @ scaled + size * unseen,
+            hessian,
             -scaled.T @ (missing / accepted),
             matrix,
             low,
