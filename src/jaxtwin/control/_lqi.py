@@ -36,7 +36,6 @@ from ._controller_fields import (
     FileContents,
     as_matrix,
     check_cells_of_fields,
-    field_arguments,
     matrix,
 )
 from ._discrete_model import DiscreteModel
@@ -49,6 +48,7 @@ from ._model_fields import (
     check_stable,
     designed,
     model_lines,
+    model_settings,
     point_lines,
     read_model,
     read_table,
@@ -187,9 +187,7 @@ class LQI(AbstractChannelGroupController):
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the gains."""
         model, cells = read_model(contents, cls.kind), len(contents.rig.cells)
-        names = ("limits", "measured")
-        settings = {key: contents.common[key] for key in names if key in contents.common}
-        settings |= field_arguments(cls, cls.fields, contents)
+        settings = model_settings(cls, contents)
         check_cells_of_fields(cls, cls.fields, settings, contents)
         states, outputs = len(model.plant.A), len(model.plant.C)
         found = read_table(contents.data["gains"], "gains", contents.refuse, GAINS)

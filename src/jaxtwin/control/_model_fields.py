@@ -21,6 +21,7 @@ from ._controller_fields import (
     FileContents,
     Refuse,
     as_matrix,
+    field_arguments,
     matrix,
     numbers,
     quantity,
@@ -76,6 +77,12 @@ def read_model(contents: FileContents, kind: str) -> FileModel:
         no,
     )
     return FileModel(plant, L)
+
+
+def model_settings(controller: type[AbstractController], contents: FileContents) -> dict[str, Any]:
+    """Reads the arguments of a controller beside its model, whose sample time it has."""
+    common = {key: value for key, value in contents.common.items() if key != "sample_time_s"}
+    return common | field_arguments(controller, controller.fields, contents)
 
 
 def temperature_limits(contents: FileContents) -> dict[str, list[float]]:

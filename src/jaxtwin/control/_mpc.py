@@ -27,9 +27,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from .._arguments import finite_number, mapping_of, true_or_false, whole_number
+from .._arguments import true_or_false, whole_number
 from .._errors import ControlError
-from .._name_suggestions import unknown_name
 from ._condensed_program import (
     Condensed,
     Deviations,
@@ -53,22 +52,23 @@ from ._controller_fields import (
     ControllerField,
     FileContents,
     as_quantity,
-    field_arguments,
 )
 from ._discrete_model import DiscreteModel
 from ._kalman import KalmanFilter, kalman_filter, kalman_tables
-from ._law import Law, bundled_law, check_designed_cells, parameter_text
+from ._law import Law, bundled_law, check_designed_cells
 from ._model_fields import (
     MODEL_FIELDS,
     designed,
     limit_lines,
     model_lines,
+    model_settings,
     point_lines,
     read_model,
     temperature_limits,
 )
+from ._mpc_limits import checked_rate, checked_temperature_limits
 from ._plant import Plant, plant_of
-from ._program_numbers import program_numbers, work_of
+from ._program_numbers import parameter_lines, program_numbers, work_of
 from ._quadratic_program import QuadraticProgram, minimised
 
 _TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
@@ -165,8 +165,8 @@ class MPC(AbstractChannelGroupController):
         self.measured = checked_measured("MPC", measured)
         self.horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
         self.preview = true_or_false("MPC: preview", preview, ControlError)
-        self.rate_limit = None if rate_limit is None else _checked_rate(rate_limit)
-        self.temperature_limits = _checked_temperature_limits(temperature_limits, model)
+        self.rate_limit = None if rate_limit is None else checked_rate(rate_limit)
+        self.temperature_limits = checked_temperature_limits(temperature_limits, model)
         watched = [name for name, *_ in self.temperature_limits]
         plant = plant_of("MPC", model, self.measured, watched)
         self.sample_time_s = plant.sample_time_s
@@ -205,9 +205,7 @@ class MPC(AbstractChannelGroupController):
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the accepted deviations."""
         model = read_model(contents, cls.kind)
-        names = ("limits", "measured")
-        settings = {key: contents.common[key] for key in names if key in contents.common}
-        settings |= field_arguments(cls, cls.fields, contents)
+        settings = model_settings(cls, contents)
         limits = temperature_limits(contents)
         if limits and "excess_deviation" not in contents.data:
             contents.refuse("excess_deviation", "expected this field, got none")
@@ -257,32 +255,20 @@ class MPC(AbstractChannelGroupController):
         if self.rate_limit is not None:
             constants["REACH"] = self.rate_limit * self.sample_time_s
         tables = {**kalman_tables(self.kalman, self.duty, self.outputs), **numbers.tables}
+        lines = parameter_lines(
+            self.deviations, self.rate_limit, self.temperature_limits, self.soft
+        )
+        if self.preview:
+            lines.append("designed for the references of the whole horizon: see ..._step_ahead")
         return Law(
             bundled_law("mpc.c"),
             f"model predictive control of {outputs} outputs over {self.horizon} samples",
             {name: (np.ravel(values), text) for name, (values, text) in tables.items()},
             {"x": states, "moved": cells, "targets": moves, **work_of(moves, limits)},
-            self._parameter_lines(),
+            lines,
             constants,
             horizon=self.horizon,
         )
-
-    def _parameter_lines(self) -> list[str]:
-        y, u, change = self.deviations
-        rate = self.rate_limit
-        lines = [
-            parameter_text("accepted deviations of the outputs", y, "K"),
-            parameter_text("accepted deviations of the duty", u, ""),
-            parameter_text("accepted changes of the duty", change, ""),
-            f"limit of the rate of the duty: {'none' if rate is None else f'{rate!r} 1/s'}",
-        ]
-        if self.preview:
-            lines.append("designed for the references of the whole horizon: see ..._step_ahead")
-        for channel, lowest, highest in self.temperature_limits:
-            lines.append(f"soft limits of {channel}: {lowest!r} to {highest!r} degC")
-        if self.soft is not None:
-            lines.append(parameter_text("accepted excess", self.soft.excess, "K"))
-        return lines
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
@@ -398,37 +384,3 @@ class MPC(AbstractChannelGroupController):
             f"<MPC: {outputs} outputs, {cells} cells, horizon {self.horizon}, sample time "
             f"{self.sample_time_s:g} s>"
         )
-
-
-def _checked_temperature_limits(limits: Any, model: Any) -> tuple[tuple[str, float, float], ...]:
-    """Returns the temperature limits with numbers as floats.
-
-    **Raises:** `ControlError` if they are not a mapping from channels to (lowest, highest).
-    """
-    where = "MPC: temperature_limits"
-    if limits is None:
-        return ()
-    mapping_of(where, limits, "name -> (lowest, highest)", ControlError)
-    found = []
-    for name, pair in limits.items():
-        known = model.output_names if isinstance(model, DiscreteModel) else tuple(limits)
-        if name not in known:
-            raise ControlError(f"{where}: {unknown_name('channel', name, known)}")
-        try:
-            lowest, highest = (float(limit) for limit in pair)
-            if not -np.inf < lowest < highest < np.inf:
-                raise ValueError
-        except (TypeError, ValueError):
-            raise ControlError(
-                f"{where}: {name}: expected the lowest and the highest temperature, degC, got "
-                f"{pair!r}"
-            ) from None
-        found.append((name, lowest, highest))
-    return tuple(found)
-
-
-def _checked_rate(rate_limit: float | int) -> float:
-    number = finite_number("MPC: rate_limit", rate_limit, ControlError)
-    if number <= 0:
-        raise ControlError(f"MPC: rate_limit: expected a number above 0, 1/s, got {number:g}")
-    return number

@@ -1,16 +1,17 @@
-"""The numbers of the quadratic programs of an `MPC` in C.
+"""The numbers of an `MPC` in C: those of its quadratic programs, and its parameters in words.
 
 The programs are scaled to a Hessian of about 1, as `_quadratic_program` does, but in C the scaled
 numbers are constants.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._condensed_program import Condensed, SoftLimits
-from ._law import Table
+from ._condensed_program import Condensed, Deviations, SoftLimits
+from ._law import Table, parameter_text
 from ._quadratic_program import CENTERING, STEPS, TO_BOUNDARY
 
 
@@ -92,6 +93,27 @@ def work_of(unknowns: int, limits: int) -> dict[str, int]:
         "dslack": 2 * limits,
         "dmultiplier": 2 * limits,
     }
+
+
+def parameter_lines(
+    deviations: Deviations,
+    rate_limit: float | None,
+    temperature_limits: Sequence[tuple[str, float, float]],
+    soft: SoftLimits | None,
+) -> list[str]:
+    """The parameters of an `MPC` with their units, a line for each."""
+    y, u, change = deviations
+    lines = [
+        parameter_text("accepted deviations of the outputs", y, "K"),
+        parameter_text("accepted deviations of the duty", u, ""),
+        parameter_text("accepted changes of the duty", change, ""),
+        f"limit of the rate of the duty: {'none' if rate_limit is None else f'{rate_limit!r} 1/s'}",
+    ]
+    for channel, lowest, highest in temperature_limits:
+        lines.append(f"soft limits of {channel}: {lowest!r} to {highest!r} degC")
+    if soft is not None:
+        lines.append(parameter_text("accepted excess", soft.excess, "K"))
+    return lines
 
 
 def _scale(hessian: np.ndarray) -> float:
