@@ -56,7 +56,10 @@ def code_of(kind: str, name: str, precision: str, parts: Parts) -> Code:
     **Raises:** `ControlError` if a number is not finite in this precision.
     """
     upper = name.upper()
-    tables = {f"{name}_{key}": table for key, table in parts.tables.items()}
+    tables = {
+        f"{name}_{key}": (np.asarray(values, float), comment)
+        for key, (values, comment) in parts.tables.items()
+    }
     arrays, coefficients = tables_c(tables, precision)
     header = renamed(included(FOLDER / f"{kind}.h", {}), name)
     header = header.replace(f'#include "{name}_sizes.h"\n', parts.sizes)
