@@ -216,11 +216,18 @@ def test_what_cannot_be_registered_is_refused():
     class Nameless(AbstractController):
         pass
 
+    class Misspelt(AbstractController):
+        kind: ClassVar[str] = "misspelt"
+        fields: ClassVar[Mapping[str, ControllerField]] = {"gian": ControllerField("a gain", "1/K")}
+        gain: float = 0.1
+
     class Taken(AbstractController):
         kind: ClassVar[str] = "pid"
 
     with pytest.raises(ControlError, match=r"Nameless\.kind: expected its name in files"):
         register_controller(Nameless)
+    with pytest.raises(ControlError, match=r"Misspelt\.fields: expected names .* got 'gian'"):
+        register_controller(Misspelt)
     with pytest.raises(ControlError, match=r"a name that is not taken, got 'pid' of PID"):
         register_controller(Taken)
     instance: Any = PID(0.1)

@@ -1,5 +1,6 @@
 """Reads and writes values of a controller file: numbers with units, lists, matrices."""
 
+import inspect
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -168,8 +169,13 @@ def as_matrix(value: object, kind: Kind) -> str:
 
 def argument_name(controller: type, field: str) -> str:
     """Returns the argument of a field: its name, with `_s` where the argument is one in seconds."""
-    known = getattr(controller, "__dataclass_fields__", {})
+    known = constructor_arguments(controller)
     return f"{field}_s" if field not in known and f"{field}_s" in known else field
+
+
+def constructor_arguments(controller: type) -> frozenset[str]:
+    """Returns the names of the arguments of a class."""
+    return frozenset(inspect.signature(controller.__init__).parameters) - {"self"}
 
 
 def field_arguments(

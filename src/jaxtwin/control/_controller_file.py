@@ -32,7 +32,15 @@ from ..rig import Rig
 from ..rig._bundled import parse_toml, read_toml
 from ..rig._problems import refuse
 from ._controller import AbstractChannelGroupController, AbstractController
-from ._controller_fields import SAMPLE_TIME, FileContents, groups, numbers, quantity
+from ._controller_fields import (
+    SAMPLE_TIME,
+    FileContents,
+    argument_name,
+    constructor_arguments,
+    groups,
+    numbers,
+    quantity,
+)
 from ._decoupled_pi import DecoupledPI
 from ._lqi import LQI
 from ._mpc import MPC
@@ -53,8 +61,8 @@ def register_controller(controller: Registered) -> Registered:
     """Makes `read_controller` and `save_controller` know a class of controllers, by its `kind`.
     Returns the class, so that it can be a decorator.
 
-    **Raises:** `ControlError` for something else, a class without a `kind`, and the `kind` of
-    another class.
+    **Raises:** `ControlError` for something else, a class without a `kind`, the `kind` of another
+    class, and a field that is no argument of the class.
     """
     _register(controller)
     return controller
@@ -70,6 +78,13 @@ def _register(controller: object) -> None:
             f"{where}: {controller.__name__}.kind: expected its name in files, such as 'pid', got "
             f"{kind!r}"
         )
+    arguments = constructor_arguments(controller)
+    for name, field in controller.fields.items():
+        if not field.is_own and argument_name(controller, name) not in arguments:
+            raise ControlError(
+                f"{where}: {controller.__name__}.fields: expected names of arguments of its "
+                f"constructor, or with _s at their end, got {name!r}"
+            )
     known = _KINDS.get(kind)
     # The same class may be defined again, as when a cell of a notebook runs twice.
     if known is not None and _origin(known) != _origin(controller):

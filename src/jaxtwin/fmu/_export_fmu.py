@@ -30,7 +30,12 @@ from ._variables import variables_of
 
 VERSIONS = ("2.0", "3.0")
 
-COMMENTS = {"DELAY_S": "of the driver, 0 for none", "LAG_S": "of the driver, 0 for none"}
+COMMENTS = {
+    "DELAY_S": "of the driver, 0 for none",
+    "LAG_S": "of the driver, 0 for none",
+    "LAGGED": "duty cycles behind the lag",
+}
+"""Macro of the numbers of an FMU -> its meaning."""
 
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
 """Platform of Python -> its name in FMI, and the ending of its libraries."""
@@ -136,13 +141,15 @@ def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str
         0.0 if time is None else float(time) for time in (stepper.system.delay, stepper.system.lag)
     )
     start = np.asarray(stepper.start().nodes, float)
+    lagged = len(stepper.system.wiring.cold) if lag else 0
+    constants = {"DELAY_S": delay, "LAG_S": lag, "LAGGED": lagged}
     wrapper = "fmi2.c" if version == "2.0" else "fmi3.c"
     return {
         f"{name}.h": code.header,
         f"{name}_numbers.h": code.numbers,
         f"{name}.c": code.source,
         f"{name}_fmu.h": f'#define {name.upper()}_TOKEN "@TOKEN@"\n'
-        + defines(name, {"DELAY_S": delay, "LAG_S": lag}, "double", COMMENTS)
+        + defines(name, constants, "double", COMMENTS)
         + table(f"{name}_start", start, "temperatures of the nodes at the start, degC", "double"),
         wrapper: renamed(included(Path(__file__).with_name(wrapper), {}), name),
     }

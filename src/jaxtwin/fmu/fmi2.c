@@ -191,7 +191,7 @@ EXPORTED status_t fmi2NewDiscreteStates(component_t c, event_t *event)
 {
     event->is_needed_again = event->terminate = 0;
     event->nominals_changed = event->states_changed = 0;
-    return update(c, &event->is_next, &event->next) ? OK : ERROR;
+    return pass_event(c, &event->is_next, &event->next) ? OK : ERROR;
 }
 
 EXPORTED status_t fmi2EnterContinuousTimeMode(component_t c)

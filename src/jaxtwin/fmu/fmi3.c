@@ -321,7 +321,7 @@ EXPORTED status_t fmi3UpdateDiscreteStates(component_t c, bool *is_needed_again,
                                            bool *is_next, double *next)
 {
     int found = 0;
-    const int is_updated = update(c, &found, next);
+    const int is_updated = pass_event(c, &found, next);
     *is_needed_again = *terminate = *nominals_changed = *states_changed = false;
     *is_next = found != 0;
     return is_updated ? OK : ERROR;

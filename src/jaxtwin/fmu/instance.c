@@ -27,7 +27,7 @@
 #define CHANNEL (AMBIENT + 1)
 #define NODE (CHANNEL + MODEL_CHANNELS)
 #define LAGGED (NODE + MODEL_NODES)
-#define STATES (MODEL_NODES + (MODEL_LAG_S > 0.0 ? MODEL_CELLS : 0))
+#define STATES (MODEL_NODES + MODEL_LAGGED)
 #define SLOPE (NODE + STATES)
 #define VARIABLES (SLOPE + STATES)
 
@@ -97,7 +97,7 @@ static void slopes(const instance_t *self, const double *nodes, const double *la
                    const double *delayed, double *values)
 {
     int i;
-    model_slopes(nodes, MODEL_LAG_S > 0.0 ? lagged : delayed, self->ambient, values);
+    model_slopes(nodes, MODEL_LAGGED > 0 ? lagged : delayed, self->ambient, values);
     for (i = MODEL_NODES; i < STATES; ++i) {
         values[i] = (delayed[i - MODEL_NODES] - lagged[i - MODEL_NODES]) / MODEL_LAG_S;
     }
@@ -210,7 +210,7 @@ static int get_states(const instance_t *self, double *values, size_t count)
         return 0;
     }
     memcpy(values, self->nodes, sizeof self->nodes);
-    memcpy(values + MODEL_NODES, self->lagged, (STATES - MODEL_NODES) * sizeof(double));
+    memcpy(values + MODEL_NODES, self->lagged, (size_t)(STATES - MODEL_NODES) * sizeof(double));
     return 1;
 }
 
@@ -220,7 +220,7 @@ static int set_states(instance_t *self, const double *values, size_t count)
         return 0;
     }
     memcpy(self->nodes, values, sizeof self->nodes);
-    memcpy(self->lagged, values + MODEL_NODES, (STATES - MODEL_NODES) * sizeof(double));
+    memcpy(self->lagged, values + MODEL_NODES, (size_t)(STATES - MODEL_NODES) * sizeof(double));
     return 1;
 }
 
@@ -247,7 +247,7 @@ static int get_nominals(double *values, size_t count)
 
 /* What happens at an event: a new command is put into the queue, and those that are due arrive.
    Refused where too many are on their way. */
-static int update(instance_t *self, int *is_next, double *next)
+static int pass_event(instance_t *self, int *is_next, double *next)
 {
     const double now = self->time + 1e-9 * (1.0 + fabs(self->time));
     int left = 0;
